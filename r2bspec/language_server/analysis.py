@@ -10,11 +10,12 @@ from pathlib import Path
 from r2bspec.check.check_context import Context
 from r2bspec.check.document_files import DocumentFiles
 from r2bspec.check.engine import check_cases_in_contexts, context_of
-from r2bspec.diagnostics import Diagnostic, Span
+from r2bspec.diagnostics import Diagnostic
 from r2bspec.language.load_spec import LoadedSpec, load_cases
 from r2bspec.language.located_tree import TreeNode
 from r2bspec.language.source_text import Source
 from r2bspec.language.yaml_composer import compose
+from r2bspec.language_server.tentative_spec import tentative_context
 from r2bspec.untrusted.unsaved_files import unsaved_files
 
 
@@ -46,6 +47,11 @@ class Analysis:
         """The context of the first case that has one."""
         return next((each for each in self.contexts if each is not None), None)
 
+    @cached_property
+    def known(self) -> Context | None:
+        """The context, or, of a spec with errors, that of the rest; for what is proposed."""
+        return self.context or tentative_context(self.loaded)
+
     @property
     def sources(self) -> Mapping[str, Source]:
         """The texts of the document and of the files that it extends, without options."""
@@ -56,10 +62,6 @@ class Analysis:
         """Each file as it is written: before anything is extended or substituted."""
         trees = {name: compose(source).tree for name, source in self.sources.items()}
         return {name: tree for name, tree in trees.items() if tree is not None}
-
-    def span_in(self, path: Path) -> Span:
-        """The beginning of one of the files."""
-        return Span.of_file(str(path))
 
 
 def analyse(path: Path, text: str, unsaved: Mapping[Path, str] | None = None) -> Analysis:

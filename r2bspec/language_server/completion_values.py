@@ -128,7 +128,7 @@ def _metrics(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
     if len(words) >= 2 or (words and context.before.endswith(" ")):
         yield from _bounds(words)
         return
-    spec_context = analysis.context
+    spec_context = analysis.known
     processes = spec_context.processes if spec_context is not None else ()
     monitors = names_of(analysis, "monitor")
     listed = names(processes)
@@ -191,7 +191,7 @@ def _bounds(words: Sequence[str]) -> Iterator[Proposal]:
 
 def _bag_topics(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
     del context
-    spec_context = analysis.context
+    spec_context = analysis.known
     bag = spec_context.bag if spec_context is not None else None
     for name, info in (bag.topics if bag is not None else {}).items():
         yield Proposal(name, info.type, kind=types.CompletionItemKind.Field, order=5)
@@ -200,7 +200,7 @@ def _bag_topics(analysis: Analysis, context: CursorContext) -> Iterator[Proposal
 def _graph_topics(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
     """The topics of the spec, relative to its namespace, with their types."""
     del context
-    spec_context = analysis.context
+    spec_context = analysis.known
     if spec_context is None:
         return
     for phase in reversed(spec_context.wiring.phases):
@@ -225,7 +225,7 @@ def _owners(topic: str, ends: Iterable[Any]) -> Iterator[str]:
 def _subscribed_topics(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
     """The topics that the graph needs and that are not published in it."""
     del context
-    spec_context = analysis.context
+    spec_context = analysis.known
     if spec_context is None:
         return
     phase = spec_context.wiring.measure
@@ -243,7 +243,7 @@ def _subscribed_topics(analysis: Analysis, context: CursorContext) -> Iterator[P
 
 
 def _node_at(analysis: Analysis, path: Path) -> NodeWiring | None:
-    spec_context = analysis.context
+    spec_context = analysis.known
     if spec_context is None:
         return None
     return next(
@@ -289,22 +289,22 @@ def _variables(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]
 
 def _inputs(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
     del context
-    spec = analysis.loaded.spec
-    for name in spec.playback.inputs if spec is not None else ():
+    known = analysis.known
+    for name in known.spec.playback.inputs if known is not None else ():
         yield Proposal(name, "input", kind=types.CompletionItemKind.Field, order=5)
 
 
 def _rates(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
     del context
-    spec = analysis.loaded.spec
-    for rate in spec.benchmark.rates if spec is not None else ():
+    known = analysis.known
+    for rate in known.spec.benchmark.rates if known is not None else ():
         yield Proposal(str(rate), "a rate of the benchmark", order=5)
 
 
 def _types(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
     """Message types, those that the spec has first."""
     del context
-    spec_context = analysis.context
+    spec_context = analysis.known
     if spec_context is not None:
         ends = [each for phase in spec_context.wiring.phases for each in phase.endpoints]
         for used in dict.fromkeys(each.type for each in ends if each.type):

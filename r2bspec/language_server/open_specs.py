@@ -62,9 +62,25 @@ class OpenSpecs:
         """The newest analysis; of an older text while a newer one is being analysed."""
         return self._latest.get(path)
 
-    def latest_valid(self, path: Path) -> Analysis | None:
-        """The newest analysis of a text without errors; otherwise the newest."""
-        return self._valid.get(path) or self._latest.get(path)
+    def latest_known(self, path: Path) -> Analysis | None:
+        """The newest analysis from which names can be proposed; otherwise the newest."""
+        latest = self._latest.get(path)
+        if latest is None or latest.known is not None:
+            return latest
+        return self._valid.get(path, latest)
+
+    def affected_by(self, path: Path) -> list[Path]:
+        """The open specs of which the findings may change with a document."""
+        specs = self.specs()
+        readers = [
+            each
+            for each in specs
+            if each != path and str(path) in getattr(self._latest.get(each), "sources", ())
+        ]
+        if path in specs:
+            return [path, *readers]
+        # Part of a spec, or a file that one names: an interface, parameters, a Python file.
+        return specs
 
     def current(self, path: Path) -> Analysis:
         """The analysis of the newest text; made now if there is none."""

@@ -53,6 +53,7 @@ class SpecLanguageServer(LanguageServer):
         super().__init__("r2bspec", __version__)
         self.specs = OpenSpecs()
         self._task: asyncio.Task[None] | None = None
+        self._waiting: set[Path] = set()
         self._published: dict[str, frozenset[str]] = {}
         self._running: set[asyncio.Task[None]] = set()
 
@@ -83,22 +84,24 @@ class SpecLanguageServer(LanguageServer):
     def change(self, path: Path, text: str) -> None:
         """Analyse a text soon, unless it changes again before."""
         self.specs.change(path, text)
-        self.analyse_soon()
+        self.analyse_soon(path)
 
-    def analyse_soon(self) -> None:
-        """Analyse all open specs: one may extend another."""
+    def analyse_soon(self, path: Path | None = None) -> None:
+        """Analyse the specs that a document belongs to, or all of them."""
         if self._task is not None:
             self._task.cancel()
-        self._task = asyncio.ensure_future(self._analyse_all())
+        self._waiting.update(self.specs.specs() if path is None else self.specs.affected_by(path))
+        self._task = asyncio.ensure_future(self._analyse_waiting())
 
-    async def _analyse_all(self) -> None:
+    async def _analyse_waiting(self) -> None:
         await asyncio.sleep(DEBOUNCE_S)
-        for path in self.specs.specs():
+        for path in [each for each in self.specs.specs() if each in self._waiting]:
             generation = self.specs.generation
             analysis = await asyncio.to_thread(self.specs.analyse, path)
             if generation != self.specs.generation:
                 # Something has changed since: the next task shows what is true then.
                 return
+            self._waiting.discard(path)
             self.specs.keep(analysis)
             self._publish(analysis)
         self._clear_others()
@@ -258,7 +261,7 @@ def _add_reading(server: SpecLanguageServer) -> None:
     def completed(params: types.CompletionParams) -> types.CompletionList:
         path = _path(params.text_document.uri)
         items = complete(
-            server.specs.latest_valid(path),
+            server.specs.latest_known(path),
             server.positions_of(str(path)),
             params.position,
             snippets=_has_snippets(server),
