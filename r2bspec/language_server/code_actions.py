@@ -10,7 +10,7 @@ from r2bspec.check.pages import find_page
 from r2bspec.diagnostics import Diagnostic, Severity
 from r2bspec.diagnostics.waivers import NOT_WAIVABLE
 from r2bspec.language_server.analysis import Analysis
-from r2bspec.language_server.commands import RECORD_INTERFACES, SpecCommand
+from r2bspec.language_server.editor_commands import RECORD_INTERFACES, SpecCommand
 from r2bspec.language_server.publish_diagnostics import PositionsOf, to_diagnostic, uri
 from r2bspec.language_server.text_positions import TextPositions
 from r2bspec.wiring.wiring import NodeWiring

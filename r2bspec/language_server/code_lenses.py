@@ -9,7 +9,7 @@ from typing import Final
 from lsprotocol import types
 
 from r2bspec.language_server.analysis import Analysis
-from r2bspec.language_server.commands import DRAW_GRAPH, PLAN, RUN, SMOKE, SpecCommand
+from r2bspec.language_server.editor_commands import DRAW_GRAPH, PLAN, RUN, SMOKE, SpecCommand
 from r2bspec.language_server.latest_result import latest_result
 from r2bspec.language_server.text_positions import TextPositions
 

@@ -16,12 +16,12 @@ from pygls.uris import to_fs_path
 
 from r2bspec._version import __version__
 from r2bspec.diagnostics import Span
-from r2bspec.language_server import commands
+from r2bspec.language_server import editor_commands as commands
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.code_actions import code_actions
 from r2bspec.language_server.code_lenses import code_lenses
 from r2bspec.language_server.code_page_files import remove_pages
-from r2bspec.language_server.completion import TRIGGERS, complete
+from r2bspec.language_server.completion_items import TRIGGERS, complete
 from r2bspec.language_server.hover import hover
 from r2bspec.language_server.inlay_hints import inlay_hints
 from r2bspec.language_server.navigation import (
