@@ -54,13 +54,13 @@ slos:
     config=ClientServerConfig(server_command=[sys.executable, "-m", "r2bspec", "lsp"]),
     scope="module",
 )
-async def client(
+async def client(  # type: ignore[untyped-decorator]
     lsp_client: LanguageClient, tmp_path_factory: pytest.TempPathFactory
 ) -> AsyncIterator[None]:
     folder = tmp_path_factory.mktemp("workspace")
 
     @lsp_client.feature(types.WORKSPACE_CODE_LENS_REFRESH)
-    def refresh(params: None) -> None:
+    def refresh(params: None) -> None:  # type: ignore[untyped-decorator]
         """An editor would ask for the lenses again."""
 
     await lsp_client.initialize_session(
