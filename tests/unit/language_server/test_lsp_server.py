@@ -50,17 +50,17 @@ slos:
 """
 
 
-@pytest_lsp.fixture(
+@pytest_lsp.fixture(  # type: ignore[untyped-decorator]
     config=ClientServerConfig(server_command=[sys.executable, "-m", "r2bspec", "lsp"]),
     scope="module",
 )
-async def client(  # type: ignore[untyped-decorator]
+async def client(
     lsp_client: LanguageClient, tmp_path_factory: pytest.TempPathFactory
 ) -> AsyncIterator[None]:
     folder = tmp_path_factory.mktemp("workspace")
 
-    @lsp_client.feature(types.WORKSPACE_CODE_LENS_REFRESH)
-    def refresh(params: None) -> None:  # type: ignore[untyped-decorator]
+    @lsp_client.feature(types.WORKSPACE_CODE_LENS_REFRESH)  # type: ignore[untyped-decorator]
+    def refresh(params: None) -> None:
         """An editor would ask for the lenses again."""
 
     await lsp_client.initialize_session(
