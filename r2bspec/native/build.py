@@ -36,7 +36,7 @@ _KIND_FLAGS: dict[Kind, tuple[str, ...]] = {
 }
 _LIBRARIES = ("-lrcl", "-lrmw", "-lrcutils", "-pthread", "-ldl")
 _TIMEOUT_S = 120.0
-_SHOWN_LINES = 20
+_SHOWN_LINES = 60
 _PYTHON_SYMBOLS = Path(__file__).with_name("python_symbols.c")
 
 
