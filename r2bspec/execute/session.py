@@ -11,6 +11,8 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from r2bspec.execute.bringup.discovery import wait_for_mutual_discovery
 from r2bspec.execute.bringup.early_diagnosis import remapped_topics
 from r2bspec.execute.bringup.external_nodes import wait_for_external
@@ -271,7 +273,7 @@ class Session:
     def _measure_overhead(self, player: ManagedProcess, monitor: ManagedProcess) -> None:
         began_ns = time.monotonic_ns()
         self._reporter.phase("floor", "measuring the harness overhead")
-        self.floor = measure_harness_overhead(
+        found = measure_harness_overhead(
             self._supervisor,
             player,
             monitor,
@@ -281,6 +283,14 @@ class Session:
             overhead_rate_hz(self._plan),
             self.schedule,
             self._reporter.host.between,
+        )
+        self.floor = tuple(
+            msgspec.structs.replace(
+                each,
+                placement=self._plan.harness.placement,
+                processes=1 if player.process is monitor.process else 2,
+            )
+            for each in found
         )
         self.overhead_ns = time.monotonic_ns() - began_ns
 

@@ -90,8 +90,7 @@ class ProcessPlan(_Value, frozen=True, kw_only=True):
         harness: player and monitor in one process, with the Python nodes in `nodes`.
         host: a process of Python nodes, which it spins with `executor` and `threads`.
         container: a C++ component container, into which the `nodes` are loaded in order with its
-            ``_container/load_node`` service. With the harness ``ros2_benchmark``, `nodes` includes
-            the parts of the harness.
+            ``_container/load_node`` service.
         command: any other process, including an executable of a package or a launch file.
 
     Attributes:
@@ -224,7 +223,6 @@ class MonitorPlan(_Value, frozen=True, kw_only=True):
         answers: in a timeline, the topics of the inputs that it answers: a step counts for it if
             it has messages of all of them. Otherwise empty, because each step has all inputs.
         taps: topics whose messages are also matched by stamp; in the order of the plan's topics.
-        parameters: of the monitor component, with the harness ``ros2_benchmark``.
     """
 
     name: str
@@ -237,7 +235,6 @@ class MonitorPlan(_Value, frozen=True, kw_only=True):
     label: str = ""
     answers: tuple[str, ...] = ()
     taps: tuple[TapPlan, ...] = ()
-    parameters: dict[str, Any] = {}
 
 
 class SearchPlan(_Value, frozen=True, kw_only=True):
@@ -283,22 +280,10 @@ class TimelinePlan(_Value, frozen=True, kw_only=True):
     shift_tf: bool
 
 
-class PluginPlan(_Value, frozen=True, kw_only=True):
-    """A C++ component that replaces a part of the harness."""
-
-    package: str
-    plugin: str
-    parameters: dict[str, Any] = {}
-
-
 class HarnessPlan(_Value, frozen=True, kw_only=True):
-    """The harness; the plugins are those of ``ros2_benchmark``, otherwise None."""
+    """Where the player and the monitors run: in separate processes, or in one."""
 
-    kind: Literal["r2bspec", "ros2_benchmark"] = "r2bspec"
     placement: Literal["separate", "shared"] = "separate"
-    data_loader: PluginPlan | None = None
-    playback: PluginPlan | None = None
-    monitor: PluginPlan | None = None
 
 
 class GatePlan(_Value, frozen=True, kw_only=True):
