@@ -225,6 +225,14 @@ Command = (
 )
 
 
+class Hello(_Message, frozen=True, kw_only=True, tag=True):
+    """The first message of a part that has connected by itself: `r2bspec_harness_start`."""
+
+    pid: int
+    executable: str
+    part: str
+
+
 class Ready(_Message, frozen=True, kw_only=True, tag=True):
     """The child is configured. Except for two fields, all are from a host.
 
@@ -348,7 +356,8 @@ class Failed(_Message, frozen=True, kw_only=True, tag=True):
 
 
 Reply = (
-    Ready
+    Hello
+    | Ready
     | Matched
     | Discovered
     | Surveyed

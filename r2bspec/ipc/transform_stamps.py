@@ -44,6 +44,10 @@ class StampedTransforms:
         for offset, stamp_ns in zip(self._offsets, self.stamps_ns, strict=True):
             self._stamp.pack_into(self._message, offset, *divmod(stamp_ns + by_ns, _SECOND_NS))
 
+    def places(self) -> list[tuple[int, int]]:
+        """Where each stamp is in the message, and its original value in ns."""
+        return list(zip(self._offsets, self.stamps_ns, strict=True))
+
     def _read(self, offset: int) -> int:
         seconds, nanoseconds = self._stamp.unpack_from(self._message, offset)
         return int(seconds) * _SECOND_NS + int(nanoseconds)
