@@ -82,9 +82,8 @@ class ProcessSupervisor:
         return iter(list(self._running.values()))
 
     def observer(self) -> ManagedProcess:
-        """A process that can report what discovery shows: the monitor or the loader."""
-        endpoints = (each for child in self for each in (child, *child.parts.values()))
-        return next(each for each in endpoints if each.role in {"monitor", "loader"})
+        """A process that can report what discovery shows: the observer or the loader."""
+        return next(each for each in self if each.role in {"observer", "loader"})
 
     def start(
         self,
@@ -102,8 +101,9 @@ class ProcessSupervisor:
         """Start a process in its own session, with its output in `log`.
 
         It has a control channel, and one more for each of its `parts`, unless it is not part of
-        r2bspec; those of `native` parts, and of a native process (an empty name), have its commands
-        as `NativeEncoder` writes them. By its `umask`, other users cannot read the shared memory of its middleware.
+        r2bspec; those of `native` parts, and of a native process (an empty name), have commands as
+        `NativeEncoder` writes them. By its `umask`, other users cannot read the shared memory of
+        its middleware.
 
         Raises:
             NotInstalledError: the program does not exist, or may not be executed.
