@@ -14,9 +14,9 @@ replies are the JSON lines of `protocol`, so they are decoded like those of any 
     count                                           CountMatches
     stop, shutdown                                  Stop, Shutdown
 
-The INPUTS of a player are the PLANNED ones of the plan, and /tf after them if it is played. A QOS is
-``reliable,volatile,keep_last,10``, or ``-`` for that of the publisher; CLOCK, STAMPED and CONTENT
-are 0 or 1; STATIC-FILE is empty if nothing is latched.
+The INPUTS of a player are the PLANNED ones of the plan, and /tf after them if it is played. A QOS
+is ``reliable,volatile,keep_last,10``, or ``-`` for that of the publisher; CLOCK, STAMPED and
+CONTENT are 0 or 1; STATIC-FILE is empty if nothing is latched.
 """
 
 from __future__ import annotations
@@ -28,13 +28,11 @@ from urllib.parse import quote
 
 from r2bspec.ipc import buffers, protocol
 from r2bspec.ipc.playlist import write_playlist
-from r2bspec.ipc.transform_stamps import TF, TF_STATIC, TF_TYPE
+from r2bspec.ipc.transform_stamps import TF, TF_QOS, TF_STATIC, TF_TYPE
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import MonitorPlan
 
-TF_QOS = QoS(depth=100)
-
-_SIMPLE = {
+_SIMPLE: dict[type, str] = {
     protocol.ConfigureHarness: "harness",
     protocol.Subscribe: "subscribe",
     protocol.Unwatch: "unwatch",

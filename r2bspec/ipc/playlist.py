@@ -10,9 +10,9 @@ A playlist is one file of little-endian int64, which `r2bspec/native/schedule.c`
     refs        message, stamp minus that of the step in ns
     events      step in the round or -1, at, inputs, stamp_ns, origin_ns, first_ref, refs
 
-The events are one round. `at` is the due time in ns, and in a cyclic schedule, where it is of events
-without a step, a float64 in steps from the beginning of the round. The meaning of everything else
-is that of `r2bspec.ipc.schedule`.
+The events are one round. `at` is the due time in ns; in a cyclic schedule, it is a float64 in steps
+from the beginning of the round, and 0 for steps. The meaning of everything else is that of
+`r2bspec.ipc.schedule`.
 """
 
 from __future__ import annotations

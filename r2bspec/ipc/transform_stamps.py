@@ -13,9 +13,12 @@ from __future__ import annotations
 
 import struct
 
+from r2bspec.language.spec import QoS
+
 TF = "/tf"
 TF_STATIC = "/tf_static"
 TF_TYPE = "tf2_msgs/msg/TFMessage"
+TF_QOS = QoS(depth=100)
 
 _ENCAPSULATION_BYTES = 4
 _TRANSFORM_BYTES = 7 * 8

@@ -94,11 +94,12 @@ class JoinPlan(_Value, frozen=True, kw_only=True):
 class ProcessPlan(_Value, frozen=True, kw_only=True):
     """One process. `env` has only the changes to the environment common to all processes.
 
-    In `argv`, ``$(python)`` is the interpreter that runs r2bspec, ``$(executable P E)`` the path of
-    executable E of package P in the ament index, and ``$(included_launch)`` the launch file of
-    r2bspec that includes another one (`r2bspec.harness.included_launch`). The `prefix` of the spec
-    is at the beginning of `argv`. `nodes` of a command has its name in the spec; a command need
-    not be a ROS node.
+    In `argv`, ``$(python)`` is the interpreter that runs r2bspec, ``$(harness)`` the program of
+    player and monitor, which is built on first use (`r2bspec.native`), ``$(executable P E)`` the
+    path of executable E of package P in the ament index, and ``$(included_launch)`` the launch file
+    of r2bspec that includes another one (`r2bspec.harness.included_launch`). The `prefix` of the
+    spec is at the beginning of `argv`. `nodes` of a command has its name in the spec; a command
+    need not be a ROS node.
 
     Roles:
         loader, player, monitor: processes of the harness, configured over the control channel.

@@ -12,7 +12,13 @@ from collections.abc import Iterable, Iterator
 from typing import Literal
 
 from r2bspec.language.spec import Container, Node, Spec
-from r2bspec.plan.command_lines import HARNESS_ARGV, container_argv, host_argv, node_argv
+from r2bspec.plan.command_lines import (
+    HARNESS_ARGV,
+    NATIVE_ARGV,
+    container_argv,
+    host_argv,
+    node_argv,
+)
 from r2bspec.plan.graph_placement import join_processes
 from r2bspec.plan.plan import ExternalPlan, NodePlan, ProcessPlan
 from r2bspec.wiring.wiring import NodeWiring, Phase, Wiring
@@ -191,7 +197,8 @@ def _env(env: dict[str, str], nodes: Iterable[NodeWiring]) -> dict[str, str]:
 
 
 def _harness_process(role: Literal["loader", "player", "monitor"], phase: Phase) -> ProcessPlan:
-    return ProcessPlan(name=role, role=role, phase=phase, argv=HARNESS_ARGV, env={})
+    argv = HARNESS_ARGV if role == "loader" else NATIVE_ARGV
+    return ProcessPlan(name=role, role=role, phase=phase, argv=argv, env={})
 
 
 def _single_harness(spec: Spec, wiring: Wiring) -> ProcessPlan:
@@ -208,7 +215,8 @@ def _single_harness(spec: Spec, wiring: Wiring) -> ProcessPlan:
         name=HARNESS_NAME,
         role="harness",
         phase="measure",
-        argv=HARNESS_ARGV,
+        # Python nodes need an interpreter, whose process then hosts the native parts, too.
+        argv=HARNESS_ARGV if python else NATIVE_ARGV,
         env=_env({}, python),
         nodes=tuple(_node(each) for each in python),
     )

@@ -92,7 +92,7 @@ def test_the_folder_has_everything_and_nothing_else(done: Finished) -> None:
         "surroundings.npy",
     ]
     logs = sorted(each.name for each in (done.folder / "logs").iterdir())
-    assert logs == ["monitor.log", "player.log", "relay.log"]
+    assert logs == ["harness.observer.log", "monitor.log", "player.log", "relay.log"]
 
 
 def test_the_phases_come_in_the_order_of_the_plan(done: Finished) -> None:
