@@ -11,17 +11,12 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from c_nodes import build_c_nodes
-from ros_runs import IMAGE, Bench, Finished, relay_spec
+from c_nodes import c_node_spec
+from ros_runs import Bench, Finished, relay_spec
 from ros_runs import nothing_left as nothing_left
 
 STEPS = 20
 """Of the one iteration of `relay_spec`."""
-
-
-@pytest.fixture(scope="module")
-def programs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    return build_c_nodes(tmp_path_factory.mktemp("nodes_c"))
 
 
 @pytest.fixture
@@ -29,20 +24,8 @@ def bench(tmp_path: Path) -> Bench:
     return Bench(tmp_path / "bench")
 
 
-def command_node(program: Path, **changes: Any) -> dict[str, Any]:
-    node: dict[str, Any] = {
-        "command": [str(program)],
-        "subscribes": {"input": IMAGE},
-        "publishes": {"output": IMAGE},
-    }
-    return node | changes
-
-
-def spec_of(program: Path, **changes: Any) -> dict[str, Any]:
-    """One node; its queue outlasts long hiccups of the machine."""
-    parameters = {"queue_depth": 100} | changes.pop("parameters", {})
-    node = command_node(program, parameters=parameters, **changes)
-    return relay_spec(graph={"nodes": {"node": node}})
+def spec_of(name: str, **parameters: Any) -> dict[str, Any]:
+    return relay_spec(graph={"nodes": {"node": c_node_spec(name, parameters=parameters)}})
 
 
 def assert_every_message_matched(done: Finished) -> None:
@@ -52,17 +35,12 @@ def assert_every_message_matched(done: Finished) -> None:
     assert (out["received"], out["answered"], out["missed"]) == (STEPS, STEPS, 0), out
 
 
-def test_names_and_parameters_reach_the_nodes_as_ros_arguments(
-    bench: Bench, programs: dict[str, Path]
-) -> None:
-    relay = command_node(
-        programs["relay"],
-        parameters={"service_time_ms": 2.5, "queue_depth": 100},
-        remappings={"output": "middle"},
+def test_names_and_parameters_reach_the_nodes_as_ros_arguments(bench: Bench) -> None:
+    relay = c_node_spec(
+        "relay", parameters={"service_time_ms": 2.5}, remappings={"output": "middle"}
     )
-    threads = command_node(
-        programs["two_threads"],
-        parameters={"queue_depth": 100},
+    threads = c_node_spec(
+        "two_threads",
         namespace="inner",
         remappings={"input": "/r2b/middle", "output": "/r2b/output"},
     )
@@ -78,11 +56,9 @@ def test_names_and_parameters_reach_the_nodes_as_ros_arguments(
     ]
 
 
-def test_a_crash_is_named_by_its_signal_and_loses_nothing(
-    bench: Bench, programs: dict[str, Path]
-) -> None:
+def test_a_crash_is_named_by_its_signal_and_loses_nothing(bench: Bench) -> None:
     warm_up, further = 10, 5
-    spec = spec_of(programs["crash"], parameters={"messages": warm_up + further})
+    spec = spec_of("crash", messages=warm_up + further)
     done = bench.run(spec)
     assert done.status == 4
     assert "process node was killed by SIGSEGV" in done.error
@@ -98,10 +74,8 @@ def test_a_crash_is_named_by_its_signal_and_loses_nothing(
 @pytest.mark.parametrize(
     "probe", [{}, {"model": {"log": {"process": "node", "pattern": "is loaded"}}}]
 )
-def test_nothing_is_played_before_a_late_node_is_ready(
-    bench: Bench, programs: dict[str, Path], probe: dict[str, Any]
-) -> None:
-    spec = spec_of(programs["late"], parameters={"load_time_ms": 1500})
+def test_nothing_is_played_before_a_late_node_is_ready(bench: Bench, probe: dict[str, Any]) -> None:
+    spec = spec_of("late", load_time_ms=1500)
     done = bench.run(spec | {"ready": probe})
     assert_every_message_matched(done)
     found = re.search(r"the model is loaded at (\d+) ns", done.log("node"))

@@ -2,43 +2,48 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
-import sys
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-SOURCES = Path(__file__).parents[1] / "ros/nodes_c"
-NAMES = ("relay", "crash", "late", "two_threads")
-LIBRARIES = (
-    *("rcl", "rcutils", "rcl_yaml_param_parser"),
-    *("sensor_msgs__rosidl_typesupport_c", "sensor_msgs__rosidl_generator_c"),
+from r2bspec.native.build import build, find_compiler
+from r2bspec.native.errors import BuildError
+from r2bspec.native.ros_headers import find_ros
+from ros_runs import IMAGE
+
+_SOURCES = Path(__file__).parents[1] / "ros/nodes_c"
+_LIBRARIES = (
+    *("-lrcl", "-lrcutils", "-lrcl_yaml_param_parser", "-pthread"),
+    *("-lsensor_msgs__rosidl_typesupport_c", "-lsensor_msgs__rosidl_generator_c"),
 )
 
 
-def build_c_nodes(folder: Path) -> dict[str, Path]:
-    """Compile all nodes into `folder`; skips the test where that is not possible.
+@cache
+def c_node(name: str) -> Path:
+    """The program of a node, built once; skips the test where no C can be compiled."""
+    try:
+        compiler, ros = find_compiler(), find_ros()
+    except BuildError as missing:
+        pytest.skip(f"{missing}")
+    return build(
+        name,
+        [_SOURCES / f"{name}.c", _SOURCES / "image_node.c"],
+        ros,
+        kind="program",
+        compiler=compiler,
+        packages=("sensor_msgs", "std_msgs"),
+        libraries=_LIBRARIES,
+    )
 
-    Returns:
-        The programs by their names.
-    """
-    compiler = shutil.which("cc")
-    if compiler is None:
-        pytest.skip("no C compiler")
-    folder.mkdir(parents=True, exist_ok=True)
-    prefix = Path(sys.prefix)
-    includes = [f"-isystem{each}" for each in sorted((prefix / "include").iterdir())]
-    for name in NAMES:
-        subprocess.run(
-            [
-                *(compiler, "-std=c11", "-D_POSIX_C_SOURCE=200809L", "-O2", "-g"),
-                *("-Wall", "-Wextra", "-Werror", "-pthread", *includes),
-                *(str(SOURCES / f"{each}.c") for each in (name, "image_node", "cpython_symbols")),
-                *("-o", str(folder / name), f"-L{prefix / 'lib'}"),
-                *(f"-l{each}" for each in LIBRARIES),
-                *("-Wl,--unresolved-symbols=ignore-in-shared-libs", "-rdynamic"),
-            ],
-            check=True,
-        )
-    return {name: folder / name for name in NAMES}
+
+def c_node_spec(name: str, **changes: Any) -> dict[str, Any]:
+    """A node as a spec declares it; its queue outlasts long hiccups of the machine."""
+    node: dict[str, Any] = {
+        "command": [str(c_node(name))],
+        "subscribes": {"input": IMAGE},
+        "publishes": {"output": IMAGE},
+    }
+    parameters = {"queue_depth": 100} | changes.pop("parameters", {})
+    return node | {"parameters": parameters} | changes
