@@ -49,9 +49,9 @@ from r2bspec.execute.processes.ros_domain import reserved_domain
 from r2bspec.execute.processes.secret_references import SecretReferences
 from r2bspec.execute.processes.signals import Interrupts
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
-from r2bspec.execute.profiling.profiled_iteration import ProfiledIteration, profiled_processes
-from r2bspec.execute.profiling.profilers import find_profiler
-from r2bspec.execute.profiling.usable import require_usable
+from r2bspec.execute.profile.profiled_iteration import ProfiledIteration, profiled_processes
+from r2bspec.execute.profile.profilers import find_profiler
+from r2bspec.execute.profile.usable import require_usable
 from r2bspec.execute.progress import Progress
 from r2bspec.execute.session import Session
 from r2bspec.execute.start_sequence import StartSequence

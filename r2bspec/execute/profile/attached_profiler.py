@@ -15,8 +15,8 @@ from r2bspec.execute.errors import RunError
 from r2bspec.execute.processes.environment import inherited_environment
 from r2bspec.execute.processes.process import describe_exit
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
-from r2bspec.execute.profiling.perf_script import read_perf_stacks
-from r2bspec.execute.profiling.profilers import Profiler, perf_file, stacks_file
+from r2bspec.execute.profile.perf_script import read_perf_stacks
+from r2bspec.execute.profile.profilers import Profiler, perf_file, stacks_file
 from r2bspec.record.folded_stacks import write_stacks
 
 _READY_TIMEOUT_S = 20.0

@@ -19,8 +19,8 @@ from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.execute.bringup.launcher import NODE_ROLES
 from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
-from r2bspec.execute.profiling.attached_profiler import AttachedProfiler
-from r2bspec.execute.profiling.profilers import Profiler
+from r2bspec.execute.profile.attached_profiler import AttachedProfiler
+from r2bspec.execute.profile.profilers import Profiler
 from r2bspec.execute.session import MEASURE_PHASE, Session
 from r2bspec.execute.start_sequence import StartSequence
 from r2bspec.plan.plan import Plan, ProcessPlan

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from r2bspec.execute.errors import ProfilerError
-from r2bspec.execute.profiling.profilers import Profiler
+from r2bspec.execute.profile.profilers import Profiler
 
 _TIMEOUT_S = 20.0
 _SHOWN_LINES = 4
