@@ -149,3 +149,10 @@ class WorkspaceError(RunError):
 
     code = "R2B657"
     exit_code = ExitStatus.USAGE
+
+
+class ProfilerError(RunError):
+    """The profiler is not installed, or may not observe processes."""
+
+    code = "R2B652"
+    exit_code = ExitStatus.USAGE

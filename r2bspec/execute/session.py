@@ -41,7 +41,7 @@ from r2bspec.execute.diagnosis.observe_graph import (
     fault_report,
     find_faults,
 )
-from r2bspec.execute.errors import GraphMismatchError, NoOutputError
+from r2bspec.execute.errors import GraphMismatchError, NoOutputError, RunError
 from r2bspec.execute.inputs.build_schedule import build_schedule
 from r2bspec.execute.measurement.foreign_publishers import foreign_publishers, guarded_topics
 from r2bspec.execute.measurement.harness_overhead import measure_harness_overhead, overhead_rate_hz
@@ -181,6 +181,16 @@ class Session:
             self._rows_dir,
             self._folder,
         ).record()
+
+    def play_unrecorded_for(self, title: str, rate_hz: float, duration_ns: int) -> None:
+        """Play messages of which nothing is recorded; `title` is for the progress shown.
+
+        Raises:
+            RunError: a process does not respond, or exited.
+        """
+        if self._segment_player is None:
+            raise RunError("the graph was not brought up")
+        self._segment_player.play_unrecorded_for(title, rate_hz, duration_ns)
 
     def bring_up(self) -> SegmentPlayer:
         """Start all processes and warm them up.

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from ros_runs import Bench, Finished, relay_node, relay_spec
+from ros_runs import Bench, Finished, relay_spec
 from ros_runs import nothing_left as nothing_left
 
 GRAPH: dict[str, Any] = {"placement": "graph"}

@@ -178,6 +178,13 @@ RUN_PAGES = (
         "another folder.",
     ),
     error_page(
+        "profiler-unusable",
+        "R2B652",
+        "profiler cannot be used",
+        "The profiler of '--profile' is not installed, or the system does not let it observe "
+        "processes. Nothing has been measured: install it, permit it, or run without '--profile'.",
+    ),
+    error_page(
         "history-unusable",
         "R2B654",
         "history cannot be used",
