@@ -9,6 +9,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from c_nodes import c_node_spec
 from ros_runs import Bench, Finished, relay_spec
 from ros_runs import nothing_left as nothing_left
 
@@ -42,3 +43,9 @@ def test_a_python_node_has_the_harness_in_its_process(bench: Bench) -> None:
         ("harness.observer", "observer", 0),
         ("relay", "host", 0),
     ]
+
+
+def test_a_program_in_c_has_the_harness_in_its_process(bench: Bench) -> None:
+    done = bench.run(relay_spec(harness=GRAPH, graph={"nodes": {"node": c_node_spec("relay")}}))
+    assert_every_message_matched(done)
+    assert processes(done)[-1] == ("node", "command", 0)
