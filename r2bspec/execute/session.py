@@ -44,7 +44,11 @@ from r2bspec.execute.diagnosis.observe_graph import (
 from r2bspec.execute.errors import GraphMismatchError, NoOutputError, RunError
 from r2bspec.execute.inputs.build_schedule import build_schedule
 from r2bspec.execute.measurement.foreign_publishers import foreign_publishers, guarded_topics
-from r2bspec.execute.measurement.harness_overhead import measure_harness_overhead, overhead_rate_hz
+from r2bspec.execute.measurement.harness_overhead import (
+    can_be_measured,
+    measure_harness_overhead,
+    overhead_rate_hz,
+)
 from r2bspec.execute.measurement.live_mode import LiveSegmentWatcher
 from r2bspec.execute.measurement.run_reporter import RunReporter
 from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, SegmentPlayer
@@ -289,7 +293,8 @@ class Session:
         This is done in processes of its own, which are as far from each other, and end before the
         graph starts: a graph would answer what is played.
         """
-        if self._is_later or not self._plan.inputs:
+        inputs = self._plan.inputs
+        if self._is_later or not inputs or not can_be_measured(inputs):
             return
         rows_dir = self._rows_dir / "overhead"
         rows_dir.mkdir()
