@@ -319,7 +319,7 @@ class Session:
             ready = self._launcher.configure(player, self._player_settings(self._rows_dir))
             self._load_schedule(player, ready)
 
-        harness = GraphHarness(self._launcher, self._plan, configure_player, str(self._rows_dir))
+        harness = GraphHarness(self._launcher, self._plan, configure_player, self._rows_dir)
         joins = GraphJoins(self._supervisor, self._rows_dir, build_join_files())
         self._launcher.joins = joins
         try:

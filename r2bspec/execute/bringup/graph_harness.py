@@ -7,6 +7,7 @@ processes of its own, the publishers of the inputs are older than every node.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from pathlib import Path
 
 import msgspec
 
@@ -37,7 +38,7 @@ class GraphHarness:
         launcher: Launcher,
         plan: Plan,
         configure_player: Callable[[ManagedProcess], None],
-        rows_dir: str,
+        rows_dir: Path,
     ) -> None:
         self._launcher = launcher
         self._plans = {each.name: each for each in plan.monitors}
@@ -60,10 +61,22 @@ class GraphHarness:
             taps: Iterable[MonitorPlan] = () if self._monitors else self._taps
             monitor = child.parts["monitor"]
             wanted = (*(self._plans[name] for name in plan.join.monitors), *taps)
+            rows_dir = str(self._folder_of(wanted))
             self._launcher.configure(
-                monitor, protocol.ConfigureMonitor(monitors=wanted, rows_dir=self._rows_dir)
+                monitor, protocol.ConfigureMonitor(monitors=wanted, rows_dir=rows_dir)
             )
             self._monitors.append(monitor)
+
+    def _folder_of(self, monitors: Iterable[MonitorPlan]) -> Path:
+        """Where a process writes: a further one in a folder of its own, with links to its rows."""
+        if not self._monitors:
+            return self._rows_dir
+        folder = self._rows_dir / f"monitor-{len(self._monitors) + 1}"
+        folder.mkdir()
+        for each in monitors:
+            rows = f"{each.name}.rows"
+            (self._rows_dir / rows).symlink_to(folder / rows)
+        return folder
 
     @property
     def monitor(self) -> ManagedProcess:
