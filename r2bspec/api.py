@@ -9,7 +9,7 @@ import secrets
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import R2bspecError
@@ -273,6 +273,8 @@ def run(
     baseline: BaselineRecord | None = None,
     abort_on_fail: bool = False,
     record_outputs: bool = False,
+    profile: str = "",
+    profile_node: str = "",
 ) -> Result:
     """Run a benchmark on real ROS 2, and judge it.
 
@@ -285,6 +287,9 @@ def run(
         baseline: a stored run to compare with, advisory; see `stored_baseline`.
         abort_on_fail: end a rate as soon as the rest of its iterations could not change a failure.
         record_outputs: record the messages of one more iteration in the folder ``outputs``.
+        profile: play one more iteration with this profiler: ``perf``, ``py-spy``, ``nsys``, or the
+            words before the command of a process, in which ``$(profile)`` is its file.
+        profile_node: the node, or process, that it observes; all nodes if empty.
 
     Raises:
         GraphMismatchError: the graph differs from the spec, which was compiled just now.
@@ -297,7 +302,12 @@ def run(
     from r2bspec.record.run_folder import RunFolder
 
     listener = progress or NullProgress()
-    extras = {"abort_on_fail": abort_on_fail, "record_outputs": record_outputs}
+    extras = {
+        "abort_on_fail": abort_on_fail,
+        "record_outputs": record_outputs,
+        "profile": profile,
+        "profile_node": profile_node,
+    }
     with (
         private_files(),
         RunFolder.create(output or default_run_folder(prepared.plan.name)) as folder,
@@ -318,7 +328,7 @@ def run(
 
 
 def _run_in_folder(
-    folder: RunFolder, prepared: PreparedBenchmark, progress: Progress, extras: Mapping[str, bool]
+    folder: RunFolder, prepared: PreparedBenchmark, progress: Progress, extras: Mapping[str, Any]
 ) -> Result:
     from r2bspec.check.runtime_mismatches import differences_to_diagnostics
     from r2bspec.execute.controller import run_plan

@@ -66,6 +66,17 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Record inputs and outputs of one more iteration, with latencies, as MCAP in 'outputs/'.",
 )
+@click.option(
+    "--profile",
+    metavar="PROFILER",
+    help="Play one more iteration, which counts for nothing, with perf, py-spy, nsys, or any "
+    "program that starts the command after its own words.",
+)
+@click.option(
+    "--profile-node",
+    metavar="NODE",
+    help="The node that --profile observes.  [default: all nodes]",
+)
 @click.option("--no-wait", is_flag=True, help="Refuse to run while this host runs a benchmark.")
 @click.option("--no-lock", is_flag=True, help="Run even while this host runs a benchmark.")
 @click.option(

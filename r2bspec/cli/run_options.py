@@ -34,6 +34,8 @@ class RunOptions:
     fail_fast: bool = False
     abort_on_fail: bool = False
     record_outputs: bool = False
+    profile: str | None = None
+    profile_node: str | None = None
     no_wait: bool = False
     no_lock: bool = False
     output_format: str = "text"
@@ -81,6 +83,10 @@ class RunOptions:
             raise click.UsageError(
                 "--record-outputs cannot be combined with --against or --control"
             )
+        if self.profile is not None and self.compares:
+            raise click.UsageError("--profile cannot be combined with --against or --control")
+        if self.profile_node is not None and self.profile is None:
+            raise click.UsageError("--profile-node needs --profile")
         if self.force and not (self.against or self.baseline is not None):
             raise click.UsageError("--force needs --against or --baseline")
 

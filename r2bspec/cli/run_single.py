@@ -152,6 +152,8 @@ def _ways(prepared: PreparedBenchmark, options: RunOptions) -> dict[str, Any]:
         "baseline": stored,
         "abort_on_fail": options.abort_on_fail,
         "record_outputs": options.record_outputs,
+        "profile": options.profile or "",
+        "profile_node": options.profile_node or "",
     }
 
 

@@ -21,6 +21,7 @@ from typing import Any, Literal
 from r2bspec.check.installed_packages import find_module
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.bringup.commands import run_setup_step
+from r2bspec.execute.bringup.graph_joins import build_join_files
 from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.errors import (
     GraphMismatchError,
@@ -43,12 +44,16 @@ from r2bspec.execute.measurement.run_reporter import RunReporter
 from r2bspec.execute.measurement.time_budget import TimeBudget
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.executables import resolve_argv
+from r2bspec.execute.processes.joinable import require_joinable
 from r2bspec.execute.processes.middleware_check import check_middleware
 from r2bspec.execute.processes.redaction import make_redactor
 from r2bspec.execute.processes.ros_domain import reserved_domain
 from r2bspec.execute.processes.secret_references import SecretReferences
 from r2bspec.execute.processes.signals import Interrupts
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
+from r2bspec.execute.profile.profiled_iteration import ProfiledIteration, profiled_processes
+from r2bspec.execute.profile.profilers import find_profiler
+from r2bspec.execute.profile.usable import require_usable
 from r2bspec.execute.progress import Progress
 from r2bspec.execute.session import Session
 from r2bspec.execute.start_sequence import StartSequence
@@ -66,10 +71,9 @@ from r2bspec.measure.samples import RunSamples
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.start_groups import starts_of_iterations
-from r2bspec.plan.unsupported import unsupported_features
 from r2bspec.record.errors import RecordError
 from r2bspec.record.run_folder import RunFolder
-from r2bspec.record.run_record import Difference, RunRecord
+from r2bspec.record.run_record import Difference, ProfileRecord, RunRecord
 
 
 def run_plan(
@@ -82,6 +86,8 @@ def run_plan(
     progress: Progress,
     abort_on_fail: bool = False,
     record_outputs: bool = False,
+    profile: str = "",
+    profile_node: str = "",
 ) -> RunRecord:
     """Execute a plan; the run folder is written completely when this returns or raises.
 
@@ -94,8 +100,11 @@ def run_plan(
         progress: receives phases, notes and progress.
         abort_on_fail: end a rate as soon as a requirement can no longer be met.
         record_outputs: record the messages of one more iteration in the run folder.
+        profile: a profiler for one more iteration; empty for none (`find_profiler`).
+        profile_node: the node, or process, that it observes; all nodes if empty.
 
     Raises:
+        UsageError: the profiler, or its node, does not exist.
         RunError: the run failed; its record is marked as incomplete and gives the reason.
         DataError: the bag does not exist or cannot be read.
         InterruptedRunError: a signal interrupted the run.
@@ -112,6 +121,7 @@ def run_plan(
         )
         controller.abort_on_fail = abort_on_fail
         controller.record_outputs = record_outputs
+        controller.profile, controller.profile_node = profile, profile_node
         return controller.run()
 
 
@@ -120,6 +130,8 @@ class _Controller:
 
     abort_on_fail = False
     record_outputs = False
+    profile = ""
+    profile_node = ""
 
     def __init__(
         self,
@@ -161,6 +173,7 @@ class _Controller:
         self._launchers: list[Launcher] = []
         self._starts: StartSequence | None = None
         self._measurements: list[Measurement] = []
+        self._profiles: tuple[ProfileRecord, ...] = ()
         self._budget = TimeBudget(plan.gate.time_budget_ns, self._note)
 
     def run(self) -> RunRecord:
@@ -206,7 +219,7 @@ class _Controller:
 
     def _execute(self) -> None:
         _require_rclpy()
-        self._check_supported()
+        self._check_profiler()
         check_middleware(self._plan, os.environ)
         SecretReferences(self._plan.environment, os.environ).require_set(self._plan)
         self._resources.start()
@@ -231,19 +244,19 @@ class _Controller:
             # Before the domain is released, so that no other run sees these processes.
             self._supervisor.end(list(self._supervisor))
 
-    def _check_supported(self) -> None:
-        missing = unsupported_features(self._plan)
-        if missing:
-            raise UnsupportedError(
-                "this version cannot run "
-                + "; ".join(f"{each.what} ({each.path})" for each in missing),
-                hint="The spec is valid; 'validate' and 'plan' accept it, but 'run' does not yet.",
-            )
+    def _check_profiler(self) -> None:
+        if self.profile:
+            profiled_processes(self._plan, self.profile_node)
+            require_usable(find_profiler(self.profile))
 
     def _check_programs_installed(self) -> None:
         """Check that every program exists before any is started, but after the setup steps."""
         for process in self._plan.processes:
-            resolve_argv(process)
+            argv = resolve_argv(process)
+            if process.join is not None:
+                require_joinable(process.name, argv)
+        if self._plan.harness.placement == "graph":
+            build_join_files()
 
     def _domain(self) -> contextlib.AbstractContextManager[int]:
         """A reserved domain; the user's own domain if the graph has external nodes."""
@@ -353,6 +366,24 @@ class _Controller:
         except RunError as error:
             starts.name_start(error)
             raise
+        if self.profile:
+            self._play_with_profiler(starts)
+
+    def _play_with_profiler(self, starts: StartSequence) -> None:
+        # Detect a process that exited after the last message, which also fails the run.
+        self._supervisor.pump(0.0)
+        profiler = find_profiler(self.profile)
+        self._phase("profile", f"playing one more iteration with {profiler.name}")
+        self._profiles = ProfiledIteration(
+            self._plan,
+            profiler,
+            profiled_processes(self._plan, self.profile_node),
+            self._supervisor,
+            starts,
+            self._folder,
+        ).play(self._measurements[0].peak_hz)
+        for each in self._profiles:
+            self._note(f"profile of {each.process}: {each.error or ', '.join(each.files)}")
 
     def _measure_in(self, starts: StartSequence, reporter: RunReporter) -> None:
         began_s = time.monotonic()
@@ -513,6 +544,7 @@ class _Controller:
             left_out=tuple(self._budget.left_out),
             starts=tuple(self._starts.records) if self._starts else (),
             unplayed=sessions[0].unplayed if sessions else (),
+            profiles=self._profiles,
         )
 
 

@@ -107,6 +107,13 @@ class UnsupportedError(RunError):
     exit_code = ExitStatus.USAGE
 
 
+class NotJoinableError(RunError):
+    """Player and monitors cannot run in a process of the graph; another attempt would not help."""
+
+    code = "R2B674"
+    exit_code = ExitStatus.USAGE
+
+
 class MiddlewareError(UnsupportedError):
     """The plan asks for something that the selected middleware (RMW) cannot be configured for."""
 
@@ -141,4 +148,11 @@ class WorkspaceError(RunError):
     """The environment of a run does not exist, or cannot be sourced."""
 
     code = "R2B657"
+    exit_code = ExitStatus.USAGE
+
+
+class ProfilerError(RunError):
+    """The profiler is not installed, or may not observe processes."""
+
+    code = "R2B652"
     exit_code = ExitStatus.USAGE

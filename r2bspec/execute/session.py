@@ -7,13 +7,17 @@ further sessions, the confirmation run, must also fail (`r2bspec.judge.confirmat
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
+
+import msgspec
 
 from r2bspec.execute.bringup.discovery import wait_for_mutual_discovery
 from r2bspec.execute.bringup.early_diagnosis import remapped_topics
 from r2bspec.execute.bringup.external_nodes import wait_for_external
+from r2bspec.execute.bringup.graph_harness import GraphHarness, overhead_processes
+from r2bspec.execute.bringup.graph_joins import GraphJoins, build_join_files
 from r2bspec.execute.bringup.harness_processes import HarnessProcesses
 from r2bspec.execute.bringup.launcher import (
     NODE_ROLES,
@@ -37,10 +41,14 @@ from r2bspec.execute.diagnosis.observe_graph import (
     fault_report,
     find_faults,
 )
-from r2bspec.execute.errors import GraphMismatchError, NoOutputError
+from r2bspec.execute.errors import GraphMismatchError, NoOutputError, RunError
 from r2bspec.execute.inputs.build_schedule import build_schedule
 from r2bspec.execute.measurement.foreign_publishers import foreign_publishers, guarded_topics
-from r2bspec.execute.measurement.harness_overhead import measure_harness_overhead, overhead_rate_hz
+from r2bspec.execute.measurement.harness_overhead import (
+    can_be_measured,
+    measure_harness_overhead,
+    overhead_rate_hz,
+)
 from r2bspec.execute.measurement.live_mode import LiveSegmentWatcher
 from r2bspec.execute.measurement.run_reporter import RunReporter
 from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, SegmentPlayer
@@ -49,7 +57,7 @@ from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import buffered_transforms
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
 from r2bspec.measure.samples import SegmentSamples
-from r2bspec.plan.plan import MonitorPlan, Plan
+from r2bspec.plan.plan import MonitorPlan, Plan, ProcessPlan
 from r2bspec.plan.taps import all_taps, tap_monitors
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import (
@@ -132,6 +140,7 @@ class Session:
         self._parts = HarnessProcesses(launcher, processes)
         self._segment_player: SegmentPlayer | None = None
         self._monitor: ManagedProcess | None = None
+        self._observer: ManagedProcess | None = None
         self.floor: tuple[FloorRecord, ...] = ()
         self.overhead_ns = 0
         self.silences: tuple[SilenceRecord, ...] = ()
@@ -152,11 +161,11 @@ class Session:
         """Publishers on what is played and watched that are no process's of the run, in words.
 
         Raises:
-            RunError: the monitor does not answer.
+            RunError: the observer does not answer.
         """
-        if self._monitor is None:
+        if self._observer is None:
             return ()
-        return foreign_publishers(self._supervisor, self._monitor)
+        return foreign_publishers(self._supervisor, self._observer)
 
     def record_outputs(self) -> dict[str, int]:
         """Play one more iteration and record its messages; see `output_recording`.
@@ -177,6 +186,16 @@ class Session:
             self._folder,
         ).record()
 
+    def play_unrecorded_for(self, title: str, rate_hz: float, duration_ns: int) -> None:
+        """Play messages of which nothing is recorded; `title` is for the progress shown.
+
+        Raises:
+            RunError: a process does not respond, or exited.
+        """
+        if self._segment_player is None:
+            raise RunError("the graph was not brought up")
+        self._segment_player.play_unrecorded_for(title, rate_hz, duration_ns)
+
     def bring_up(self) -> SegmentPlayer:
         """Start all processes and warm them up.
 
@@ -187,11 +206,21 @@ class Session:
         again = f" again: start {self.start}" if self._is_later else ""
         self._reporter.phase("start", f"starting player and monitor{again}")
         self._launcher.check_shared_memory(self._plan, MEASURE_PHASE)
-        player, monitor = self._start_harness()
-        self._monitor = monitor
+        player, monitor = None, None
+        if self._is_joined:
+            self._measure_overhead_alone()
+        else:
+            player, monitor = self._start_harness()
         self._reporter.phase("graph", "starting the graph")
         deadline = StartDeadline(self._plan.start_timeout_ns)
-        self._start_graph(player, monitor, deadline)
+        # Not before the harness overhead was measured, which its start would disturb.
+        observer = self._observer = self._launcher.start_observer(guarded_topics(self._plan))
+        if monitor is None:
+            player, monitor = self._start_joined_nodes(deadline)
+        else:
+            self._start_nodes(deadline)
+        self._monitor = monitor
+        self._connect_graph(player, monitor, observer, deadline)
         self._segment_player = (SegmentPlayer if player else LiveSegmentWatcher)(
             self._plan,
             self._supervisor,
@@ -206,12 +235,12 @@ class Session:
             start=self.start,
         )
         with deadline.paused():
-            self._wait_until_ready(monitor)
-            self._check_parameters(monitor)
-        self._warm_up(self._segment_player, monitor, deadline)
+            self._wait_until_ready(observer)
+            self._check_parameters(observer)
+        self._warm_up(self._segment_player, deadline)
         segment_player = self._segment_player
         segment_player.on_output_stopped = lambda segment, plan: self._diagnose_stopped_output(
-            segment_player, monitor, segment, plan
+            segment_player, segment, plan
         )
         return segment_player
 
@@ -235,30 +264,71 @@ class Session:
                 protocol.ConfigureMonitor(
                     monitors=(*plan.monitors, *tap_monitors(plan.monitors)),
                     rows_dir=str(self._rows_dir),
-                    guarded=guarded_topics(plan),
                 ),
             )
         ]
         if player is None:
             launcher.configure_all(commands)
             return player, monitor
-        configure = protocol.ConfigurePlayer(
-            inputs=plan.inputs,
-            buffer_dir=str(self._buffer_dir),
-            rows=str(self._rows_dir / PLAYBACK_ROWS),
-            transforms=buffered_transforms(self._buffer_dir),
-            clock=plan.clock,
+        ready, *_ = launcher.configure_all(
+            [(player, self._player_settings(self._rows_dir)), *commands]
         )
-        if player.process is monitor.process:
-            # Threads of one interpreter: at once they would take no less time.
-            ready = launcher.configure(player, configure)
-            launcher.configure_all(commands)
-        else:
-            ready, *_ = launcher.configure_all([(player, configure), *commands])
         self._load_schedule(player, ready)
         if not self._is_later:
-            self._measure_overhead(player, monitor)
+            self._measure_overhead(player, monitor, self._rows_dir)
         return player, monitor
+
+    def _player_settings(self, rows_dir: Path) -> protocol.ConfigurePlayer:
+        return protocol.ConfigurePlayer(
+            inputs=self._plan.inputs,
+            buffer_dir=str(self._buffer_dir),
+            rows=str(rows_dir / PLAYBACK_ROWS),
+            transforms=buffered_transforms(self._buffer_dir),
+            clock=self._plan.clock,
+        )
+
+    def _measure_overhead_alone(self) -> None:
+        """Measure the overhead of a harness that will run in processes of the graph.
+
+        This is done in processes of its own, which are as far from each other, and end before the
+        graph starts: a graph would answer what is played.
+        """
+        inputs = self._plan.inputs
+        if self._is_later or not inputs or not can_be_measured(inputs):
+            return
+        rows_dir = self._rows_dir / "overhead"
+        rows_dir.mkdir()
+        parts = HarnessProcesses(self._launcher, overhead_processes(self._plan.processes))
+        player, monitor = parts.start("player"), parts.start("monitor")
+        ready, _ = self._launcher.configure_all(
+            [
+                (player, self._player_settings(rows_dir)),
+                (monitor, protocol.ConfigureMonitor(monitors=(), rows_dir=str(rows_dir))),
+            ]
+        )
+        self._load_schedule(player, ready)
+        self._measure_overhead(player, monitor, rows_dir)
+        self._supervisor.end(list(self._supervisor))
+
+    def _start_joined_nodes(
+        self, deadline: StartDeadline
+    ) -> tuple[ManagedProcess | None, ManagedProcess]:
+        """Start the nodes, and the player and the monitors in their processes."""
+
+        def configure_player(player: ManagedProcess) -> None:
+            ready = self._launcher.configure(player, self._player_settings(self._rows_dir))
+            self._load_schedule(player, ready)
+
+        harness = GraphHarness(self._launcher, self._plan, configure_player, self._rows_dir)
+        joins = GraphJoins(self._supervisor, self._rows_dir, build_join_files())
+        self._launcher.joins = joins
+        try:
+            if self._is_later:
+                self._launcher.start_hosts_early(self._node_processes())
+            self._start_nodes(deadline, harness.configure)
+        finally:
+            joins.close()
+        return harness.player, harness.monitor
 
     def _load_schedule(self, player: ManagedProcess, ready: protocol.Ready) -> None:
         """Let the player load all messages that it will play into its memory."""
@@ -266,42 +336,73 @@ class Session:
             self.schedule, self.unplayed = build_schedule(
                 self._plan, self._buffer_dir, ready.headers, self._reporter.note
             )
+            self._has_schedule = True
         self._launcher.configure(player, protocol.Follow(schedule=self.schedule))
 
-    def _measure_overhead(self, player: ManagedProcess, monitor: ManagedProcess) -> None:
+    def _measure_overhead(
+        self, player: ManagedProcess, monitor: ManagedProcess, rows_dir: Path
+    ) -> None:
         began_ns = time.monotonic_ns()
         self._reporter.phase("floor", "measuring the harness overhead")
-        self.floor = measure_harness_overhead(
+        found = measure_harness_overhead(
             self._supervisor,
             player,
             monitor,
             self._plan.inputs,
-            self._rows_dir,
+            rows_dir,
             PLAYBACK_ROWS,
             overhead_rate_hz(self._plan),
             self.schedule,
             self._reporter.host.between,
         )
+        self.floor = tuple(
+            msgspec.structs.replace(
+                each,
+                placement=self._plan.harness.placement,
+                processes=1 if player.process is monitor.process else 2,
+            )
+            for each in found
+        )
         self.overhead_ns = time.monotonic_ns() - began_ns
 
-    def _start_graph(
-        self, player: ManagedProcess | None, monitor: ManagedProcess, deadline: StartDeadline
+    @property
+    def _is_joined(self) -> bool:
+        """Whether player and monitors run in the processes of the graph."""
+        return self._plan.harness.placement == "graph"
+
+    def _node_processes(self) -> list[ProcessPlan]:
+        return [
+            each
+            for each in self._plan.processes
+            if each.phase == MEASURE_PHASE and each.role in NODE_ROLES
+        ]
+
+    def _start_nodes(
+        self,
+        deadline: StartDeadline,
+        on_joined: Callable[[ManagedProcess, ProcessPlan], None] = lambda _, __: None,
     ) -> None:
-        """Start the nodes, then the subscriptions of the monitor; wait until all are matched."""
-        plan, supervisor = self._plan, self._supervisor
         self._launcher.start_nodes(
-            (
-                each
-                for each in plan.processes
-                if each.phase == MEASURE_PHASE and each.role in NODE_ROLES
-            ),
+            self._node_processes(),
             deadline,
             running_hosts=self._parts.node_hosts(),
+            on_joined=on_joined,
         )
+
+    def _connect_graph(
+        self,
+        player: ManagedProcess | None,
+        monitor: ManagedProcess,
+        observer: ManagedProcess,
+        deadline: StartDeadline,
+    ) -> None:
+        """Create the subscriptions of the monitor, after the nodes; wait until all are matched."""
+        plan, supervisor = self._plan, self._supervisor
         supervisor.request(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
+        self._launcher.wait_for_observer(observer)
         if plan.external:
             self._launcher.mark_external_nodes()
-            wait_for_external(plan, supervisor, monitor, deadline)
+            wait_for_external(plan, supervisor, observer, deadline)
         watched = [each.topic for each in plan.monitors]
         watched += [each.topic for each in all_taps(plan.monitors)]
         wanted = {monitor: dict.fromkeys(watched, 1)}
@@ -318,25 +419,25 @@ class Session:
         ]
         wait_for_mutual_discovery(supervisor, self._launcher, ends)
 
-    def _wait_until_ready(self, monitor: ManagedProcess) -> None:
+    def _wait_until_ready(self, observer: ManagedProcess) -> None:
         """Wait for the readiness probes, then run the `after_ready` steps."""
         plan = self._plan
         if plan.ready:
             self._reporter.phase("ready", "waiting for the readiness probes")
             for probe in plan.ready:
-                wait_for_probe(probe, self._supervisor, monitor, self._folder, self._base_dir)
+                wait_for_probe(probe, self._supervisor, observer, self._folder, self._base_dir)
         if plan.after_ready:
             self._reporter.phase("after_ready", "running the after_ready steps")
             for step in plan.after_ready:
                 self._launcher.run_step(step)
 
-    def _check_parameters(self, monitor: ManagedProcess) -> None:
+    def _check_parameters(self, observer: ManagedProcess) -> None:
         """Ask nodes that are not in Python hosts for their parameters.
 
         Raises:
             GraphMismatchError: one does not declare a parameter that is certainly misspelt.
         """
-        found = find_undeclared(self._plan, MEASURE_PHASE, self._supervisor, monitor)
+        found = find_undeclared(self._plan, MEASURE_PHASE, self._supervisor, observer)
         wrong = [each for each in found if not each.harmless]
         if wrong:
             message = "; ".join(each.message for each in wrong)
@@ -345,9 +446,7 @@ class Session:
             self._reporter.note(f"{each.message}; ROS ignores it")
         self._launcher.differences += found
 
-    def _warm_up(
-        self, segment_player: SegmentPlayer, monitor: ManagedProcess, deadline: StartDeadline
-    ) -> None:
+    def _warm_up(self, segment_player: SegmentPlayer, deadline: StartDeadline) -> None:
         """Play until every monitor has received a message, and at least for the planned time.
 
         The first messages take ten times the median: pages are touched for the first time, and
@@ -371,12 +470,11 @@ class Session:
             if not silent:
                 return
             if deadline.over or attempt == _DIAGNOSED_ATTEMPT:
-                self._diagnose_no_output(segment_player, monitor, silent, final=deadline.over)
+                self._diagnose_no_output(segment_player, silent, final=deadline.over)
 
     def _diagnose_no_output(
         self,
         segment_player: SegmentPlayer,
-        monitor: ManagedProcess,
         silent: Collection[str],
         *,
         final: bool,
@@ -388,7 +486,6 @@ class Session:
 
         Args:
             segment_player: plays the steps that are traced.
-            monitor: its process.
             silent: the monitors, by name.
             final: whether the time for the start is over.
 
@@ -398,7 +495,7 @@ class Session:
         """
         plan = self._plan
         topics = [each.topic for each in plan.monitors if each.name in silent]
-        facts = self._trace_messages(segment_player, monitor)
+        facts = self._trace_messages(segment_player)
         faults = find_faults(facts, topics)
         remapped = [*remapped_topics(plan, MEASURE_PHASE)]
         certain = certain_topics(facts, [each.topic for each in faults], remapped)
@@ -423,10 +520,17 @@ class Session:
             certain=certain,
         )
 
-    def _trace_messages(self, segment_player: SegmentPlayer, monitor: ManagedProcess) -> GraphFacts:
+    def _trace_messages(self, segment_player: SegmentPlayer) -> GraphFacts:
         """Play some steps and count the messages on each topic."""
         known = self._launcher.endpoints_in(self._plan, MEASURE_PHASE)
-        observer = GraphObserver(self._supervisor, monitor, self._plan, MEASURE_PHASE, known)
+        observer = GraphObserver(
+            self._supervisor,
+            self._supervisor.observer(),
+            self._plan,
+            MEASURE_PHASE,
+            known,
+            self._monitor,
+        )
 
         def play() -> None:
             if self._plan.inputs:
@@ -442,13 +546,12 @@ class Session:
     def _diagnose_stopped_output(
         self,
         segment_player: SegmentPlayer,
-        monitor: ManagedProcess,
         segment: Segment,
         plan: MonitorPlan,
     ) -> None:
         """Find out, once, why an output has stopped during a run."""
         self._reporter.note(f"no more messages on {plan.topic}: tracing the path")
-        facts = self._trace_messages(segment_player, monitor)
+        facts = self._trace_messages(segment_player)
         faults = find_faults(facts, [plan.topic])
         reason = "; ".join(each.sentence for each in faults)
         if not reason:

@@ -67,25 +67,12 @@ class StartSequence:
         """
         began_ns = time.monotonic_ns()
         before = self.sessions[-1] if self.sessions else None
-        if before is not None:
-            # Detect a process that exited after the last message, which also fails the run.
-            self.supervisor.pump(0.0)
-            self.find_foreign_publishers()
-            self.supervisor.end(list(self.supervisor))
-        session = Session(
+        self._end_running()
+        session = self._new_session(
             self.plan,
-            self.supervisor,
-            self.make_launcher(),
-            self.folder,
-            self.base_dir,
-            self.scratch,
-            self.reporter,
-            start=len(self.sessions) + 1,
             confirms=confirms,
-            schedule=before.schedule if before is not None else None,
             is_later=before is not None and before.confirms == confirms,
         )
-        self.sessions.append(session)
         segment_player = session.bring_up()
         self.records.append(
             StartRecord(
@@ -97,6 +84,41 @@ class StartSequence:
             )
         )
         return segment_player
+
+    def begin_uncounted(self, plan: Plan) -> Session:
+        """End the start that runs, and start the processes of a changed plan; it has no record.
+
+        Raises:
+            RunError: a process of the old start has exited, or the new one fails.
+        """
+        self._end_running()
+        session = self._new_session(plan, confirms=False, is_later=True)
+        session.bring_up()
+        return session
+
+    def _end_running(self) -> None:
+        if self.sessions:
+            # Detect a process that exited after the last message, which also fails the run.
+            self.supervisor.pump(0.0)
+            self.find_foreign_publishers()
+            self.supervisor.end(list(self.supervisor))
+
+    def _new_session(self, plan: Plan, *, confirms: bool, is_later: bool) -> Session:
+        session = Session(
+            plan,
+            self.supervisor,
+            self.make_launcher(),
+            self.folder,
+            self.base_dir,
+            self.scratch,
+            self.reporter,
+            start=len(self.sessions) + 1,
+            confirms=confirms,
+            schedule=self.sessions[-1].schedule if self.sessions else None,
+            is_later=is_later,
+        )
+        self.sessions.append(session)
+        return session
 
     def find_foreign_publishers(self) -> bool:
         """Ask who has published on what is played and watched; whether others have, ever."""

@@ -14,6 +14,7 @@ from r2bspec.record.run_record import (
     Difference,
     FloorRecord,
     ProcessRecord,
+    ProfileRecord,
     SilenceRecord,
     StartRecord,
     UnplayedMessages,
@@ -96,6 +97,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         left_out: planned parts that were not played, a sentence each.
         starts: of all processes, with what each took; empty where it is not known.
         unplayed: messages of inputs that were not played.
+        profiles: of an iteration that counts for nothing.
     """
 
     r2bspec_result: Literal[1] = 1
@@ -126,6 +128,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     left_out: tuple[str, ...] = ()
     starts: tuple[StartRecord, ...] = ()
     unplayed: tuple[UnplayedMessages, ...] = ()
+    profiles: tuple[ProfileRecord, ...] = ()
 
     def monitor_title(self, name: str) -> str:
         """The title of a monitor: its label and its name, or its name alone."""

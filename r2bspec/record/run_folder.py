@@ -111,6 +111,12 @@ class RunFolder:
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
+    def profile_folder(self, process: str) -> Path:
+        """The folder for what a profiler writes about a process; it is created."""
+        path = self.path / "profile" / _safe_name(process)
+        path.mkdir(mode=_FOLDER_MODE, parents=True, exist_ok=True)
+        return path
+
     @property
     def ros_logs(self) -> Path:
         """The folder for log files that ROS processes write themselves."""

@@ -11,6 +11,7 @@ A run folder contains::
     resources.npy      CPU and memory of every process over the whole run
     surroundings.npy   host interference over the whole run
     logs/PROCESS.log   the output of each process
+    profile/PROCESS/   what a profiler wrote
 
 All times are CLOCK_MONOTONIC nanoseconds of the host, unless the name says otherwise.
 """
@@ -252,7 +253,9 @@ class FloorRecord(msgspec.Struct, frozen=True, kw_only=True):
     It is measured before the nodes are started, from the player to a subscription on the input
     `topic`; `received` of `sent` messages of at most `bytes` bytes arrived. Latency is from
     publication to the arrival in the middleware, lateness from the due time to publication; None
-    without samples. `disturbed` is the host interference meanwhile, in words.
+    without samples. `disturbed` is the host interference meanwhile, in words. `placement` is that
+    of the harness, with which it was measured: ``separate``, ``shared`` or ``graph``; `processes`
+    is in how many processes player and monitor were. Both are unknown in old records.
     """
 
     topic: str
@@ -265,6 +268,8 @@ class FloorRecord(msgspec.Struct, frozen=True, kw_only=True):
     lateness_p50_ns: int | None
     lateness_p99_ns: int | None
     disturbed: tuple[str, ...] = ()
+    placement: str = ""
+    processes: int = 0
 
 
 class SilenceRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -402,6 +407,30 @@ class StartRecord(msgspec.Struct, frozen=True, kw_only=True):
         return self.ready_ns - self.began_ns - self.overhead_ns
 
 
+class ProfileRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """What a profiler observed of one process, in an iteration after everything that counts.
+
+    Attributes:
+        process: its name.
+        profiler: the name of the profiler.
+        files: what the profiler wrote, as paths in the run folder.
+        stacks: the one with folded stacks (`r2bspec.record.folded_stacks`); empty without.
+        rate_hz: the rate of the iteration.
+        began_ns: before the profiler was started.
+        ended_ns: after it had ended.
+        error: why the profile is missing or not whole; empty if it is whole.
+    """
+
+    process: str
+    profiler: str
+    files: tuple[str, ...] = ()
+    stacks: str = ""
+    rate_hz: float = 0.0
+    began_ns: int
+    ended_ns: int
+    error: str = ""
+
+
 class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     """A run, complete or not.
 
@@ -413,7 +442,8 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     `differences` those between the running graph and the spec. `left_out` has one sentence for
     each optional part that was not played, with the reason; `unplayed` has the messages of inputs
     that were not. `starts` are those whose graph was warmed up; empty in records of versions that
-    did not state them, which had one start.
+    did not state them, which had one start. `profiles` are those of an iteration that counts for
+    nothing.
     """
 
     r2bspec_record: Literal[1] = 1
@@ -438,3 +468,4 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     left_out: tuple[str, ...] = ()
     starts: tuple[StartRecord, ...] = ()
     unplayed: tuple[UnplayedMessages, ...] = ()
+    profiles: tuple[ProfileRecord, ...] = ()

@@ -11,7 +11,8 @@ from r2bspec.judge.verdict import DisturbedIteration, OverallOutcome, Requiremen
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import at_rate, show
 from r2bspec.middleware.rmw_registry import middleware_named
-from r2bspec.record.run_record import Probe, SearchRecord, StartRecord
+from r2bspec.record.run_record import Probe, ProfileRecord, SearchRecord, StartRecord
+from r2bspec.report.harness_wording import overhead_notes
 
 OUTCOME_WORDS: dict[OverallOutcome, str] = {
     "pass": "✔ PASS",
@@ -215,11 +216,13 @@ def notes(result: Result) -> Iterator[str]:
     yield from affected_iteration_notes(result.verdict.disturbed)
     yield from unplayed_notes(result)
     yield from _disturbed_probe_notes(result.metrics)
+    yield from overhead_notes(result)
     yield from _disturbed_overhead_notes(result)
     yield from result.left_out
     yield from _live_notes(result)
     yield from _reception_notes(result)
     yield from _message_anomalies(result)
+    yield from profile_notes(result.profiles)
     # Each start has a process of the name; that all end in one way is one note.
     yield from dict.fromkeys(_exit_notes(result))
 
@@ -231,6 +234,17 @@ def _exit_notes(result: Result) -> Iterator[str]:
             if process.exit_code is not None and process.exit_code < 0:
                 ended = f"signal {-process.exit_code}"
             yield f"Process {process.name} ended with {ended}"
+
+
+def profile_notes(profiles: Sequence[ProfileRecord]) -> Iterator[str]:
+    """The files of each profile, or why there are none, a sentence each."""
+    for one in profiles:
+        at = f" {at_rate(one.rate_hz)}" if one.rate_hz else ""
+        heading = f"Profile of {one.process}{at}, with {one.profiler}"
+        if not one.files:
+            yield f"{heading}, is missing: {one.error}"
+            continue
+        yield f"{heading}: {', '.join(one.files)}" + (f" ({one.error})" if one.error else "")
 
 
 def unplayed_notes(result: Result) -> Iterator[str]:

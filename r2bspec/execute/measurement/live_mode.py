@@ -77,6 +77,12 @@ class LiveSegmentWatcher(SegmentPlayer):
         while (left_s := end - time.monotonic()) > 0:
             self._supervisor.pump(left_s)
 
+    def play_unrecorded_for(self, title: str, rate_hz: float, duration_ns: int) -> None:
+        """Let the source publish for a time; the rate has no effect."""
+        del rate_hz
+        self._progress.segment(title, 0)
+        self._supervisor.pump_for(duration_ns / 1e9)
+
     def _detect_stopped_outputs(self, kind: SegmentKind, observation: SegmentObservation) -> None:
         """Report outputs without messages, each once."""
         for plan in self._plan.monitors:

@@ -168,6 +168,12 @@ class SegmentPlayer:
         command = protocol.Play(rate_hz=rate_hz, steps=steps)
         self._supervisor.request(self._player, command, protocol.Played, timeout_s)
 
+    def play_unrecorded_for(self, title: str, rate_hz: float, duration_ns: int) -> None:
+        """Play for a time messages that belong to no segment; see `play_unrecorded`."""
+        steps = max(1, self._schedule.steps_within(rate_hz, duration_ns))
+        self._progress.segment(title, steps)
+        self.play_unrecorded(rate_hz, steps)
+
     def discard_new_rows(self) -> dict[str, int]:
         """Discard the messages that have arrived since the last segment.
 

@@ -15,7 +15,6 @@ _ONE_OF: dict[str, tuple[str, ...]] = {
 }
 _TIMELINE_ONLY = ("timeline", "record_timeline", "tf")
 _PLAYBACK_SECTIONS = ("data_loader", "preprocessors")
-_HARNESS_COMPONENTS = ("data_loader", "playback", "monitor")
 
 
 def section_constraint_errors(root: TreeNode, misspelt: set[Path]) -> Iterator[Diagnostic]:
@@ -145,21 +144,20 @@ def _translations(playback: MapNode) -> Iterator[Diagnostic]:
 
 
 def _harness(root: TreeNode) -> Iterator[Diagnostic]:
+    """Processes of the graph are named only where the harness runs in them."""
     harness = child(root, "harness")
-    other = isinstance(harness, MapNode) and _word(harness, "kind") not in ("", "r2bspec")
-    if isinstance(harness, MapNode) and not other:
-        for key in _HARNESS_COMPONENTS:
-            if key in harness.entries:
-                message = f"'harness.{key}' has no effect with the harness r2bspec"
-                help_text = "write 'kind: ros2_benchmark', or remove it"
-                yield _at_key(harness, ("harness",), key, message, help_text)
-    if not other:
-        for path, monitor in _map_entries(root, ("monitors",)):
-            if "parameters" in monitor.entries:
-                message = f"'{format_path((*path, 'parameters'))}' has no effect: monitors of the "
-                message += "harness r2bspec have no parameters"
-                help_text = "write 'harness: {kind: ros2_benchmark}', or remove it"
-                yield _at_key(monitor, path, "parameters", message, help_text)
+    placement = harness.value if isinstance(harness, ScalarNode) else ""
+    if isinstance(harness, MapNode):
+        placement = _word(harness, "placement")
+    if placement == "graph":
+        return
+    named = [(("harness",), harness), *_map_entries(root, ("monitors",))]
+    for path, entry in named:
+        if isinstance(entry, MapNode) and "in" in entry.entries:
+            message = f"'{format_path((*path, 'in'))}' has no effect: player and monitors do not "
+            message += "run in the processes of the graph"
+            help_text = "remove it, or write 'harness: {placement: graph}'"
+            yield _at_key(entry, path, "in", message, help_text)
 
 
 def _transport(root: TreeNode) -> Iterator[Diagnostic]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from r2bspec.language.schema import name_patterns
 from r2bspec.language.schema.node import nodes
-from r2bspec.language.schema.parameters import values
 from r2bspec.language.schema.qos import qos
 from r2bspec.language.schema.reuse import repeat, sibling
 from r2bspec.language.schema.schema_builder import (
@@ -85,8 +84,11 @@ MONITORS: Schema = name_map(
                 "latency of each hop. The additional subscriptions cost some time.",
                 default=False,
             ),
-            "parameters": values(
-                "Parameters of the component that monitors, with the harness ros2_benchmark."
+            "in": text(
+                "With 'harness: {placement: graph}': the node or the process that gets the "
+                "monitor; default: the one that publishes the topic.",
+                form=name_patterns.PLACE,
+                examples=["detector"],
             ),
         },
         required=["topic", "format"],

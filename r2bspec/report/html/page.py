@@ -22,6 +22,8 @@ from r2bspec.measure.distribution_parts import (
 )
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import at_rate, show, show_rate
+from r2bspec.record.run_folder import Run
+from r2bspec.record.run_record import ProfileRecord
 from r2bspec.report.html.canvas import Chart
 from r2bspec.report.html.number_links import Numbers, pointer
 from r2bspec.report.html.svg import PALETTE
@@ -36,6 +38,7 @@ from r2bspec.report.report_wording import (
     outcome_heading,
     own_pace,
     peak_text,
+    profile_notes,
     requirement_text,
     several_monitors,
     starts_text,
@@ -102,6 +105,7 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
             for one in ordered
         ],
         "notes": [*notes(result)],
+        "profiles": [*profile_notes(result.profiles)],
         "comparison": [*comparison(result)],
         "compared": [
             {"one": one, "index": number, "text": requirement_text(one, name_monitor=several)}
@@ -165,7 +169,9 @@ def _plain(value: object) -> str:
 
 def _charts(report_input: ReportInput, monitors: list[str]) -> dict[str, list[Chart]]:
     metrics = report_input.result.metrics
-    found: dict[str, list[Chart]] = {"latency": [], "offered": [], "loads": [], "baseline": []}
+    found: dict[str, list[Chart]] = {
+        each: [] for each in ("latency", "offered", "loads", "baseline", "profiles")
+    }
     if any(rate.offered_hz for rate in metrics.rates):
         from r2bspec.report.html.load_curve import load_curve_chart
 
@@ -178,7 +184,28 @@ def _charts(report_input: ReportInput, monitors: list[str]) -> dict[str, list[Ch
 
         loads = loads_chart("loads", report_input.run)
         found["loads"] = [loads] if loads is not None else []
+        found["profiles"] = [*_flame_graphs(report_input.run)]
     return found
+
+
+def _flame_graphs(run: Run) -> Iterator[Chart]:
+    """A flame graph of each profile with folded stacks that can be read."""
+    for number, one in enumerate(run.record.profiles):
+        if one.stacks and (chart := _flame_graph(f"profile-{number}", run, one)) is not None:
+            yield chart
+
+
+def _flame_graph(name: str, run: Run, profile: ProfileRecord) -> Chart | None:
+    from r2bspec.record.folded_stacks import read_stacks
+    from r2bspec.report.html.flame_graph import flame_graph
+
+    try:
+        stacks = read_stacks(run.folder / profile.stacks, run.folder)
+    except (OSError, ValueError):
+        return None
+    at = f" {at_rate(profile.rate_hz)}" if profile.rate_hz else ""
+    title = f"Where {profile.process} spends its CPU time{at}, seen by {profile.profiler}"
+    return flame_graph(name, title, stacks)
 
 
 def _latency_charts(report_input: ReportInput, monitors: list[str]) -> Iterator[Chart]:

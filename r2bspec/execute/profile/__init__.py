@@ -1,0 +1,1 @@
+"""Playing one more iteration with a profiler, after everything that counts."""

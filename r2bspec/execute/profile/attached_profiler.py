@@ -1,0 +1,150 @@
+"""A profiler that is attached to a running process of the graph, and its end."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import psutil
+
+from r2bspec.execute.errors import RunError
+from r2bspec.execute.processes.environment import inherited_environment
+from r2bspec.execute.processes.process import describe_exit
+from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
+from r2bspec.execute.profile.perf_script import read_perf_stacks
+from r2bspec.execute.profile.profilers import Profiler, perf_file, stacks_file
+from r2bspec.record.folded_stacks import write_stacks
+
+_READY_TIMEOUT_S = 20.0
+_END_TIMEOUT_S = 60.0
+_POLL_S = 0.02
+_ENDED_BY_US = frozenset({0, -signal.SIGINT, 128 + signal.SIGINT})
+
+
+@dataclass
+class AttachedProfiler:
+    """A profiler that observes the process `observed` and all that it has started.
+
+    Attributes:
+        base: its file, without suffix.
+        child: its own process.
+    """
+
+    profiler: Profiler
+    observed: ManagedProcess
+    base: Path
+    child: ManagedProcess
+
+    @classmethod
+    def start(
+        cls,
+        profiler: Profiler,
+        observed: ManagedProcess,
+        base: Path,
+        supervisor: ProcessSupervisor,
+        log: Path,
+    ) -> AttachedProfiler:
+        """Start the profiler, and wait until it observes.
+
+        Raises:
+            RunError: it cannot observe the process, or from `ProcessSupervisor.pump`.
+        """
+        pids = observed_pids(observed.pid)
+        if profiler.kind == "py-spy":
+            pids = [each for each in pids if _runs_python(each)]
+            if not pids:
+                raise RunError(f"process {observed.name} runs no Python")
+        child = supervisor.start(
+            f"profile.{observed.name}",
+            "command",
+            profiler.attach_argv(pids, base),
+            inherited_environment(os.environ, ()),
+            cwd=base.parent,
+            log=log,
+        )
+        # It may end with any status: what it says is judged when it is stopped.
+        child.exit_expected = True
+        attached = cls(profiler, observed, base, child)
+        attached._wait_until_ready(supervisor)
+        return attached
+
+    def _wait_until_ready(self, supervisor: ProcessSupervisor) -> None:
+        deadline = time.monotonic() + _READY_TIMEOUT_S
+        while not self._observes():
+            if not self.child.is_running:
+                raise RunError(self._failure())
+            if time.monotonic() > deadline:
+                raise RunError(f"{self.profiler.name} did not begin to observe in time")
+            supervisor.pump(_POLL_S)
+
+    def _observes(self) -> bool:
+        if self.profiler.kind == "py-spy":
+            return "Sampling process" in self.child.log_tail()
+        return _has_perf_events(self.child.pid)
+
+    def stop(self) -> None:
+        """Let the profiler write its file, and wait for its end.
+
+        Raises:
+            RunError: it failed, ended before, or does not end.
+        """
+        ended_before = not self.child.is_running and self.observed.is_running
+        self.child.signal(signal.SIGINT)
+        deadline = time.monotonic() + _END_TIMEOUT_S
+        while self.child.is_running:
+            if time.monotonic() > deadline:
+                raise RunError(f"{self.profiler.name} did not end within {_END_TIMEOUT_S:g} s")
+            time.sleep(_POLL_S)
+        if ended_before or self.child.process.returncode not in _ENDED_BY_US:
+            raise RunError(self._failure())
+
+    def fold(self) -> Path:
+        """Write the folded stacks, unless the profiler has; returns their file.
+
+        Raises:
+            RunError: there are none.
+            RecordError: they cannot be written.
+            OSError: what the profiler wrote cannot be read.
+        """
+        found = stacks_file(self.base)
+        if self.profiler.kind == "perf":
+            write_stacks(found, read_perf_stacks(self.profiler.words[0], perf_file(self.base)))
+        if not found.exists() or not found.stat().st_size:
+            found.unlink(missing_ok=True)
+            raise RunError(f"no samples: process {self.observed.name} did not use the CPU")
+        return found
+
+    def _failure(self) -> str:
+        lines = [line for line in self.child.log_tail().splitlines() if line.strip()]
+        said = f": {' '.join(lines[-2:])}" if lines else ""
+        return f"{self.profiler.name} {describe_exit(self.child.process.returncode)}{said}"
+
+
+def observed_pids(pid: int) -> list[int]:
+    """A process and all that it has started, those that it started after itself."""
+    with contextlib.suppress(psutil.Error):
+        process = psutil.Process(pid)
+        return [pid, *(each.pid for each in process.children(recursive=True))]
+    return [pid]
+
+
+def _runs_python(pid: int) -> bool:
+    """Whether a process is an interpreter, or has loaded one."""
+    with contextlib.suppress(psutil.Error, OSError):
+        process = psutil.Process(pid)
+        return Path(process.exe()).name.startswith("python") or any(
+            Path(each.path).name.startswith("libpython") for each in process.memory_maps()
+        )
+    return False
+
+
+def _has_perf_events(pid: int) -> bool:
+    """Whether a process has opened events of the kernel."""
+    with contextlib.suppress(OSError):
+        opened = Path(f"/proc/{pid}/fd").iterdir()
+        return any("perf_event" in str(each.readlink()) for each in opened)
+    return False

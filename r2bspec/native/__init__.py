@@ -1,0 +1,5 @@
+"""The part of the harness in C, and its builder.
+
+Player and monitor are C on rcl's public API (``*.c`` and ``harness.h`` in this folder). They are
+compiled on first use, on the machine that runs them and against the ROS that it uses.
+"""

@@ -1,0 +1,189 @@
+"""Compiling C on first use, with a cache.
+
+A result is kept under the digest of everything that it was made from: sources, compiler, headers
+and flags. It is compiled in a folder of its own and moved into place, so that two builds at once
+do not disturb each other, and an interrupted one leaves nothing behind that would be used.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import shlex
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Literal
+
+from r2bspec.native.errors import BuildError
+from r2bspec.native.ros_headers import RCL_PACKAGES, RosFiles
+from r2bspec.private_files import private_files
+
+Kind = Literal["program", "library"]
+
+_FLAGS = (
+    *("-std=c11", "-D_GNU_SOURCE", "-O2", "-g", "-Wall", "-Wextra", "-Werror"),
+    # A link to a library of ROS finds the libraries behind it when it is loaded.
+    "-Wl,--allow-shlib-undefined",
+)
+_KIND_FLAGS: dict[Kind, tuple[str, ...]] = {
+    # What a program defines for libraries has to be visible to them.
+    "program": ("-rdynamic",),
+    "library": ("-shared", "-fPIC", "-fvisibility=hidden"),
+}
+_LIBRARIES = ("-lrcl", "-lrmw", "-lrcutils", "-pthread", "-ldl")
+_TIMEOUT_S = 120.0
+_SHOWN_LINES = 60
+_PYTHON_SYMBOLS = Path(__file__).with_name("python_symbols.c")
+
+
+def find_compiler(environ: Mapping[str, str] = os.environ) -> list[str]:
+    """The command of the C compiler: ``$CC``, or ``cc``.
+
+    Raises:
+        BuildError: there is none (R2B668).
+    """
+    words = shlex.split(environ.get("CC", "")) or ["cc"]
+    path = shutil.which(words[0], path=environ.get("PATH"))
+    if path is None:
+        raise BuildError(
+            f"there is no C compiler: {words[0]} is not in PATH",
+            hint="Install one (Debian and Ubuntu: apt install gcc libc6-dev), or name it in CC.",
+        )
+    return [path, *words[1:]]
+
+
+def cache_folder() -> Path:
+    """Where builds are kept: in the user's cache folder ($XDG_CACHE_HOME)."""
+    import platformdirs
+
+    return Path(platformdirs.user_cache_dir("r2bspec")) / "native"
+
+
+def build(
+    name: str,
+    sources: Sequence[Path],
+    ros: RosFiles,
+    *,
+    kind: Kind,
+    compiler: Sequence[str] | None = None,
+    packages: Sequence[str] = (),
+    flags: Sequence[str] = (),
+    libraries: Sequence[str] = _LIBRARIES,
+    cache: Path | None = None,
+) -> Path:
+    """Compile a program or a library, unless it has been.
+
+    Args:
+        name: of the file.
+        sources: the C files; headers in their folders belong to them.
+        ros: its headers and libraries.
+        kind: of the result. A program on the wheels gets stubs of CPython's symbols.
+        compiler: from `find_compiler`, which is the default.
+        packages: with headers, besides those that rcl needs.
+        flags: further ones.
+        libraries: to link.
+        cache: in place of `cache_folder`.
+
+    Returns:
+        The path of the result; its folder has no other file.
+
+    Raises:
+        BuildError: there is no compiler, it rejects the sources, or the result cannot be kept.
+    """
+    command = [*(compiler or find_compiler())]
+    if kind == "program" and ros.wheels and "-lrcl" in libraries:
+        sources = [*sources, _PYTHON_SYMBOLS]
+    includes = ros.include_folders([*RCL_PACKAGES, *packages])
+    words = [*_FLAGS, *_KIND_FLAGS[kind], *flags]
+    words += [f"-isystem{each}" for each in includes]
+    links = [f"-L{each}" for each in ros.library_folders()] + [*libraries]
+    digest = _digest(command, sources, includes, [name, kind, *words, *links])
+    entry = (cache_folder() if cache is None else cache) / digest
+    with _write_errors(entry), private_files():
+        entry.parent.mkdir(parents=True, exist_ok=True)
+        _refuse_foreign(entry.parent)
+        if not (entry / name).exists():
+            _compile(entry, name, [*command, *words, *map(str, sources), *links])
+    return entry / name
+
+
+def _compile(entry: Path, name: str, command: Sequence[str]) -> None:
+    with tempfile.TemporaryDirectory(prefix=".building-", dir=entry.parent) as scratch:
+        made = Path(scratch) / "made"
+        made.mkdir()
+        try:
+            done = subprocess.run(
+                [*command, "-o", str(made / name)],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, "LC_ALL": "C", "TMPDIR": scratch},
+                timeout=_TIMEOUT_S,
+                check=False,
+            )
+        except subprocess.TimeoutExpired as error:
+            raise BuildError(f"{command[0]} took more than {_TIMEOUT_S:g} s for {name}") from error
+        if done.returncode:
+            text = done.stdout.decode(errors="replace").splitlines()[:_SHOWN_LINES]
+            raise BuildError(
+                f"{command[0]} cannot compile {name}:\n" + "\n".join(text),
+                hint="Headers of libc may be missing (Debian and Ubuntu: apt install libc6-dev); "
+                "otherwise please report it, with this text.",
+            )
+        _move(made, entry)
+
+
+def _move(made: Path, entry: Path) -> None:
+    """Move a folder into place; another build of the same may have been faster."""
+    try:
+        made.rename(entry)
+    except OSError:
+        if not entry.is_dir():
+            raise
+
+
+def _digest(
+    compiler: Sequence[str], sources: Sequence[Path], includes: Sequence[Path], words: Sequence[str]
+) -> str:
+    """The digest of everything that a result is made from."""
+    state = hashlib.sha256()
+    files = {*sources, *(each for one in sources for each in one.parent.glob("*.h"))}
+    for path in sorted(files):
+        content = path.read_bytes()
+        state.update(f"{path.name} {len(content)}\n".encode() + content)
+    # The compiler and the headers by what changes whenever they are installed anew.
+    headers = (each for one in includes for each in sorted(one.rglob("*.h")))
+    for each in (Path(compiler[0]), *headers):
+        found = each.stat()
+        state.update(f"{each} {found.st_size} {found.st_mtime_ns}\n".encode())
+    state.update("\0".join([*compiler, *words]).encode())
+    return state.hexdigest()[:40]
+
+
+def _refuse_foreign(folder: Path) -> None:
+    """Refuse a cache in which another user could have placed what will be run.
+
+    Raises:
+        BuildError: the folder is not this user's, or others may write to it.
+    """
+    found = folder.stat()
+    if found.st_uid != os.geteuid() or found.st_mode & 0o022:
+        raise BuildError(
+            f"other users can write to {folder}, in which programs are kept",
+            hint="Remove it, or choose another cache folder in XDG_CACHE_HOME.",
+        )
+
+
+@contextlib.contextmanager
+def _write_errors(entry: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise BuildError(
+            f"cannot build in {entry.parent}: {error.strerror or error}",
+            hint="Make room there, or choose another cache folder in XDG_CACHE_HOME.",
+        ) from error

@@ -1,0 +1,128 @@
+"""Programs in C are compiled once, and a machine that cannot compile them says why."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from r2bspec.native.build import build, find_compiler
+from r2bspec.native.errors import NOT_BUILT, BuildError
+from r2bspec.native.ros_headers import RosFiles, find_ros
+
+NO_ROS = RosFiles(prefixes=(), wheels=False)
+ANSWER = '#include "answer.h"\n#include <stdio.h>\nint main(void) { return printf("%d", N) < 0; }\n'
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    find_compiler()
+    folder = tmp_path / "source"
+    folder.mkdir()
+    (folder / "answer.h").write_text("#define N 42\n")
+    path = folder / "answer.c"
+    path.write_text(ANSWER)
+    return path
+
+
+def compiled(source: Path, cache: Path) -> Path:
+    return build("answer", [source], NO_ROS, kind="program", libraries=(), cache=cache)
+
+
+def output(program: Path) -> str:
+    return subprocess.run([program], stdout=subprocess.PIPE, check=True, text=True).stdout
+
+
+def test_a_program_is_compiled_once(source: Path, tmp_path: Path) -> None:
+    first = compiled(source, tmp_path / "cache")
+    made = first.stat()
+    assert output(first) == "42"
+    again = compiled(source, tmp_path / "cache")
+    assert (again, again.stat().st_ino, again.stat().st_mtime_ns) == (
+        first,
+        made.st_ino,
+        made.st_mtime_ns,
+    )
+
+
+def test_a_changed_header_makes_another_program(source: Path, tmp_path: Path) -> None:
+    first = compiled(source, tmp_path / "cache")
+    source.with_name("answer.h").write_text("#define N 43\n")
+    second = compiled(source, tmp_path / "cache")
+    assert [output(first), output(second)] == ["42", "43"]
+
+
+def test_builds_at_once_end_with_one_program(source: Path, tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    with ThreadPoolExecutor(4) as pool:
+        paths = set(pool.map(lambda _: compiled(source, cache), range(8)))
+    (path,) = paths
+    assert output(path) == "42"
+    assert [each.name for each in cache.iterdir()] == [path.parent.name]
+
+
+def test_what_is_kept_is_private(source: Path, tmp_path: Path) -> None:
+    program = compiled(source, tmp_path / "cache")
+    for each in (program, program.parent, program.parent.parent):
+        assert each.stat().st_mode & 0o077 == 0
+
+
+def test_a_cache_that_others_can_write_to_is_refused(source: Path, tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    cache.mkdir()
+    cache.chmod(0o777)
+    with pytest.raises(BuildError, match="other users can write"):
+        compiled(source, cache)
+
+
+def test_without_a_compiler_it_says_what_to_install(tmp_path: Path) -> None:
+    with pytest.raises(BuildError, match="no C compiler: cc is not in PATH") as caught:
+        find_compiler({"PATH": str(tmp_path)})
+    assert caught.value.code == NOT_BUILT
+    assert "apt install gcc" in caught.value.hint
+
+
+def test_the_compiler_can_be_named(tmp_path: Path) -> None:
+    own = tmp_path / "owncc"
+    own.write_text("#!/bin/sh\n")
+    own.chmod(0o755)
+    assert find_compiler({"PATH": str(tmp_path), "CC": "owncc -m64"}) == [str(own), "-m64"]
+
+
+def test_without_headers_it_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.prefix", str(tmp_path))
+    with pytest.raises(BuildError, match=r"no include/rcl/rcl/rcl.h") as caught:
+        find_ros({"AMENT_PREFIX_PATH": "/nowhere"})
+    assert caught.value.code == NOT_BUILT
+    assert "ros" in caught.value.hint
+
+
+def test_a_sourced_ros_precedes_the_wheels(tmp_path: Path) -> None:
+    (tmp_path / "include/rcl/rcl").mkdir(parents=True)
+    (tmp_path / "include/rcl/rcl/rcl.h").touch()
+    (tmp_path / "lib").mkdir()
+    found = find_ros({"AMENT_PREFIX_PATH": f"/overlay:{tmp_path}"})
+    assert not found.wheels
+    assert found.include_folders() == [tmp_path / "include/rcl"]
+    assert found.library_folders() == [tmp_path / "lib"]
+
+
+def test_what_does_not_compile_is_not_kept(source: Path, tmp_path: Path) -> None:
+    source.write_text("int main(void) { return unknown; }\n")
+    cache = tmp_path / "cache"
+    with pytest.raises(BuildError, match="unknown"):
+        compiled(source, cache)
+    assert not [*cache.iterdir()]
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root can write everywhere")
+def test_a_cache_that_cannot_be_written_is_an_error(source: Path, tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    cache.mkdir(mode=0o500)
+    with pytest.raises(BuildError, match="cannot build in"):
+        compiled(source, cache)
