@@ -21,6 +21,7 @@ from r2bspec.judge.judge_requirement import iterations_at, judge_requirement, ob
 from r2bspec.judge.outcome import outcome_of
 from r2bspec.judge.peak_refutation import with_refuted_peak
 from r2bspec.judge.playback_validity import PlaybackValidity
+from r2bspec.judge.run_limits import run_limits, with_limits
 from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.verdict import (
     EXIT_CODES,
@@ -78,15 +79,17 @@ def judge(
         if not requirements or any(one.reason == reason for one in requirements)
     )
     outcome, reason = _overall_outcome(samples, requirements, unusable, policy)
+    judged = outcome not in {"invalid", "incomplete"}
     return Verdict(
         outcome=outcome,
         exit_code=EXIT_CODES[outcome],
         reason=reason,
-        requirements=requirements,
+        requirements=with_limits(requirements, samples.starts) if judged else requirements,
         unusable=unusable,
         disturbed=tuple(disturbed.values()),
-        starts=0 if outcome in {"invalid", "incomplete"} else samples.starts,
+        starts=samples.starts if judged else 0,
         unseen_starts=zero_failure_bound(samples.starts, CONFIDENCE),
+        limits=run_limits(requirements, samples) if judged else (),
     )
 
 
@@ -194,4 +197,4 @@ def _overall_outcome(
     if unusable:
         rate_hz, why = unusable[0].offered_hz, unusable[0].reason
         return "invalid", f"At {show(rate_hz, 'Hz')}: {why}" if rate_hz else why
-    return outcome_of(requirements, policy.inconclusive)
+    return outcome_of(requirements, policy.inconclusive, samples.starts)

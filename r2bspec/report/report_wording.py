@@ -201,6 +201,7 @@ def notes(result: Result) -> Iterator[str]:
     """What a reader must know to interpret the results, a sentence each."""
     if result.status != "complete":
         yield f"The run is {result.status}: {result.reason or 'no reason was recorded'}"
+    yield from result.verdict.limits
     if result.metrics.incomplete:
         yield f"Cut short, and not included in any value: {', '.join(result.metrics.incomplete)}"
     for one in result.verdict.unusable:

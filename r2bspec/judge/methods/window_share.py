@@ -101,7 +101,7 @@ def _judge_ordered(question: Question, windows: WindowCondition, pieces: list[Se
         upper=upper,
         reason=reason,
         settle=settle,
-        notes=percentile_notes(question, test, interval, outcome),
+        notes=percentile_notes(question, interval, outcome),
     )
 
 
@@ -132,7 +132,7 @@ def _answer(question: Question, test: ShareTest, outcome: Outcome) -> Answer:
         settle=settle_share(question, test, counted_noun(question))
         if outcome == "inconclusive"
         else "",
-        notes=share_notes(question, test, outcome),
+        notes=share_notes(question, outcome),
         n=test.n,
         effective_n=test.effective_n,
         over=test.over,

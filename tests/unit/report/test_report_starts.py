@@ -10,8 +10,7 @@ import pytest
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of, to_json
-from r2bspec.judge.verdict_starts import with_starts
-from r2bspec.measure.run_samples import read_samples
+from r2bspec.judge.outcome import outcome_of
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import StartRecord
 from r2bspec.report.format_registry import renderer
@@ -105,9 +104,9 @@ def test_a_run_without_starts_in_its_record_is_one_start(tmp_path: Path, name: s
 
 
 def test_a_verdict_without_requirements_is_about_nothing(tmp_path: Path) -> None:
-    run = run_of(tmp_path / "run", 3)
-    verdict = msgspec.structs.replace(result_of(run).verdict, requirements=(), starts=0)
-    assert with_starts(verdict, read_samples(run)) == verdict
+    verdict = result_of(run_of(tmp_path / "run", 3), {}).verdict
+    assert verdict.reason == outcome_of(())[1] == "The spec has no objective to judge."
+    assert not verdict.limits
 
 
 def test_the_cost_is_that_of_a_start_after_the_first_without_the_harness_overhead() -> None:
