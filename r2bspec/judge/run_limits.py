@@ -65,17 +65,23 @@ def with_limits(
 
 def _one_stretch(samples: RunSamples, *, decided: bool) -> str:
     starts = samples.starts
-    pieces = starts if starts > 1 else min(map(len, samples.iterations.values()), default=1)
     kind = "starts" if starts > 1 else "iterations"
     number = f"{starts} starts" if starts > 1 else "one start"
     fact = f"{_when_and_where(samples)}, in {number}"
     if not decided:
         return f"{fact}."
-    unseen = show(zero_failure_bound(starts, CONFIDENCE), "share", 2)
-    doubts = ["another hour may differ", f"up to {unseen} of starts may be of a kind not met"]
+    played = min(map(len, samples.iterations.values()), default=1)
+    unseen = f"{_unseen(starts)} of starts and {_unseen(played)} of iterations"
+    doubts = ["another hour may differ", f"up to {unseen} may be of a kind not met"]
+    pieces = starts if starts > 1 else played
     if 1 < pieces < MANY_PIECES:
         doubts.append(f"{pieces} {kind} hardly show whether each resembles the one before")
     return f"{fact}: {', '.join(doubts[:-1])}, and {doubts[-1]}."
+
+
+def _unseen(number: int) -> str:
+    """The largest share of starts or iterations of a kind that is not among so many."""
+    return show(zero_failure_bound(number, CONFIDENCE), "share", 2)
 
 
 def _when_and_where(samples: RunSamples) -> str:

@@ -8,14 +8,9 @@ is listed with the largest figure it may reach, and why.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-import msgspec
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from simulated_comparisons import RUN_WORLDS, history_errors, pairs_errors
-from simulated_runs import run_of
 from simulated_starts import (
     QUANTITIES,
     WORLDS,
@@ -26,12 +21,12 @@ from simulated_starts import (
     limit_of,
     outcome,
 )
+from simulated_words import SAID, said, with_starts
 from start_tables import chance, held
 
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.interim_looks import InterimLooks
 from r2bspec.judge.judge_samples import judge
-from r2bspec.measure.samples import RunSamples
 from run_simulation import objective
 
 pytestmark = pytest.mark.simulation
@@ -86,6 +81,19 @@ def test_errors_on_the_limit(name: str) -> None:
         most = 0.16 if name == MEMORY else chance(0.05, RUNS)
         assert failed <= most, quantity
         assert confirmed <= chance(0.01, RUNS), quantity
+
+
+@pytest.mark.parametrize(("name", "quantity"), [(name, one) for name in SAID for one in SAID[name]])
+def test_where_no_test_holds_the_verdict_says_so(name: str, quantity: str) -> None:
+    found = said(name, quantity, wrong=40)
+    assert found.wrong == 40
+    assert found.share >= 0.95
+
+
+def test_what_is_not_held_is_said() -> None:
+    assert {(name, one) for name in NOT_HELD for one in NOT_HELD[name]} - {
+        (name, one) for name in SAID for one in SAID[name]
+    } == {("stalls of 40 messages", "p50")}
 
 
 @pytest.mark.parametrize("shape", [Shape(2, 2, 750), Shape(3, 2, 500), Shape(10, 2, 150)])
@@ -145,18 +153,6 @@ def test_clear_cases_are_decided(quantity: str, allowed: float, truth: float, sh
     wanted = 1 if truth < allowed else -1
     assert found.count(wanted) >= 0.85 * len(found)
     assert found.count(-wanted) == 0
-
-
-def with_starts(latency: NDArray[np.float64], shape: Shape) -> RunSamples:
-    """A run whose iterations know their starts."""
-
-    samples = run_of(latency)
-    ((rate, iterations),) = samples.iterations.items()
-    numbered = tuple(
-        replace(one, segment=msgspec.structs.replace(one.segment, start=start))
-        for one, start in zip(iterations, shape.numbers, strict=True)
-    )
-    return replace(samples, iterations={rate: numbered})
 
 
 @pytest.mark.parametrize("quantity", ["p50", "p99"])

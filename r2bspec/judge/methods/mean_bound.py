@@ -31,7 +31,7 @@ from r2bspec.measure.units import show
 _MAX_ITERATIONS = 200
 """More than this many are not proposed."""
 
-_MAX_LOST_SHARE = 0.01
+MAX_LOST_SHARE = 0.01
 """A mean latency over a larger share of lost outputs does not PASS."""
 
 _CLOCK_RESOLUTION_S = 1e-6
@@ -117,7 +117,7 @@ def _without_lost(question: Question, answer: Answer) -> Answer:
         f"{show(lost, 'count')} of {show(expected, 'count')} outputs ({share}), which were lost"
     )
     # What was lost can only have been slow: it does not change a FAIL of an upper limit.
-    small = lost <= _MAX_LOST_SHARE * expected
+    small = lost <= MAX_LOST_SHARE * expected
     if small or answer.outcome != "pass" or not question.is_upper_bound:
         return replace(answer, notes=(*answer.notes, f"The mean leaves out {left_out}."))
     return replace(

@@ -231,7 +231,7 @@ class TestWhatItSays:
         segments = [Played(30, np.full(600, 0.02)) for _ in STARTS]
         (limit,) = verdict(run(tmp_path, *segments, starts=STARTS), "latency.p50 < 60 ms").limits
         assert "UTC, in 5 starts: another hour may differ" in limit
-        assert "up to 45 % of starts may be of a kind not met" in limit
+        assert "up to 45 % of starts and 26 % of iterations may be of a kind not met" in limit
         assert "5 starts hardly show whether each resembles the one before" in limit
 
     def test_a_mean_depends_on_stalls_that_it_may_have_missed(self, tmp_path: Path) -> None:
@@ -292,3 +292,28 @@ class TestHistory:
         found = predicted_ratio(history, 100 * math.exp(-0.1), 0.95)
         assert found.upper > 1
         assert predicted_ratio(history, 80.0, 0.95).upper < 1
+
+
+class TestLostOutputsAndMeansOfWindows:
+    @staticmethod
+    def samples(path: Path, every: int) -> RunSamples:
+        values = 0.02 + np.linspace(0, 0.001, 600)
+        values[::every] = NAN
+        return run(path, *(Played(30, values) for _ in range(6)))
+
+    def test_windows_that_lose_much_are_not_met_by_what_is_left(self, tmp_path: Path) -> None:
+        asked = "latency.mean < 50 ms in 90 % of 1 s windows"
+        found = one(self.samples(tmp_path, 10), asked)
+        assert found.outcome == "inconclusive"
+        assert "120 of 120 windows of 1 s lost more than 1 % of their outputs" in found.reason
+        assert "drop_rate" in found.settle
+
+    def test_a_few_of_them_do_not_matter(self, tmp_path: Path) -> None:
+        asked = "latency.mean < 50 ms in 80 % of 1 s windows"
+        found = one(self.samples(tmp_path, 300), asked)
+        assert found.outcome == "pass"
+        assert any("12 of 120 windows" in note for note in found.notes)
+
+    def test_a_failure_stays_one(self, tmp_path: Path) -> None:
+        asked = "latency.mean < 5 ms in 90 % of 1 s windows"
+        assert one(self.samples(tmp_path, 10), asked).outcome == "fail"
