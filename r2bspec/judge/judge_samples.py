@@ -15,7 +15,7 @@ from r2bspec.judge.affected_iterations import (
     without_affected,
 )
 from r2bspec.judge.decision_policy import DecisionPolicy
-from r2bspec.judge.interference_policy import judge_probes, strict_pass
+from r2bspec.judge.interference_policy import judge_probes, judge_starts, strict_pass
 from r2bspec.judge.interim_looks import InterimLooks, combine_looks
 from r2bspec.judge.judge_requirement import iterations_at, judge_requirement, objective_rate
 from r2bspec.judge.outcome import outcome_of
@@ -70,6 +70,7 @@ def judge(
             disturbed, requirements, judged_objectives, samples, policy, playback_validity
         )
     requirements = judge_probes(requirements, samples.record, policy.interference)
+    requirements = judge_starts(requirements, samples, policy.interference)
     unusable = tuple(
         Unusable(offered_hz=rate, reason=reason)
         for rate, reason in sorted(
