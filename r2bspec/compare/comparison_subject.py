@@ -34,6 +34,7 @@ class MetricSeries:
     Attributes:
         values: None where an iteration has none, or where it is a lost message.
         single: whether it is one value for an unknown number of iterations.
+        starts: the start of the processes that each was played in; empty where it is not known.
         bracket: for the peak, the highest sustained rate and the lowest that was not.
     """
 
@@ -41,6 +42,7 @@ class MetricSeries:
     unit: str
     single: bool = False
     bracket: tuple[float | None, float | None] | None = None
+    starts: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -109,15 +111,21 @@ def _of_result(source: str, result: Result, plan: Plan | None) -> ComparedResult
 
 def _of_rate(rate: RateMetrics, graph: set[str]) -> dict[SeriesKey, MetricSeries]:
     found: dict[SeriesKey, MetricSeries] = {}
+    starts = tuple(one.start for one in rate.iterations)
+    starts = starts if all(starts) else ()
     for monitor in rate.pooled.monitors:
         seen = [one.monitors[monitor] for one in rate.iterations]
         for metric, unit, values in _of_monitor(seen):
-            found[rate.offered_hz, monitor, metric] = MetricSeries(tuple(values), unit)
+            found[rate.offered_hz, monitor, metric] = MetricSeries(
+                tuple(values), unit, starts=starts
+            )
     for process in rate.pooled.processes:
         if process in graph:
             uses = [one.processes.get(process) for one in rate.iterations]
             values = [use.cpu_mean if use is not None else None for use in uses]
-            found[rate.offered_hz, "", f"cpu.{process}.mean"] = MetricSeries(tuple(values), "share")
+            found[rate.offered_hz, "", f"cpu.{process}.mean"] = MetricSeries(
+                tuple(values), "share", starts=starts
+            )
     return found
 
 

@@ -14,13 +14,14 @@ from r2bspec.compare.history import HistoryEntry, HistoryMetric, open_history
 from r2bspec.compare.load_results import read_folder
 from r2bspec.compare.result_comparison import differences_of
 from r2bspec.judge.baseline_requirements import iteration_values, run_value
+from r2bspec.judge.judge_requirement import iterations_at
 from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.prediction_interval import MAX_HISTORY_RUNS
 from r2bspec.measure.distribution_parts import HISTORY_PARTS
 from r2bspec.measure.errors import MetricError
 from r2bspec.measure.metric_catalogue import MetricInfo, resolve
 from r2bspec.measure.run_samples import read_samples
-from r2bspec.measure.samples import RunSamples
+from r2bspec.measure.samples import RunSamples, starts_of
 from r2bspec.plan.canonical_json import plan_hash
 from r2bspec.plan.comparability import measured_hash
 from r2bspec.plan.plan import Plan
@@ -172,7 +173,7 @@ def baseline_from_stored_run(
             + "\n".join(f"  {each}" for each in differences),
             hint="Use --force to compare them anyway.",
         )
-    series = {key: values.values for key, values in stored.series.items()}
+    series = {key: (values.values, values.starts) for key, values in stored.series.items()}
     if is_folder(path) and (run := read_folder(path).run) is not None:
         series |= _required_values(run, plan)
     return BaselineRecord(
@@ -181,19 +182,29 @@ def baseline_from_stored_run(
         run_ids=(stored.side.run_id,),
         differences=differences,
         series=tuple(
-            BaselineSeries(at_hz=at_hz, monitor=monitor or None, metric=metric, values=values)
-            for (at_hz, monitor, metric), values in series.items()
+            BaselineSeries(
+                at_hz=at_hz, monitor=monitor or None, metric=metric, values=values, starts=starts
+            )
+            for (at_hz, monitor, metric), (values, starts) in series.items()
         ),
     )
 
 
-def _required_values(run: Run, plan: Plan) -> dict[SeriesKey, tuple[float | None, ...]]:
-    """The metrics that the requirements of a plan name, in the iterations of a stored run."""
+def _required_values(
+    run: Run, plan: Plan
+) -> dict[SeriesKey, tuple[tuple[float | None, ...], tuple[int, ...]]]:
+    """The metrics that the requirements of a plan name, in the iterations of a stored run.
+
+    With each, the starts of the iterations.
+    """
     samples = read_samples(run)
     return {
-        (at_hz, monitor or "", info.name): tuple(
-            value if value is not None and math.isfinite(value) else None
-            for value in iteration_values(info, monitor, at_hz, samples)
+        (at_hz, monitor or "", info.name): (
+            tuple(
+                value if value is not None and math.isfinite(value) else None
+                for value in iteration_values(info, monitor, at_hz, samples)
+            ),
+            starts_of(iterations_at(samples.iterations, at_hz)),
         )
         for at_hz, monitor, info in _required_metrics(plan, samples)
     }

@@ -9,7 +9,8 @@ confidence, a metric of which more is better is
     undecided    otherwise
 
 and one of which less is better the other way round. The bounds are Welch's on the logarithms of the
-iterations' values (`r2bspec.judge.statistics.welch_t`). Drop rates are compared as the shares
+iterations' values, or of the means of starts where both have several
+(`r2bspec.judge.statistics.welch_t`). Drop rates are compared as the shares
 that arrived, with a margin of their own, because a ratio to 0 is undefined.
 """
 
@@ -21,7 +22,7 @@ from collections.abc import Iterator, Sequence
 from r2bspec.compare.comparison import Comparison, ComparisonLine, Outcome
 from r2bspec.compare.comparison_subject import ComparedResult, MetricSeries, SeriesKey
 from r2bspec.compare.errors import IncomparableError
-from r2bspec.judge.statistics.welch_t import welch_ratio
+from r2bspec.judge.statistics.welch_t import RunValues, welch_ratio_of_runs
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.measure.units import show
 from r2bspec.plan.comparability import brief_difference, graph_differences, load_differences
@@ -178,7 +179,7 @@ def _line(key: SeriesKey, base: MetricSeries, head: MetricSeries, margin: float)
 
 def _delivered_share(series: MetricSeries) -> MetricSeries:
     values = tuple(None if value is None else 1 - value for value in series.values)
-    return MetricSeries(values, series.unit, series.single)
+    return MetricSeries(values, series.unit, series.single, starts=series.starts)
 
 
 def _mean(series: MetricSeries) -> float | None:
@@ -196,7 +197,7 @@ def _ratio(
         return None, None, None
     if min(len(a), len(b)) < 2:
         return (sum(b) / len(b)) / (sum(a) / len(a)), None, None
-    found = welch_ratio(a, b, CONFIDENCE)
+    found, _ = welch_ratio_of_runs(RunValues(a, base.starts), RunValues(b, head.starts), CONFIDENCE)
     return found.ratio, found.lower, found.upper
 
 

@@ -37,7 +37,7 @@ class NotInstalledError(RunError):
 
 
 class UnpairedInputError(RunError):
-    """Most messages of an input have no partner; another attempt would not help."""
+    """Most messages of an input cannot be played; another attempt would not help."""
 
     exit_code = ExitStatus.USAGE
 

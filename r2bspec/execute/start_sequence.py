@@ -74,13 +74,17 @@ class StartSequence:
             is_later=before is not None and before.confirms == confirms,
         )
         segment_player = session.bring_up()
+        ready_ns = time.monotonic_ns()
+        found = self.reporter.host.between(began_ns, ready_ns)
         self.records.append(
             StartRecord(
                 number=session.start,
                 began_ns=began_ns,
-                ready_ns=time.monotonic_ns(),
+                ready_ns=ready_ns,
                 overhead_ns=session.overhead_ns,
                 confirms=confirms,
+                disturbed=found.reasons,
+                taken=found.taken,
             )
         )
         return segment_player

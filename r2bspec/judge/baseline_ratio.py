@@ -24,7 +24,7 @@ from r2bspec.judge.methods.method_registry import Method
 from r2bspec.judge.statistics.paired_ratio import RatioInterval, paired_ratio
 from r2bspec.judge.statistics.power import pairs_needed
 from r2bspec.judge.statistics.prediction_interval import MIN_HISTORY_RUNS, predicted_ratio
-from r2bspec.judge.statistics.welch_t import welch_ratio
+from r2bspec.judge.statistics.welch_t import RunValues, welch_ratio_of_runs
 from r2bspec.judge.verdict import Compared, Outcome, RequirementVerdict
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
@@ -123,21 +123,38 @@ def judge_history(
     return _verdict(comparison, method, outcome, reason, sides, settle=settle, found=found)
 
 
+@dataclass(frozen=True)
+class StoredValues:
+    """A metric in the iterations of one run, and the start of each; empty if not known."""
+
+    values: Values
+    starts: Sequence[int] = ()
+
+    def usable(self) -> RunValues:
+        """Those of which a ratio can be made."""
+        kept = [place for place, value in enumerate(self.values) if value and _usable(value)]
+        return RunValues(
+            values=[self.values[place] or 0.0 for place in kept],
+            starts=[self.starts[place] for place in kept]
+            if len(self.starts) == len(self.values)
+            else (),
+        )
+
+
 def advise_by_stored_run(
-    comparison: BaselineComparison, base: Values, head: Values
+    comparison: BaselineComparison, base: StoredValues, head: StoredValues
 ) -> RequirementVerdict:
     """State what a single stored run suggests. The outcome is always inconclusive."""
     method: Method = "stored baseline"
     settle = "A stored run is advisory only: gate on interleaved pairs with --against."
-    a = [value for value in base if value is not None and _usable(value)]
-    b = [value for value in head if value is not None and _usable(value)]
-    sides = _ComparedValues(base, head)
-    if min(len(a), len(b)) < 2:
+    a, b = base.usable(), head.usable()
+    sides = _ComparedValues(base.values, head.values)
+    if min(len(a.values), len(b.values)) < 2:
         reason = "Too few iterations have a value to be compared with a stored run."
         return _verdict(comparison, method, "inconclusive", reason, sides, settle=settle)
-    found = welch_ratio(a, b, comparison.confidence)
+    found, pieces = welch_ratio_of_runs(a, b, comparison.confidence)
     would = {"pass": "would pass", "fail": "would fail", "inconclusive": "would be inconclusive"}
-    seen = _reason(comparison, found, sides, "iterations")
+    seen = _reason(comparison, found, sides, pieces)
     reason = f"{seen} By this alone it {would[_decide(comparison, found)]}."
     return _verdict(comparison, method, "inconclusive", reason, sides, settle=settle, found=found)
 

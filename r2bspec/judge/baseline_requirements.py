@@ -73,7 +73,7 @@ def with_requirement_verdicts(
     verdict: Verdict, requirements: tuple[RequirementVerdict, ...], policy: DecisionPolicy
 ) -> Verdict:
     """A verdict on a usable run with other verdicts on its requirements."""
-    outcome, reason = outcome_of(requirements, policy.inconclusive)
+    outcome, reason = outcome_of(requirements, policy.inconclusive, verdict.starts)
     return msgspec.structs.replace(
         verdict,
         outcome=outcome,

@@ -145,7 +145,7 @@ def confirm_run(first: Verdict, second: Verdict, policy: InconclusivePolicy = "r
     requirements = tuple(
         confirm_requirement(one, found.get(_key(one))) for one in first.requirements
     )
-    outcome, reason = outcome_of(requirements, policy)
+    outcome, reason = outcome_of(requirements, policy, first.starts)
     return msgspec.structs.replace(
         first,
         outcome=outcome,

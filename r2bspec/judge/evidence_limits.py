@@ -1,32 +1,31 @@
 """What a decision on shares and means cannot know, as notes of its verdict.
 
-A test takes account of what the run has shown. It cannot take account of bursts that happened not
-to occur, one iteration does not show by how much iterations differ, and few that resemble each
-other carry too little information to know by how much they do.
+A test takes account of what the run has shown. One iteration does not show by how much iterations
+differ, few that resemble each other carry too little information to know by how much they do, and
+a mean depends on stalls of which the run may have met none. What is true of each run is in
+`r2bspec.judge.run_limits`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
-from r2bspec.judge.decision import Question
-from r2bspec.judge.verdict import Outcome, ShareTest
-from r2bspec.judge.verdict_wording import counted_noun
-from r2bspec.measure.units import show
+import numpy as np
+from numpy.typing import NDArray
 
-_FEW_BURSTS: Final = 5
-_LONG_BURST: Final = 20.0
-"""Messages; a run whose PASS withstands bursts of this mean length needs no note on them."""
+from r2bspec.judge.decision import Question
+from r2bspec.judge.run_limits import FEW_BURSTS, LONG_BURST
+from r2bspec.judge.verdict import Outcome
+from r2bspec.measure.latency import Seconds
 
 _FEW_INDEPENDENT: Final = 2.0
+_STALL_RATIO: Final = 1.5
 
 
-def share_notes(question: Question, test: ShareTest, outcome: Outcome) -> tuple[str, ...]:
+def share_notes(question: Question, outcome: Outcome) -> tuple[str, ...]:
     """The notes on a percentile or a share."""
-    if outcome == "inconclusive":
-        return ()
-    bursts = _unseen_bursts(question, test) if outcome == "pass" else ()
-    return (*bursts, *piece_notes(question))
+    return () if outcome == "inconclusive" else piece_notes(question)
 
 
 def piece_notes(question: Question) -> tuple[str, ...]:
@@ -54,16 +53,38 @@ def correlation_notes(pieces: str, number: int, inflation: float) -> tuple[str, 
     return (note,)
 
 
-def _unseen_bursts(question: Question, test: ShareTest) -> tuple[str, ...]:
-    """That the run met too few bursts to know how long they get."""
-    withstands = test.withstands
-    if test.bursts >= _FEW_BURSTS or withstands is None or withstands >= _LONG_BURST:
+def stall_notes(
+    question: Question, values: Sequence[Seconds], upper: float, outcome: Outcome
+) -> tuple[str, ...]:
+    """That a mean latency which is small enough rests on few stalls, or on none.
+
+    Rare stalls weigh as much in a mean as many small delays, and a run may have met none of them.
+    If none was met in n messages, up to 3 / n of all messages may begin one (rule of three). With
+    stalls of L messages that take twice the median, the mean may be larger by 3 L / n medians.
+
+    Args:
+        question: with an upper limit.
+        values: the latencies in each iteration, in the order of the steps.
+        upper: the bound on the mean, in s.
+        outcome: by that.
+    """
+    n = sum(one.size for one in values)
+    if outcome != "pass" or not question.is_upper_bound or not n:
         return ()
-    seen = "no burst" if not test.bursts else "1 burst" if test.bursts == 1 else ""
-    seen = seen or f"{show(test.bursts, 'count')} bursts"
+    typical = float(np.median(np.concatenate(list(values))))
+    bursts = sum(_bursts(one > _STALL_RATIO * typical) for one in values)
+    if typical <= 0 or bursts >= FEW_BURSTS:
+        return ()
+    if (question.limit - upper) / typical * n / 3 >= LONG_BURST:
+        return ()
+    met = {0: "no stall", 1: "one stall"}.get(bursts, f"{bursts} stalls")
     note = (
-        f"The run met {seen} of {counted_noun(question)} on the wrong side of the limit: too few "
-        f"to know how long bursts get. The PASS allows for a mean length of up to "
-        f"{show(withstands, '', 2)}."
+        f"The run met {met} (over {_STALL_RATIO:g} times the median), too few to know how often "
+        "and for how long they come, and the mean depends on that. A percentile does not."
     )
     return (note,)
+
+
+def _bursts(flags: NDArray[np.bool_]) -> int:
+    """Runs of True."""
+    return int(np.count_nonzero(flags[1:] & ~flags[:-1])) + int(flags[:1].sum())

@@ -21,7 +21,7 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.judge.baseline_ratio import advise_by_stored_run, judge_history
+from r2bspec.judge.baseline_ratio import StoredValues, advise_by_stored_run, judge_history
 from r2bspec.judge.baseline_requirements import (
     BaselineQuestion,
     iteration_values,
@@ -31,11 +31,12 @@ from r2bspec.judge.baseline_requirements import (
 )
 from r2bspec.judge.confirmation import confirm_requirement
 from r2bspec.judge.decision_policy import DecisionPolicy
+from r2bspec.judge.judge_requirement import iterations_at
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.spec import Objective
-from r2bspec.measure.samples import RunSamples
+from r2bspec.measure.samples import RunSamples, starts_of
 from r2bspec.record.baseline_file import BaselineRecord
 
 Objectives = Mapping[str, Objective]
@@ -123,9 +124,15 @@ def _answer(
     one = question.comparison
     before = baseline.find(one.at_hz, one.monitor, one.metric)
     if baseline.kind == "history":
-        return judge_history(one, before, run_value(question.info, one.monitor, one.at_hz, samples))
+        new = run_value(question.info, one.monitor, one.at_hz, samples)
+        return judge_history(one, before.values, new)
     return advise_by_stored_run(
-        one, before, iteration_values(question.info, one.monitor, one.at_hz, samples)
+        one,
+        StoredValues(before.values, before.starts),
+        StoredValues(
+            iteration_values(question.info, one.monitor, one.at_hz, samples),
+            starts_of(iterations_at(samples.iterations, one.at_hz)),
+        ),
     )
 
 

@@ -3,11 +3,17 @@
     tolerate    nothing: the run is judged as it was measured, and reports show the interference
     note        a FAIL that interference can explain becomes INCONCLUSIVE
     strict      also, a PASS becomes INCONCLUSIVE if it rests on anything that was affected: on an
-                iteration without an unaffected rerun, or on a probe
+                iteration without an unaffected rerun, on a probe, or on a start that others
+                disturbed while its processes came up
 
 In all of them, what no interference can explain stays a FAIL. Iterations are examined in
-`r2bspec.judge.affected_iterations`; this module has the rest: the PASS under ``strict``, and
-requirements that rest on probes.
+`r2bspec.judge.affected_iterations`; this module has the rest: the PASS under ``strict``,
+requirements that rest on probes, and starts.
+
+What others do while a start comes up is over before its first iteration, whose own interference
+counts. It can only have changed where processes and their memory lie, which differs from start to
+start anyway: starts are the highest level of the sample, and a FAIL is confirmed in fresh ones. So
+it is stated, and changes no FAIL.
 """
 
 from __future__ import annotations
@@ -20,6 +26,7 @@ import msgspec
 
 from r2bspec.judge.methods.method_registry import METHODS
 from r2bspec.judge.verdict import DisturbedIteration, RequirementVerdict
+from r2bspec.measure.samples import RunSamples
 from r2bspec.record.run_record import Probe, RunRecord
 
 InterferencePolicy = Literal["tolerate", "note", "strict"]
@@ -71,6 +78,37 @@ def judge_probes(
     The search has left failures that interference can explain out of its bracket already.
     """
     return tuple(_judge_probe(one, record, policy) for one in requirements)
+
+
+def judge_starts(
+    requirements: Iterable[RequirementVerdict], samples: RunSamples, policy: InterferencePolicy
+) -> tuple[RequirementVerdict, ...]:
+    """The verdicts with regard to the interference while starts came up."""
+    return tuple(
+        strict_refusal(one, text)
+        if policy == "strict"
+        and one.outcome == "pass"
+        and (text := _disturbed_starts_text(one, samples))
+        else one
+        for one in requirements
+    )
+
+
+def _disturbed_starts_text(one: RequirementVerdict, samples: RunSamples) -> str:
+    """Which starts that a requirement rests on were disturbed, without a full stop."""
+    played = {
+        each.segment.start
+        for rate_hz, found in samples.iterations.items()
+        if one.at_hz is not None and math.isclose(rate_hz, one.at_hz)
+        for each in found
+    }
+    rests_on = played if METHODS[one.method].rests_on == "iterations" else {1}
+    found = [each for each in samples.record.starts if each.disturbed and each.number in rests_on]
+    if not found:
+        return ""
+    names = ", ".join(str(each.number) for each in found)
+    starts = "start" if len(found) == 1 else "starts"
+    return f"Host interference while {starts} {names} came up: {', '.join(found[0].disturbed)}"
 
 
 def _judge_probe(

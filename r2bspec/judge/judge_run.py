@@ -17,7 +17,6 @@ from r2bspec.judge.history_comparison import judge_with_baseline
 from r2bspec.judge.peak_refutation import with_refuted_peak
 from r2bspec.judge.result import BaselineResult, ObjectiveText, PairsResult, Result
 from r2bspec.judge.verdict import Verdict
-from r2bspec.judge.verdict_starts import with_starts
 from r2bspec.language.spec import Objective
 from r2bspec.measure.compute_metrics import summarise
 from r2bspec.measure.metrics import RunMetrics
@@ -55,7 +54,7 @@ def result_of(
         objectives,
         judged_by,
         metrics=summarise(with_refuted_peak(samples)),
-        verdict=with_starts(verdict, samples),
+        verdict=verdict,
         baseline=_baseline_result(baseline, confirmed=again is not None)
         if baseline is not None
         else None,

@@ -15,12 +15,13 @@ from r2bspec.judge.affected_iterations import (
     without_affected,
 )
 from r2bspec.judge.decision_policy import DecisionPolicy
-from r2bspec.judge.interference_policy import judge_probes, strict_pass
+from r2bspec.judge.interference_policy import judge_probes, judge_starts, strict_pass
 from r2bspec.judge.interim_looks import InterimLooks, combine_looks
 from r2bspec.judge.judge_requirement import iterations_at, judge_requirement, objective_rate
 from r2bspec.judge.outcome import outcome_of
 from r2bspec.judge.peak_refutation import with_refuted_peak
 from r2bspec.judge.playback_validity import PlaybackValidity
+from r2bspec.judge.run_limits import run_limits, with_limits
 from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.verdict import (
     EXIT_CODES,
@@ -69,6 +70,7 @@ def judge(
             disturbed, requirements, judged_objectives, samples, policy, playback_validity
         )
     requirements = judge_probes(requirements, samples.record, policy.interference)
+    requirements = judge_starts(requirements, samples, policy.interference)
     unusable = tuple(
         Unusable(offered_hz=rate, reason=reason)
         for rate, reason in sorted(
@@ -78,15 +80,17 @@ def judge(
         if not requirements or any(one.reason == reason for one in requirements)
     )
     outcome, reason = _overall_outcome(samples, requirements, unusable, policy)
+    judged = outcome not in {"invalid", "incomplete"}
     return Verdict(
         outcome=outcome,
         exit_code=EXIT_CODES[outcome],
         reason=reason,
-        requirements=requirements,
+        requirements=with_limits(requirements, samples.starts) if judged else requirements,
         unusable=unusable,
         disturbed=tuple(disturbed.values()),
-        starts=0 if outcome in {"invalid", "incomplete"} else samples.starts,
+        starts=samples.starts if judged else 0,
         unseen_starts=zero_failure_bound(samples.starts, CONFIDENCE),
+        limits=run_limits(requirements, samples) if judged else (),
     )
 
 
@@ -194,4 +198,4 @@ def _overall_outcome(
     if unusable:
         rate_hz, why = unusable[0].offered_hz, unusable[0].reason
         return "invalid", f"At {show(rate_hz, 'Hz')}: {why}" if rate_hz else why
-    return outcome_of(requirements, policy.inconclusive)
+    return outcome_of(requirements, policy.inconclusive, samples.starts)

@@ -22,12 +22,31 @@ InconclusivePolicy = Literal["report", "fail", "pass"]
 
 
 def outcome_of(
-    requirements: Sequence[RequirementVerdict], policy: InconclusivePolicy = "report"
+    requirements: Sequence[RequirementVerdict],
+    policy: InconclusivePolicy = "report",
+    starts: int = 0,
 ) -> tuple[OverallOutcome, str]:
-    """The outcome of a valid run, and one sentence for it."""
+    """The outcome of a valid run, and one sentence for it.
+
+    Args:
+        requirements: the verdicts on them.
+        policy: what an inconclusive requirement does to the run.
+        starts: of how many starts of the processes the sentence says that it is; 0 if it is not
+            about a run. A verdict on one start is true of that start: another may have another.
+    """
     counted = [one for one in requirements if one.level == "error"]
     outcome = worst_outcome([one.outcome for one in counted], policy)
-    return outcome, f"{_sentence(counted, outcome)}{_warnings(requirements, policy)}"
+    text = f"{_sentence(counted, outcome)}{_warnings(requirements, policy)}"
+    if starts and requirements:
+        text = f"{_starts_phrase(starts)}: {text[:1].lower()}{text[1:]}"
+    return outcome, text
+
+
+def _starts_phrase(starts: int) -> str:
+    """What a verdict is about, as the beginning of a sentence."""
+    if starts == 1:
+        return "Of this start of the processes"
+    return f"Over {starts} starts of the processes"
 
 
 def worst_outcome(outcomes: Sequence[Outcome], policy: InconclusivePolicy = "report") -> Outcome:

@@ -172,7 +172,8 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     differ. `unseen_starts` is the largest share of starts of a kind that is not among these, at
     95 % confidence (0.45 for 5 starts); None in results of versions that did not state it.
     `disturbed` are the iterations affected by host interference, those of the confirmation session
-    among them; their effect on a requirement is in its notes.
+    among them; their effect on a requirement is in its notes. `limits` is what no test can tell
+    from this run, a sentence each.
     """
 
     outcome: OverallOutcome
@@ -183,3 +184,4 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     disturbed: tuple[DisturbedIteration, ...] = ()
     starts: int = 0
     unseen_starts: float | None = None
+    limits: tuple[str, ...] = ()

@@ -54,6 +54,7 @@ def measure_segment(samples: SegmentSamples) -> SegmentMetrics:
         processes={name: _use(used) for name, used in samples.processes.items()},
         machine=_use(samples.machine) if samples.machine is not None else None,
         surroundings=samples.surroundings,
+        start=samples.segment.start,
     )
 
 

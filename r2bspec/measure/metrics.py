@@ -100,7 +100,9 @@ class UseMetrics(msgspec.Struct, frozen=True, kw_only=True):
 class SegmentMetrics(msgspec.Struct, frozen=True, kw_only=True):
     """One iteration, or several pooled (then `segment` is empty and `index` is None).
 
-    `surroundings` is the host interference, where it was sampled; None if pooled.
+    `surroundings` is the host interference, where it was sampled; None if pooled. `start` is the
+    start of the processes that it was played in, from 1; 0 if pooled, and in results of versions
+    that did not state it.
     """
 
     segment: str
@@ -110,6 +112,7 @@ class SegmentMetrics(msgspec.Struct, frozen=True, kw_only=True):
     processes: dict[str, UseMetrics]
     machine: UseMetrics | None
     surroundings: Surroundings | None = None
+    start: int = 0
 
 
 class Spread(msgspec.Struct, frozen=True, kw_only=True):

@@ -23,7 +23,9 @@ class StepStamps:
     def __init__(self, schedule: Schedule) -> None:
         self._offsets_ns = np.array(schedule.stamp_offsets_ns, dtype=np.int64)
         self._restarts = isinstance(schedule, TimelineSchedule)
-        self._earlier: list[tuple[NDArray[np.int64], NDArray[np.int64]]] = []
+        # Of all inputs played before, ascending, and the stamp of the step of each.
+        self._inputs_ns: NDArray[np.int64] = np.empty(0, dtype=np.int64)
+        self._steps_ns: NDArray[np.int64] = np.empty(0, dtype=np.int64)
 
     def replace(self, received: Rows, playback: Rows, first: int) -> Rows:
         """The rows with the stamps of steps where theirs is that of an input of the step.
@@ -35,23 +37,29 @@ class StepStamps:
         """
         if not self._offsets_ns.size or not received.size:
             return received
-        known = [*self._earlier, self._stamps(playback, first)]
-        inputs_ns = np.concatenate([each[0] for each in known])
-        steps_ns = np.concatenate([each[1] for each in known])
-        order = np.argsort(inputs_ns, kind="stable")
-        inputs_ns, steps_ns = inputs_ns[order], steps_ns[order]
-        if not inputs_ns.size:
-            return received
-        place = np.minimum(np.searchsorted(inputs_ns, received["stamp_ns"]), inputs_ns.size - 1)
         found = received.copy()
-        belongs = inputs_ns[place] == received["stamp_ns"]
-        found["stamp_ns"][belongs] = steps_ns[place[belongs]]
+        # Where a stamp belongs to two steps, the earlier one counts.
+        for inputs_ns, steps_ns in (
+            _ascending(*self._stamps(playback, first)),
+            (self._inputs_ns, self._steps_ns),
+        ):
+            if not inputs_ns.size:
+                continue
+            place = np.searchsorted(inputs_ns, received["stamp_ns"])
+            place = np.minimum(place, inputs_ns.size - 1)
+            belongs = inputs_ns[place] == received["stamp_ns"]
+            found["stamp_ns"][belongs] = steps_ns[place[belongs]]
         return found
 
     def remember(self, playback: Rows, first: int) -> None:
         """Keep the stamps of steps that have been played; arguments as in `replace`."""
-        if self._offsets_ns.size:
-            self._earlier.append(self._stamps(playback, first))
+        if not self._offsets_ns.size:
+            return
+        inputs_ns, steps_ns = _ascending(*self._stamps(playback, first))
+        # Later steps have later stamps, as a rule; then nothing is moved.
+        place = np.searchsorted(self._inputs_ns, inputs_ns, side="right")
+        self._inputs_ns = np.insert(self._inputs_ns, place, inputs_ns)
+        self._steps_ns = np.insert(self._steps_ns, place, steps_ns)
 
     def _stamps(self, playback: Rows, first: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """The stamps of all inputs of some steps, and for each that of its step; shape (n,)."""
@@ -61,3 +69,10 @@ class StepStamps:
         offsets_ns = self._offsets_ns[places]
         steps_ns = np.broadcast_to(playback["stamp_ns"][:, np.newaxis], offsets_ns.shape)
         return (steps_ns + offsets_ns).ravel(), steps_ns.ravel()
+
+
+def _ascending(
+    inputs_ns: NDArray[np.int64], steps_ns: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    order = np.argsort(inputs_ns, kind="stable")
+    return inputs_ns[order], steps_ns[order]

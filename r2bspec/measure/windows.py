@@ -48,10 +48,12 @@ class WindowValues:
         values: one for each window; `worst` where expected outputs are missing and there is
             no value for that reason.
         without: windows with too few messages for the metric, though none is missing.
+        lost: for each value, the share of the outputs of its window that are missing.
     """
 
     values: tuple[float, ...]
     without: int
+    lost: tuple[float, ...] = ()
 
 
 def has_windows(info: MetricInfo) -> bool:
@@ -79,6 +81,7 @@ def window_values(
     if samples.live:
         return _live_values(info, samples.monitors[monitor], samples, window_ns)
     found: list[float] = []
+    lost: list[float] = []
     without = 0
     whole = samples.monitors[monitor]
     # A timeline has no period: its windows have as many steps as were recorded in them.
@@ -92,7 +95,9 @@ def window_values(
             found.append(worst)
         else:
             without += 1
-    return WindowValues(tuple(found), without)
+            continue
+        lost.append(seen.missed / seen.expected)
+    return WindowValues(tuple(found), without, tuple(lost))
 
 
 def _live_values(

@@ -26,12 +26,15 @@ class BaselineSeries(msgspec.Struct, frozen=True, kw_only=True):
         at_hz: the offered rate; None for the whole run.
         monitor: None for a metric without a monitor.
         values: oldest first, in the SI unit of the metric; None if missing.
+        starts: of a stored run, the start of the processes that each iteration was played in;
+            empty where it is not known.
     """
 
     at_hz: float | None
     monitor: str | None
     metric: str
     values: tuple[float | None, ...]
+    starts: tuple[int, ...] = ()
 
 
 class BaselineRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -52,14 +55,12 @@ class BaselineRecord(msgspec.Struct, frozen=True, kw_only=True):
     differences: tuple[str, ...] = ()
     series: tuple[BaselineSeries, ...]
 
-    def find(
-        self, at_hz: float | None, monitor: str | None, metric: str
-    ) -> tuple[float | None, ...]:
-        """The values of a metric; empty if the baseline does not have it."""
+    def find(self, at_hz: float | None, monitor: str | None, metric: str) -> BaselineSeries:
+        """A metric; without values if the baseline does not have it."""
         for one in self.series:
             if (one.at_hz, one.monitor, one.metric) == (at_hz, monitor, metric):
-                return one.values
-        return ()
+                return one
+        return BaselineSeries(at_hz=at_hz, monitor=monitor, metric=metric, values=())
 
 
 def to_json(record: BaselineRecord) -> bytes:

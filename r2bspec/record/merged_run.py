@@ -92,6 +92,7 @@ def merge_runs(
     records = [run.record for run in runs]
     counts: dict[tuple[str, float], int] = {}
     segments: list[Segment] = []
+    starts = 0
     for number, record in enumerate(records, start=1):
         for one in record.segments:
             key = (one.kind, one.rate_hz)
@@ -103,8 +104,11 @@ def merge_runs(
                     id=_prefixed_id(number, one.id),
                     index=counts[key],
                     rerun_of=_prefixed_id(number, one.rerun_of) if one.rerun_of else "",
+                    start=starts + one.start,
                 )
             )
+        # Each run has processes of its own.
+        starts += max((one.start for one in record.segments), default=0)
     merged = msgspec.structs.replace(
         whole,
         processes=tuple(each for record in records for each in record.processes),

@@ -293,6 +293,10 @@ UNPAIRED_HELP = (
     "'rate: recorded', play them with 'mode: timeline', or in specs of their own; 'unpaired: drop' "
     "in 'playback' agrees to play the rest alone"
 )
+_UNKNOWN_TIME_HELP = (
+    "let the preprocessor keep the stamps of its inputs, or play the steps of 'mode: looping', "
+    "which have no times; 'unpaired: drop' in 'playback' agrees to play the rest alone"
+)
 _WARNING_SHARE = 0.05
 _ERROR_SHARE = 0.5
 
@@ -335,6 +339,11 @@ class UnplayedMessages(msgspec.Struct, frozen=True, kw_only=True):
     def text(self) -> str:
         """The same with the consequence, without a full stop."""
         return f"{self.clause} and were not played"
+
+    @property
+    def help(self) -> str:
+        """What to do about it."""
+        return UNPAIRED_HELP if self.cause == "partner" else _UNKNOWN_TIME_HELP
 
     @property
     def is_warning(self) -> bool:
@@ -393,6 +402,9 @@ class StartRecord(msgspec.Struct, frozen=True, kw_only=True):
         overhead_ns: the part of the time in between in which the harness overhead was measured;
             0 in a start that did not measure it.
         confirms: whether it is one of the confirmation run.
+        disturbed: the host interference from its beginning until it was ready, in words; empty for
+            none, and in records of versions that did not state it.
+        taken: the largest share of that time that others can have taken from the run.
     """
 
     number: int
@@ -400,6 +412,8 @@ class StartRecord(msgspec.Struct, frozen=True, kw_only=True):
     ready_ns: int
     overhead_ns: int = 0
     confirms: bool = False
+    disturbed: tuple[str, ...] = ()
+    taken: float = 0.0
 
     @property
     def cost_ns(self) -> int:

@@ -202,6 +202,7 @@ def notes(result: Result) -> Iterator[str]:
     """What a reader must know to interpret the results, a sentence each."""
     if result.status != "complete":
         yield f"The run is {result.status}: {result.reason or 'no reason was recorded'}"
+    yield from result.verdict.limits
     if result.metrics.incomplete:
         yield f"Cut short, and not included in any value: {', '.join(result.metrics.incomplete)}"
     for one in result.verdict.unusable:
@@ -214,6 +215,7 @@ def notes(result: Result) -> Iterator[str]:
             yield f"{difference.code}: {difference.message}; {difference.help}"
     yield from (f"{each[:1].upper()}{each[1:]}" for each in _of_pairs(result))
     yield from affected_iteration_notes(result.verdict.disturbed)
+    yield from _disturbed_start_notes(result.starts)
     yield from unplayed_notes(result)
     yield from _disturbed_probe_notes(result.metrics)
     yield from overhead_notes(result)
@@ -266,6 +268,20 @@ def affected_iteration_notes(disturbed: Sequence[DisturbedIteration]) -> Iterato
         )
         at = f" {at_rate(rate_hz)}" if rate_hz else ""
         yield f"Host interference{at}: {'; '.join(listed)}{more}"
+
+
+def _disturbed_start_notes(starts: Sequence[StartRecord]) -> Iterator[str]:
+    """The starts that other programs disturbed while their processes came up."""
+    found = [each for each in starts if each.disturbed]
+    if not found:
+        return
+    listed = [f"{each.number} ({', '.join(each.disturbed)})" for each in found]
+    more = len(found) - _MAX_LISTED_ITERATIONS
+    rest = f"; and {more} more, in result.json" if more > 0 else ""
+    yield (
+        f"Host interference while {len(found)} of {len(starts)} starts came up: "
+        f"{'; '.join(listed[:_MAX_LISTED_ITERATIONS])}{rest}"
+    )
 
 
 def _disturbed_probe_notes(metrics: RunMetrics) -> Iterator[str]:

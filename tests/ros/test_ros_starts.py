@@ -95,6 +95,11 @@ def test_each_start_has_fresh_processes_and_its_part_of_the_iterations(bench: Be
     record = done.run().record
     assert [each.number for each in record.starts] == [1, 2, 3]
     assert not any(each.confirms for each in record.starts)
+    # Others can have had a part of the time of each, and no more.
+    assert all(
+        0.0 <= each.taken <= 1.0 and bool(each.disturbed) >= bool(each.taken)
+        for each in record.starts
+    )
     # What does not depend on the processes is done once.
     for phase in ("load", "floor"):
         assert done.events().count(f"phase {phase}") == 1

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 from simulated_gates import CONFIDENCE, ratio_outcome
-from simulated_starts import Errors
+from simulated_starts import Errors, Shape, StartWorld
 
 from r2bspec.judge.history_comparison import HISTORY_CONFIRMATION_CONFIDENCE
 from r2bspec.judge.statistics.paired_ratio import abba, paired_ratio
 from r2bspec.judge.statistics.prediction_interval import predicted_ratio
+from r2bspec.judge.statistics.welch_t import RunValues, welch_ratio_of_runs
 from r2bspec.language.confidence import CONFIRMATION_CONFIDENCE
 
 Logs = NDArray[np.float64]
@@ -79,6 +80,24 @@ def pairs_errors(world: RunWorld, *, pairs: int = 10, runs: int, seed: int = 1) 
         found.counts[:2] += (first > 0, first < 0)
         if first < 0:
             found.counts[2] += one(CONFIRMATION_CONFIDENCE) < 0
+    return found
+
+
+def stored_errors(
+    world: StartWorld, shape: Shape, *, by_starts: bool = True, runs: int, seed: int = 1
+) -> Errors:
+    """Two stored runs of one graph by Welch's test, with or without regard to their starts."""
+    random = np.random.default_rng(seed)
+    starts = shape.numbers if by_starts else ()
+    found = Errors(runs)
+
+    def one() -> RunValues:
+        return RunValues(world.run(random, shape).mean(axis=1).tolist(), starts)
+
+    for _ in range(runs):
+        interval, _ = welch_ratio_of_runs(one(), one(), CONFIDENCE)
+        outcome = ratio_outcome(interval, 1.0)
+        found.counts[:2] += (outcome > 0, outcome < 0)
     return found
 
 

@@ -20,7 +20,7 @@ from r2bspec.judge.interim_looks import InterimLooks
 from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
 from r2bspec.judge.statistics.effective_sample_size import SampleDesign, effective_sample
 from r2bspec.judge.statistics.hierarchical_interval import hierarchical_interval
-from r2bspec.judge.statistics.order_statistics import RankedMessages
+from r2bspec.judge.statistics.order_statistics import RankedMessages, percentile_interval
 from r2bspec.language.confidence import CONFIRMATION_CONFIDENCE
 from r2bspec.measure.percentiles import rank
 
@@ -175,6 +175,11 @@ WORLDS: dict[str, StartWorld] = {
     "the hour differs by 2.7 %": StartWorld(hour=0.027),
 }
 
+WINDOWS = "90 % of 1 s windows"
+_WINDOW = 30
+"""Messages of a window."""
+_WINDOW_SHARE = 0.9
+
 QUANTITIES = ("p50", "p99", "drop rate 1 %", "mean, throughput")
 QUANTILES = {"p50": 0.5, "p90": 0.9, "p99": 0.99}
 
@@ -189,6 +194,13 @@ def outcome(
         )
         return int(found.interval.upper < limit) - int(found.interval.lower >= limit)
     starts = shape.numbers[: len(values)]
+    if quantity == WINDOWS:
+        ranked = RankedMessages(
+            list(window_means(values)),
+            SampleDesign(starts, round(1 - _WINDOW_SHARE, 12), confidence),
+        )
+        interval = percentile_interval(ranked, _WINDOW_SHARE, confidence)
+        return int(interval.upper < limit) - int(interval.lower >= limit)
     if quantity == "drop rate 1 %":
         allowed = 0.01
         design = SampleDesign(starts, allowed, confidence)
@@ -207,6 +219,14 @@ def outcome(
     if passes and upper_bound(*counts) <= allowed:
         return 1
     return -1 if fails and lower_bound(*counts) > allowed else 0
+
+
+_TRUTH_RUNS = 4000
+
+
+def window_means(values: Values) -> Values:
+    """The mean of each window, shape (iterations, windows): as throughput, a rate of its own."""
+    return np.asarray(values.reshape(len(values), -1, _WINDOW).mean(axis=2))
 
 
 @dataclass
@@ -229,6 +249,11 @@ def limit_of(world: StartWorld, quantity: str) -> float:
     """The truth."""
     if quantity == "mean, throughput":
         return world.mean
+    if quantity == WINDOWS:
+        # Windows have no closed form in all worlds: the truth is that of many runs.
+        random = np.random.default_rng(99)
+        means = [window_means(world.run(random, DEFAULT)) for _ in range(_TRUTH_RUNS)]
+        return float(np.quantile(np.concatenate(means), _WINDOW_SHARE))
     return world.quantile(QUANTILES.get(quantity, 0.99))
 
 

@@ -7,9 +7,10 @@ import sys
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from simulated_comparisons import RUN_WORLDS, history_errors, pairs_errors
+from simulated_comparisons import RUN_WORLDS, history_errors, pairs_errors, stored_errors
 from simulated_gates import mean_gate
-from simulated_starts import QUANTITIES, WORLDS, Errors, Shape, errors
+from simulated_starts import QUANTITIES, WINDOWS, WORLDS, Errors, Shape, errors
+from simulated_words import SAID, said
 
 from r2bspec.judge.interim_looks import InterimLooks
 from r2bspec.judge.statistics.t_interval import mean_interval
@@ -140,4 +141,63 @@ def care() -> None:
     )
 
 
-START_TABLES = (starts, shapes, looked_starts, comparisons, care)
+def windows() -> None:
+    """Every world again, for the means of 1 s windows of 30 messages."""
+    show(
+        "90 % of 1 s windows: wrong passes / fails / confirmed fails, in %",
+        ["world", WINDOWS],
+        (
+            [name, cell(errors(world, (WINDOWS,), runs=RUNS)[WINDOWS])]
+            for name, world in WORLDS.items()
+        ),
+    )
+
+
+STORED_SHAPES = (Shape(2, 2), Shape(3, 2), Shape(5, 2), Shape(10, 2))
+STORED_WORLDS = (
+    "nothing differs",
+    "iterations differ by 2.7 %",
+    "starts differ by 2.7 %",
+    "both differ by 2.7 %",
+    "stalls of 5 messages",
+    "skewed messages (log-normal)",
+    "the hour differs by 2.7 %",
+)
+
+
+def stored() -> None:
+    """Two stored runs of one graph, by their iterations and by their starts."""
+
+    def row(name: str) -> Iterable[object]:
+        yield name
+        for shape in STORED_SHAPES:
+            plain, judged = (
+                100 * stored_errors(WORLDS[name], shape, by_starts=by, runs=RUNS).shares[1]
+                for by in (False, True)
+            )
+            yield f"{plain:.1f} / {judged:.1f}"
+
+    show(
+        "Two stored runs, A against A: 'worse' by iterations / as compared, in %",
+        ["world", *(f"{shape.starts} starts" for shape in STORED_SHAPES)],
+        ([*row(name)] for name in STORED_WORLDS),
+    )
+
+
+def words() -> None:
+    """What is held, and where it is not, how many wrong verdicts say what they cannot know."""
+
+    def one(name: str, quantity: str) -> str:
+        if quantity not in SAID.get(name, {}):
+            return "held"
+        found = said(name, quantity, wrong=40)
+        return f"said ({found.told} of {found.wrong})"
+
+    show(
+        "Held, or said: wrong verdicts with the words",
+        ["world", *QUANTITIES],
+        ([name, *(one(name, quantity) for quantity in QUANTITIES)] for name in WORLDS),
+    )
+
+
+START_TABLES = (starts, shapes, looked_starts, comparisons, care, windows, stored, words)

@@ -8,16 +8,12 @@ is listed with the largest figure it may reach, and why.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-import msgspec
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from simulated_comparisons import RUN_WORLDS, history_errors, pairs_errors
-from simulated_runs import run_of
+from simulated_comparisons import RUN_WORLDS, history_errors, pairs_errors, stored_errors
 from simulated_starts import (
     QUANTITIES,
+    WINDOWS,
     WORLDS,
     Errors,
     Shape,
@@ -26,12 +22,12 @@ from simulated_starts import (
     limit_of,
     outcome,
 )
+from simulated_words import SAID, said, with_starts
 from start_tables import chance, held
 
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.interim_looks import InterimLooks
 from r2bspec.judge.judge_samples import judge
-from r2bspec.measure.samples import RunSamples
 from run_simulation import objective
 
 pytestmark = pytest.mark.simulation
@@ -54,7 +50,6 @@ NOT_HELD: dict[str, dict[str, float]] = {
     "starts resemble (0.5), 2.7 %": {"p99": 0.10, "drop rate 1 %": 0.14},
     "stalls of 20 messages": {"p99": 0.10, "drop rate 1 %": 0.11, "mean, throughput": 0.19},
     "stalls of 40 messages": {
-        "p50": 0.10,
         "p99": 0.28,
         "drop rate 1 %": 0.28,
         "mean, throughput": 0.34,
@@ -86,6 +81,19 @@ def test_errors_on_the_limit(name: str) -> None:
         most = 0.16 if name == MEMORY else chance(0.05, RUNS)
         assert failed <= most, quantity
         assert confirmed <= chance(0.01, RUNS), quantity
+
+
+@pytest.mark.parametrize(("name", "quantity"), [(name, one) for name in SAID for one in SAID[name]])
+def test_where_no_test_holds_the_verdict_says_so(name: str, quantity: str) -> None:
+    found = said(name, quantity, wrong=40)
+    assert found.wrong == 40
+    assert found.share >= 0.95
+
+
+def test_what_is_not_held_is_said() -> None:
+    assert {(name, one) for name in NOT_HELD for one in NOT_HELD[name]} - {
+        (name, one) for name in SAID for one in SAID[name]
+    } == set()
 
 
 @pytest.mark.parametrize("shape", [Shape(2, 2, 750), Shape(3, 2, 500), Shape(10, 2, 150)])
@@ -147,18 +155,6 @@ def test_clear_cases_are_decided(quantity: str, allowed: float, truth: float, sh
     assert found.count(-wanted) == 0
 
 
-def with_starts(latency: NDArray[np.float64], shape: Shape) -> RunSamples:
-    """A run whose iterations know their starts."""
-
-    samples = run_of(latency)
-    ((rate, iterations),) = samples.iterations.items()
-    numbered = tuple(
-        replace(one, segment=msgspec.structs.replace(one.segment, start=start))
-        for one, start in zip(iterations, shape.numbers, strict=True)
-    )
-    return replace(samples, iterations={rate: numbered})
-
-
 @pytest.mark.parametrize("quantity", ["p50", "p99"])
 def test_the_verdict_of_a_run_is_the_simulated_one(quantity: str) -> None:
     """The verdict asks the test of every limit on one side: that makes it more careful only."""
@@ -184,3 +180,23 @@ def test_held_notices_what_it_should() -> None:
     assert not held(Errors(RUNS, np.array([52, 20, 4])))
     assert not held(Errors(RUNS, np.array([20, 52, 4])))
     assert not held(Errors(RUNS, np.array([20, 20, 13])))
+
+
+@pytest.mark.parametrize(
+    "name", ["nothing differs", "iterations differ by 2.7 %", "stalls of 20 messages"]
+)
+def test_windows_on_the_limit(name: str) -> None:
+    assert held(errors(WORLDS[name], (WINDOWS,), runs=RUNS)[WINDOWS])
+
+
+@pytest.mark.parametrize("shape", [Shape(2, 2), Shape(5, 2)])
+@pytest.mark.parametrize("name", ["nothing differs", "starts differ by 2.7 %"])
+def test_stored_runs_are_compared_by_their_starts(name: str, shape: Shape) -> None:
+    found = stored_errors(WORLDS[name], shape, runs=RUNS)
+    assert max(found.shares[:2]) <= chance(0.05, RUNS)
+
+
+def test_stored_runs_by_their_iterations_are_not() -> None:
+    world, shape = WORLDS["starts differ by 2.7 %"], Shape(5, 2)
+    found = stored_errors(world, shape, by_starts=False, runs=RUNS)
+    assert max(found.shares[:2]) > chance(0.05, RUNS)

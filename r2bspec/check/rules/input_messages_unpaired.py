@@ -22,6 +22,8 @@ from r2bspec.record.run_record import UNPAIRED_HELP, UnplayedMessages
 _MAX_READ_BYTES = 64 << 20
 """Stamps of larger bags are not read; the counts of their messages are compared."""
 
+_COUNTS_ALONE = "; only their numbers were compared: stamps of bags above 64 MiB are not read"
+
 
 def _find(context: Context) -> Findings:
     spec = context.spec
@@ -34,7 +36,7 @@ def _find(context: Context) -> Findings:
             name for name in spec.playback.inputs if context.harness_topic(name) == one.topic
         )
         yield Finding(
-            message=one.clause,
+            message=f"{one.clause}{_COUNTS_ALONE if one.at_least else ''}",
             path=("playback", "inputs", name),
             key=True,
             help=UNPAIRED_HELP,

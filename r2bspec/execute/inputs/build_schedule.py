@@ -22,7 +22,7 @@ from r2bspec.ipc.schedule import BetweenMessage, CyclicSchedule, Schedule, Timel
 from r2bspec.ipc.transform_stamps import TF
 from r2bspec.measure.expected_steps import input_mask
 from r2bspec.plan.plan import InputPlan, Plan
-from r2bspec.record.run_record import UNPAIRED_HELP, UnplayedMessages
+from r2bspec.record.run_record import UnplayedMessages
 
 
 def build_schedule(
@@ -41,7 +41,7 @@ def build_schedule(
 
     Raises:
         RunError: an input has no messages, or none that can be scheduled.
-        UnpairedInputError: most messages of an input have no partner, and the plan refuses that.
+        UnpairedInputError: most messages of an input are left out, and the plan refuses that.
     """
     found = [_load_index(folder, each.source, headers[each.topic]) for each in plan.inputs]
     types = {each.source: headers[each.topic] for each in plan.inputs if each.bag_topic}
@@ -54,8 +54,9 @@ def build_schedule(
     if plan.timeline is None:
         return _cyclic_schedule(plan, pairs, sources, transforms, note)
     timeline, unknown = make_timeline(pairs, sources, plan.timeline, plan.buffer, transforms)
-    unplayed = _unplayed(pairs, unknown, "recording")
+    unplayed = _unplayed(pairs, unknown, "recording", agreed=plan.unpaired == "drop")
     _note_unplayed(unplayed, note)
+    refuse_most(unplayed)
     _check_every_monitor_has_steps(plan, timeline)
     note(
         f"one round of the timeline has {len(timeline.steps)} steps and takes "
@@ -91,6 +92,19 @@ def _note_unplayed(unplayed: Sequence[UnplayedMessages], note: Callable[[str], N
         note(each.text.replace("were not played", "are not played"))
 
 
+def refuse_most(unplayed: Sequence[UnplayedMessages]) -> None:
+    """Check that of no input most messages are left out, unless the plan agrees.
+
+    Raises:
+        UnpairedInputError: of some input they are.
+    """
+    refused = [each for each in unplayed if each.is_most and not each.agreed]
+    if refused:
+        raise UnpairedInputError(
+            "; ".join(each.clause for each in refused), hint=refused[0].help, code="R2B415"
+        )
+
+
 def _cyclic_schedule(
     plan: Plan,
     pairs: Sequence[tuple[InputPlan, BufferIndex]],
@@ -111,11 +125,7 @@ def _cyclic_schedule(
     )
     unplayed = _unplayed(pairs, aligned.unpaired, "partner", agreed=plan.unpaired == "drop")
     _note_unplayed(unplayed, note)
-    refused = [each for each in unplayed if each.is_most and not each.agreed]
-    if refused:
-        raise UnpairedInputError(
-            "; ".join(each.clause for each in refused), hint=UNPAIRED_HELP, code="R2B415"
-        )
+    refuse_most(unplayed)
     steps = playback_order(aligned.steps, plan.playback_mode)
     timed = [_with_recorded_times(each, index, sources) for each, index in pairs]
     of_steps = [timed[number] for number in columns]

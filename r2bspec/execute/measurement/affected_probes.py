@@ -9,13 +9,13 @@ not, or that stayed undecided, says nothing about the graph if the interference 
 with w the largest share of the time that others can have taken (`r2bspec.judge.waiting_bound`).
 What comes out of an overloaded graph bounds its capacity only if w is at most half the precision.
 Such a probe is played again. If it is disturbed again, the search uses it to aim, but not as a
-bound (`without_explained_bound`). On a machine that is always busy that would double every search,
-so after `MAX_FUTILE_REPLAYS` that were disturbed again there are no more in a session.
+bound (`r2bspec.execute.measurement.peak_search.unexplained_end`). On a machine that is always busy
+that would double every search, so after `MAX_FUTILE_REPLAYS` that were disturbed again there are
+no more in a session.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Final, Literal
@@ -25,7 +25,7 @@ import msgspec
 from r2bspec.execute.host.host_watch import Interference
 from r2bspec.execute.measurement.peak_search import ProbeOutcome
 from r2bspec.execute.measurement.time_budget import TimeBudget
-from r2bspec.record.run_record import Probe, SearchRecord, Segment
+from r2bspec.record.run_record import Probe, Segment
 
 MAX_FUTILE_REPLAYS: Final = 2
 
@@ -104,33 +104,3 @@ class AffectedProbes:
             return taken > self._precision / 2
         possible_hz = probe.delivered_hz + taken * probe.rate_hz
         return possible_hz >= (1 - self._precision) * probe.rate_hz
-
-
-def without_explained_bound(record: SearchRecord) -> SearchRecord:
-    """The result of a search whose upper end is not one that interference can explain.
-
-    The upper end is then the lowest rate above the lower one that the graph did not sustain
-    without such an explanation; None if there is none.
-    """
-    fails_hz = record.fails_hz
-    if fails_hz is None or record.limited_by != "graph":
-        return record
-    if not any(each.disturbed for each in record.probes):
-        return record
-    if not any(math.isclose(each.rate_hz, fails_hz) for each in record.probes):
-        # The capacity bounds it, of which no disturbed play is a part.
-        return record
-    lower_hz = record.holds_hz or 0.0
-    clean_hz = [
-        each.rate_hz
-        for each in record.probes
-        if each.holds is False
-        and not each.explained
-        and not each.by_player
-        and each.rate_hz > lower_hz
-    ]
-    if any(math.isclose(each, fails_hz) for each in clean_hz):
-        return record
-    return msgspec.structs.replace(
-        record, fails_hz=min(clean_hz, default=None), limited_by="interference"
-    )

@@ -12,7 +12,6 @@ import msgspec
 
 from r2bspec.execute.measurement.affected_probes import (
     AffectedProbes,
-    without_explained_bound,
 )
 from r2bspec.execute.measurement.iterations import IterationRunner
 from r2bspec.execute.measurement.peak_search import PeakSearch
@@ -72,7 +71,7 @@ class Measurement:
     @property
     def search(self) -> SearchRecord | None:
         """The result of the search so far; None if there was none."""
-        return without_explained_bound(self._search.record()) if self._search else None
+        return self._search.record() if self._search else None
 
     @property
     def peak_hz(self) -> float | None:

@@ -21,7 +21,7 @@ probe is undecided, too. The final bracket is then wider than the precision, whi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -39,6 +39,7 @@ _MAX_STEP = 0.5
 """The maximum relative distance of the next probe from an undecided one."""
 
 Proof = Literal["", "confirmed", "probes", "open"]
+Limit = Literal["graph", "player", "range", "interrupted", "interference"]
 
 _MAX_OPEN_PROBES = 8
 """Undecided probes are the longest ones; after this number the search ends."""
@@ -171,12 +172,15 @@ class PeakSearch:
     def record(self) -> SearchRecord:
         """The result so far."""
         unsteady = self._unsteady()
-        lower = self._lower
+        lower, fails_hz, limited_by = self._lower, self._fails_hz, self._limited_by()
+        if limited_by == "graph" and fails_hz is not None:
+            fails_hz = unexplained_end(self._probes, self._holds_hz or 0.0, fails_hz)
+            limited_by = "graph" if fails_hz == self._fails_hz else "interference"
         return SearchRecord(
             probes=tuple(self._probes),
             holds_hz=self._holds_hz,
-            fails_hz=self._fails_hz,
-            limited_by=self._limited_by(),
+            fails_hz=fails_hz,
+            limited_by=limited_by,
             precision=self._precision,
             confidence=self._confidence,
             proof=self._proof,
@@ -191,7 +195,7 @@ class PeakSearch:
     def _unsteady(self) -> tuple[Unsteady, ...]:
         return find_unsteadiness(self._overload.shown, self._others, self._precision)
 
-    def _limited_by(self) -> Literal["graph", "player", "range", "interrupted"]:
+    def _limited_by(self) -> Limit:
         if not self._done:
             return "interrupted"
         if self._fails_hz is None:
@@ -370,3 +374,33 @@ class PeakSearch:
         if upper_hz / above_hz > up * 1.001:
             return above_hz * up
         return None
+
+
+def unexplained_end(probes: Sequence[Probe], lower_hz: float, fails_hz: float) -> float | None:
+    """The upper end of a bracket that interference cannot explain.
+
+    Args:
+        probes: of the search.
+        lower_hz: the lower end; 0 if there is none.
+        fails_hz: the upper end as it was found.
+
+    Returns:
+        The lowest rate above the lower end that the graph did not sustain without such an
+        explanation; None if there is none. An upper end at which no probe was played is a bound of
+        the capacity, of which no disturbed play is a part: that stays.
+    """
+    if not any(math.isclose(each.rate_hz, fails_hz) for each in probes):
+        return fails_hz
+    if not any(each.disturbed for each in probes):
+        return fails_hz
+    clean_hz = [
+        each.rate_hz
+        for each in probes
+        if each.holds is False
+        and not each.explained
+        and not each.by_player
+        and each.rate_hz > lower_hz
+    ]
+    if any(math.isclose(each, fails_hz) for each in clean_hz):
+        return fails_hz
+    return min(clean_hz, default=None)

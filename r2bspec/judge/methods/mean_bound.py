@@ -15,13 +15,14 @@ import math
 from dataclasses import replace
 
 from r2bspec.judge.decision import Answer, Decider, Question, decide
-from r2bspec.judge.evidence_limits import correlation_notes
+from r2bspec.judge.evidence_limits import correlation_notes, stall_notes
 from r2bspec.judge.statistics.hierarchical_interval import (
     HierarchicalInterval,
     hierarchical_interval,
 )
 from r2bspec.judge.statistics.t_interval import iterations_to_settle
 from r2bspec.judge.verdict import Outcome
+from r2bspec.measure.latency import Seconds
 from r2bspec.measure.metric_catalogue import MetricInfo
 from r2bspec.measure.metric_values import metric_value
 from r2bspec.measure.samples import LOSS_SENSITIVE_FAMILIES, SegmentSamples, starts_of
@@ -30,7 +31,7 @@ from r2bspec.measure.units import show
 _MAX_ITERATIONS = 200
 """More than this many are not proposed."""
 
-_MAX_LOST_SHARE = 0.01
+MAX_LOST_SHARE = 0.01
 """A mean latency over a larger share of lost outputs does not PASS."""
 
 _CLOCK_RESOLUTION_S = 1e-6
@@ -86,9 +87,21 @@ def judge_mean(question: Question) -> Answer:
         effective_n=sample.number / sample.inflation,
         notes=()
         if outcome == "inconclusive"
-        else correlation_notes(sample.pieces, sample.number, sample.inflation),
+        else (
+            *correlation_notes(sample.pieces, sample.number, sample.inflation),
+            *stall_notes(question, _latencies(question), interval.upper, outcome),
+        ),
     )
     return _without_lost(question, answer)
+
+
+def _latencies(question: Question) -> list[Seconds]:
+    """The latencies in each iteration, for a mean of them; else nothing."""
+    if question.monitor is None or question.info.family not in LOSS_SENSITIVE_FAMILIES:
+        return []
+    return [
+        one.monitors[question.monitor].times[question.info.family] for one in question.iterations
+    ]
 
 
 def _without_lost(question: Question, answer: Answer) -> Answer:
@@ -104,7 +117,7 @@ def _without_lost(question: Question, answer: Answer) -> Answer:
         f"{show(lost, 'count')} of {show(expected, 'count')} outputs ({share}), which were lost"
     )
     # What was lost can only have been slow: it does not change a FAIL of an upper limit.
-    small = lost <= _MAX_LOST_SHARE * expected
+    small = lost <= MAX_LOST_SHARE * expected
     if small or answer.outcome != "pass" or not question.is_upper_bound:
         return replace(answer, notes=(*answer.notes, f"The mean leaves out {left_out}."))
     return replace(

@@ -32,16 +32,18 @@ class MethodTraits:
         rests_on: what has to be measured again to confirm its FAIL.
         curtails: whether its FAIL can be final before the whole run was played
             (`r2bspec.judge.curtailment`).
+        counts: what it counts, where it tests a share.
     """
 
     grows: bool = False
     rests_on: Literal["iterations", "search", "probes"] = "iterations"
     curtails: bool = False
+    counts: Literal["messages", "windows"] = "messages"
 
 
 METHODS: Final[dict[Method, MethodTraits]] = {
     "exact binomial": MethodTraits(grows=True, curtails=True),
-    "binomial over windows": MethodTraits(grows=True),
+    "binomial over windows": MethodTraits(grows=True, counts="windows"),
     "t over iterations": MethodTraits(grows=True),
     "paired t on logs": MethodTraits(grows=True),
     "prediction interval": MethodTraits(),

@@ -54,7 +54,7 @@ def judge_percentile(question: Question) -> Answer:
         method="exact binomial",
         reason=reason,
         settle=settle,
-        notes=percentile_notes(question, share, interval, outcome),
+        notes=percentile_notes(question, interval, outcome),
         estimate=interval.estimate,
         lower=interval.lower,
         upper=interval.upper,
@@ -97,10 +97,10 @@ def percentile_texts(
 
 
 def percentile_notes(
-    question: Question, test: ShareTest, interval: PercentileInterval, outcome: Outcome
+    question: Question, interval: PercentileInterval, outcome: Outcome
 ) -> tuple[str, ...]:
     """What a decided percentile cannot know."""
-    notes, levels = share_notes(question, test, outcome), interval.levels
+    notes, levels = share_notes(question, outcome), interval.levels
     if levels is None or outcome == "inconclusive":
         return notes
     return (*notes, *correlation_notes(levels.pieces, levels.number, levels.inflation))

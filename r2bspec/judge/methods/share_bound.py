@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from r2bspec.judge.decision import Answer, Decider, Question, decide
-from r2bspec.judge.evidence_limits import share_notes
+from r2bspec.judge.evidence_limits import correlation_notes, share_notes
 from r2bspec.judge.methods.forecast import settle_share
+from r2bspec.judge.statistics.autocorrelation import serial_inflation
 from r2bspec.judge.statistics.binomial import burst_tolerance, lower_bound, upper_bound
 from r2bspec.judge.statistics.effective_sample_size import EffectiveSample, effective_sample
-from r2bspec.judge.verdict import ShareTest
+from r2bspec.judge.verdict import Outcome, ShareTest
 from r2bspec.judge.verdict_wording import share_sentence
+from r2bspec.measure.samples import MonitorSamples, starts_of
 
 
 def judge_share(question: Question) -> Answer:
@@ -37,7 +41,7 @@ def judge_share(question: Question) -> Answer:
         method="exact binomial",
         reason=share_sentence(question, test, outcome),
         settle=settle_share(question, test) if outcome == "inconclusive" else "",
-        notes=share_notes(question, test, outcome),
+        notes=_notes(question, seen, outcome),
         estimate=test.share,
         lower=test.lower,
         upper=test.upper,
@@ -47,6 +51,20 @@ def judge_share(question: Question) -> Answer:
         bursts=test.bursts,
         share=test,
     )
+
+
+def _notes(question: Question, seen: Sequence[MonitorSamples], outcome: Outcome) -> tuple[str, ...]:
+    """What the decision cannot know, such as how much successive starts resemble each other."""
+    notes, starts = share_notes(question, outcome), starts_of(question.iterations)
+    if outcome == "inconclusive":
+        return notes
+    several = len(set(starts)) > 1
+    numbers = np.array(starts if several else range(len(seen)))
+    missed = np.bincount(numbers, [one.missed for one in seen])
+    expected = np.bincount(numbers, [one.expected for one in seen])
+    shares = (missed[expected > 0] / expected[expected > 0]).tolist()
+    pieces = "starts" if several else "iterations"
+    return (*notes, *correlation_notes(pieces, len(shares), serial_inflation(shares)))
 
 
 def share_test(

@@ -17,6 +17,7 @@ import numpy as np
 from r2bspec.judge.decision import Answer, Decider, Question, WindowCondition, decide
 from r2bspec.judge.evidence_limits import share_notes
 from r2bspec.judge.methods.forecast import settle_share
+from r2bspec.judge.methods.mean_bound import MAX_LOST_SHARE
 from r2bspec.judge.methods.percentile_bound import percentile_notes, percentile_texts
 from r2bspec.judge.methods.share_bound import share_test
 from r2bspec.judge.statistics.effective_sample_size import (
@@ -32,6 +33,7 @@ from r2bspec.judge.statistics.order_statistics import (
 from r2bspec.judge.verdict import Outcome, ShareTest
 from r2bspec.judge.verdict_wording import counted_noun, share_sentence
 from r2bspec.measure.latency import Seconds
+from r2bspec.measure.samples import LOSS_SENSITIVE_FAMILIES
 from r2bspec.measure.units import show
 from r2bspec.measure.windows import WindowValues, has_windows, window_values
 
@@ -57,7 +59,43 @@ def judge_windows(question: Question) -> Answer:
         return _without_windows(question, windows, found)
     if question.is_equality:
         return _judge_equality(question, windows, pieces)
-    return _judge_ordered(question, windows, pieces)
+    answer = _judge_ordered(question, windows, pieces)
+    return _without_lost(question, windows, found, answer)
+
+
+def _without_lost(
+    question: Question, windows: WindowCondition, found: list[WindowValues], answer: Answer
+) -> Answer:
+    """The answer with regard to lost outputs, which the mean latency of a window leaves out.
+
+    Windows that lost more than 1 % may be slower than their means: a PASS must allow for that.
+    """
+    of_latency = question.info.family in LOSS_SENSITIVE_FAMILIES
+    if not (of_latency and question.info.statistic == "mean" and question.is_upper_bound):
+        return answer
+    lossy = [np.array([share > MAX_LOST_SHARE for share in one.lost]) for one in found]
+    number = sum(int(np.count_nonzero(flags)) for flags in lossy)
+    if answer.outcome != "pass" or not number:
+        return answer
+    counted = [
+        np.where(flags, math.inf, one.values) if flags.size else np.array(one.values)
+        for one, flags in zip(found, lossy, strict=True)
+    ]
+    total = sum(len(one.values) for one in found)
+    left_out = (
+        f"{show(number, 'count')} of {show(total, 'count')} {counted_noun(question)} lost more "
+        f"than {show(MAX_LOST_SHARE, 'share')} of their outputs, which a mean leaves out"
+    )
+    if _judge_ordered(question, windows, counted).outcome == "pass":
+        note = f"{left_out}. If they do not count as met, the requirement passes, too."
+        return replace(answer, notes=(*answer.notes, note))
+    return replace(
+        answer,
+        outcome="inconclusive",
+        reason=f"{left_out}, and without them {answer.reason[:1].lower()}{answer.reason[1:]}",
+        settle="State a percentile, in which lost outputs count, or a drop_rate.",
+        notes=(),
+    )
 
 
 def _without_windows(
@@ -101,7 +139,7 @@ def _judge_ordered(question: Question, windows: WindowCondition, pieces: list[Se
         upper=upper,
         reason=reason,
         settle=settle,
-        notes=percentile_notes(question, test, interval, outcome),
+        notes=percentile_notes(question, interval, outcome),
     )
 
 
@@ -132,7 +170,7 @@ def _answer(question: Question, test: ShareTest, outcome: Outcome) -> Answer:
         settle=settle_share(question, test, counted_noun(question))
         if outcome == "inconclusive"
         else "",
-        notes=share_notes(question, test, outcome),
+        notes=share_notes(question, outcome),
         n=test.n,
         effective_n=test.effective_n,
         over=test.over,

@@ -95,10 +95,6 @@ def _playback(root: TreeNode) -> Iterator[Diagnostic]:
                 message = f"'playback.{key}' has no effect with mode {mode}"
                 help_text = f"remove it, or write 'mode: timeline' instead of '{mode}'"
                 yield _at_key(playback, ("playback",), key, message, help_text)
-    elif mode == "timeline" and "unpaired" in playback.entries:
-        message = "'playback.unpaired' has no effect with mode timeline"
-        help_text = "remove it: a timeline plays messages without a partner, too"
-        yield _at_key(playback, ("playback",), "unpaired", message, help_text)
     yield from _recorded_rates(playback, mode)
     yield from _translations(playback)
 

@@ -98,7 +98,8 @@ PLAYBACK: Schema = record(
             ],
         ),
         "unpaired": choice(
-            "Messages without a partner of the same stamp in all other inputs are not played. "
+            "Messages without a partner of the same stamp in all other inputs are not played. With "
+            "mode timeline, those whose stamp no recorded message has are not. "
             "refuse warns above 5 % of the messages of an input, and stops above 50 %; drop agrees "
             "to any number.",
             ["refuse", "drop"],

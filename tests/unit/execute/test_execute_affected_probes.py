@@ -13,10 +13,14 @@ from r2bspec.execute.host.host_watch import Interference, interference_of
 from r2bspec.execute.measurement.affected_probes import (
     MAX_FUTILE_REPLAYS,
     AffectedProbes,
-    without_explained_bound,
 )
 from r2bspec.execute.measurement.harness_overhead import _quietest
-from r2bspec.execute.measurement.peak_search import LongPlays, PeakSearch, ProbeOutcome
+from r2bspec.execute.measurement.peak_search import (
+    LongPlays,
+    PeakSearch,
+    ProbeOutcome,
+    unexplained_end,
+)
 from r2bspec.execute.measurement.time_budget import TimeBudget
 from r2bspec.judge.capacity_estimate import Departures
 from r2bspec.measure.interference import Surroundings
@@ -57,7 +61,7 @@ class Machine:
         return self._probes.play(lambda: self._play(rate_hz, purpose))
 
     def search(self) -> SearchRecord:
-        return without_explained_bound(PeakSearch(10.0, 400.0, 0.02, self.probe).run())
+        return PeakSearch(10.0, 400.0, 0.02, self.probe).run()
 
     def _now(self) -> Interference:
         return self.around[min(len(self.played), len(self.around)) - 1]
@@ -184,10 +188,8 @@ def test_an_upper_end_from_the_capacity_of_clean_plays_stays() -> None:
     """
     probe = Probe(segment="p", rate_hz=120.0, delivered_hz=60.0, holds=False, reason="")
     explained = msgspec.structs.replace(probe, disturbed=BUSY.reasons, explained=True)
-    record = SearchRecord(probes=(explained,), holds_hz=50.0, fails_hz=61.0, limited_by="graph")
-    assert without_explained_bound(record) == record
-    probed = msgspec.structs.replace(record, fails_hz=120.0)
-    assert without_explained_bound(probed).fails_hz is None
+    assert unexplained_end([explained], 50.0, 61.0) == 61.0
+    assert unexplained_end([explained], 50.0, 120.0) is None
 
 
 class Overloaded(Machine):
@@ -206,8 +208,7 @@ class Overloaded(Machine):
             confirm=lambda rate_hz, _: self.probe(rate_hz, "confirmation"),
             budget_s=60.0,
         )
-        found = PeakSearch(10.0, 400.0, 0.02, self.probe, long_plays=plays).run()
-        return without_explained_bound(found)
+        return PeakSearch(10.0, 400.0, 0.02, self.probe, long_plays=plays).run()
 
 
 def test_a_disturbed_overload_shows_no_capacity() -> None:

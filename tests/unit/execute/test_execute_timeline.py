@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
+import msgspec
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.execute.errors import RunError
+from r2bspec.execute.errors import RunError, UnpairedInputError
+from r2bspec.execute.inputs.build_schedule import build_schedule
 from r2bspec.execute.inputs.timeline import make_timeline
 from r2bspec.execute.inputs.transform_schedule import place_transforms
-from r2bspec.ipc.buffers import BufferIndex
+from r2bspec.ipc.buffers import BufferIndex, write_index
 from r2bspec.ipc.schedule import NO_STEP, TimelineSchedule
 from r2bspec.language.spec import QoS
-from r2bspec.plan.plan import InputPlan, TimelinePlan
+from r2bspec.plan.plan import BagTopicPlan, InputPlan, TimelinePlan
+from run_simulation import Played, Simulation
 
 PLAN = TimelinePlan(speed=1.0, recorded=False, shift_tf=True)
 T = 1_000_000
@@ -183,3 +188,36 @@ def test_while_sweeping_transforms_come_back_in_reverse() -> None:
         (2.75, 1),
         (3.75, 0),
     ]
+
+
+def built(folder: Path, known: int, unpaired: Literal["refuse", "drop"]) -> list[str]:
+    """The notes on a timeline of which a preprocessor kept so many of ten stamps."""
+    folder.mkdir(exist_ok=True)
+    recorded = msgspec.structs.replace(index(*range(0, 1000, 100)), topic="/bag")
+    stamps = tuple(range(0, 100 * known, 100)) + tuple(range(7, 7 + 10 - known))
+    made_anew = msgspec.structs.replace(index(*range(0, 1000, 100), stamps=stamps), topic="/in_raw")
+    for each in (recorded, made_anew):
+        write_index(folder, each)
+    plan = Simulation(segments=[Played(30, np.full(3, 0.02))]).plan()
+    dataset = msgspec.structs.replace(
+        plan.dataset,
+        topics=(BagTopicPlan(bag_topic="/bag", topic="/bag", type="x", count=10, rate_hz=10.0),),
+    )
+    plan = msgspec.structs.replace(
+        plan,
+        inputs=(played(bag_topic=""),),
+        dataset=dataset,
+        timeline=PLAN,
+        unpaired=unpaired,
+        monitors=(),
+    )
+    notes: list[str] = []
+    build_schedule(plan, folder, {"/in": True}, notes.append)
+    return notes
+
+
+def test_a_timeline_that_leaves_most_messages_out_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UnpairedInputError, match="6 of 10 messages of /in have a stamp that no"):
+        built(tmp_path / "most", 4, "refuse")
+    assert "are not played" in built(tmp_path / "some", 6, "refuse")[0]
+    assert "6 of 10" in built(tmp_path / "agreed", 4, "drop")[0]

@@ -12,6 +12,7 @@ from scipy import stats
 
 from r2bspec.judge.baseline_ratio import (
     BaselineComparison,
+    StoredValues,
     advise_by_stored_run,
     judge_history,
     judge_pairs,
@@ -180,7 +181,19 @@ class TestOutcomes:
 
     def test_a_stored_run_only_advises(self) -> None:
         for head in (HEAD, BASE, [50.0, 51.0, 52.0]):
-            found = advise_by_stored_run(asked(), BASE, head)
+            found = advise_by_stored_run(asked(), StoredValues(BASE), StoredValues(head))
             assert (found.outcome, found.method) == ("inconclusive", "stored baseline")
             assert "By this alone it would" in found.reason
-        assert advise_by_stored_run(asked(), BASE, [1.0]).outcome == "inconclusive"
+        alone = advise_by_stored_run(asked(), StoredValues(BASE), StoredValues([1.0]))
+        assert alone.outcome == "inconclusive"
+
+    def test_a_stored_run_of_several_starts_is_compared_by_them(self) -> None:
+        # Iterations of one start agree, and starts differ: 20 values, but two times two of them.
+        base = StoredValues([100.0 + at % 2 for at in range(10)] * 2, (1,) * 10 + (2,) * 10)
+        slow = [90.0] * 10 + [96.0] * 10
+        found = advise_by_stored_run(asked(), base, StoredValues(slow, base.starts))
+        assert (found.n, "over 2 starts" in found.reason) == (2, True)
+        assert "would be inconclusive" in found.reason
+        unknown = advise_by_stored_run(asked(), base, StoredValues(slow))
+        assert (unknown.n, "over 20 iterations" in unknown.reason) == (20, True)
+        assert "would fail" in unknown.reason

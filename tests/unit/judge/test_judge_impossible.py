@@ -154,8 +154,8 @@ def test_by_order_one_lost_message_makes_the_latency_unknown(tmp_path: Path, met
     assert "unknown: outputs are matched by order, and 3 of 900 are missing" in latency.reason
     assert "Match by stamp" in latency.settle
     assert drops.outcome == "pass"
-    bursts, order = drops.notes
-    assert bursts.startswith("The run met 3 bursts of steps on the wrong side of the limit")
+    order, bursts = drops.notes
+    assert bursts.startswith("The run met 3 bursts of messages beyond the limit")
     assert order == (
         "Outputs are matched by order: a lost one and another that came twice cancel out."
     )

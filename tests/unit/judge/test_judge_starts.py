@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.statistics.effective_sample_size import (
     BadFlags,
@@ -21,6 +22,7 @@ from r2bspec.judge.statistics.hierarchical_interval import hierarchical_interval
 from r2bspec.judge.statistics.level_interval import level_margin
 from r2bspec.judge.statistics.prediction_interval import predicted_ratio
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
+from r2bspec.measure.interference import Surroundings
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples
 from run_simulation import Played, Simulation, objective
@@ -44,8 +46,8 @@ def run(path: Path, *segments: Played, starts: tuple[int, ...] = ()) -> RunSampl
     )
 
 
-def verdict(samples: RunSamples, requirement: str) -> Verdict:
-    return judge({"slo": objective(requirement)}, samples)
+def verdict(samples: RunSamples, *requirements: str) -> Verdict:
+    return judge({"slo": objective(*requirements)}, samples)
 
 
 def one(samples: RunSamples, requirement: str) -> RequirementVerdict:
@@ -184,13 +186,61 @@ class TestWhatItSays:
 
     def test_bursts_it_may_have_missed(self, tmp_path: Path) -> None:
         clean = [Played(30, np.full(1500, 0.02)) for _ in range(2)]
-        found = one(run(tmp_path / "clean", *clean), "latency.p99 < 60 ms")
+        samples = run(tmp_path / "clean", *clean)
+        found = verdict(samples, "latency.p99 < 60 ms")
         assert found.outcome == "pass"
-        (note,) = found.notes
-        assert "met no burst" in note
-        assert "up to 5.5" in note
+        assert not found.requirements[0].notes
+        (clean_text,) = found.limits[1:]
+        assert clean_text == (
+            "latency.p99 < 60 ms passed without a burst beyond the limit; it allows bursts of up "
+            "to 5.5 messages on average."
+        )
+        both = verdict(samples, "latency.p99 < 60 ms", "latency.p98 < 60 ms", "drop_rate <= 2 %")
+        assert both.limits[1].startswith("3 requirements passed without a burst")
+        assert "latency.p99 < 60 ms allows the shortest" in both.limits[1]
         longer = [Played(30, np.full(6000, 0.02)) for _ in range(2)]
-        assert not one(run(tmp_path / "longer", *longer), "latency.p99 < 60 ms").notes
+        assert not verdict(run(tmp_path / "longer", *longer), "latency.p99 < 60 ms").limits[1:]
+
+    def test_some_bursts_are_told_where_they_matter(self, tmp_path: Path) -> None:
+        late = np.full(1500, 0.02)
+        late[100:103] = late[700:704] = 0.1
+        found = one(run(tmp_path, Played(30, late), Played(30, late)), "latency.p98 < 60 ms")
+        assert found.outcome == "pass"
+        assert "The run met 4 bursts of messages beyond the limit" in found.notes[0]
+
+    def test_a_pass_that_strict_refuses_does_not_say_what_it_allows(self, tmp_path: Path) -> None:
+        late = np.full(1500, 0.02)
+        late[100:103] = 0.1
+        samples = run(tmp_path, Played(30, late), Played(30, late))
+        busy = Surroundings(seconds=50.0, cores=2, foreign_cores=1.9)
+        disturbed = {
+            rate: tuple(replace(each, surroundings=busy) for each in found)
+            for rate, found in samples.iterations.items()
+        }
+        refused = judge(
+            {"slo": objective("latency.p98 < 60 ms")},
+            replace(samples, iterations=disturbed),
+            DecisionPolicy(interference="strict"),
+        )
+        (found,) = refused.requirements
+        assert found.outcome == "inconclusive"
+        assert not any("The PASS" in note for note in found.notes)
+        assert len(refused.limits) == 1
+
+    def test_when_it_was_played_and_what_that_cannot_show(self, tmp_path: Path) -> None:
+        segments = [Played(30, np.full(600, 0.02)) for _ in STARTS]
+        (limit,) = verdict(run(tmp_path, *segments, starts=STARTS), "latency.p50 < 60 ms").limits
+        assert "UTC, in 5 starts: another hour may differ" in limit
+        assert "up to 45 % of starts and 26 % of iterations may be of a kind not met" in limit
+        assert "5 starts hardly show whether each resembles the one before" in limit
+
+    def test_a_mean_depends_on_stalls_that_it_may_have_missed(self, tmp_path: Path) -> None:
+        steady = 0.02 + np.linspace(0, 0.001, 300)
+        samples = run(tmp_path, *(Played(30, steady) for _ in STARTS), starts=STARTS)
+        near, far = one(samples, "latency.mean < 20.6 ms"), one(samples, "latency.mean < 60 ms")
+        assert near.outcome == far.outcome == "pass"
+        assert any(note.startswith("The run met no stall") for note in near.notes)
+        assert not far.notes
 
     def test_one_iteration_is_no_sample_of_iterations(self, tmp_path: Path) -> None:
         found = one(run(tmp_path, Played(30, np.full(600, 0.02))), "latency.p50 < 60 ms")
@@ -242,3 +292,28 @@ class TestHistory:
         found = predicted_ratio(history, 100 * math.exp(-0.1), 0.95)
         assert found.upper > 1
         assert predicted_ratio(history, 80.0, 0.95).upper < 1
+
+
+class TestLostOutputsAndMeansOfWindows:
+    @staticmethod
+    def samples(path: Path, every: int) -> RunSamples:
+        values = 0.02 + np.linspace(0, 0.001, 600)
+        values[::every] = NAN
+        return run(path, *(Played(30, values) for _ in range(6)))
+
+    def test_windows_that_lose_much_are_not_met_by_what_is_left(self, tmp_path: Path) -> None:
+        asked = "latency.mean < 50 ms in 90 % of 1 s windows"
+        found = one(self.samples(tmp_path, 10), asked)
+        assert found.outcome == "inconclusive"
+        assert "120 of 120 windows of 1 s lost more than 1 % of their outputs" in found.reason
+        assert "drop_rate" in found.settle
+
+    def test_a_few_of_them_do_not_matter(self, tmp_path: Path) -> None:
+        asked = "latency.mean < 50 ms in 80 % of 1 s windows"
+        found = one(self.samples(tmp_path, 300), asked)
+        assert found.outcome == "pass"
+        assert any("12 of 120 windows" in note for note in found.notes)
+
+    def test_a_failure_stays_one(self, tmp_path: Path) -> None:
+        asked = "latency.mean < 5 ms in 90 % of 1 s windows"
+        assert one(self.samples(tmp_path, 10), asked).outcome == "fail"

@@ -61,3 +61,12 @@ def test_late_outputs_of_earlier_playbacks_are_known() -> None:
 def test_nothing_changes_where_the_stamps_of_a_step_are_equal() -> None:
     rows = received(1, 2, 3)
     assert StepStamps(CyclicSchedule(steps=((0,),))).replace(rows, played(1, 2), 0) is rows
+
+
+def test_earlier_steps_are_known_in_whatever_order_their_stamps_came() -> None:
+    stamps = cyclic()
+    stamps.remember(played(500, 600), 0)
+    stamps.remember(played(100, 200), 2)
+    stamps.remember(played(300), 4)
+    found = stamps.replace(received(597, 197, 97, 595, 297, 195), played(900), 5)
+    assert found["stamp_ns"].tolist() == [597, 197, 100, 600, 300, 200]

@@ -10,8 +10,7 @@ import pytest
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of, to_json
-from r2bspec.judge.verdict_starts import with_starts
-from r2bspec.measure.run_samples import read_samples
+from r2bspec.judge.outcome import outcome_of
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import StartRecord
 from r2bspec.report.format_registry import renderer
@@ -105,9 +104,9 @@ def test_a_run_without_starts_in_its_record_is_one_start(tmp_path: Path, name: s
 
 
 def test_a_verdict_without_requirements_is_about_nothing(tmp_path: Path) -> None:
-    run = run_of(tmp_path / "run", 3)
-    verdict = msgspec.structs.replace(result_of(run).verdict, requirements=(), starts=0)
-    assert with_starts(verdict, read_samples(run)) == verdict
+    verdict = result_of(run_of(tmp_path / "run", 3), {}).verdict
+    assert verdict.reason == outcome_of(())[1] == "The spec has no objective to judge."
+    assert not verdict.limits
 
 
 def test_the_cost_is_that_of_a_start_after_the_first_without_the_harness_overhead() -> None:
@@ -116,3 +115,43 @@ def test_the_cost_is_that_of_a_start_after_the_first_without_the_harness_overhea
     assert starts_text([started(1, 9.0), started(2, 3.0)]) == "2 starts, 3 s each"
     confirmed = [started(1, 9.0), started(2, 3.0, confirms=True)]
     assert starts_text(confirmed) == "1 start and 1 to confirm, 3 s each"
+
+
+def disturbed(run: Run, *numbers: int) -> Run:
+    """The run, some of whose starts were disturbed while they came up."""
+    starts = tuple(
+        msgspec.structs.replace(each, disturbed=("other processes used 1.9 of 2 cores",), taken=0.9)
+        if each.number in numbers
+        else each
+        for each in run.record.starts
+    )
+    return replace(run, record=msgspec.structs.replace(run.record, starts=starts))
+
+
+def test_a_start_that_was_disturbed_is_told_in_every_report(tmp_path: Path) -> None:
+    run = run_of(tmp_path / "run", 3)
+    words = "while 2 of 3 starts came up: 2 (other processes used 1.9 of 2 cores); 3 (other"
+    found = reports(disturbed(run, 2, 3))
+    del found["json"], found["github"]
+    assert {name for name, text in found.items() if words in text} == set(found)
+    assert not [name for name, text in reports(run).items() if "starts came up" in text]
+
+
+def test_only_strict_refuses_a_pass_of_a_disturbed_start(tmp_path: Path) -> None:
+    run = disturbed(run_of(tmp_path / "run", 3), 2)
+    plain = run_of(tmp_path / "plain", 3)
+    outcomes = {}
+    for policy in ("tolerate", "note", "strict"):
+        gate = msgspec.structs.replace(run.plan.gate, interference=policy)
+        asked = replace(run, plan=msgspec.structs.replace(run.plan, gate=gate))
+        outcomes[policy] = [one.outcome for one in result_of(asked).verdict.requirements]
+    usual = [one.outcome for one in result_of(plain).verdict.requirements]
+    assert outcomes["tolerate"] == outcomes["note"] == usual
+    assert {"pass"} < set(usual)
+    gate = msgspec.structs.replace(run.plan.gate, interference="strict")
+    strict = result_of(replace(run, plan=msgspec.structs.replace(run.plan, gate=gate))).verdict
+    refused = [one for one, was in zip(strict.requirements, usual, strict=True) if was == "pass"]
+    iterations = [one for one in refused if one.method != "search bracket"]
+    assert iterations
+    assert {one.outcome for one in iterations} == {"inconclusive"}
+    assert all("while start 2 came up" in one.notes[-1] for one in iterations)

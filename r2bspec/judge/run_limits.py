@@ -1,0 +1,164 @@
+"""What no test can tell from a run, in words.
+
+A test takes account of what the run has shown. A run is one stretch of time on one machine. It has
+met some kinds of starts, of which rare ones are not among few starts; it has met so many bursts of
+bad messages, and from few the longest cannot be known; and few starts hardly show whether each
+resembles the one before. These facts are the same for each run, so they are stated once, and at
+a requirement only what is particular to it.
+"""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from typing import Final
+
+import msgspec
+
+from r2bspec.judge.methods.method_registry import METHODS
+from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
+from r2bspec.judge.verdict import RequirementVerdict
+from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.measure.samples import RunSamples
+from r2bspec.measure.units import show
+
+FEW_BURSTS: Final = 5
+LONG_BURST: Final = 20.0
+"""Messages; a PASS that allows for bursts of this mean length needs no note on them."""
+
+MANY_PIECES: Final = 20
+"""So many starts, or iterations of a single start, show whether each resembles the one before."""
+
+
+def run_limits(requirements: Sequence[RequirementVerdict], samples: RunSamples) -> tuple[str, ...]:
+    """What the run as a whole cannot show, a sentence each; nothing without requirements.
+
+    Args:
+        requirements: the verdicts on them.
+        samples: the run.
+    """
+    if not requirements:
+        return ()
+    decided = any(
+        one.outcome != "inconclusive" and one.method not in {"none", "observation"}
+        for one in requirements
+    )
+    return (_one_stretch(samples, decided=decided), *_no_burst(requirements))
+
+
+def with_limits(
+    requirements: Sequence[RequirementVerdict], starts: int
+) -> tuple[RequirementVerdict, ...]:
+    """The verdicts on requirements, with what each of them cannot know.
+
+    Args:
+        requirements: the final verdicts on them.
+        starts: of how many starts of the processes the run is.
+    """
+    return tuple(
+        msgspec.structs.replace(one, notes=(*one.notes, *notes))
+        if (notes := (*_few_bursts(one), *_probed_start(one, starts)))
+        else one
+        for one in requirements
+    )
+
+
+def _one_stretch(samples: RunSamples, *, decided: bool) -> str:
+    starts = samples.starts
+    kind = "starts" if starts > 1 else "iterations"
+    number = f"{starts} starts" if starts > 1 else "one start"
+    fact = f"{_when_and_where(samples)}, in {number}"
+    if not decided:
+        return f"{fact}."
+    played = min(map(len, samples.iterations.values()), default=1)
+    unseen = f"{_unseen(starts)} of starts and {_unseen(played)} of iterations"
+    doubts = ["another hour may differ", f"up to {unseen} may be of a kind not met"]
+    pieces = starts if starts > 1 else played
+    if 1 < pieces < MANY_PIECES:
+        doubts.append(f"{pieces} {kind} hardly show whether each resembles the one before")
+    return f"{fact}: {', '.join(doubts[:-1])}, and {doubts[-1]}."
+
+
+def _unseen(number: int) -> str:
+    """The largest share of starts or iterations of a kind that is not among so many."""
+    return show(zero_failure_bound(number, CONFIDENCE), "share", 2)
+
+
+def _when_and_where(samples: RunSamples) -> str:
+    """Such as ``Played between 10:02 and 10:04 UTC on 2026-01-31, on PROCESSOR``."""
+    record = samples.record
+    where = str(record.machine.get("cpu") or record.machine.get("architecture") or "")
+    on = f" on {where}" if where else ""
+    try:
+        began, ended = (
+            datetime.datetime.fromisoformat(each).astimezone(datetime.UTC)
+            for each in (record.started_at, record.ended_at)
+        )
+    except ValueError:
+        return f"Played{on} in one stretch of time"
+    day = "" if began.date() == ended.date() else f"{ended:%Y-%m-%d} "
+    return f"Played{on} between {began:%Y-%m-%d %H:%M} and {day}{ended:%H:%M} UTC"
+
+
+def _no_burst(requirements: Sequence[RequirementVerdict]) -> tuple[str, ...]:
+    """That passes met no burst beyond their limits, once for all of them."""
+    found = [
+        (one.share.withstands, one)
+        for one in requirements
+        if one.share is not None
+        and _depends_on_bursts(one)
+        and not one.share.over
+        and one.share.withstands is not None
+    ]
+    if not found:
+        return ()
+    shortest, one = min(found, key=lambda each: each[0])
+    allowed = f"bursts of up to {show(shortest, '', 2)} {_counted(one)} on average"
+    if len(found) == 1:
+        text = f"{one.text.strip()} passed without a burst beyond the limit; it allows {allowed}."
+        return (text,)
+    text = (
+        f"{len(found)} requirements passed without a burst beyond their limits; "
+        f"{one.text.strip()} allows the shortest, {allowed}."
+    )
+    return (text,)
+
+
+def _few_bursts(one: RequirementVerdict) -> tuple[str, ...]:
+    """That the run met some bursts, but too few to know how long they get."""
+    test = one.share
+    if test is None or not _depends_on_bursts(one) or not test.over or test.withstands is None:
+        return ()
+    counted, independent = _counted(one), test.over * test.effective_n / test.n
+    bursts = "one burst" if test.bursts == 1 else f"{show(test.bursts, 'count')} bursts"
+    seen = (
+        f"The run met {bursts} of {counted} beyond the limit"
+        if test.bursts < FEW_BURSTS
+        else f"{show(test.over, 'count')} {counted} beyond the limit are as good as "
+        f"{show(independent, '', 2)} independent ones"
+    )
+    text = (
+        f"{seen}: too few to know how long bursts get. The PASS allows for a mean length of up to "
+        f"{show(test.withstands, '', 2)}."
+    )
+    return (text,)
+
+
+def _depends_on_bursts(one: RequirementVerdict) -> bool:
+    """Whether longer bursts than it may have met would change a PASS."""
+    test = one.share
+    if one.outcome != "pass" or test is None or test.withstands is None:
+        return False
+    independent = test.over * test.effective_n / test.n
+    return min(test.bursts, independent) < FEW_BURSTS and test.withstands < LONG_BURST
+
+
+def _counted(one: RequirementVerdict) -> str:
+    return METHODS[one.method].counts
+
+
+def _probed_start(one: RequirementVerdict, starts: int) -> tuple[str, ...]:
+    """That a requirement rests on probes, which are made in the first start alone."""
+    if starts == 1 or METHODS[one.method].rests_on == "iterations":
+        return ()
+    return ("Probed in the first start of the processes alone.",)
