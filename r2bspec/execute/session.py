@@ -415,7 +415,8 @@ class Session:
         raise graph_error(
             self._launcher,
             faults,
-            f"no messages on {', '.join(topics)}: {fault_report(facts, topics, faults, also)}",
+            f"no messages on {', '.join(topics)}",
+            fault_report(facts, topics, faults, also),
             otherwise=NoOutputError,
             hint="The inputs were played, but the graph published nothing on these topics."
             if plan.inputs

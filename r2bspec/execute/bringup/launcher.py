@@ -24,7 +24,12 @@ from r2bspec.execute.bringup.start_deadline import StartDeadline
 from r2bspec.execute.diagnosis.certain_faults import RemappedTopic, unmatched
 from r2bspec.execute.diagnosis.find_fault import Fault
 from r2bspec.execute.diagnosis.graph_facts import GraphFacts, topics_of
-from r2bspec.execute.diagnosis.observe_graph import GraphObserver, fault_report, find_faults
+from r2bspec.execute.diagnosis.observe_graph import (
+    FaultReport,
+    GraphObserver,
+    fault_report,
+    find_faults,
+)
 from r2bspec.execute.errors import GraphMismatchError, NotReadyError, RunError
 from r2bspec.execute.host.machine import interpreter
 from r2bspec.execute.processes.affinity import apply_affinity
@@ -392,7 +397,8 @@ def _not_ready_error(
     return graph_error(
         launcher,
         faults,
-        f"the {phase} graph {state} ({counted}): {fault_report(facts, silent or inputs, faults)}",
+        f"the {phase} graph {state} ({counted})",
+        fault_report(facts, silent or inputs, faults),
         otherwise=NotReadyError,
         hint="Check remappings, message types and QoS of the nodes on these topics.",
         certain=certain,
@@ -402,7 +408,8 @@ def _not_ready_error(
 def graph_error(
     launcher: Launcher,
     faults: Sequence[Fault],
-    message: str,
+    state: str,
+    report: FaultReport,
     *,
     otherwise: type[RunError],
     hint: str,
@@ -413,7 +420,8 @@ def graph_error(
     Args:
         launcher: has the nodes.
         faults: on the paths of the messages.
-        message: the complete message for the user.
+        state: of the graph, in words.
+        report: on the faults.
         otherwise: the error if the graph does not clearly differ from the spec, so that another
             attempt might succeed.
         hint: for that error.
@@ -425,8 +433,13 @@ def graph_error(
         lambda each: each.topic in certain or launcher.is_permanent(each),
     )
     if differences:
-        return GraphMismatchError(differences, message, differences[0].help or hint)
-    return otherwise(message, hint=hint)
+        return GraphMismatchError(
+            differences,
+            report.text(state),
+            differences[0].help or hint,
+            details=report.text(state, {each.message for each in differences}),
+        )
+    return otherwise(report.text(state), hint=hint)
 
 
 def subscription_counts(launcher: Launcher, topics: Iterable[str]) -> dict[str, int]:

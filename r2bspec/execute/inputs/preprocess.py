@@ -144,7 +144,8 @@ def _check_outputs(
         raise graph_error(
             launcher,
             faults,
-            f"no messages on {', '.join(silent)}: {fault_report(facts, silent, faults, also)}",
+            f"no messages on {', '.join(silent)}",
+            fault_report(facts, silent, faults, also),
             otherwise=NoOutputError,
             hint=f"The loader published the input of the preprocessors ({published}).",
         )
