@@ -332,10 +332,10 @@ def _write_result(folder: RunFolder) -> Result:
 def stored_baseline(
     path: Path, prepared: PreparedBenchmark, *, force: bool = False
 ) -> BaselineRecord:
-    """A stored run, for `run` to compare with. It is advisory.
+    """A stored run, for `run` to compare with. It is advisory. Its graph may be another one.
 
     Raises:
-        IncomparableError: plan, data or machine differ, and `force` is not given.
+        IncomparableError: load, data or machine differ, and `force` is not given.
     """
     from r2bspec.compare.history_gate import baseline_from_stored_run
     from r2bspec.execute.host.machine import describe_machine

@@ -93,7 +93,7 @@ if TYPE_CHECKING:
     metavar="RUN",
     help="Compare with a stored run or result; advisory, never gates.",
 )
-@click.option("--force", is_flag=True, help="Compare even if load, plan, data or machine differ.")
+@click.option("--force", is_flag=True, help="Compare even if load, data or machine differ.")
 @click.option(
     "--format",
     "output_format",

@@ -9,6 +9,7 @@ from r2bspec.judge.interim_looks import InterimLooks
 from r2bspec.judge.outcome import InconclusivePolicy
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.plan.plan import Plan
+from r2bspec.plan.smoke_plan import is_smoke_plan
 
 
 @dataclass(frozen=True)
@@ -21,12 +22,14 @@ class DecisionPolicy:
         looks: the planned interim looks; None for a run of a fixed length.
         inconclusive: what an inconclusive requirement does to the run.
         interference: what host interference does to a requirement.
+        smoke: whether the run was made to show that the graph works, and not to be judged.
     """
 
     confidence: float = CONFIDENCE
     looks: InterimLooks | None = None
     inconclusive: InconclusivePolicy = "report"
     interference: InterferencePolicy = "note"
+    smoke: bool = False
 
 
 def decision_policy(plan: Plan) -> DecisionPolicy:
@@ -41,4 +44,5 @@ def decision_policy(plan: Plan) -> DecisionPolicy:
         looks=looks,
         inconclusive=plan.gate.inconclusive,
         interference=plan.gate.interference,
+        smoke=is_smoke_plan(plan),
     )

@@ -63,7 +63,9 @@ def test_a_smoke_run_plays_one_short_iteration(bench: Bench) -> None:
     (iteration,) = (each for each in record.segments if each.kind == "iteration")
     assert iteration.steps <= 41
     assert record.search is None
-    assert done.result()["verdict"]["requirements"] == []
+    verdict = done.result()["verdict"]
+    assert verdict["requirements"] == []
+    assert verdict["reason"].endswith("a smoke run does not judge the SLOs.")
 
 
 def test_a_rate_whose_failure_nothing_can_change_ends(bench: Bench) -> None:
