@@ -8,12 +8,13 @@ deadline, the error names the endpoints that are not.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from r2bspec.execute.bringup.commands import wait_for_exit
 from r2bspec.execute.bringup.early_diagnosis import EarlyDiagnosis, remapped_topics
+from r2bspec.execute.bringup.idle_nodes import IdleNodes
 from r2bspec.execute.bringup.spec_mismatches import (
     graph_mismatches,
     require_declared_parameters,
@@ -318,6 +319,7 @@ def wait_until_matched(
     plan: Plan,
     phase: str,
     deadline: StartDeadline,
+    note: Callable[[str], None],
 ) -> None:
     """Wait until the endpoints of the harness are matched.
 
@@ -329,14 +331,22 @@ def wait_until_matched(
         plan: for the text of errors.
         phase: ``preprocess`` or ``measure``.
         deadline: of the start.
+        note: is told once what is missing, while the start is still waited for.
 
     Raises:
         GraphMismatchError: an endpoint is not matched, and never will be.
-        NotReadyError: an endpoint is not matched at the deadline, for another reason.
+        NotReadyError: an endpoint is not matched at the deadline, or the nodes are idle, for
+            another reason.
     """
+    idle = IdleNodes(plan, phase, supervisor)
     diagnosis = EarlyDiagnosis(
-        plan, phase, lambda: _observer(supervisor, launcher, plan, phase).look()
+        plan,
+        phase,
+        lambda: _observer(supervisor, launcher, plan, phase).look(),
+        idle_s=idle.update,
+        answer=lambda: idle.answer(supervisor.observer()),
     )
+    told = False
     while True:
         missing: dict[str, tuple[int, int]] = {}
         for child, wanted in expected_matches.items():
@@ -351,8 +361,16 @@ def wait_until_matched(
         if not missing:
             return
         certain = diagnosis.certain(missing)
-        if certain or deadline.over:
-            raise _not_ready_error(supervisor, launcher, plan, phase, missing, certain)
+        if certain or diagnosis.stalled_s or deadline.over:
+            raise _not_ready_error(
+                supervisor, launcher, plan, phase, missing, certain, diagnosis.stalled_s
+            )
+        if diagnosis.facts is not None and not told:
+            told = True
+            silent = [topic for topic in missing if topic not in diagnosis.facts.inputs]
+            inputs = [topic for topic in missing if topic in diagnosis.facts.inputs]
+            faults = find_faults(diagnosis.facts, silent, inputs)
+            note(f"not ready so far: {'; '.join(each.sentence for each in faults)}")
         supervisor.pump(_POLL_S)
 
 
@@ -371,6 +389,7 @@ def _not_ready_error(
     phase: str,
     missing: dict[str, tuple[int, int]],
     certain: Collection[str],
+    stalled_s: float,
 ) -> RunError:
     """The error that names the first fault on each path.
 
@@ -381,6 +400,7 @@ def _not_ready_error(
         phase: ``preprocess`` or ``measure``.
         missing: the topics, with the matches that they have and need.
         certain: those that will never be matched, if that was found before the deadline.
+        stalled_s: for how long nothing has changed; 0 if the nodes are not idle.
     """
     facts = _observer(supervisor, launcher, plan, phase).observe()
     remapped = [each for each in remapped_topics(plan, phase) if each.topic in {*missing}]
@@ -388,9 +408,11 @@ def _not_ready_error(
     inputs = [topic for topic in missing if topic in facts.inputs]
     silent = [topic for topic in missing if topic not in facts.inputs]
     faults = find_faults(facts, silent, inputs)
-    state = (
-        "will not be ready" if certain else f"was not ready after {plan.start_timeout_ns / 1e9:g} s"
-    )
+    state = f"was not ready after {plan.start_timeout_ns / 1e9:g} s"
+    if certain:
+        state = "will not be ready"
+    elif stalled_s:
+        state = f"is not ready and has not changed for {stalled_s:.0f} s, with all nodes idle"
     counted = ", ".join(
         f"{topic}: {have} of {want} endpoints matched" for topic, (have, want) in missing.items()
     )
