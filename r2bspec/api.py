@@ -231,7 +231,7 @@ def run(
         history: a file of earlier runs by which requirements of the baseline are judged, and to
             which the run is added.
         baseline: a stored run to compare with, advisory; see `stored_baseline`.
-        abort_on_fail: end a rate as soon as the rest of its iterations could not change a failure.
+        abort_on_fail: end a rate as soon as a requirement at it can no longer be met.
         record_outputs: record the messages of one more iteration in the folder ``outputs``.
         lock: whether to wait while this host runs another benchmark, which is then noted.
 

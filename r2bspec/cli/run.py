@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 @click.option(
     "--abort-on-fail",
     is_flag=True,
-    help="End a rate as soon as the rest of its iterations could not change a failure.",
+    help="End a rate as soon as a requirement at it can no longer be met.",
 )
 @click.option(
     "--record-outputs",

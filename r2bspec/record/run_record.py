@@ -402,6 +402,17 @@ class StartRecord(msgspec.Struct, frozen=True, kw_only=True):
         return self.ready_ns - self.began_ns - self.overhead_ns
 
 
+class EndedRate(msgspec.Struct, frozen=True, kw_only=True):
+    """A rate at which not all declared iterations were played, because it could no longer pass.
+
+    Attributes:
+        iterations: how many were played.
+    """
+
+    rate_hz: float
+    iterations: int
+
+
 class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     """A run, complete or not.
 
@@ -412,8 +423,8 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     `confirmation` is the confirmation run, if there was one. `silences` are outputs that stopped,
     `differences` those between the running graph and the spec. `left_out` has one sentence for
     each optional part that was not played, with the reason; `unplayed` has the messages of inputs
-    that were not. `starts` are those whose graph was warmed up; empty in records of versions that
-    did not state them, which had one start.
+    that were not. `ended_rates` are those that ``--abort-on-fail`` ended. `starts` are those whose
+    graph was warmed up; empty in records of versions that did not state them, which had one start.
     """
 
     r2bspec_record: Literal[1] = 1
@@ -438,3 +449,4 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     left_out: tuple[str, ...] = ()
     starts: tuple[StartRecord, ...] = ()
     unplayed: tuple[UnplayedMessages, ...] = ()
+    ended_rates: tuple[EndedRate, ...] = ()
