@@ -22,11 +22,21 @@ from r2bspec._version import __version__
 from r2bspec.errors import R2bspecError
 
 if TYPE_CHECKING:
-    from r2bspec.api import InvalidSpecError, compile_plan, judge, load, prepare, run, validate
+    from r2bspec.api import (
+        InvalidSpecError,
+        SpecSelection,
+        compile_plan,
+        judge,
+        load,
+        prepare,
+        run,
+        validate,
+    )
 
 __all__ = [
     "InvalidSpecError",
     "R2bspecError",
+    "SpecSelection",
     "__version__",
     "compile_plan",
     "judge",

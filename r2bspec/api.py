@@ -6,14 +6,16 @@ import contextlib
 import datetime
 import re
 import secrets
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
+from r2bspec.language.selected_spec import SelectionValues, select
+from r2bspec.language.selected_spec import SpecSelection as SpecSelection
 
 if TYPE_CHECKING:
     from r2bspec.compare.base_reference import BaseReference
@@ -22,12 +24,9 @@ if TYPE_CHECKING:
     from r2bspec.judge.result import Result
     from r2bspec.language.load_spec import LoadedSpec
     from r2bspec.language.spec import Spec
-    from r2bspec.language.untrusted_environment import UntrustedSpecs
     from r2bspec.plan.plan import Plan
     from r2bspec.record.baseline_file import BaselineRecord
     from r2bspec.record.run_folder import Run, RunFolder
-
-Variables = Mapping[str, bool | int | float | str]
 
 
 class GraphMismatchError(R2bspecError):
@@ -36,15 +35,21 @@ class GraphMismatchError(R2bspecError):
     Attributes:
         diagnostics: the differences, at their places in the spec, sorted by place.
         loaded: the document, with the texts that the diagnostics refer to.
+        details: what there is to say apart from the diagnostics; may be empty.
     """
 
     exit_code = ExitStatus.USAGE
 
     def __init__(
-        self, error: R2bspecError, loaded: LoadedSpec, diagnostics: Sequence[Diagnostic]
+        self,
+        error: R2bspecError,
+        loaded: LoadedSpec,
+        diagnostics: Sequence[Diagnostic],
+        details: str = "",
     ) -> None:
         super().__init__(str(error), hint=error.hint, code=error.code)
         self.loaded = loaded
+        self.details = details
         self.diagnostics = tuple(diagnostics)
 
 
@@ -98,87 +103,47 @@ class PreparedBenchmark:
     loaded: LoadedSpec | None = None
 
 
+HostLock = Literal["wait", "refuse", "off"]
+"""What a run does while this host runs another one: wait for its end, raise an error, or run."""
+
 PrepareBase = Callable[["BaseReference"], PreparedBenchmark]
 """Prepares the base of a comparison, if it differs from the head in more than the environment."""
 
 
-def load(
-    path: Path | str,
-    *,
-    sets: Sequence[str] = (),
-    variables: Variables | None = None,
-    case: str = "",
-    allow_paths: Iterable[Path] = (),
-    untrusted: UntrustedSpecs | None = None,
-) -> Spec:
+def load(spec: SpecSelection | Path | str, **values: Unpack[SelectionValues]) -> Spec:
     """Load a spec; the arguments are those of `prepare`.
 
     Raises:
         InvalidSpecError: it is not valid; see its `diagnostics`.
     """
-    from r2bspec.language.load_spec import load_spec
-
-    loaded = load_spec(
-        Path(path),
-        sets=sets,
-        variables=variables,
-        case=case,
-        allow_paths=allow_paths,
-        untrusted=untrusted,
-    )
+    loaded = select(spec, values).load()
     if loaded.spec is None:
         raise InvalidSpecError(loaded, loaded.diagnostics)
     return loaded.spec
 
 
 def validate(
-    path: Path | str,
-    *,
-    sets: Sequence[str] = (),
-    variables: Variables | None = None,
-    case: str = "",
-    allow_paths: Iterable[Path] = (),
-    untrusted: UntrustedSpecs | None = None,
+    spec: SpecSelection | Path | str, **values: Unpack[SelectionValues]
 ) -> tuple[Diagnostic, ...]:
     """All findings in any case of a spec, or in one, sorted by place.
 
     Nothing that the spec names is executed. The arguments are those of `prepare`.
     """
     from r2bspec.check import check_cases
-    from r2bspec.language.load_spec import load_cases
 
-    cases = load_cases(
-        Path(path),
-        sets=sets,
-        variables=variables,
-        case=case,
-        allow_paths=allow_paths,
-        untrusted=untrusted,
-    )
-    return tuple(check_cases(cases))
+    return tuple(check_cases(select(spec, values).load_cases()))
 
 
 def prepare(
-    path: Path | str,
-    *,
-    sets: Sequence[str] = (),
-    variables: Variables | None = None,
-    case: str = "",
-    allow_paths: Iterable[Path] = (),
-    untrusted: UntrustedSpecs | None = None,
-    smoke: bool = False,
+    spec: SpecSelection | Path | str, *, smoke: bool = False, **values: Unpack[SelectionValues]
 ) -> PreparedBenchmark:
     """Check a spec and compile its plan, or read a plan from a ``.json`` file.
 
     Args:
-        path: the spec, or a plan written before.
-        sets: values to replace, each as ``path=value``.
-        variables: values for declared variables.
-        case: the case of its matrix, where the spec has several.
-        allow_paths: folders, besides that of the spec, from which files may be extended, and in
-            which the spec itself may be if it is a link.
-        untrusted: given where the spec is a stranger's; it then reads fewer variables.
+        spec: the file, or a selection (`r2bspec.language.selected_spec.SpecSelection`).
         smoke: prepare a smoke run, which judges nothing: see `r2bspec.plan.smoke_plan`.
+        values: fields of the selection by name: `sets`, `variables`, `case`, `allow_paths` and
+            `untrusted`. They replace those of a selection that is given.
 
     Raises:
         InvalidSpecError: the spec has errors.
@@ -186,32 +151,15 @@ def prepare(
         UntrustedPlanError: a stranger's plan reads environment variables.
         DataError: the bag does not exist or is not readable.
     """
-    path = Path(path)
-    if path.suffix == ".json":
-        from r2bspec.plan.canonical_json import read_plan
-
-        stored = read_plan(path)
-        if untrusted is not None and stored.environment:
-            raise UntrustedPlanError(stored.environment)
-        if smoke:
-            from r2bspec.plan.smoke_plan import smoke_plan
-
-            stored = smoke_plan(stored)
-        return PreparedBenchmark(plan=stored, base_dir=path.parent.absolute(), spec_text="")
+    selection = select(spec, values)
+    if selection.spec.suffix == ".json":
+        return _stored_plan(selection, smoke=smoke)
     import msgspec
 
     from r2bspec.check.engine import check_in_context, context_of
-    from r2bspec.language.load_spec import load_spec
     from r2bspec.plan.compile_plan import compile_plan
 
-    loaded = load_spec(
-        path,
-        sets=sets,
-        variables=variables,
-        case=case,
-        allow_paths=allow_paths,
-        untrusted=untrusted,
-    )
+    loaded = selection.load()
     context = context_of(loaded)
     diagnostics = check_in_context(loaded, context)
     if smoke:
@@ -239,29 +187,28 @@ def prepare(
     )
 
 
-def compile_plan(
-    path: Path | str,
-    *,
-    sets: Sequence[str] = (),
-    variables: Variables | None = None,
-    case: str = "",
-    allow_paths: Iterable[Path] = (),
-    untrusted: UntrustedSpecs | None = None,
-) -> Plan:
+def _stored_plan(selection: SpecSelection, *, smoke: bool) -> PreparedBenchmark:
+    """The plan that a file has."""
+    from r2bspec.plan.canonical_json import read_plan
+
+    plan = read_plan(selection.spec)
+    if selection.untrusted is not None and plan.environment:
+        raise UntrustedPlanError(plan.environment)
+    if smoke:
+        from r2bspec.plan.smoke_plan import smoke_plan
+
+        plan = smoke_plan(plan)
+    return PreparedBenchmark(plan, base_dir=selection.spec.parent.absolute(), spec_text="")
+
+
+def compile_plan(spec: SpecSelection | Path | str, **values: Unpack[SelectionValues]) -> Plan:
     """The plan of a spec; the arguments are those of `prepare`.
 
     Raises:
         InvalidSpecError: the spec has errors.
         DataError: the bag does not exist or is not readable.
     """
-    return prepare(
-        path,
-        sets=sets,
-        variables=variables,
-        case=case,
-        allow_paths=allow_paths,
-        untrusted=untrusted,
-    ).plan
+    return prepare(spec, **values).plan
 
 
 def run(
@@ -275,6 +222,7 @@ def run(
     record_outputs: bool = False,
     profile: str = "",
     profile_node: str = "",
+    lock: HostLock = "wait",
 ) -> Result:
     """Run a benchmark on real ROS 2, and judge it.
 
@@ -285,13 +233,15 @@ def run(
         history: a file of earlier runs by which requirements of the baseline are judged, and to
             which the run is added.
         baseline: a stored run to compare with, advisory; see `stored_baseline`.
-        abort_on_fail: end a rate as soon as the rest of its iterations could not change a failure.
+        abort_on_fail: end a rate as soon as a requirement at it can no longer be met.
         record_outputs: record the messages of one more iteration in the folder ``outputs``.
         profile: play one more iteration with this profiler: ``perf``, ``py-spy``, ``nsys``, or the
             words before the command of a process, in which ``$(profile)`` is its file.
         profile_node: the node, or process, that it observes; all nodes if empty.
+        lock: whether to wait while this host runs another benchmark, which is then noted.
 
     Raises:
+        HostBusyError: it does, and `lock` is ``refuse``.
         GraphMismatchError: the graph differs from the spec, which was compiled just now.
         RunError: the run failed; its folder has what was observed until then.
         RecordError: the run folder cannot be created.
@@ -309,6 +259,7 @@ def run(
         "profile_node": profile_node,
     }
     with (
+        _locked(prepared.plan.name, lock, listener),
         private_files(),
         RunFolder.create(output or default_run_folder(prepared.plan.name)) as folder,
     ):
@@ -325,6 +276,21 @@ def run(
             history=history,
             stored=baseline,
         )
+
+
+@contextlib.contextmanager
+def _locked(name: str, lock: HostLock, progress: Progress) -> Iterator[None]:
+    """The lock of the host, unless it is not wanted."""
+    if lock == "off":
+        yield
+        return
+    from r2bspec.execute.host.host_lock import host_lock
+
+    def on_wait(holder: str) -> None:
+        progress.note(f"waiting for {holder}, which runs on this host")
+
+    with host_lock(name, wait=lock == "wait", on_wait=on_wait):
+        yield
 
 
 def _run_in_folder(
@@ -352,7 +318,7 @@ def _run_in_folder(
         loaded = prepared.loaded
         if isinstance(error, Differs) and loaded is not None:
             mismatches = differences_to_diagnostics(error.differences, loaded)
-            raise GraphMismatchError(error, loaded, mismatches) from error
+            raise GraphMismatchError(error, loaded, mismatches, error.details) from error
         raise
     return _write_result(folder)
 
@@ -376,10 +342,10 @@ def _write_result(folder: RunFolder) -> Result:
 def stored_baseline(
     path: Path, prepared: PreparedBenchmark, *, force: bool = False
 ) -> BaselineRecord:
-    """A stored run, for `run` to compare with. It is advisory.
+    """A stored run, for `run` to compare with. It is advisory. Its graph may be another one.
 
     Raises:
-        IncomparableError: plan, data or machine differ, and `force` is not given.
+        IncomparableError: load, data or machine differ, and `force` is not given.
     """
     from r2bspec.compare.history_gate import baseline_from_stored_run
     from r2bspec.execute.host.machine import describe_machine
@@ -397,6 +363,7 @@ def run_pairs(
     pairs: int | None = None,
     control: bool = False,
     force: bool = False,
+    lock: HostLock = "wait",
 ) -> Result:
     """Compare a graph with another one, in interleaved runs on real ROS 2.
 
@@ -409,8 +376,10 @@ def run_pairs(
         pairs: how many; as many as the spec has iterations if None.
         control: compare the head with itself, to see the noise.
         force: compare even with different loads.
+        lock: as for `run`.
 
     Raises:
+        HostBusyError: as for `run`.
         UsageError: the base is not valid.
         IncomparableError: the two are the same, or are offered different loads.
         InvalidSpecError: the spec of the base is not valid.
@@ -421,6 +390,7 @@ def run_pairs(
     from r2bspec.compare.interleaved_comparison import compare, prepare_comparison
     from r2bspec.compare.interleaved_runs import ComparisonSide
     from r2bspec.execute.processes.workspaces import applied_environment, workspace_environments
+    from r2bspec.execute.progress import NullProgress
 
     reference = parse_base_reference(against)
     environment = workspace_environments(reference.environments)
@@ -437,11 +407,18 @@ def run_pairs(
     comparison = prepare_comparison(
         *sides, against=reference.text, pairs=pairs, control=control, force=force
     )
-    return compare(comparison, output or default_run_folder(f"{head.plan.name}-pairs"), progress)
+    name = f"{head.plan.name}-pairs"
+    with _locked(name, lock, progress or NullProgress()):
+        return compare(comparison, output or default_run_folder(name), progress)
 
 
 def calibrate(
-    prepared: PreparedBenchmark, output: Path, progress: Progress | None = None, *, pairs: int
+    prepared: PreparedBenchmark,
+    output: Path,
+    progress: Progress | None = None,
+    *,
+    pairs: int,
+    lock: HostLock = "wait",
 ) -> Result:
     """Compare a graph with itself, to measure the noise. Failures are not confirmed.
 
@@ -453,7 +430,9 @@ def calibrate(
 
     gate = msgspec.structs.replace(prepared.plan.gate, confirm=False, time_budget_ns=0)
     plan = msgspec.structs.replace(prepared.plan, gate=gate)
-    return run_pairs(replace(prepared, plan=plan), (), output, progress, pairs=pairs, control=True)
+    return run_pairs(
+        replace(prepared, plan=plan), (), output, progress, pairs=pairs, control=True, lock=lock
+    )
 
 
 def judge(run: Run) -> Result:

@@ -15,10 +15,13 @@ class R2bspecError(Exception):
         code: the diagnostic code, such as ``R2B301``; see ``r2bspec explain``.
         hint: what to do about it, in one sentence; may be empty.
         exit_code: the exit status for this error.
+        remainder: what is left to print where the findings of this error have been printed at
+            their places; None if nothing was printed.
     """
 
     code: str = "R2B600"
     exit_code: ExitStatus = ExitStatus.RUN_FAILED
+    remainder: str | None = None
 
     def __init__(self, message: str, *, hint: str = "", code: str | None = None) -> None:
         super().__init__(message)

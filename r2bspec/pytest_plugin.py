@@ -6,6 +6,9 @@ of these tests. ``--r2bspec-runs DIR`` judges run folders ``DIR/NAME``, where NA
 the benchmark, instead of running, so that a machine without ROS can report what another one has
 measured.
 
+The benchmarks of a host run one at a time: a test waits while the host runs another benchmark.
+``--r2bspec-no-wait`` fails it instead, and ``--r2bspec-no-lock`` measures next to the other one.
+
 ``--r2bspec-untrusted`` and ``--r2bspec-base-ref``, ``--r2bspec-allow-path`` and
 ``--r2bspec-max-bytes`` are the options of the command line without the prefix.
 
@@ -22,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
+    from r2bspec.api import HostLock
     from r2bspec.judge.result import Result
     from r2bspec.judge.verdict import RequirementVerdict
     from r2bspec.language.load_spec import LoadedSpec
@@ -55,6 +59,16 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         choices=["fail", "skip"],
         default="fail",
         help="the result of an inconclusive requirement  [default: fail]",
+    )
+    group.addoption(
+        "--r2bspec-no-wait",
+        action="store_true",
+        help="fail instead of waiting while this host runs another benchmark",
+    )
+    group.addoption(
+        "--r2bspec-no-lock",
+        action="store_true",
+        help="run even while this host runs another benchmark",
     )
     group.addoption(
         "--r2bspec-untrusted",
@@ -187,7 +201,14 @@ class _SpecFile(pytest.File):
             return read_folder(_stored_folder(Path(stored), loaded.id)).result
         output = self.config.getoption("--r2bspec-output")
         folder = _new_folder(Path(output) / api.folder_name(loaded.id)) if output else None
-        return api.run(api.prepare(self.path, case=loaded.case, **self.access), folder)
+        prepared = api.prepare(self.path, case=loaded.case, **self.access)
+        return api.run(prepared, folder, lock=_host_lock(self.config))
+
+
+def _host_lock(config: pytest.Config) -> HostLock:
+    if config.getoption("--r2bspec-no-lock"):
+        return "off"
+    return "refuse" if config.getoption("--r2bspec-no-wait") else "wait"
 
 
 def _stored_folder(folder: Path, name: str) -> Path:

@@ -99,7 +99,7 @@ def _run(prepared: PreparedBenchmark, pairs: int, output: Path | None, *, quiet:
         locked_host(f"{prepared.plan.name}-pairs", RunOptions()),
         shown_progress(quiet=quiet, remaining=remaining) as progress,
     ):
-        api.calibrate(prepared, folder, progress, pairs=pairs)
+        api.calibrate(prepared, folder, progress, pairs=pairs, lock="off")
     return folder
 
 

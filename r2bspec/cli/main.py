@@ -161,6 +161,15 @@ def _interruptible() -> Iterator[None]:
 
 def show_error(error: R2bspecError) -> None:
     """Print an error as a line and a hint, with the notes that were added to it."""
+    if error.remainder is None:
+        _show_message(error)
+    elif error.remainder:
+        echo(error.remainder, err=True)
+    for note in getattr(error, "__notes__", ()):
+        echo(note, err=True)
+
+
+def _show_message(error: R2bspecError) -> None:
     from r2bspec.report.findings.slugs import code_with_slug
 
     colour = sys.stderr.isatty() and "NO_COLOR" not in os.environ
@@ -169,5 +178,3 @@ def show_error(error: R2bspecError) -> None:
     echo(f"{shown}: {plain(str(error))}", err=True, styled=colour)
     if error.hint:
         echo(f"  help: {error.hint}", err=True)
-    for note in getattr(error, "__notes__", ()):
-        echo(note, err=True)

@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 @click.option(
     "--abort-on-fail",
     is_flag=True,
-    help="End a rate as soon as the rest of its iterations could not change a failure.",
+    help="End a rate as soon as a requirement at it can no longer be met.",
 )
 @click.option(
     "--record-outputs",
@@ -104,7 +104,7 @@ if TYPE_CHECKING:
     metavar="RUN",
     help="Compare with a stored run or result; advisory, never gates.",
 )
-@click.option("--force", is_flag=True, help="Compare even if load, plan, data or machine differ.")
+@click.option("--force", is_flag=True, help="Compare even if load, data or machine differ.")
 @click.option(
     "--format",
     "output_format",

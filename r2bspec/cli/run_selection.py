@@ -74,16 +74,8 @@ def _cases(selection: SpecSelection) -> Iterator[tuple[LoadedSpec | None, str]]:
     if selection.spec.suffix == ".json":
         yield None, ""
         return
-    from r2bspec.language.load_spec import load_cases
-
-    found = load_cases(
-        selection.spec,
-        sets=selection.sets,
-        variables=selection.variables,
-        case="" if selection.case == ALL_CASES else selection.case,
-        allow_paths=selection.allow_paths,
-        untrusted=selection.untrusted,
-    )
+    wanted = "" if selection.case == ALL_CASES else selection.case
+    found = replace(selection, case=wanted).load_cases()
     for loaded in found:
         # An unknown case stays: its error is that of the run.
         case = selection.case if selection.case != ALL_CASES else ""
@@ -128,7 +120,7 @@ def _scanned(
     spec = loaded.spec if loaded is not None else None
     declared = spec.variables if spec is not None else {}
     for values in itertools.product(*(each for _, each in scans)):
-        sets, variables = list(selection.sets), dict(selection.variables)
+        sets, variables = list(selection.sets), dict(selection.variables or {})
         pairs = list(zip((name for name, _ in scans), values, strict=True))
         for name, value in pairs:
             if name in declared:

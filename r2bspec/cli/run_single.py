@@ -97,7 +97,7 @@ def execute(
     folder: Path,
     remaining: RemainingTime | None,
 ) -> Result:
-    """Make the run, or the comparison.
+    """Make the run, or the comparison. The caller has the lock of the host.
 
     Raises:
         R2bspecError: it failed; reports of what was observed have been written, and the error has
@@ -113,7 +113,7 @@ def execute(
     try:
         with shown_progress(quiet=options.quiet, remaining=remaining) as progress:
             if not options.compares:
-                return api.run(prepared, folder, progress, **ways)
+                return api.run(prepared, folder, progress, lock="off", **ways)
             return api.run_pairs(
                 prepared,
                 options.against,
@@ -125,10 +125,12 @@ def execute(
                 pairs=options.pairs,
                 control=options.control,
                 force=options.force,
+                lock="off",
             )
     except BaseException as error:
         if isinstance(error, api.GraphMismatchError):
             show(error.diagnostics, error.loaded.texts)
+            error.remainder = error.details
         # A folder that was refused has the files of another run.
         if not isinstance(error, FolderTakenError) and folder.exists():
             error.add_note(folder_line(folder))

@@ -2,27 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import TYPE_CHECKING
+
+from r2bspec.language.selected_spec import SpecSelection as SpecSelection
 
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
     from r2bspec.compare.base_reference import BaseReference
-    from r2bspec.language.untrusted_environment import UntrustedSpecs
-
-
-@dataclass(frozen=True)
-class SpecSelection:
-    """A spec with the values given on the command line; see `r2bspec.api.prepare`."""
-
-    spec: Path
-    sets: tuple[str, ...]
-    variables: Mapping[str, str]
-    case: str
-    allow_paths: tuple[Path, ...]
-    untrusted: UntrustedSpecs | None = None
 
 
 def prepare_and_report(selection: SpecSelection, *, smoke: bool = False) -> PreparedBenchmark:
@@ -37,15 +24,7 @@ def prepare_and_report(selection: SpecSelection, *, smoke: bool = False) -> Prep
     from r2bspec.report.findings.print_findings import show
 
     try:
-        prepared = api.prepare(
-            selection.spec,
-            sets=selection.sets,
-            variables=selection.variables,
-            case=selection.case,
-            allow_paths=selection.allow_paths,
-            untrusted=selection.untrusted,
-            **({"smoke": True} if smoke else {}),
-        )
+        prepared = api.prepare(selection, smoke=smoke)
     except api.InvalidSpecError as error:
         show(error.diagnostics, error.loaded.texts)
         raise
@@ -71,5 +50,5 @@ def base_selection(head: SpecSelection, reference: BaseReference) -> SpecSelecti
     return replace(
         head,
         sets=(*head.sets, *reference.sets),
-        variables={**head.variables, **reference.variables},
+        variables={**(head.variables or {}), **reference.variables},
     )

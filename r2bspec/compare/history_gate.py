@@ -12,7 +12,7 @@ from r2bspec.compare.comparison_subject import ComparedResult, SeriesKey, read_c
 from r2bspec.compare.errors import IncomparableError
 from r2bspec.compare.history import HistoryEntry, HistoryMetric, open_history
 from r2bspec.compare.load_results import read_folder
-from r2bspec.compare.result_comparison import differences_of
+from r2bspec.compare.result_comparison import blocking_differences, differences_of
 from r2bspec.judge.baseline_requirements import iteration_values, run_value
 from r2bspec.judge.judge_requirement import iterations_at
 from r2bspec.judge.result import Result
@@ -149,10 +149,11 @@ def baseline_from_stored_run(
             of ros2_benchmark.
         plan: of the new run.
         machine: of the new run.
-        force: compare even with differences in plan, data or machine.
+        force: compare even with differences in load, data or machine. Graphs may differ in any
+            case: the record names the differences.
 
     Raises:
-        IncomparableError: plan, data or machine differ.
+        IncomparableError: load, data or machine differ.
         RecordError: a folder is not a run folder.
         UnreadableResultError: a file is none of these.
     """
@@ -167,7 +168,7 @@ def baseline_from_stored_run(
         versions={},
     )
     differences = tuple(differences_of(stored, coming))
-    if differences and not force:
+    if not force and any(blocking_differences(stored, coming)):
         raise IncomparableError(
             f"{path} and this run are not comparable:\n"
             + "\n".join(f"  {each}" for each in differences),

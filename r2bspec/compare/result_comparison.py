@@ -53,7 +53,7 @@ def compare(
         IncomparableError: load, data or machine differ, or they have no metric in common.
     """
     differences = tuple(differences_of(base, head))
-    if not force and any(_blocking_differences(base, head)):
+    if not force and any(blocking_differences(base, head)):
         raise IncomparableError(
             f"{base.side.source} and {head.side.source} are not comparable:\n"
             + "\n".join(f"  {each}" for each in differences),
@@ -70,7 +70,7 @@ def compare(
     )
 
 
-def _blocking_differences(base: ComparedResult, head: ComparedResult) -> Iterator[object]:
+def blocking_differences(base: ComparedResult, head: ComparedResult) -> Iterator[object]:
     """The differences for which a ratio says nothing about the graphs.
 
     Graphs that differ are what one compares. Of reports of another tool, plan, data and machine are

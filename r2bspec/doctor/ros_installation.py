@@ -23,6 +23,8 @@ _MIDDLEWARE = "rclpy:get_rmw_implementation_identifier"
 _MAX_IMPORT_S = 2.0
 _MESSAGES = ("std_msgs", "sensor_msgs", "geometry_msgs", "nav_msgs", "stereo_msgs")
 _WHEEL = re.compile(r"ros-(?:(?P<distribution>[a-z]+)-)?rclpy")
+_RCL_PREFIX = re.compile(r"^(?:\[[^\]]*\] ?){3}: ")
+_RCL_PLACE = re.compile(r", at \S+:\d+$")
 _INSTALL = "source a ROS 2 installation, or pip install 'r2bspec[ros]'"
 
 
@@ -32,10 +34,9 @@ def check_ros(system: System) -> list[CheckResult]:
     checks = [_distributions(system)]
     if "error" in found:
         advice = _advice(system, found["error"])
+        said = _RCL_PLACE.sub("", _RCL_PREFIX.sub("", found["error"]))
         checks.append(
-            CheckResult(
-                topic=TOPIC, name="rclpy", status="problem", found=found["error"], advice=advice
-            )
+            CheckResult(topic=TOPIC, name="rclpy", status="problem", found=said, advice=advice)
         )
         return checks
     return [

@@ -60,9 +60,8 @@ from r2bspec.execute.start_sequence import StartSequence
 from r2bspec.ipc.buffers import largest_message_bytes
 from r2bspec.ipc.clocks import ClockOffsetTracker
 from r2bspec.judge.confirmation import judge_confirmation, needs_confirmation
-from r2bspec.judge.curtailment import lost_requirements
 from r2bspec.judge.decision_policy import decision_policy
-from r2bspec.judge.interim_looks import InterimLooks
+from r2bspec.judge.ended_rates import unreachable_requirements, weaken_ended
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.quantities import Size
@@ -70,7 +69,6 @@ from r2bspec.measure.run_samples import HostSamples, run_samples
 from r2bspec.measure.samples import RunSamples
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import Plan
-from r2bspec.plan.start_groups import starts_of_iterations
 from r2bspec.record.errors import RecordError
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import Difference, ProfileRecord, RunRecord
@@ -435,19 +433,14 @@ class _Controller:
 
     def _judge_so_far(self) -> Verdict:
         """The verdict on the run if it ended now, without a confirmation."""
-        return judge(self._plan.objectives, self._samples_so_far(), decision_policy(self._plan))
+        objectives, policy = self._plan.objectives, decision_policy(self._plan)
+        samples = self._samples_so_far()
+        return weaken_ended(judge(objectives, samples, policy), objectives, samples, policy)
 
     def _lost_rates(self) -> dict[float, str]:
         """The rates with a requirement that can no longer be met, and which one that is."""
-        declared = {
-            each.rate_hz: starts_of_iterations(
-                InterimLooks.planned(each.iterations, each.max_iterations).iterations,
-                self._plan.starts,
-            )
-            for each in self._plan.play
-        }
-        lost = lost_requirements(
-            self._plan.objectives, self._samples_so_far(), decision_policy(self._plan), declared
+        lost = unreachable_requirements(
+            self._plan.objectives, self._samples_so_far(), decision_policy(self._plan)
         )
         return {
             one.at_hz: f"'{one.text.strip()}' can no longer be met"
@@ -542,6 +535,7 @@ class _Controller:
             differences=self._differences(failure),
             confirmation=again[0].confirmation(fresh_floor) if again else None,
             left_out=tuple(self._budget.left_out),
+            ended_rates=tuple(self._budget.ended_rates),
             starts=tuple(self._starts.records) if self._starts else (),
             unplayed=sessions[0].unplayed if sessions else (),
             profiles=self._profiles,

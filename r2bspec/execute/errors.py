@@ -72,13 +72,22 @@ class GraphMismatchError(RunError):
 
     Attributes:
         differences: at least one.
+        details: what there is to say apart from the differences; may be empty.
     """
 
     exit_code = ExitStatus.USAGE
 
-    def __init__(self, differences: Sequence[Difference], message: str, hint: str = "") -> None:
+    def __init__(
+        self,
+        differences: Sequence[Difference],
+        message: str,
+        hint: str = "",
+        *,
+        details: str = "",
+    ) -> None:
         super().__init__(message, hint=hint, code=differences[0].code)
         self.differences = tuple(differences)
+        self.details = details
 
 
 class NoOutputError(RunError):

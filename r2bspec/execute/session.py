@@ -19,6 +19,7 @@ from r2bspec.execute.bringup.external_nodes import wait_for_external
 from r2bspec.execute.bringup.graph_harness import GraphHarness, overhead_processes
 from r2bspec.execute.bringup.graph_joins import GraphJoins, build_join_files
 from r2bspec.execute.bringup.harness_processes import HarnessProcesses
+from r2bspec.execute.bringup.idle_nodes import IdleNodes, patience_s
 from r2bspec.execute.bringup.launcher import (
     NODE_ROLES,
     Launcher,
@@ -30,7 +31,7 @@ from r2bspec.execute.bringup.launcher import (
 from r2bspec.execute.bringup.readiness import wait_for_probe
 from r2bspec.execute.bringup.spec_mismatches import related_differences
 from r2bspec.execute.bringup.start_deadline import StartDeadline
-from r2bspec.execute.bringup.undeclared_parameters import find_undeclared
+from r2bspec.execute.bringup.undeclared_parameters import check_parameters
 from r2bspec.execute.diagnosis.certain_faults import certain_topics, unmatched
 from r2bspec.execute.diagnosis.find_fault import full_path, path_lines
 from r2bspec.execute.diagnosis.graph_facts import GraphFacts
@@ -41,7 +42,7 @@ from r2bspec.execute.diagnosis.observe_graph import (
     fault_report,
     find_faults,
 )
-from r2bspec.execute.errors import GraphMismatchError, NoOutputError, RunError
+from r2bspec.execute.errors import NoOutputError, RunError
 from r2bspec.execute.inputs.build_schedule import build_schedule
 from r2bspec.execute.measurement.foreign_publishers import foreign_publishers, guarded_topics
 from r2bspec.execute.measurement.harness_overhead import (
@@ -74,6 +75,9 @@ _WARM_UP_HZ = 10.0
 _WARM_UP_STEPS = 10
 _WARM_UP_RETRY_NS = 1_000_000_000
 """The length of each further attempt after one without output."""
+
+_DRAINED_S = 1.0
+"""For how long the nodes are observed while nothing is played."""
 
 _DIAGNOSED_ATTEMPT = 3
 """After this attempt without output the path is traced, so that the reason is said early."""
@@ -236,7 +240,14 @@ class Session:
         )
         with deadline.paused():
             self._wait_until_ready(observer)
-            self._check_parameters(observer)
+            check_parameters(
+                self._plan,
+                MEASURE_PHASE,
+                self._supervisor,
+                observer,
+                self._launcher.differences,
+                self._reporter.note,
+            )
         self._warm_up(self._segment_player, deadline)
         segment_player = self._segment_player
         segment_player.on_output_stopped = lambda segment, plan: self._diagnose_stopped_output(
@@ -411,7 +422,15 @@ class Session:
                 each.topic: expected_subscriptions(plan, each.topic, MEASURE_PHASE)
                 for each in plan.inputs
             } | subscription_counts(self._launcher, buffered_transforms(self._buffer_dir))
-        wait_until_matched(supervisor, self._launcher, wanted, plan, MEASURE_PHASE, deadline)
+        wait_until_matched(
+            supervisor,
+            self._launcher,
+            wanted,
+            plan,
+            MEASURE_PHASE,
+            deadline,
+            self._reporter.note,
+        )
         ends = [(each.topic, each.type, "publishes") for each in plan.inputs]
         ends += [
             (each.topic, each.type, "subscribes")
@@ -431,21 +450,6 @@ class Session:
             for step in plan.after_ready:
                 self._launcher.run_step(step)
 
-    def _check_parameters(self, observer: ManagedProcess) -> None:
-        """Ask nodes that are not in Python hosts for their parameters.
-
-        Raises:
-            GraphMismatchError: one does not declare a parameter that is certainly misspelt.
-        """
-        found = find_undeclared(self._plan, MEASURE_PHASE, self._supervisor, observer)
-        wrong = [each for each in found if not each.harmless]
-        if wrong:
-            message = "; ".join(each.message for each in wrong)
-            raise GraphMismatchError(wrong, message, hint=wrong[0].help)
-        for each in found:
-            self._reporter.note(f"{each.message}; ROS ignores it")
-        self._launcher.differences += found
-
     def _warm_up(self, segment_player: SegmentPlayer, deadline: StartDeadline) -> None:
         """Play until every monitor has received a message, and at least for the planned time.
 
@@ -459,6 +463,7 @@ class Session:
         rate_hz = min([_WARM_UP_HZ, *rates])
         title = f"warm-up at {rate_hz:g} Hz" if rate_hz else "warm-up"
         later = f"start-{self.start}-" if self._is_later else ""
+        began_s = time.monotonic()
         for attempt in range(1, 1000):
             segment_player.play_for(
                 SegmentHeading("warm_up", f"{later}warm_up-{attempt:03d}", title, attempt),
@@ -469,8 +474,26 @@ class Session:
             silent = [name for name, count in segment_player.received().items() if not count]
             if not silent:
                 return
-            if deadline.over or attempt == _DIAGNOSED_ATTEMPT:
-                self._diagnose_no_output(segment_player, silent, final=deadline.over)
+            waited_s = time.monotonic() - began_s
+            final = deadline.over or (
+                attempt > _DIAGNOSED_ATTEMPT and waited_s > patience_s(plan) and self._is_idle()
+            )
+            if final or attempt == _DIAGNOSED_ATTEMPT:
+                self._diagnose_no_output(segment_player, silent, final=final)
+
+    def _is_idle(self) -> bool:
+        """Whether all nodes have processed what was played, and wait for more.
+
+        Never in a live run, whose source publishes all the time.
+        """
+        if not self._plan.inputs:
+            return False
+        idle = IdleNodes(self._plan, MEASURE_PHASE, self._supervisor)
+        self._supervisor.pump_for(_DRAINED_S)
+        if idle.update() == 0 or not idle.answer(self._supervisor.observer()):
+            return False
+        self._reporter.note("all nodes are idle and answer: the start is not waited for any longer")
+        return True
 
     def _diagnose_no_output(
         self,
@@ -487,11 +510,11 @@ class Session:
         Args:
             segment_player: plays the steps that are traced.
             silent: the monitors, by name.
-            final: whether the time for the start is over.
+            final: whether the start is not waited for any longer.
 
         Raises:
             GraphMismatchError: the graph differs from the plan, so that there never is an output.
-            NoOutputError: there is another reason, and the time is over.
+            NoOutputError: there is another reason, and `final`.
         """
         plan = self._plan
         topics = [each.topic for each in plan.monitors if each.name in silent]
@@ -512,7 +535,8 @@ class Session:
         raise graph_error(
             self._launcher,
             faults,
-            f"no messages on {', '.join(topics)}: {fault_report(facts, topics, faults, also)}",
+            f"no messages on {', '.join(topics)}",
+            fault_report(facts, topics, faults, also),
             otherwise=NoOutputError,
             hint="The inputs were played, but the graph published nothing on these topics."
             if plan.inputs

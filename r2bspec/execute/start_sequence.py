@@ -24,7 +24,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from r2bspec.execute.bringup.launcher import Launcher
-from r2bspec.execute.errors import InterruptedRunError, RunError
+from r2bspec.execute.errors import GraphMismatchError, InterruptedRunError, RunError
 from r2bspec.execute.measurement.run_reporter import RunReporter
 from r2bspec.execute.measurement.segments import SegmentPlayer
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
@@ -138,4 +138,7 @@ class StartSequence:
         if len(self.sessions) < 2 or isinstance(error, InterruptedRunError):
             return
         confirms = ", which confirms a failure" if self.sessions[-1].confirms else ""
-        error.args = (f"{error} (in start {len(self.sessions)}{confirms})", *error.args[1:])
+        which = f" (in start {len(self.sessions)}{confirms})"
+        error.args = (f"{error}{which}", *error.args[1:])
+        if isinstance(error, GraphMismatchError):
+            error.details = f"{error.details}{which}".strip()

@@ -19,6 +19,7 @@ from r2bspec.harness.adaptive_timeout import AdaptiveTimeout
 from r2bspec.harness.clock_publisher import ClockPublisher
 from r2bspec.harness.control_channel import Channel
 from r2bspec.harness.observer import discover, survey
+from r2bspec.harness.parameter_lists import list_parameters
 from r2bspec.harness.static_transforms import publish_static_transforms
 from r2bspec.harness.topic_recorder import TopicRecorder
 from r2bspec.ipc import buffers, protocol
@@ -90,6 +91,8 @@ class Loader:
                     self._channel.send(discover(self._node, topics))
                 case protocol.Survey():
                     self._channel.send(survey(self._node))
+                case protocol.ListParameters() as question:
+                    self._channel.send(list_parameters(question))
                 case protocol.Load(max_output_gap_ns=max_output_gap_ns, real_time=real_time):
                     self._channel.send(self._load(max_output_gap_ns, real_time=real_time))
                 case protocol.Play(rate_hz=rate_hz, steps=steps):

@@ -27,6 +27,7 @@ from collections.abc import Iterable, Mapping
 import msgspec
 
 from r2bspec.judge.decision_policy import DecisionPolicy
+from r2bspec.judge.ended_rates import weaken_ended
 from r2bspec.judge.interference_policy import InterferencePolicy
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.outcome import InconclusivePolicy, outcome_of
@@ -62,7 +63,7 @@ def judge_with_confirmation(
         samples: the run.
         policy: of the first session.
     """
-    first = judge(objectives, samples, policy)
+    first = weaken_ended(judge(objectives, samples, policy), objectives, samples, policy)
     if not needs_confirmation(first):
         return first
     if samples.confirmation is None:

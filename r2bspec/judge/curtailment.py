@@ -38,10 +38,14 @@ from r2bspec.language.spec import Objective
 from r2bspec.measure.matching import NO_MATCH
 from r2bspec.measure.samples import MonitorSamples, RunSamples, SegmentSamples, starts_of
 
-Extreme = Literal["ideal", "slow", "lost"]
-"""What an iteration of the rest can be: as good, or as bad, as it ever was; or without outputs."""
+Extreme = Literal["ideal", "slow", "lost", "instant", "endless"]
+"""What an iteration of the rest can be: as good, or as bad, as it ever was; without outputs; with
+all outputs at once; or with all after days."""
 
-_Key = tuple[str, str, float | None, str | None]
+EXTREME_TIMES_S: Final[Mapping[Extreme, float]] = {"instant": 1e-9, "endless": 1e6}
+"""The time of every output, where an extreme has one."""
+
+RequirementKey = tuple[str, str, float | None, str | None]
 
 _MIXTURES: Final = 10
 """So many numbers of bad iterations are tried, where the rest is longer."""
@@ -66,23 +70,28 @@ def lost_requirements(
     """
     now = verdict if verdict is not None else judge(objectives, samples, policy)
     lost = {
-        _key(one): one
+        requirement_key(one): one
         for one in now.requirements
         if _is_lost(one) and not _rests_on_first_start(one, samples, declared)
     }
-    never_met: set[_Key] = set()
+    never_met: set[RequirementKey] = set()
     for number, rest in enumerate(_rests(samples, declared)):
         if not lost:
             return
         asked = {name: objectives[name] for name in {one.objective for one in lost.values()}}
-        found = {_key(one): one for one in judge(asked, rest, policy).requirements if _is_lost(one)}
+        found = {
+            requirement_key(one): one
+            for one in judge(asked, rest, policy).requirements
+            if _is_lost(one)
+        }
         if number == 0:
             never_met = {key for key, one in found.items() if one.over == one.n}
         lost = {key: one for key, one in lost.items() if key in found or key in never_met}
     yield from lost.values()
 
 
-def _key(one: RequirementVerdict) -> _Key:
+def requirement_key(one: RequirementVerdict) -> RequirementKey:
+    """What identifies a requirement among the verdicts of a run."""
     return one.objective, one.text, one.at_hz, one.monitor
 
 
@@ -138,16 +147,16 @@ def with_rest(
         starts = declared.get(rate, ())[len(played) :]
         if not played or not starts:
             continue
-        made = {each: _iteration(played, each) for each in {*begins, then}}
+        made = {each: extreme_iteration(played, each) for each in {*begins, then}}
         kinds = (*begins[: len(starts)], *(then,) * (len(starts) - len(begins)))
         iterations[rate] += tuple(
-            _in_start(made[kind], start, number)
+            in_start(made[kind], start, number)
             for number, (kind, start) in enumerate(zip(kinds, starts, strict=True), start=1)
         )
     return replace(samples, iterations=iterations)
 
 
-def _in_start(made: SegmentSamples, start: int, number: int) -> SegmentSamples:
+def in_start(made: SegmentSamples, start: int, number: int) -> SegmentSamples:
     """An iteration of the rest, which has an id of its own: no rerun takes its place."""
     segment = made.segment
     return replace(
@@ -156,7 +165,7 @@ def _in_start(made: SegmentSamples, start: int, number: int) -> SegmentSamples:
     )
 
 
-def _iteration(played: tuple[SegmentSamples, ...], extreme: Extreme) -> SegmentSamples:
+def extreme_iteration(played: tuple[SegmentSamples, ...], extreme: Extreme) -> SegmentSamples:
     """An iteration in which everything went as an extreme says."""
     last = played[-1]
     return replace(
@@ -170,11 +179,13 @@ def _iteration(played: tuple[SegmentSamples, ...], extreme: Extreme) -> SegmentS
 
 
 def _monitor(seen: list[MonitorSamples], extreme: Extreme) -> MonitorSamples:
-    """Every expected output, each with the shortest or longest time of its family; or none."""
+    """Every expected output, each with one time, such as the shortest of its family; or none."""
     last = seen[-1]
     pick = np.min if extreme == "ideal" else np.max
     known = {family: np.concatenate([one.times[family] for one in seen]) for family in last.times}
     limits = {family: float(pick(each)) if each.size else 0.0 for family, each in known.items()}
+    if extreme in EXTREME_TIMES_S:
+        limits = dict.fromkeys(limits, EXTREME_TIMES_S[extreme])
     arrived = 0 if extreme == "lost" else last.expected
     received_ns = last.steps.published_ns + round(limits.get("latency", 0.0) * 1e9)
     rates = [one.throughput_hz for one in seen]
@@ -193,5 +204,7 @@ def _monitor(seen: list[MonitorSamples], extreme: Extreme) -> MonitorSamples:
         late=0,
         early=0,
         overdue=0,
-        throughput_hz=(max(rates) if extreme == "ideal" else min(rates)) if arrived else 0.0,
+        throughput_hz=(max(rates) if extreme in {"ideal", "instant"} else min(rates))
+        if arrived
+        else 0.0,
     )

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from r2bspec.judge.interference_policy import InterferencePolicy
 from r2bspec.judge.interim_looks import InterimLooks
 from r2bspec.judge.outcome import InconclusivePolicy
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.plan.plan import Plan
+from r2bspec.plan.smoke_plan import is_smoke_plan
+from r2bspec.plan.start_groups import starts_of_iterations
 
 
 @dataclass(frozen=True)
@@ -21,12 +24,17 @@ class DecisionPolicy:
         looks: the planned interim looks; None for a run of a fixed length.
         inconclusive: what an inconclusive requirement does to the run.
         interference: what host interference does to a requirement.
+        declared: by offered rate, the start in which each iteration is played, with all iterations
+            that may be added.
+        smoke: whether the run was made to show that the graph works, and not to be judged.
     """
 
     confidence: float = CONFIDENCE
     looks: InterimLooks | None = None
     inconclusive: InconclusivePolicy = "report"
     interference: InterferencePolicy = "note"
+    declared: Mapping[float, tuple[int, ...]] = field(default_factory=dict)
+    smoke: bool = False
 
 
 def decision_policy(plan: Plan) -> DecisionPolicy:
@@ -41,4 +49,11 @@ def decision_policy(plan: Plan) -> DecisionPolicy:
         looks=looks,
         inconclusive=plan.gate.inconclusive,
         interference=plan.gate.interference,
+        declared={
+            each.rate_hz: starts_of_iterations(
+                InterimLooks.planned(each.iterations, each.max_iterations).iterations, plan.starts
+            )
+            for each in plan.play
+        },
+        smoke=is_smoke_plan(plan),
     )

@@ -37,6 +37,7 @@ from r2bspec.measure.samples import RunSamples
 from r2bspec.measure.units import show
 
 _DEFAULT_POLICY = DecisionPolicy()
+_SMOKE_REASON = "The graph works; a smoke run does not judge the SLOs."
 
 
 def judge(
@@ -198,4 +199,6 @@ def _overall_outcome(
     if unusable:
         rate_hz, why = unusable[0].offered_hz, unusable[0].reason
         return "invalid", f"At {show(rate_hz, 'Hz')}: {why}" if rate_hz else why
+    if policy.smoke and not requirements:
+        return "pass", _SMOKE_REASON
     return outcome_of(requirements, policy.inconclusive, samples.starts)

@@ -13,7 +13,10 @@ _WARM_UP_NS: Final = 500_000_000
 
 
 def smoke_plan(plan: Plan) -> Plan:
-    """The plan with one short iteration at its lowest rate, without probes and objectives."""
+    """The plan with one short iteration at its lowest rate, without probes; nothing is judged.
+
+    Its objectives have the level `off`, which those of no other plan have: see `is_smoke_plan`.
+    """
     play = min(plan.play, key=lambda each: each.rate_hz) if plan.play else _lowest_of_search(plan)
     once = msgspec.structs.replace(
         play, duration_ns=min(play.duration_ns, _ITERATION_NS), iterations=1, max_iterations=0
@@ -27,11 +30,20 @@ def smoke_plan(plan: Plan) -> Plan:
         play_at_peak=None,
         search=None,
         sustained_hz=(),
-        objectives={},
+        objectives={
+            name: msgspec.structs.replace(each, level="off")
+            for name, each in plan.objectives.items()
+        },
+        starts=1,
         phases=tuple(phases),
         warm_up_ns=min(plan.warm_up_ns, _WARM_UP_NS),
         gate=msgspec.structs.replace(plan.gate, confirm=False),
     )
+
+
+def is_smoke_plan(plan: Plan) -> bool:
+    """Whether a plan has objectives that a smoke run does not judge."""
+    return bool(plan.objectives) and all(one.level == "off" for one in plan.objectives.values())
 
 
 def _lowest_of_search(plan: Plan) -> PlayPlan:

@@ -445,6 +445,17 @@ class ProfileRecord(msgspec.Struct, frozen=True, kw_only=True):
     error: str = ""
 
 
+class EndedRate(msgspec.Struct, frozen=True, kw_only=True):
+    """A rate at which not all declared iterations were played, because it could no longer pass.
+
+    Attributes:
+        iterations: how many were played.
+    """
+
+    rate_hz: float
+    iterations: int
+
+
 class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     """A run, complete or not.
 
@@ -455,9 +466,9 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     `confirmation` is the confirmation run, if there was one. `silences` are outputs that stopped,
     `differences` those between the running graph and the spec. `left_out` has one sentence for
     each optional part that was not played, with the reason; `unplayed` has the messages of inputs
-    that were not. `starts` are those whose graph was warmed up; empty in records of versions that
-    did not state them, which had one start. `profiles` are those of an iteration that counts for
-    nothing.
+    that were not. `ended_rates` are those that ``--abort-on-fail`` ended. `starts` are those whose
+    graph was warmed up; empty in records of versions that did not state them, which had one start.
+    `profiles` are those of an iteration that counts for nothing.
     """
 
     r2bspec_record: Literal[1] = 1
@@ -483,3 +494,4 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     starts: tuple[StartRecord, ...] = ()
     unplayed: tuple[UnplayedMessages, ...] = ()
     profiles: tuple[ProfileRecord, ...] = ()
+    ended_rates: tuple[EndedRate, ...] = ()

@@ -25,7 +25,8 @@ from r2bspec.wiring.record_origin import RecordOrigin
 
 _TABLE = Path(__file__).parents[1] / "nodes" / "interfaces.yaml"
 _PARAMETER = re.compile(r"\$\(parameter ([^)]*)\)")
-_DERIVED_TOPIC = re.compile(r"\$\(beside ([^)]*)\)")
+_DERIVED_TOPIC = re.compile(r"\$\((?:camera_info of|beside) ([^)]*)\)")
+"""With both spellings: records of interfaces may have the earlier one."""
 
 ParameterType = Literal[
     "bool",
@@ -94,7 +95,8 @@ class InterfaceEntry:
     """The interface of a kind of node in one source; unknown parts are None.
 
     Types and names may contain ``$(parameter x)``, the value of a parameter. A name may be
-    ``$(beside TOPIC)``: the topic `camera_info` in the namespace to which TOPIC is remapped.
+    ``$(camera_info of TOPIC)``: the topic `camera_info` in the namespace to which TOPIC is
+    remapped.
     """
 
     subscribes: Mapping[str, str] | None = field(default_factory=dict)

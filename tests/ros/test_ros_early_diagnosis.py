@@ -15,7 +15,7 @@ from r2bspec.report.findings.slugs import code_with_slug
 
 pytest.importorskip("rclpy")
 
-from ros_runs import Bench, Finished, relay_spec
+from ros_runs import IMAGE, Bench, Finished, relay_spec
 from ros_runs import nothing_left as nothing_left
 
 # A program of its own, which stands for any process that r2bspec cannot look into.
@@ -35,6 +35,9 @@ except BaseException:
     pass
 """
 NODES = """
+import threading
+import time
+
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 OUTPUT, INPUT = "".join(["out", "put"]), "".join(["in", "put"])
@@ -52,6 +55,19 @@ class BestEffort(Node):
         super().__init__("best_effort", **kwargs)
         profile = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
         publisher = self.create_publisher(Image, OUTPUT, profile)
+        self.create_subscription(Image, INPUT, publisher.publish, 10)
+
+
+class LoadsForLong(Node):
+    def __init__(self, **kwargs):
+        super().__init__("slow", **kwargs)
+        threading.Thread(target=self.load, daemon=True).start()
+
+    def load(self):
+        began = time.monotonic()
+        while time.monotonic() - began < 14:
+            sum(range(1000))
+        publisher = self.create_publisher(Image, OUTPUT, 10)
         self.create_subscription(Image, INPUT, publisher.publish, 10)
 
 
@@ -126,14 +142,50 @@ def test_incompatible_profiles_between_two_nodes(bench: Bench) -> None:
     assert len([each for each in done.run().record.segments if each.kind == "warm_up"]) == 3
 
 
-def test_a_node_that_never_answers_is_named_while_the_run_still_waits(bench: Bench) -> None:
-    spec = relay_spec(graph={"nodes": {"mute": {"python": "./nodes.py:Mute"}}})
-    spec["benchmark"]["start_timeout"] = "12 s"
-    done = bench.run(spec)
+def test_a_node_that_never_answers_is_named_and_then_not_waited_for(bench: Bench) -> None:
+    done = bench.run(relay_spec(graph={"nodes": {"mute": {"python": "./nodes.py:Mute"}}}))
     assert done.status == 4
     early, late = done.stderr.split("error[", 1)
     assert "no messages on /r2b/output so far: /r2b/mute publishes nothing on /r2b/output" in early
     assert "R2B641" in late
+    assert "all nodes are idle and answer: the start is not waited for any longer" in early
+
+
+def test_a_busy_node_is_waited_for(bench: Bench) -> None:
+    spec = relay_spec(graph={"nodes": {"slow": {"python": "./nodes.py:LoadsForLong"}}})
+    # It computes for longer than a third of this.
+    spec["benchmark"]["start_timeout"] = "30 s"
+    done = bench.run(spec)
+    done.assert_complete()
+    assert "idle" not in done.stderr
+    assert "not ready so far: no subscription to /r2b/input" in done.stderr
+
+
+def test_an_idle_program_without_the_topics_is_not_waited_for(bench: Bench) -> None:
+    node = program(subscribes={"first": IMAGE}, publishes={"second": IMAGE})
+    spec = relay_spec(graph={"nodes": {"plain": node}})
+    spec["playback"]["inputs"] = {"first": spec["playback"]["inputs"].pop("input")}
+    spec["monitors"]["out"]["topic"] = "second"
+    spec["benchmark"]["start_timeout"] = "30 s"
+    done = bench.run(spec)
+    assert done.status == 4
+    early, late = done.stderr.split("error[", 1)
+    assert "not ready so far: no subscription to /r2b/first" in early
+    assert re.search(r"is not ready and has not changed for \d+ s, with all nodes idle", late)
+
+
+def test_a_misspelt_parameter_of_a_preprocessor(bench: Bench) -> None:
+    remapped = {"image": "loaded", "out": "made"}
+    node = program(remappings=remapped, parameters={"gian": 2.0})
+    spec = relay_spec(preprocessors={"plain": node})
+    spec["playback"]["inputs"]["input"]["from"] = "made"
+    done = bench.run(spec)
+    assert done.status == 2
+    assert f"error[{code_with_slug('R2B211')}]" in done.error
+    assert "declares no parameter 'gian'" in done.error
+    assert re.search(r"spec\d+\.r2b\.yaml:\d+:\d+", done.stderr)
+    # It is said once.
+    assert done.stderr.count("declares no parameter 'gian'") == 1
 
 
 def test_a_misspelt_parameter_of_a_program(bench: Bench) -> None:

@@ -63,7 +63,9 @@ def test_a_smoke_run_plays_one_short_iteration(bench: Bench) -> None:
     (iteration,) = (each for each in record.segments if each.kind == "iteration")
     assert iteration.steps <= 41
     assert record.search is None
-    assert done.result()["verdict"]["requirements"] == []
+    verdict = done.result()["verdict"]
+    assert verdict["requirements"] == []
+    assert verdict["reason"].endswith("a smoke run does not judge the SLOs.")
 
 
 def test_a_rate_whose_failure_nothing_can_change_ends(bench: Bench) -> None:
@@ -76,7 +78,10 @@ def test_a_rate_whose_failure_nothing_can_change_ends(bench: Bench) -> None:
     played = [each.rate_hz for each in done.run().record.segments if each.kind == "iteration"]
     assert played.count(10) == 5
     assert 1 <= played.count(20) < 5
-    (sentence,) = done.run().record.left_out
+    record = done.run().record
+    assert [each.rate_hz for each in record.ended_rates] == [20]
+    assert record.ended_rates[0].iterations == played.count(20)
+    (sentence,) = record.left_out
     assert "20 Hz was ended" in sentence
     assert "'latency.p90 < 1 us' can no longer be met" in sentence
     if done.outcome != "invalid":

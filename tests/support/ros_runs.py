@@ -143,10 +143,13 @@ class Finished:
 
     @property
     def error(self) -> str:
-        """The error that the user was shown, with its hint, without what progress said before."""
-        found = re.search(r"^error\[.*", self.stderr, re.MULTILINE | re.DOTALL)
+        """The error that the user was shown, with its hint, without what progress said before.
+
+        An error that has a place in the spec is shown as a finding there.
+        """
+        found = re.search(r"^(?:\S+:\d+:\d+: )?(error\[.*)", self.stderr, re.MULTILINE | re.DOTALL)
         assert found, f"no error was shown:\n{self.stderr}"
-        return found[0]
+        return found[1]
 
     def run(self) -> Run:
         """The run folder, opened."""

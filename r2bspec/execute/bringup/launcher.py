@@ -15,6 +15,7 @@ from typing import Any
 from r2bspec.execute.bringup.commands import wait_for_exit
 from r2bspec.execute.bringup.early_diagnosis import EarlyDiagnosis, remapped_topics
 from r2bspec.execute.bringup.graph_joins import GraphJoins
+from r2bspec.execute.bringup.idle_nodes import IdleNodes
 from r2bspec.execute.bringup.spec_mismatches import (
     graph_mismatches,
     require_declared_parameters,
@@ -25,7 +26,12 @@ from r2bspec.execute.bringup.start_deadline import StartDeadline
 from r2bspec.execute.diagnosis.certain_faults import RemappedTopic, unmatched
 from r2bspec.execute.diagnosis.find_fault import Fault
 from r2bspec.execute.diagnosis.graph_facts import GraphFacts, topics_of
-from r2bspec.execute.diagnosis.observe_graph import GraphObserver, fault_report, find_faults
+from r2bspec.execute.diagnosis.observe_graph import (
+    FaultReport,
+    GraphObserver,
+    fault_report,
+    find_faults,
+)
 from r2bspec.execute.errors import GraphMismatchError, NotReadyError, RunError
 from r2bspec.execute.host.machine import interpreter
 from r2bspec.execute.processes.affinity import apply_affinity
@@ -371,6 +377,7 @@ def wait_until_matched(
     plan: Plan,
     phase: str,
     deadline: StartDeadline,
+    note: Callable[[str], None],
 ) -> None:
     """Wait until the endpoints of the harness are matched.
 
@@ -382,14 +389,22 @@ def wait_until_matched(
         plan: for the text of errors.
         phase: ``preprocess`` or ``measure``.
         deadline: of the start.
+        note: is told once what is missing, while the start is still waited for.
 
     Raises:
         GraphMismatchError: an endpoint is not matched, and never will be.
-        NotReadyError: an endpoint is not matched at the deadline, for another reason.
+        NotReadyError: an endpoint is not matched at the deadline, or the nodes are idle, for
+            another reason.
     """
+    idle = IdleNodes(plan, phase, supervisor)
     diagnosis = EarlyDiagnosis(
-        plan, phase, lambda: _observer(supervisor, launcher, plan, phase).look()
+        plan,
+        phase,
+        lambda: _observer(supervisor, launcher, plan, phase).look(),
+        idle_s=idle.update,
+        answer=lambda: idle.answer(supervisor.observer()),
     )
+    told = False
     while True:
         missing: dict[str, tuple[int, int]] = {}
         for child, wanted in expected_matches.items():
@@ -404,8 +419,16 @@ def wait_until_matched(
         if not missing:
             return
         certain = diagnosis.certain(missing)
-        if certain or deadline.over:
-            raise _not_ready_error(supervisor, launcher, plan, phase, missing, certain)
+        if certain or diagnosis.stalled_s or deadline.over:
+            raise _not_ready_error(
+                supervisor, launcher, plan, phase, missing, certain, diagnosis.stalled_s
+            )
+        if diagnosis.facts is not None and not told:
+            told = True
+            silent = [topic for topic in missing if topic not in diagnosis.facts.inputs]
+            inputs = [topic for topic in missing if topic in diagnosis.facts.inputs]
+            faults = find_faults(diagnosis.facts, silent, inputs)
+            note(f"not ready so far: {'; '.join(each.sentence for each in faults)}")
         supervisor.pump(_POLL_S)
 
 
@@ -424,6 +447,7 @@ def _not_ready_error(
     phase: str,
     missing: dict[str, tuple[int, int]],
     certain: Collection[str],
+    stalled_s: float,
 ) -> RunError:
     """The error that names the first fault on each path.
 
@@ -434,6 +458,7 @@ def _not_ready_error(
         phase: ``preprocess`` or ``measure``.
         missing: the topics, with the matches that they have and need.
         certain: those that will never be matched, if that was found before the deadline.
+        stalled_s: for how long nothing has changed; 0 if the nodes are not idle.
     """
     facts = _observer(supervisor, launcher, plan, phase).observe()
     remapped = [each for each in remapped_topics(plan, phase) if each.topic in {*missing}]
@@ -441,16 +466,19 @@ def _not_ready_error(
     inputs = [topic for topic in missing if topic in facts.inputs]
     silent = [topic for topic in missing if topic not in facts.inputs]
     faults = find_faults(facts, silent, inputs)
-    state = (
-        "will not be ready" if certain else f"was not ready after {plan.start_timeout_ns / 1e9:g} s"
-    )
+    state = f"was not ready after {plan.start_timeout_ns / 1e9:g} s"
+    if certain:
+        state = "will not be ready"
+    elif stalled_s:
+        state = f"is not ready and has not changed for {stalled_s:.0f} s, with all nodes idle"
     counted = ", ".join(
         f"{topic}: {have} of {want} endpoints matched" for topic, (have, want) in missing.items()
     )
     return graph_error(
         launcher,
         faults,
-        f"the {phase} graph {state} ({counted}): {fault_report(facts, silent or inputs, faults)}",
+        f"the {phase} graph {state} ({counted})",
+        fault_report(facts, silent or inputs, faults),
         otherwise=NotReadyError,
         hint="Check remappings, message types and QoS of the nodes on these topics.",
         certain=certain,
@@ -460,7 +488,8 @@ def _not_ready_error(
 def graph_error(
     launcher: Launcher,
     faults: Sequence[Fault],
-    message: str,
+    state: str,
+    report: FaultReport,
     *,
     otherwise: type[RunError],
     hint: str,
@@ -471,7 +500,8 @@ def graph_error(
     Args:
         launcher: has the nodes.
         faults: on the paths of the messages.
-        message: the complete message for the user.
+        state: of the graph, in words.
+        report: on the faults.
         otherwise: the error if the graph does not clearly differ from the spec, so that another
             attempt might succeed.
         hint: for that error.
@@ -483,8 +513,13 @@ def graph_error(
         lambda each: each.topic in certain or launcher.is_permanent(each),
     )
     if differences:
-        return GraphMismatchError(differences, message, differences[0].help or hint)
-    return otherwise(message, hint=hint)
+        return GraphMismatchError(
+            differences,
+            report.text(state),
+            differences[0].help or hint,
+            details=report.text(state, {each.message for each in differences}),
+        )
+    return otherwise(report.text(state), hint=hint)
 
 
 def subscription_counts(launcher: Launcher, topics: Iterable[str]) -> dict[str, int]:

@@ -8,12 +8,13 @@ parameter that is not declared, so that a graph with a misspelt one runs, with a
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import msgspec
 
 from r2bspec.execute.bringup.spec_mismatches import undeclared_parameter
+from r2bspec.execute.errors import GraphMismatchError
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.plan.plan import Plan
@@ -60,6 +61,38 @@ def _is_common(name: str) -> bool:
     return name in _COMMON_PARAMETERS or name.startswith("qos_overrides.")
 
 
+def check_parameters(
+    plan: Plan,
+    phase: str,
+    supervisor: ProcessSupervisor,
+    observer: ManagedProcess,
+    differences: list[Difference],
+    note: Callable[[str], None],
+) -> None:
+    """Ask nodes that are not in Python hosts for their parameters.
+
+    Args:
+        plan: of the run.
+        phase: ``preprocess`` or ``measure``.
+        supervisor: all processes.
+        observer: a monitor or a loader.
+        differences: receives those that fail nothing.
+        note: is told of them.
+
+    Raises:
+        GraphMismatchError: a node does not declare a parameter that is certainly misspelt.
+        RunError: the observer does not respond.
+    """
+    found = find_undeclared(plan, phase, supervisor, observer)
+    wrong = [each for each in found if not each.harmless]
+    if wrong:
+        message = "; ".join(each.message for each in wrong)
+        raise GraphMismatchError(wrong, message, hint=wrong[0].help)
+    for each in found:
+        note(f"{each.message}; ROS ignores it")
+    differences += found
+
+
 def find_undeclared(
     plan: Plan, phase: str, supervisor: ProcessSupervisor, observer: ManagedProcess
 ) -> tuple[Difference, ...]:
@@ -72,7 +105,7 @@ def find_undeclared(
         plan: of the run.
         phase: ``preprocess`` or ``measure``.
         supervisor: all processes.
-        observer: a monitor.
+        observer: a monitor or a loader.
 
     Raises:
         RunError: the observer does not respond.

@@ -2,8 +2,8 @@
 
 A missing endpoint alone proves nothing: its node may still load a model. It is certain that an
 endpoint will not appear only if there is another one in its place: an endpoint that ROS does not
-match because of its type or QoS, or one of the same type on a similar or unmapped topic, which
-nothing in the plan or in the graph uses.
+match because of its type or QoS, or one of the same type which nothing in the plan or in the graph
+uses: on a similar or unmapped topic, or on any topic of the planned node in another namespace.
 """
 
 from __future__ import annotations
@@ -100,8 +100,17 @@ def _misplaced(facts: GraphFacts, name: str, *, remapped: bool) -> Iterator[str]
             and (not types or each.type in types)
             and (not running or each.node in running)
         ]
-        if meant and (_is_similar(name, other.name) or (remapped and types)):
+        moved = any(_is_moved(facts, each.node, owners) for each in meant)
+        if meant and (_is_similar(name, other.name) or ((remapped or moved) and types)):
             yield other.name
+
+
+def _is_moved(facts: GraphFacts, node: str, planned: Iterable[str]) -> bool:
+    """Whether a node is a planned one in another namespace, where no node has the planned name."""
+    return any(
+        each not in facts.nodes and each.rpartition("/")[2] == node.rpartition("/")[2]
+        for each in planned
+    )
 
 
 def _is_planned(topic: TopicFacts) -> bool:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -213,12 +214,38 @@ def find_faults(
     return tuple({each.topic: each for each in found if each is not None}.values())
 
 
+@dataclass(frozen=True)
+class FaultReport:
+    """What is wrong with a graph, in words.
+
+    Attributes:
+        sentences: one for each fault.
+        also: other differences of the nodes with faults; may be empty.
+        path: a line for each topic on the way of the messages.
+    """
+
+    sentences: tuple[str, ...]
+    also: str
+    path: tuple[str, ...]
+
+    def text(self, state: str, said: Collection[str] = ()) -> str:
+        """The report as a text that begins with the state of the graph.
+
+        Args:
+            state: such as ``no messages on /out``.
+            said: sentences that the reader knows.
+        """
+        left = "; ".join(each for each in self.sentences if each not in said) + self.also
+        head = f"{state}: {left.removeprefix('; ')}" if left else state
+        return "\n".join([head, *self.path])
+
+
 def fault_report(
     facts: GraphFacts, silent: Iterable[str], faults: Iterable[Fault], also: str = ""
-) -> str:
+) -> FaultReport:
     """The sentences of the faults, then `also`, and below them the complete path."""
     path = dict.fromkeys(name for each in silent for name in full_path(facts, each))
     sentences = [each.sentence for each in faults]
     if not sentences:
         sentences = ["publishers and subscriptions are matched, and no fault was found"]
-    return "\n".join(["; ".join(sentences) + also, *path_lines(facts, path)])
+    return FaultReport(tuple(sentences), also, tuple(path_lines(facts, path)))

@@ -90,8 +90,8 @@ def _acquire(place: int, *, wait: bool, on_wait: Callable[[str], None]) -> None:
             if not wait:
                 raise HostBusyError(
                     f"this host is in use by {_holder(place)}",
-                    hint="Run again without --no-wait to wait for its end, or with --no-lock to "
-                    "measure next to it.",
+                    hint="Without --no-wait (lock: wait) a run waits for its end; with --no-lock "
+                    "(lock: off) it measures next to it.",
                 ) from None
             if not told:
                 on_wait(_holder(place))

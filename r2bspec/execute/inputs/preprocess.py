@@ -20,6 +20,7 @@ from r2bspec.execute.bringup.launcher import (
 )
 from r2bspec.execute.bringup.spec_mismatches import related_differences
 from r2bspec.execute.bringup.start_deadline import StartDeadline
+from r2bspec.execute.bringup.undeclared_parameters import check_parameters
 from r2bspec.execute.diagnosis.graph_facts import GraphFacts
 from r2bspec.execute.diagnosis.observe_graph import (
     TRACE_RATE_HZ,
@@ -94,7 +95,10 @@ def preprocess(
     }
     wanted |= dict.fromkeys(recorded, 1) | subscription_counts(launcher, transforms)
     between = _expected_subscriptions_by_host(zip(nodes, others, strict=True), launcher, recorded)
-    wait_until_matched(supervisor, launcher, {loader: wanted} | between, plan, _PHASE, deadline)
+    wait_until_matched(
+        supervisor, launcher, {loader: wanted} | between, plan, _PHASE, deadline, note
+    )
+    check_parameters(plan, _PHASE, supervisor, loader, launcher.differences, note)
     load = protocol.Load(
         max_output_gap_ns=plan.drain_timeout_ns,
         real_time=any(dataset.real_time for dataset in datasets),
@@ -144,7 +148,8 @@ def _check_outputs(
         raise graph_error(
             launcher,
             faults,
-            f"no messages on {', '.join(silent)}: {fault_report(facts, silent, faults, also)}",
+            f"no messages on {', '.join(silent)}",
+            fault_report(facts, silent, faults, also),
             otherwise=NoOutputError,
             hint=f"The loader published the input of the preprocessors ({published}).",
         )

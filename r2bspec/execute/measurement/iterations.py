@@ -24,6 +24,7 @@ from r2bspec.judge.interim_looks import InterimLooks, decide_after_look
 from r2bspec.judge.verdict import DisturbedIteration, Verdict
 from r2bspec.plan.plan import Plan, PlayPlan
 from r2bspec.plan.start_groups import iterations_by_look
+from r2bspec.record.run_record import EndedRate
 
 
 @dataclass
@@ -124,7 +125,7 @@ class IterationRunner:
         return max(each.index for each in self.segment_player.segments if each.kind == "iteration")
 
     def _end_lost_rates(self, index: int, end: int) -> None:
-        """End the rates at which the rest could not change a failure."""
+        """End the rates with a requirement that no rest can make pass."""
         assert self.lost_rates is not None  # noqa: S101 - see the caller
         for rate_hz, why in self.lost_rates().items():
             if rate_hz in self._ended or rate_hz not in {each.rate_hz for each in self.plan.play}:
@@ -133,6 +134,7 @@ class IterationRunner:
             sentence = f"{at} was ended after {index} of {end} iterations: {why}"
             self._ended[rate_hz] = sentence
             self.note(sentence)
+            self.budget.ended_rates.append(EndedRate(rate_hz=rate_hz, iterations=index))
             self.budget.left_out.append(f"{sentence[:1].upper()}{sentence[1:]}.")
 
     def _judge(self) -> Verdict:

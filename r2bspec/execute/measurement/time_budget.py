@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 
 from r2bspec.language.quantities import Duration
+from r2bspec.record.run_record import EndedRate
 
 
 class TimeBudget:
@@ -16,6 +17,7 @@ class TimeBudget:
 
     Attributes:
         left_out: a sentence for each part that was left out.
+        ended_rates: those whose further iterations were.
     """
 
     def __init__(self, limit_ns: int, note: Callable[[str], None]) -> None:
@@ -29,6 +31,7 @@ class TimeBudget:
         self._note = note
         self._began_s: float | None = None
         self.left_out: list[str] = []
+        self.ended_rates: list[EndedRate] = []
 
     def begin(self) -> None:
         """Start the time."""

@@ -169,6 +169,10 @@ class TestStored:
             baseline_from_stored_run(base, other, machine, force=False)
         forced = baseline_from_stored_run(base, other, machine, force=True)
         assert forced.differences == ("plan, buffer: 0 -> 7",)
+        # The graph may differ, as it does where one looks for an effect: the record says how.
+        patient = msgspec.structs.replace(plan, start_timeout_ns=plan.start_timeout_ns + 1)
+        [said] = baseline_from_stored_run(base, patient, machine, force=False).differences
+        assert said.startswith("plan, start_timeout_ns: ")
         # What is judged, and how, may differ.
         words = msgspec.structs.replace(plan, objectives={}, gate=GatePlan(confidence=0.9))
         assert baseline_from_stored_run(base, words, machine, force=False).differences == ()

@@ -85,6 +85,14 @@ def test_an_endpoint_that_may_be_right_proves_nothing(other: TopicFacts) -> None
     assert not certain(graph(other))
 
 
+def test_a_planned_node_in_another_namespace_has_its_endpoints_there() -> None:
+    elsewhere = topic("/camera/mask", "", "/a")
+    assert certain(graph(elsewhere, nodes="/a"))
+    assert not certain(graph(elsewhere, nodes="/a /r2b/a"))
+    assert not certain(graph(topic("/camera/mask", "", "/b"), nodes="/b"))
+    assert not certain(graph(topic("/camera/mask", "", "/a", kind=TEXT), nodes="/a"))
+
+
 def test_a_remapping_without_effect_explains_an_endpoint_of_any_name() -> None:
     rule = RemappedTopic("/r2b/a", "camera/msk", INPUT, own_node_name=True)
     facts = graph(topic("/camera/mask", "", "/r2b/a"))

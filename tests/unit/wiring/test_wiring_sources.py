@@ -75,7 +75,7 @@ def test_a_component_is_known_by_plugin_and_by_executable() -> None:
         ),
     ],
 )
-def test_camera_info_is_looked_for_beside_the_remapped_image(
+def test_camera_info_is_looked_for_in_the_namespace_of_the_remapped_image(
     remappings: dict[str, str], topics: dict[str, str]
 ) -> None:
     document = {

@@ -1,0 +1,74 @@
+"""Which spec is meant: its file, the values given from outside, its case, and what it may read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypedDict
+
+if TYPE_CHECKING:
+    from r2bspec.language.load_spec import LoadedSpec
+    from r2bspec.language.untrusted_environment import UntrustedSpecs
+
+Variables = Mapping[str, bool | int | float | str]
+
+
+class SelectionValues(TypedDict, total=False):
+    """The fields of `SpecSelection` other than the file, as keyword arguments."""
+
+    sets: Sequence[str]
+    variables: Variables | None
+    case: str
+    allow_paths: Iterable[Path]
+    untrusted: UntrustedSpecs | None
+
+
+@dataclass(frozen=True)
+class SpecSelection:
+    """A spec, with everything from outside that decides what is in it.
+
+    Attributes:
+        spec: the file; or a plan, where a plan is taken.
+        sets: values to replace, each as ``path=value``.
+        variables: values for declared variables.
+        case: the case of its matrix, where the spec has several.
+        allow_paths: folders, besides that of the spec, from which files may be extended, and in
+            which the spec itself may be if it is a link.
+        untrusted: given where the spec is a stranger's; it then reads fewer variables.
+    """
+
+    spec: Path
+    sets: Sequence[str] = ()
+    variables: Variables | None = field(default_factory=dict)
+    case: str = ""
+    allow_paths: Iterable[Path] = ()
+    untrusted: UntrustedSpecs | None = None
+
+    def load(self) -> LoadedSpec:
+        """The spec, or its selected case, with all problems in `diagnostics`."""
+        from r2bspec.language.load_spec import load_spec
+
+        return load_spec(self.spec, **self._values())
+
+    def load_cases(self) -> tuple[LoadedSpec, ...]:
+        """Every case of the spec, or the selected one."""
+        from r2bspec.language.load_spec import load_cases
+
+        return load_cases(self.spec, **self._values())
+
+    def _values(self) -> dict[str, Any]:
+        return {
+            "sets": self.sets,
+            "variables": self.variables,
+            "case": self.case,
+            "allow_paths": self.allow_paths,
+            "untrusted": self.untrusted,
+        }
+
+
+def select(spec: SpecSelection | Path | str, values: SelectionValues) -> SpecSelection:
+    """A selection from a path, or from another selection of which `values` replace fields."""
+    if isinstance(spec, SpecSelection):
+        return replace(spec, **values)
+    return SpecSelection(Path(spec), **values)
