@@ -63,7 +63,7 @@ def project(camera: Camera, point_m: Vector) -> tuple[float, float]:
 
 
 def undistorted(
-    camera: Camera, columns: NDArray[np.floating], rows: NDArray[np.floating]
+    camera: Camera, columns: NDArray[np.float64], rows: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The rays of pixels, at whole numbers or between them, one focal length away.
 
