@@ -69,7 +69,7 @@ from r2bspec.plan.start_groups import starts_of_iterations
 from r2bspec.plan.unsupported import unsupported_features
 from r2bspec.record.errors import RecordError
 from r2bspec.record.run_folder import RunFolder
-from r2bspec.record.run_record import Difference, RunRecord
+from r2bspec.record.run_record import AccuracyRecord, Difference, RunRecord
 
 
 def run_plan(
@@ -160,6 +160,7 @@ class _Controller:
         )
         self._launchers: list[Launcher] = []
         self._starts: StartSequence | None = None
+        self._accuracy: tuple[AccuracyRecord, ...] = ()
         self._measurements: list[Measurement] = []
         self._budget = TimeBudget(plan.gate.time_budget_ns, self._note)
 
@@ -362,6 +363,10 @@ class _Controller:
             self._phase("record", "recording the messages of one more iteration")
             for topic, count in self._sessions()[-1].record_outputs().items():
                 self._note(f"recorded {count} messages of {topic}")
+        if any(each.truth is not None for each in self._plan.monitors):
+            self._phase("truth", "comparing one more iteration with the truth")
+            folders = tuple(each.path for each in self._datasets)
+            self._accuracy = self._sessions()[-1].compare_with_truth(folders)
         if starts.find_foreign_publishers():
             # Others took part in what was measured: a fresh batch would confirm nothing.
             return
@@ -513,6 +518,7 @@ class _Controller:
             left_out=tuple(self._budget.left_out),
             starts=tuple(self._starts.records) if self._starts else (),
             unplayed=sessions[0].unplayed if sessions else (),
+            accuracy=self._accuracy,
         )
 
 

@@ -13,7 +13,7 @@ import msgspec
 
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
-from r2bspec.language.spec import Objective, QoS, Scalar
+from r2bspec.language.spec import Objective, QoS, Scalar, TruthKind
 
 
 class _Value(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -215,6 +215,13 @@ class TapPlan(_Value, frozen=True, kw_only=True):
     type: str
 
 
+class TruthPlan(_Value, frozen=True, kw_only=True):
+    """What the messages of a monitor are compared with: see `r2bspec.language.spec.Truth`."""
+
+    kind: TruthKind
+    name: str
+
+
 class MonitorPlan(_Value, frozen=True, kw_only=True):
     """A monitored topic. `qos` None means the QoS that its publisher offers.
 
@@ -225,6 +232,7 @@ class MonitorPlan(_Value, frozen=True, kw_only=True):
             it has messages of all of them. Otherwise empty, because each step has all inputs.
         taps: topics whose messages are also matched by stamp; in the order of the plan's topics.
         parameters: of the monitor component, with the harness ``ros2_benchmark``.
+        truth: what its messages are compared with after the measurement; None for nothing.
     """
 
     name: str
@@ -238,6 +246,7 @@ class MonitorPlan(_Value, frozen=True, kw_only=True):
     answers: tuple[str, ...] = ()
     taps: tuple[TapPlan, ...] = ()
     parameters: dict[str, Any] = {}
+    truth: TruthPlan | None = None
 
 
 class SearchPlan(_Value, frozen=True, kw_only=True):
@@ -315,7 +324,7 @@ class Plan(_Value, frozen=True, kw_only=True):
     """The plan of a run.
 
     `phases` are those of setup, load, preprocess, start, floor, graph, ready, after_ready, warm_up,
-    search, sustained, play and collect that the run has, in this order. `sustained_hz` are the
+    search, sustained, play, truth and collect that the run has, in this order. `sustained_hz` are the
     rates that an objective requires to be sustained, with one sequential probe each.
     `play_at_peak` is played at the peak rate of the search, if an objective needs it; its own rate
     is 0. `largest_message_bytes` is over the bag topics that are used, and 0 if unknown.

@@ -21,6 +21,8 @@ from typing import Any, Literal
 
 import msgspec
 
+from r2bspec.language.spec import TruthKind
+
 PLAYBACK_FIELDS = (
     ("stamp_ns", "<i8"),
     ("due_ns", "<i8"),
@@ -402,6 +404,29 @@ class StartRecord(msgspec.Struct, frozen=True, kw_only=True):
         return self.ready_ns - self.began_ns - self.overhead_ns
 
 
+class AccuracyRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """The messages of one monitor, compared with the truth.
+
+    Attributes:
+        kind: of the truth.
+        of: the stereo pair or image topic in the ground truth.
+        outputs: how many messages were compared; the answers to `steps` steps of one more
+            iteration, in which every image of the recording was played once.
+        values: of the metrics that have one, by name; shares as fractions.
+        text: what was compared, in a sentence.
+        problem: why nothing was compared; empty if something was.
+    """
+
+    monitor: str
+    kind: TruthKind
+    of: str
+    outputs: int
+    steps: int
+    values: dict[str, float]
+    text: str = ""
+    problem: str = ""
+
+
 class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     """A run, complete or not.
 
@@ -413,7 +438,8 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     `differences` those between the running graph and the spec. `left_out` has one sentence for
     each optional part that was not played, with the reason; `unplayed` has the messages of inputs
     that were not. `starts` are those whose graph was warmed up; empty in records of versions that
-    did not state them, which had one start.
+    did not state them, which had one start. `accuracy` has one entry for each monitor that is
+    compared with the truth, unless the run ended before that.
     """
 
     r2bspec_record: Literal[1] = 1
@@ -438,3 +464,4 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     left_out: tuple[str, ...] = ()
     starts: tuple[StartRecord, ...] = ()
     unplayed: tuple[UnplayedMessages, ...] = ()
+    accuracy: tuple[AccuracyRecord, ...] = ()

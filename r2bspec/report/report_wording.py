@@ -61,7 +61,7 @@ def estimate_text(one: RequirementVerdict) -> str:
 def bounds_text(one: RequirementVerdict) -> str:
     """The confidence interval, one-sided where only one side is bounded."""
     if one.lower is None and one.upper is None:
-        return "observed" if one.method == "observation" else ""
+        return "observed" if one.method in {"observation", "comparison with truth"} else ""
     if one.lower is None:
         return f"≤ {show(one.upper, one.unit)}"
     if one.upper is None:
