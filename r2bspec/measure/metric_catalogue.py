@@ -207,9 +207,10 @@ def resolve(
 ) -> tuple[str | None, MetricInfo]:
     """Find the metric of a requirement's dotted name.
 
-    A metric of a monitor may be written without the monitor: it then refers to the only monitor,
-    or, with several, to each of them that has it (the monitor returned is None). A name that is a metric by
-    itself takes precedence over a monitor with the name of a metric's family.
+    A metric of a monitor may be written without the monitor: it then refers to the only
+    monitor, or, with several, to each of them that has it (the monitor returned is None). A
+    name that is a metric by itself takes precedence over a monitor with the name of a metric's
+    family.
 
     Args:
         metric: the dotted name as written.

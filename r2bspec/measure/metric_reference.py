@@ -12,13 +12,6 @@ from dataclasses import dataclass
 
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.measure.errors import MetricError
-from r2bspec.measure.truth_metrics import (
-    BAD_PIXELS,
-    DENSITY,
-    TAG_FALSE,
-    TAG_MISSED,
-    TAG_POSITION_ERROR,
-)
 from r2bspec.measure.metric_catalogue import (
     METRICS,
     PROCESS,
@@ -29,6 +22,13 @@ from r2bspec.measure.metric_catalogue import (
     available_live,
     names,
     resolve,
+)
+from r2bspec.measure.truth_metrics import (
+    BAD_PIXELS,
+    DENSITY,
+    TAG_FALSE,
+    TAG_MISSED,
+    TAG_POSITION_ERROR,
 )
 
 MODES = ("looping", "sweeping", "timeline", "live")
