@@ -173,10 +173,10 @@ class TruthComparison:
             )
             if step != NO_MATCH
         ]
-        return _compared(record, monitor, truth, outputs, self.datasets)
+        return compare_outputs(record, monitor, truth, outputs, self.datasets)
 
 
-def _compared(
+def compare_outputs(
     record: AccuracyRecord,
     monitor: MonitorPlan,
     truth: TruthPlan,
