@@ -102,6 +102,7 @@ def build_result(
         left_out=record.left_out,
         starts=record.starts,
         unplayed=record.unplayed,
+        accuracy=record.accuracy,
     )
 
 

@@ -11,6 +11,7 @@ from r2bspec.language.spec import Scalar
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.record.comparison_folder import PairRecord
 from r2bspec.record.run_record import (
+    AccuracyRecord,
     Difference,
     FloorRecord,
     ProcessRecord,
@@ -96,6 +97,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         left_out: planned parts that were not played, a sentence each.
         starts: of all processes, with what each took; empty where it is not known.
         unplayed: messages of inputs that were not played.
+        accuracy: of the monitors that were compared with the truth.
     """
 
     r2bspec_result: Literal[1] = 1
@@ -126,6 +128,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     left_out: tuple[str, ...] = ()
     starts: tuple[StartRecord, ...] = ()
     unplayed: tuple[UnplayedMessages, ...] = ()
+    accuracy: tuple[AccuracyRecord, ...] = ()
 
     def monitor_title(self, name: str) -> str:
         """The title of a monitor: its label and its name, or its name alone."""

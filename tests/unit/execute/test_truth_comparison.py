@@ -135,10 +135,10 @@ def test_true_disparities_are_right(dataset: Path, truth: GroundTruth) -> None:
 WRONG: dict[str, Callable[[NDArray[np.float32]], NDArray[np.float32]]] = {
     "shifted": lambda each: each + 3,
     "zero": lambda each: each * 0,
-    "half as large": lambda each: each / 2,
+    "half as large": lambda each: each / np.float32(2),
     "mirrored": lambda each: each[:, ::-1].copy(),
     "upside down": lambda each: each[::-1].copy(),
-    "one value": lambda each: np.full_like(each, float(np.median(each))),
+    "one value": lambda each: np.full_like(each, np.float32(np.median(each))),
     "in sixteenths": lambda each: each * 16,
 }
 
