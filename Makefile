@@ -11,16 +11,23 @@ comma := ,
 EXTRAS := $(if $(HAVE_ROS),vision,ros$(comma)vision)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test install install-dev lint types imports unit coverage ros bench clean
+.PHONY: help demo suite test install install-dev lint types imports unit coverage ros bench clean
 
 help:
 	@echo "make demo      install, then run specs/apriltag_node.r2b.yaml on real ROS 2"
 	@echo "make test      install, then run every check and test"
+	@echo "make suite     run specs/suite and print its table (SMOKE=1: one short iteration of each)"
 	@echo "make bench     measure the harness, and rewrite the tables of docs/performance.md"
 	@echo "make clean     remove the environment and everything that was generated"
 
 demo: install
 	$(BIN)/r2bspec run specs/apriltag_node.r2b.yaml
+
+# Six specs, about ten minutes; SMOKE=1 plays one short iteration of each and judges nothing.
+SMOKE ?=
+
+suite: install
+	$(BIN)/r2bspec run specs/suite $(if $(SMOKE),--smoke)
 
 test: install-dev lint types imports unit ros
 

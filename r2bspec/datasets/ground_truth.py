@@ -16,6 +16,7 @@ from r2bspec.datasets.scene.render import camera_pose
 from r2bspec.datasets.scene.rig import IMAGE, STEREO_PAIRS, Camera, TopicSource
 from r2bspec.datasets.scene.scenes import Scene
 from r2bspec.datasets.scene.tag import FAMILY, Tag
+from r2bspec.datasets.scene.view import project
 
 if TYPE_CHECKING:
     import numpy as np
@@ -25,8 +26,10 @@ CONVENTIONS = (
     "Metres, pixels, ns since the epoch, quaternions x y z w. World: z up. Body: x forward, y"
     " left, z up, origin at the IMU. Optical frames: x right, y down, z forward. Tag frame: x"
     " right and y down in the tag's own image as its authors print it, z into the tag. Pixel"
-    " (u, v) has its centre at whole numbers. Disparity d: pixel (u, v) of the left image shows"
-    " the same point as (u - d, v) of the right one, unless something hides it there."
+    " (u, v) has its centre at whole numbers. Disparity d, of rectified images with the focal"
+    " length and principal point of their cameras: pixel (u, v) of the left image shows the same"
+    " point as (u - d, v) of the right one, unless something hides it there. Corners of tags are"
+    " those in the image as it was recorded, distortion included."
 )
 
 # Disparities are stored as whole parts of a pixel, in 16 bits.
@@ -64,7 +67,10 @@ class TagTruth(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class CameraTruth(msgspec.Struct, frozen=True, kw_only=True):
-    """An image topic's camera; its optical frame sits at `position_in_body_m`, looking ahead."""
+    """An image topic's camera; its optical frame sits at `position_in_body_m`, looking ahead.
+
+    `distortion` has OpenCV's k1, k2, p1, p2, k3; it is empty for an ideal lens.
+    """
 
     frame_id: str
     width: int
@@ -72,6 +78,7 @@ class CameraTruth(msgspec.Struct, frozen=True, kw_only=True):
     focal_px: float
     center_px: tuple[float, float]
     position_in_body_m: tuple[float, float, float]
+    distortion: tuple[float, ...] = ()
 
 
 class StereoTruth(msgspec.Struct, frozen=True, kw_only=True):
@@ -211,6 +218,7 @@ def _camera_truth(camera: Camera) -> CameraTruth:
         focal_px=camera.focal_px,
         center_px=camera.center_px,
         position_in_body_m=camera.position_m,
+        distortion=() if camera.lens is None else camera.lens.coefficients,
     )
 
 
@@ -236,13 +244,7 @@ def _tag_sighting(
             (-half, half, 0.0),
         )
     ]
-    pixels = tuple(
-        (
-            camera.focal_px * x / z + camera.center_px[0],
-            camera.focal_px * y / z + camera.center_px[1],
-        )
-        for x, y, z in corners
-    )
+    pixels = tuple(project(camera, corner) for corner in corners)
     return TagSighting(
         stamp_ns=start_ns + time_ns,
         position_m=pose.position_m,

@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -57,7 +58,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 # Raise it whenever the rendered bytes change: caches are keyed by it.
-GENERATOR_VERSION = 2
+GENERATOR_VERSION = 3
 
 Progress = Callable[[int, int], None]
 
@@ -213,7 +214,10 @@ def _disparities(
     sources: tuple[TopicSource, ...],
     step: Callable[[], None],
 ) -> Iterator[tuple[str, int, NDArray[np.uint16]]]:
-    """Pair, stamp and disparity in parts of a pixel: focal length times baseline over depth."""
+    """Pair, stamp and disparity in parts of a pixel: focal length times baseline over depth.
+
+    Of the rectified images, whose cameras are those of the pair without their lenses.
+    """
     import numpy as np
 
     cameras = {source.name: source.camera for source in sources}
@@ -221,6 +225,7 @@ def _disparities(
         camera = cameras[pair.left_topic]
         if camera is None:
             continue
+        camera = replace(camera, lens=None)
         scale = np.float32(pair.focal_px * pair.baseline_m * DISPARITY_PARTS)
         for stamp_ns in pair.stamps_ns:
             pose = camera_pose(scene.motion.pose((stamp_ns - start_ns) / 1e9), camera)

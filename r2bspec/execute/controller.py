@@ -71,7 +71,7 @@ from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import Plan
 from r2bspec.record.errors import RecordError
 from r2bspec.record.run_folder import RunFolder
-from r2bspec.record.run_record import Difference, ProfileRecord, RunRecord
+from r2bspec.record.run_record import AccuracyRecord, Difference, ProfileRecord, RunRecord
 
 
 def run_plan(
@@ -170,6 +170,7 @@ class _Controller:
         )
         self._launchers: list[Launcher] = []
         self._starts: StartSequence | None = None
+        self._accuracy: tuple[AccuracyRecord, ...] = ()
         self._measurements: list[Measurement] = []
         self._profiles: tuple[ProfileRecord, ...] = ()
         self._budget = TimeBudget(plan.gate.time_budget_ns, self._note)
@@ -391,6 +392,10 @@ class _Controller:
             self._phase("record", "recording the messages of one more iteration")
             for topic, count in self._sessions()[-1].record_outputs().items():
                 self._note(f"recorded {count} messages of {topic}")
+        if any(each.truth is not None for each in self._plan.monitors):
+            self._phase("truth", "comparing one more iteration with the truth")
+            folders = tuple(each.path for each in self._datasets)
+            self._accuracy = self._sessions()[-1].compare_with_truth(folders)
         if starts.find_foreign_publishers():
             # Others took part in what was measured: a fresh batch would confirm nothing.
             return
@@ -539,6 +544,7 @@ class _Controller:
             starts=tuple(self._starts.records) if self._starts else (),
             unplayed=sessions[0].unplayed if sessions else (),
             profiles=self._profiles,
+            accuracy=self._accuracy,
         )
 
 

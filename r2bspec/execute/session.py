@@ -62,6 +62,7 @@ from r2bspec.plan.plan import MonitorPlan, Plan, ProcessPlan
 from r2bspec.plan.taps import all_taps, tap_monitors
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import (
+    AccuracyRecord,
     FloorRecord,
     Segment,
     SilenceRecord,
@@ -199,6 +200,30 @@ class Session:
         if self._segment_player is None:
             raise RunError("the graph was not brought up")
         self._segment_player.play_unrecorded_for(title, rate_hz, duration_ns)
+
+    def compare_with_truth(self, datasets: tuple[Path, ...]) -> tuple[AccuracyRecord, ...]:
+        """Play one more iteration and compare its outputs; see `truth_comparison`.
+
+        Args:
+            datasets: the folders of the recordings.
+
+        Raises:
+            RunError: a process does not respond, or exited.
+        """
+        if self._monitor is None or self._segment_player is None or not self._plan.inputs:
+            return ()
+        from r2bspec.execute.measurement.truth_comparison import TruthComparison
+
+        return TruthComparison(
+            self._plan,
+            self._supervisor,
+            self._monitor,
+            self._segment_player,
+            self.schedule,
+            self._rows_dir,
+            self._buffer_dir,
+            datasets,
+        ).compare()
 
     def bring_up(self) -> SegmentPlayer:
         """Start all processes and warm them up.

@@ -17,6 +17,8 @@ has been found once, and only has to be found again in the same direction.
     fail     pass            INCONCLUSIVE: the two sessions contradict each other
     other    anything        as the first: what passed is not tried again
 
+Messages that differ from the truth are not played again: they fail without a second session.
+
 No verdict becomes a PASS.
 """
 
@@ -30,6 +32,7 @@ from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.ended_rates import weaken_ended
 from r2bspec.judge.interference_policy import InterferencePolicy
 from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.methods.method_registry import METHODS
 from r2bspec.judge.outcome import InconclusivePolicy, outcome_of
 from r2bspec.judge.verdict import EXIT_CODES, RequirementVerdict, Verdict
 from r2bspec.language.confidence import CONFIRMATION_CONFIDENCE
@@ -64,7 +67,7 @@ def judge_with_confirmation(
         policy: of the first session.
     """
     first = weaken_ended(judge(objectives, samples, policy), objectives, samples, policy)
-    if not needs_confirmation(first):
+    if not needs_confirmation(first) or not any(map(_can_be_confirmed, first.requirements)):
         return first
     if samples.confirmation is None:
         return msgspec.structs.replace(first, reason=f"{first.reason} {_NOT_PLAYED_AGAIN}")
@@ -76,6 +79,12 @@ def judge_with_confirmation(
         reason=f"{found.reason} {sentence}",
         disturbed=(*first.disturbed, *second.disturbed),
     )
+
+
+def _can_be_confirmed(one: RequirementVerdict) -> bool:
+    """Whether a requirement failed in a way that a second session could repeat or not."""
+    failed = one.outcome == "fail" and one.level == "error"
+    return failed and METHODS[one.method].rests_on != "truth"
 
 
 def judge_confirmation(
@@ -112,7 +121,7 @@ def confirm_requirement(
         first: its verdict on the first session.
         second: its verdict on the second session at `CONFIRMATION_CONFIDENCE`; None without one.
     """
-    if first.outcome != "fail":
+    if first.outcome != "fail" or METHODS[first.method].rests_on == "truth":
         return first
     if second is not None and second.outcome == "fail":
         note = f"Confirmed by a second run: {_lower(second.reason)}"

@@ -25,6 +25,7 @@ from r2bspec.measure.samples import (
     RunSamples,
     SegmentSamples,
 )
+from r2bspec.measure.truth_metrics import kind_of
 from r2bspec.measure.units import show
 
 OWN_RATE: Final = 0.0
@@ -66,8 +67,7 @@ def judge_requirement(
         )
         yield _no_such_metric(name, requirement, at_hz, message, "")
         return
-    everywhere = info.scope == "monitor" and monitor is None
-    for monitor_name in samples.monitors if everywhere else (monitor,):
+    for monitor_name in _monitors(info, monitor, samples):
         question = Question(
             objective=name,
             requirement=requirement,
@@ -92,6 +92,17 @@ def judge_requirement(
                 notes=(),
             )
         yield judged
+
+
+def _monitors(info: MetricInfo, monitor: str | None, samples: RunSamples) -> tuple[str | None, ...]:
+    """The monitors that a requirement is judged for; None where it belongs to none."""
+    if monitor is not None:
+        return (monitor,)
+    if info.scope == "truth":
+        kind = kind_of(info.name)
+        compared = [one.monitor for one in samples.record.accuracy if one.kind == kind]
+        return tuple(compared) or (None,)
+    return samples.monitors if info.scope == "monitor" else (None,)
 
 
 def _losses_may_hide(question: Question) -> bool:

@@ -102,6 +102,7 @@ def build_result(
         starts=record.starts,
         unplayed=record.unplayed,
         profiles=record.profiles,
+        accuracy=record.accuracy,
     )
 
 

@@ -134,7 +134,7 @@ class PlaybackValidity:
 
     def problem(self, statistic: Statistic, at_hz: float | None) -> str:
         """Why the values of a metric at a rate are invalid, or empty."""
-        if statistic == "search" or at_hz is None:
+        if statistic in {"search", "truth"} or at_hz is None:
             return ""
         found = self.probes if statistic == "sequential" else self.iterations
         return next((reason for rate, reason in found.items() if math.isclose(rate, at_hz)), "")

@@ -11,6 +11,7 @@ from r2bspec.language.spec import Scalar
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.record.comparison_folder import PairRecord
 from r2bspec.record.run_record import (
+    AccuracyRecord,
     Difference,
     FloorRecord,
     ProcessRecord,
@@ -98,6 +99,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         starts: of all processes, with what each took; empty where it is not known.
         unplayed: messages of inputs that were not played.
         profiles: of an iteration that counts for nothing.
+        accuracy: of the monitors that were compared with the truth.
     """
 
     r2bspec_result: Literal[1] = 1
@@ -129,6 +131,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     starts: tuple[StartRecord, ...] = ()
     unplayed: tuple[UnplayedMessages, ...] = ()
     profiles: tuple[ProfileRecord, ...] = ()
+    accuracy: tuple[AccuracyRecord, ...] = ()
 
     def monitor_title(self, name: str) -> str:
         """The title of a monitor: its label and its name, or its name alone."""

@@ -308,6 +308,22 @@ class Ratio(_SpecStruct, frozen=True, kw_only=True):
     outputs: int = 1
 
 
+TruthKind = Literal["disparity", "tag"]
+"""What a ground truth says of an image: the disparity of each pixel, or the pose of its tag."""
+
+
+class Truth(_SpecStruct, frozen=True, kw_only=True):
+    """What the messages of a monitor are compared with, in the ground truth of the recording.
+
+    Attributes:
+        kind: what it says.
+        name: of what: a stereo pair (disparity), or an image topic of the recording (tag).
+    """
+
+    kind: TruthKind
+    name: str
+
+
 class Monitor(_SpecStruct, frozen=True, kw_only=True):
     """A monitored topic. `match` is how its messages are matched to inputs.
 
@@ -318,6 +334,7 @@ class Monitor(_SpecStruct, frozen=True, kw_only=True):
         taps: whether the topics on the path to it are monitored, too, for the latency of each hop.
         process: with the harness in the graph, the node or process that gets the monitor; empty to
             find it.
+        truth: what its messages are compared with, after the measurement.
     """
 
     topic: str
@@ -329,6 +346,7 @@ class Monitor(_SpecStruct, frozen=True, kw_only=True):
     label: str = ""
     taps: bool = False
     process: str = msgspec.field(name="in", default="")
+    truth: Truth | None = None
 
 
 class Search(_SpecStruct, frozen=True, kw_only=True):

@@ -18,14 +18,25 @@ from r2bspec.diagnostics import did_you_mean
 from r2bspec.language.requirement_grammar import Bound
 from r2bspec.measure.distribution_parts import PERCENTILES, SHORT_PERCENTILES, quantile
 from r2bspec.measure.errors import MetricError
+from r2bspec.measure.truth_metrics import (
+    BAD_PIXELS,
+    DENSITY,
+    TAG_FALSE,
+    TAG_MISSED,
+    TAG_POSITION_ERROR,
+)
 
-Statistic = Literal["percentile", "share", "mean", "observation", "search", "sequential"]
+Statistic = Literal["percentile", "share", "mean", "observation", "search", "sequential", "truth"]
 """How a bound on the metric is decided: by the exact binomial test on single messages
 (percentile, share), by t over the iterations (mean), by comparing the observed value
-(observation), by the bracket of the search (search) or by a probe (sequential)."""
+(observation), by the bracket of the search (search), by a probe (sequential) or by comparing
+messages with the truth (truth)."""
 
-Scope = Literal["monitor", "playback", "process", "machine", "search", "probe"]
-"""What the metric belongs to. Only the metrics of a monitor are prefixed with its name."""
+Scope = Literal["monitor", "truth", "playback", "process", "machine", "search", "probe"]
+"""What the metric belongs to. Only the metrics of a monitor (monitor, truth) are prefixed with its
+name. Those of scope ``truth`` have a value for the monitors that name a truth of their kind."""
+
+_OF_MONITORS = frozenset({"monitor", "truth"})
 
 Dimension = Literal["time", "rate", "size", "share", "count", "none"]
 
@@ -69,12 +80,12 @@ class MetricInfo:
         """Whether a bound has this metric's dimension.
 
         'of offered' applies to rates only; 'of baseline' to every metric that has a value in each
-        iteration and is not a count.
+        iteration and is not a count. Accuracy is not a matter of iterations.
         """
         if bound.of_offered:
             return self.dimension == "rate"
         if bound.of_baseline:
-            return self.dimension not in {"count", "none"}
+            return self.dimension not in {"count", "none"} and self.scope != "truth"
         return bound.dimension == self.dimension
 
 
@@ -155,6 +166,19 @@ _CATALOGUE: tuple[MetricInfo, ...] = (
         "observation",
         "largest memory in use on the machine",
     ),
+    _metric(
+        BAD_PIXELS, "truth", "share", "truth", "disparities that are off by more than 2 pixels"
+    ),
+    _metric(DENSITY, "truth", "share", "truth", "pixels with a disparity, of all with a true one"),
+    _metric(TAG_MISSED, "truth", "share", "truth", "images in which the visible tag is not found"),
+    _metric(TAG_FALSE, "truth", "share", "truth", "detections that are not of the tag"),
+    _metric(
+        TAG_POSITION_ERROR,
+        "truth",
+        "share",
+        "truth",
+        "mean distance from the true position / distance of the tag",
+    ),
     _metric("peak.rate", "search", "rate", "search", "highest sustained rate"),
     replace(
         _metric(
@@ -183,9 +207,10 @@ def resolve(
 ) -> tuple[str | None, MetricInfo]:
     """Find the metric of a requirement's dotted name.
 
-    A metric of a monitor may be written without the monitor: it then refers to the only monitor,
-    or, with several, to each of them (the monitor returned is None). A name that is a metric by
-    itself takes precedence over a monitor with the name of a metric's family.
+    A metric of a monitor may be written without the monitor: it then refers to the only
+    monitor, or, with several, to each of them that has it (the monitor returned is None). A
+    name that is a metric by itself takes precedence over a monitor with the name of a metric's
+    family.
 
     Args:
         metric: the dotted name as written.
@@ -201,7 +226,7 @@ def resolve(
     """
     info = _find(metric, processes)
     if info is not None:
-        only = next(iter(monitors)) if len(monitors) == 1 and info.scope == "monitor" else None
+        only = next(iter(monitors)) if len(monitors) == 1 and info.scope in _OF_MONITORS else None
         return only, info
     first, _, rest = metric.partition(".")
     if first in monitors:
@@ -212,7 +237,7 @@ def resolve(
             raise _unknown_metric(
                 rest, f"there is no metric {rest!r}", processes, prefix=f"{first}."
             )
-        if info.scope != "monitor":
+        if info.scope not in _OF_MONITORS:
             raise MetricError(
                 f"{rest!r} is not a metric of a monitor", known=(rest,), suggestion=rest
             )

@@ -23,6 +23,13 @@ from r2bspec.measure.metric_catalogue import (
     names,
     resolve,
 )
+from r2bspec.measure.truth_metrics import (
+    BAD_PIXELS,
+    DENSITY,
+    TAG_FALSE,
+    TAG_MISSED,
+    TAG_POSITION_ERROR,
+)
 
 MODES = ("looping", "sweeping", "timeline", "live")
 """The values of ``playback.mode``."""
@@ -125,6 +132,32 @@ DEFINITIONS: dict[str, Definition] = {
     "memory.system": Definition(
         "The largest memory in use on the machine, caches left out.", "max over the samples"
     ),
+    BAD_PIXELS: Definition(
+        "How many of the disparities that a monitor received are wrong: off by more than 2 pixels "
+        "of the recorded image, as the Middlebury evaluation counts (bad 2.0). Only pixels whose "
+        "point both cameras see are compared, and only those that have a disparity; how many have "
+        "none is told by the density. It needs 'truth: {kind: disparity}' at the monitor.",
+        "bad / answered, over all pixels of all images",
+    ),
+    DENSITY: Definition(
+        "For how many pixels a disparity was found, of those whose point both cameras see.",
+        "answered / compared",
+    ),
+    TAG_MISSED: Definition(
+        "In how many images the tag was not found, of those in which all of it is visible. A "
+        "detection answers the tag if its position is off by at most 10 % of the tag's distance, "
+        "and its rotation by at most 20 degrees. It needs 'truth: {kind: tag}' at the monitor.",
+        "images without an answer / images with a visible tag",
+    ),
+    TAG_FALSE: Definition(
+        "How many detections do not answer the tag, or answer it a second time.",
+        "(detections − answers) / detections; 0 without detections",
+    ),
+    TAG_POSITION_ERROR: Definition(
+        "How far the detected positions are from the true ones, as a share of the tag's distance "
+        "from the camera. Only detections that answer the tag count.",
+        "mean of |found − true| / |true|, over the answers",
+    ),
     "peak.rate": Definition(
         "The highest rate that the search found to be sustained. It needs benchmark.search.",
         "the lower end of the final bracket of the search",
@@ -143,6 +176,7 @@ JUDGED: dict[Statistic, str] = {
     "mean": "Student's t over the iterations",
     "observation": "an observation: the value is compared, without a confidence",
     "search": "the final bracket of the search",
+    "truth": "compared with the truth on one more iteration, without a confidence",
     "sequential": "one sequential probe",
 }
 
@@ -157,6 +191,7 @@ _BOUNDS: dict[Dimension, str] = {
 
 SCOPES: dict[Scope, str] = {
     "monitor": "each monitor; MONITOR.NAME for one of several",
+    "truth": "a monitor with 'truth'; MONITOR.NAME for one of several",
     "playback": "the playback",
     "process": "each process of the plan",
     "machine": "the machine",

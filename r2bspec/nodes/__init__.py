@@ -12,12 +12,29 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from r2bspec.nodes.apriltag import AprilTagNode
+    from r2bspec.nodes.disparity import DisparityNode
+    from r2bspec.nodes.point_cloud import PointCloudNode
+    from r2bspec.nodes.rectify import RectifyNode
     from r2bspec.nodes.relay import RelayNode
     from r2bspec.nodes.resize import ResizeNode
 
-__all__ = ["AprilTagNode", "RelayNode", "ResizeNode"]
+__all__ = [
+    "AprilTagNode",
+    "DisparityNode",
+    "PointCloudNode",
+    "RectifyNode",
+    "RelayNode",
+    "ResizeNode",
+]
 
-_MODULES = {"AprilTagNode": "apriltag", "RelayNode": "relay", "ResizeNode": "resize"}
+_MODULES = {
+    "AprilTagNode": "apriltag",
+    "DisparityNode": "disparity",
+    "PointCloudNode": "point_cloud",
+    "RectifyNode": "rectify",
+    "RelayNode": "relay",
+    "ResizeNode": "resize",
+}
 
 
 def __getattr__(name: str) -> object:

@@ -42,6 +42,12 @@ class CameraFields(Protocol):
     roi: Any
 
 
+class RectifiedCameraFields(CameraFields, Protocol):
+    """Those, and the rotation by which the camera is rectified."""
+
+    r: Any
+
+
 def _resampling(scale_x: float, scale_y: float) -> Matrix:
     """Map homogeneous pixel coordinates of an image to those of its resized copy."""
     return np.array(
@@ -86,6 +92,52 @@ def matrix(info: CameraFields) -> Matrix:
     full[1, 2] -= info.roi.y_offset
     # 0 means the same as 1: no binning.
     return _resampling(1.0 / max(info.binning_x, 1), 1.0 / max(info.binning_y, 1)) @ full
+
+
+def rotation(info: RectifiedCameraFields) -> Matrix:
+    """The rotation from the camera's optical frame to the rectified one, shape (3, 3)."""
+    return np.array(info.r, dtype=np.float64).reshape(3, 3)
+
+
+def projection(info: CameraFields) -> Matrix:
+    """The camera of the rectified image, after its region of interest and binning.
+
+    Returns:
+        Shape (3, 4), in pixels; the last column is that of the right camera of a stereo pair,
+        -fx times the baseline in metres.
+
+    Raises:
+        ValueError: the camera is not calibrated.
+    """
+    full = np.array(info.p, dtype=np.float64).reshape(3, 4)
+    if full[0, 0] <= 0.0 or full[1, 1] <= 0.0:
+        raise ValueError("camera_info is not calibrated: its focal length p[0] or p[5] is 0")
+    full[0, 2] -= info.roi.x_offset
+    full[1, 2] -= info.roi.y_offset
+    return _resampling(1.0 / max(info.binning_x, 1), 1.0 / max(info.binning_y, 1)) @ full
+
+
+def rectified(info: RectifiedCameraFields, width: int, height: int) -> None:
+    """Turn the camera of an image into the camera of its rectified image, in place.
+
+    Args:
+        info: the camera.
+        width: of the image as it was sent, pixels.
+        height: the same.
+
+    Raises:
+        ValueError: the camera is not calibrated.
+    """
+    new = projection(info)
+    info.p = new.ravel()
+    info.k = new[:, :3].ravel()
+    info.r = np.eye(3).ravel()
+    info.d = np.zeros(5)
+    info.distortion_model = "plumb_bob"
+    info.width, info.height = width, height
+    info.binning_x = info.binning_y = 0
+    roi: Roi = info.roi
+    roi.x_offset = roi.y_offset = roi.width = roi.height = 0
 
 
 def distortion(info: CameraFields) -> Matrix:

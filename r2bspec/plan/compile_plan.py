@@ -273,4 +273,6 @@ def _phases(spec: Spec, sustained_hz: tuple[float, ...], *, plays: bool) -> Iter
         yield "sustained"
     if plays:
         yield "play"
+    if any(each.truth is not None for each in spec.monitors.values()):
+        yield "truth"
     yield "collect"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from r2bspec.language.spec import Monitor, Spec
-from r2bspec.plan.plan import MonitorPlan, TapPlan
+from r2bspec.plan.plan import MonitorPlan, TapPlan, TruthPlan
 from r2bspec.wiring.build_wiring import harness_topic
 from r2bspec.wiring.wiring import PhaseWiring, Wiring
 
@@ -22,6 +22,7 @@ def plan_monitors(spec: Spec, wiring: Wiring) -> tuple[MonitorPlan, ...]:
             label=each.label,
             answers=_answers(each, spec, wiring),
             taps=_taps(each, wiring) if each.taps else (),
+            truth=TruthPlan(kind=each.truth.kind, name=each.truth.name) if each.truth else None,
         )
         for name, each in spec.monitors.items()
     )

@@ -13,7 +13,7 @@ import msgspec
 
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
-from r2bspec.language.spec import Objective, QoS, Scalar
+from r2bspec.language.spec import Objective, QoS, Scalar, TruthKind
 
 
 class _Value(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -232,6 +232,13 @@ class TapPlan(_Value, frozen=True, kw_only=True):
     type: str
 
 
+class TruthPlan(_Value, frozen=True, kw_only=True):
+    """What the messages of a monitor are compared with: see `r2bspec.language.spec.Truth`."""
+
+    kind: TruthKind
+    name: str
+
+
 class MonitorPlan(_Value, frozen=True, kw_only=True):
     """A monitored topic. `qos` None means the QoS that its publisher offers.
 
@@ -241,6 +248,7 @@ class MonitorPlan(_Value, frozen=True, kw_only=True):
         answers: in a timeline, the topics of the inputs that it answers: a step counts for it if
             it has messages of all of them. Otherwise empty, because each step has all inputs.
         taps: topics whose messages are also matched by stamp; in the order of the plan's topics.
+        truth: what its messages are compared with after the measurement; None for nothing.
     """
 
     name: str
@@ -253,6 +261,7 @@ class MonitorPlan(_Value, frozen=True, kw_only=True):
     label: str = ""
     answers: tuple[str, ...] = ()
     taps: tuple[TapPlan, ...] = ()
+    truth: TruthPlan | None = None
 
 
 class SearchPlan(_Value, frozen=True, kw_only=True):
@@ -318,8 +327,8 @@ class Plan(_Value, frozen=True, kw_only=True):
     """The plan of a run.
 
     `phases` are those of setup, load, preprocess, start, floor, graph, ready, after_ready, warm_up,
-    search, sustained, play and collect that the run has, in this order. `sustained_hz` are the
-    rates that an objective requires to be sustained, with one sequential probe each.
+    search, sustained, play, truth and collect that the run has, in this order. `sustained_hz` are
+    the rates that an objective requires to be sustained, with one sequential probe each.
     `play_at_peak` is played at the peak rate of the search, if an objective needs it; its own rate
     is 0. `largest_message_bytes` is over the bag topics that are used, and 0 if unknown.
 

@@ -22,7 +22,8 @@ def smoke_plan(plan: Plan) -> Plan:
         play, duration_ns=min(play.duration_ns, _ITERATION_NS), iterations=1, max_iterations=0
     )
     phases = [each for each in plan.phases if each not in {"search", "sustained", "play"}]
-    phases.insert(phases.index("collect") if "collect" in phases else len(phases), "play")
+    after = next((each for each in ("truth", "collect") if each in phases), None)
+    phases.insert(len(phases) if after is None else phases.index(after), "play")
     return msgspec.structs.replace(
         plan,
         title=f"{plan.title or plan.name} (smoke run: nothing is judged)",

@@ -68,6 +68,7 @@ def estimate_time(plan: Plan) -> TimeEstimate:
         "search": _search_s(plan),
         "sustained": len(plan.sustained_hz) * _TYPICAL_PROBE_S,
         "play": play_s + later_starts_s,
+        "truth": _truth_s(plan),
         "collect": _COLLECT_S,
     }
     phases = {name: seconds for name, seconds in phases.items() if seconds}
@@ -87,6 +88,16 @@ def estimate_time(plan: Plan) -> TimeEstimate:
 
 def _plays(plan: Plan) -> tuple[PlayPlan, ...]:
     return (*plan.play, *((plan.play_at_peak,) if plan.play_at_peak is not None else ()))
+
+
+def _truth_s(plan: Plan) -> float:
+    """Every message of the buffer once, at the lowest rate; a timeline about once."""
+    if "truth" not in plan.phases:
+        return 0.0
+    rates = [each.rate_hz for each in plan.play] + list(plan.sustained_hz)
+    rates += [plan.search.min_hz] if plan.search is not None else []
+    rate_hz = min(rates, default=0.0)
+    return plan.buffer / rate_hz if rate_hz and plan.buffer else _TYPICAL_PROBE_S
 
 
 def _play_s(play: PlayPlan, iterations: int) -> float:

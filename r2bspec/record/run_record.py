@@ -22,6 +22,8 @@ from typing import Any, Literal
 
 import msgspec
 
+from r2bspec.language.spec import TruthKind
+
 PLAYBACK_FIELDS = (
     ("stamp_ns", "<i8"),
     ("due_ns", "<i8"),
@@ -456,6 +458,29 @@ class EndedRate(msgspec.Struct, frozen=True, kw_only=True):
     iterations: int
 
 
+class AccuracyRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """The messages of one monitor, compared with the truth.
+
+    Attributes:
+        kind: of the truth.
+        of: the stereo pair or image topic in the ground truth.
+        outputs: how many messages were compared; the answers to `steps` steps of one more
+            iteration, in which every image of the recording was played once.
+        values: of the metrics that have one, by name; shares as fractions.
+        text: what was compared, in a sentence.
+        problem: why nothing was compared; empty if something was.
+    """
+
+    monitor: str
+    kind: TruthKind
+    of: str
+    outputs: int
+    steps: int
+    values: dict[str, float]
+    text: str = ""
+    problem: str = ""
+
+
 class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     """A run, complete or not.
 
@@ -469,6 +494,8 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     that were not. `ended_rates` are those that ``--abort-on-fail`` ended. `starts` are those whose
     graph was warmed up; empty in records of versions that did not state them, which had one start.
     `profiles` are those of an iteration that counts for nothing.
+    `accuracy` has one entry for each monitor that is compared with the truth, unless the run ended
+    before that.
     """
 
     r2bspec_record: Literal[1] = 1
@@ -495,3 +522,4 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     unplayed: tuple[UnplayedMessages, ...] = ()
     profiles: tuple[ProfileRecord, ...] = ()
     ended_rates: tuple[EndedRate, ...] = ()
+    accuracy: tuple[AccuracyRecord, ...] = ()

@@ -62,7 +62,7 @@ def estimate_text(one: RequirementVerdict) -> str:
 def bounds_text(one: RequirementVerdict) -> str:
     """The confidence interval, one-sided where only one side is bounded."""
     if one.lower is None and one.upper is None:
-        return "observed" if one.method == "observation" else ""
+        return "observed" if one.method in {"observation", "comparison with truth"} else ""
     if one.lower is None:
         return f"≤ {show(one.upper, one.unit)}"
     if one.upper is None:
@@ -213,6 +213,7 @@ def notes(result: Result) -> Iterator[str]:
     for difference in result.differences:
         if difference.harmless:
             yield f"{difference.code}: {difference.message}; {difference.help}"
+    yield from accuracy_notes(result)
     yield from (f"{each[:1].upper()}{each[1:]}" for each in _of_pairs(result))
     yield from affected_iteration_notes(result.verdict.disturbed)
     yield from _disturbed_start_notes(result.starts)
@@ -227,6 +228,18 @@ def notes(result: Result) -> Iterator[str]:
     yield from profile_notes(result.profiles)
     # Each start has a process of the name; that all end in one way is one note.
     yield from dict.fromkeys(_exit_notes(result))
+
+
+def accuracy_notes(result: Result) -> Iterator[str]:
+    """What the comparison with the truth found, a sentence or two for each monitor."""
+    for one in result.accuracy:
+        found = ", ".join(
+            f"{name.removeprefix('accuracy.')} {show(value, 'share')}"
+            for name, value in one.values.items()
+        )
+        said = one.problem or f"{found or 'no values'}. {one.text}".strip()
+        compared = f"{one.outputs:,} of {one.steps:,} steps compared"
+        yield f"Accuracy of {one.monitor}, {one.kind} of {one.of}, {compared}: {said}"
 
 
 def _exit_notes(result: Result) -> Iterator[str]:

@@ -11,7 +11,7 @@ def _find(context: Context) -> Findings:
     rates = ", ".join(str(rate) for rate in context.spec.benchmark.rates)
     for each in known_metrics(context):
         located = each.located
-        if located.needs_rate and each.info.statistic != "search":
+        if located.needs_rate and each.info.statistic not in {"search", "truth"}:
             yield Finding(
                 message=f"requirement on {quote(each.info.name)} has no rate",
                 path=located.path,
@@ -27,7 +27,7 @@ RULE = Rule(
     title="requirement has no rate",
     severity="error",
     why="A latency at 10 Hz says little about the latency at 60 Hz. Only the result of the search "
-    "(peak.rate) has no rate.",
+    "(peak.rate) and the accuracy have no rate.",
     failing=example(slos="{fast: {require: [latency.p90 < 50 ms]}}"),
     passing=example(slos="{fast: {at: 30 Hz, require: [latency.p90 < 50 ms]}}"),
     find=_find,

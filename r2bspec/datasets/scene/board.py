@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from r2bspec.datasets.scene.geometry import Pose
 from r2bspec.datasets.scene.rig import Camera
 from r2bspec.datasets.scene.tag import BOARD_CELLS, MARKER_CELLS, Tag, sample_board
-from r2bspec.datasets.scene.view import MIN_DEPTH_M, image_bounds
+from r2bspec.datasets.scene.view import MIN_DEPTH_M, image_bounds, undistorted
 
 if TYPE_CHECKING:
     import numpy as np
@@ -48,8 +48,7 @@ def paint_tag(image: NDArray[np.uint8], tag: Tag, camera: Camera, pose: Pose) ->
     shifts = [(number + 0.5) / _SAMPLES_PER_AXIS - 0.5 for number in range(_SAMPLES_PER_AXIS)]
     for down in shifts:
         for across in shifts:
-            x = ((columns + across - camera.center_px[0]) / camera.focal_px)[None, :]
-            y = ((rows + down - camera.center_px[1]) / camera.focal_px)[:, None]
+            x, y = undistorted(camera, columns + across, rows + down)
             sample_px = 1 / (camera.focal_px * _SAMPLES_PER_AXIS)
             value, share = sample_board(
                 *_board_coordinates(to_tag, tag.size_m / MARKER_CELLS, x, y, sample_px)

@@ -99,7 +99,7 @@ def _camera_info(_: Scene, source: TopicSource, start_ns: int, offset_ns: int) -
         height=camera.height,
         width=camera.width,
         distortion_model=DISTORTION_MODEL,
-        d=np.zeros(DISTORTION_TERMS),
+        d=np.array(_distortion(camera), np.float64),
         k=np.array([focal, 0, cx, 0, focal, cy, 0, 0, 1], np.float64),
         r=np.array([1, 0, 0, 0, 1, 0, 0, 0, 1], np.float64),
         p=np.array([focal, 0, cx, shift, 0, focal, cy, 0, 0, 0, 1, 0], np.float64),
@@ -109,6 +109,10 @@ def _camera_info(_: Scene, source: TopicSource, start_ns: int, offset_ns: int) -
             x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
         ),
     )
+
+
+def _distortion(camera: Camera) -> tuple[float, ...]:
+    return (0.0,) * DISTORTION_TERMS if camera.lens is None else camera.lens.coefficients
 
 
 def _imu(scene: Scene, source: TopicSource, start_ns: int, offset_ns: int) -> Any:

@@ -20,7 +20,7 @@ from r2bspec.datasets.scene.surfaces import (
     texture_values,
 )
 from r2bspec.datasets.scene.tag import Tag
-from r2bspec.datasets.scene.view import MIN_DEPTH_M, Bounds, image_bounds
+from r2bspec.datasets.scene.view import MIN_DEPTH_M, Bounds, image_bounds, undistorted
 
 if TYPE_CHECKING:
     import numpy as np
@@ -82,11 +82,31 @@ def _camera_rays(camera: Camera, pose: Pose, rows: slice) -> Rays:
 
     x = (np.arange(camera.width) - camera.center_px[0]) / camera.focal_px
     y = (np.arange(rows.start, rows.stop) - camera.center_px[1]) / camera.focal_px
+    if camera.lens is not None:
+        ideal_x, ideal_y = (part[rows] for part in _ideal_grid(camera))
+        turned = (row[0] * ideal_x + row[1] * ideal_y + row[2] for row in pose.rotation)
+        return Rays(pose.position_m, tuple(each.astype(np.float32) for each in turned))
     world_x, world_y, world_z = (
         (row[0] * x)[None, :].astype(np.float32) + (row[1] * y + row[2])[:, None].astype(np.float32)
         for row in pose.rotation
     )
     return Rays(pose.position_m, (world_x, world_y, world_z))
+
+
+@lru_cache(maxsize=2)
+def _ideal_grid(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where an ideal camera sees what each pixel shows, one focal length away; (height, width)."""
+    import numpy as np
+
+    across = np.empty((camera.height, camera.width))
+    down = np.empty((camera.height, camera.width))
+    for rows in _bands(camera):
+        across[rows], down[rows] = undistorted(
+            camera,
+            np.arange(camera.width, dtype=np.float64),
+            np.arange(rows.start, rows.stop, dtype=np.float64),
+        )
+    return across, down
 
 
 def _intersect(room: Room, camera: Camera, pose: Pose, rays: Rays, rows: slice) -> Hits:

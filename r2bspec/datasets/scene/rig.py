@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from r2bspec.datasets.scene.lens import Lens
+
 IMAGE = "sensor_msgs/msg/Image"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 IMU = "sensor_msgs/msg/Imu"
@@ -19,7 +21,7 @@ _CHANNELS = {"rgb8": 3, "mono8": 1, "16UC1": 2}
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """An ideal pinhole camera.
+    """A pinhole camera, with a lens that distorts or none.
 
     Attributes:
         frame_id: its optical frame.
@@ -28,6 +30,7 @@ class Camera:
         center_px: principal point (cx, cy).
         position_m: of its optical centre in the body frame.
         baseline_m: distance to the left camera of the pair; zero for any other camera.
+        lens: what distorts its images; None for images that its driver has rectified.
     """
 
     frame_id: str
@@ -38,6 +41,7 @@ class Camera:
     center_px: tuple[float, float]
     position_m: tuple[float, float, float]
     baseline_m: float = 0.0
+    lens: Lens | None = None
 
     @property
     def bytes_per_pixel(self) -> int:
@@ -75,7 +79,7 @@ class TopicSource:
 
 @dataclass(frozen=True, slots=True)
 class StereoPair:
-    """Two image topics of one rectified pair."""
+    """Two image topics of one pair, whose rectified images have the same rows."""
 
     name: str
     left_topic: str
@@ -95,7 +99,7 @@ def _infrared(side: str, y_m: float, baseline_m: float, encoding: str = "mono8")
     )
 
 
-def _hawk(side: str, y_m: float, baseline_m: float) -> Camera:
+def _hawk(side: str, y_m: float, baseline_m: float, lens: Lens) -> Camera:
     return Camera(
         frame_id=f"hawk_0_{side}_rgb_optical_frame",
         width=1920,
@@ -105,6 +109,7 @@ def _hawk(side: str, y_m: float, baseline_m: float) -> Camera:
         center_px=(958.5, 600.25),
         position_m=(0.03, y_m, 0.06),
         baseline_m=baseline_m,
+        lens=lens,
     )
 
 
@@ -121,8 +126,9 @@ COLOUR = Camera(
     center_px=(640.5, 399.0),
     position_m=(0.02, -0.0115, 0.0),
 )
-LEFT_HAWK = _hawk("left", 0.075, 0.0)
-RIGHT_HAWK = _hawk("right", -0.075, 0.15)
+# Two lenses of one kind differ a little. They move the corners of an image by some 130 pixels.
+LEFT_HAWK = _hawk("left", 0.075, 0.0, Lens(-0.112, 0.0211, 0.00041, -0.00028, -0.0021))
+RIGHT_HAWK = _hawk("right", -0.075, 0.15, Lens(-0.102, 0.0187, -0.00035, 0.00022, -0.0018))
 HOPE = Camera(
     frame_id="camera_optical_frame",
     width=1920,

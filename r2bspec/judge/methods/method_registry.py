@@ -18,6 +18,7 @@ Method = Literal[
     "observation",
     "search bracket",
     "sequential probe",
+    "comparison with truth",
     "none",
 ]
 """How a requirement was decided. ``none``: without a test, for lack of samples."""
@@ -29,14 +30,15 @@ class MethodTraits:
 
     Attributes:
         grows: whether more iterations can help it to a decision.
-        rests_on: what has to be measured again to confirm its FAIL.
+        rests_on: what has to be measured again to confirm its FAIL; ``truth`` for nothing: the
+            messages are wrong, and another run would not make them right.
         curtails: whether its FAIL can be final before the whole run was played
             (`r2bspec.judge.curtailment`).
         counts: what it counts, where it tests a share.
     """
 
     grows: bool = False
-    rests_on: Literal["iterations", "search", "probes"] = "iterations"
+    rests_on: Literal["iterations", "search", "probes", "truth"] = "iterations"
     curtails: bool = False
     counts: Literal["messages", "windows"] = "messages"
 
@@ -51,10 +53,12 @@ METHODS: Final[dict[Method, MethodTraits]] = {
     "observation": MethodTraits(curtails=True),
     "search bracket": MethodTraits(rests_on="search"),
     "sequential probe": MethodTraits(rests_on="probes"),
+    "comparison with truth": MethodTraits(rests_on="truth"),
     "none": MethodTraits(),
 }
 
 DECIDERS: Final = (
+    "truth_comparison",
     "peak_bracket",
     "sustained",
     "window_share",

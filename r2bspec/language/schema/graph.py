@@ -90,6 +90,25 @@ MONITORS: Schema = name_map(
                 form=name_patterns.PLACE,
                 examples=["detector"],
             ),
+            "truth": record(
+                "What its messages are compared with, in the ground truth of the recording: on one "
+                "more iteration, after the measurement. Requirements can then name the metrics "
+                "'accuracy.…'.",
+                {
+                    "kind": choice(
+                        "The disparity of each pixel (stereo_msgs/msg/DisparityImage), or the pose "
+                        "of the tag (geometry_msgs/msg/PoseArray).",
+                        ["disparity", "tag"],
+                    ),
+                    "name": text(
+                        "A stereo pair of the ground truth (disparity), or an image topic of the "
+                        "recording (tag).",
+                        examples=["hawk_0", "/d455_1_rgb_image"],
+                    ),
+                },
+                required=["kind", "name"],
+                examples=[{"kind": "disparity", "name": "hawk_0"}],
+            ),
         },
         required=["topic", "format"],
         examples=[{"topic": "tag_detections", "format": "geometry_msgs/msg/PoseArray"}],

@@ -87,13 +87,13 @@ def boolean(description: str, *, default: bool) -> Schema:
     }
 
 
-def choice(description: str, values: Sequence[str], default: str) -> Schema:
+def choice(description: str, values: Sequence[str], default: str | None = None) -> Schema:
     """One of a few words."""
     return {
         "type": "string",
         "description": description,
         "enum": list(values),
-        "default": default,
+        **({} if default is None else {"default": default}),
         "examples": list(values[:1]),
     }
 

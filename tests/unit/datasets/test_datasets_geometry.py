@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -32,6 +33,17 @@ def sampled(image: NDArray[np.float64], across: NDArray[np.float64]) -> NDArray[
     return values
 
 
+def rectified(made: SyntheticDataset, topic: str, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """What an ideal camera would have recorded, by OpenCV; the image itself without a lens."""
+    camera = read_ground_truth(made.path).cameras[topic]
+    if not camera.distortion:
+        return image
+    cv2 = pytest.importorskip("cv2")
+    (cx, cy), focal = camera.center_px, camera.focal_px
+    matrix = np.array([[focal, 0, cx], [0, focal, cy], [0, 0, 1]])
+    return np.asarray(cv2.undistort(image, matrix, np.array(camera.distortion)))
+
+
 @pytest.mark.parametrize("pair", ["d455_1_ir", "hawk_0"])
 def test_the_right_image_shows_the_left_one_shifted_by_the_disparity(
     storage_room: SyntheticDataset, pair: str
@@ -44,6 +56,8 @@ def test_the_right_image_shows_the_left_one_shifted_by_the_disparity(
     )
     assert left_camera is not None
     assert right_camera is not None
+    # Of the rectified images.
+    left_camera, right_camera = replace(left_camera, lens=None), replace(right_camera, lens=None)
     (left_message, left), (right_message, right) = (
         decoded(storage_room.path, topic)[1] for topic in (truth.left_topic, truth.right_topic)
     )
@@ -62,7 +76,10 @@ def test_the_right_image_shows_the_left_one_shifted_by_the_disparity(
         np.abs(sampled(right_depth.astype(np.float64), across) - left_depth) < 0.01 * left_depth
     )
     assert seen.mean() > 0.8
-    grey_left, grey_right = (np.atleast_3d(pixels(image)).mean(axis=2) for image in (left, right))
+    grey_left, grey_right = (
+        np.atleast_3d(rectified(storage_room, topic, pixels(image))).mean(axis=2)
+        for topic, image in ((truth.left_topic, left), (truth.right_topic, right))
+    )
     difference = np.abs(grey_left - sampled(grey_right, across))[seen]
     assert np.median(difference) < 1.5
     assert np.quantile(difference, 0.99) < 12

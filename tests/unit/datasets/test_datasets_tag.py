@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
@@ -12,10 +13,11 @@ from numpy.typing import NDArray
 from data_bags import decoded, pixels, stamp_ns
 from ground_truth_files import read_ground_truth
 from r2bspec.bags.recording import SyntheticDataset
-from r2bspec.datasets.ground_truth import TagSighting
+from r2bspec.datasets.ground_truth import CameraTruth, TagSighting
 from r2bspec.datasets.scene import rig
 from r2bspec.datasets.scene.board import tag_pose
 from r2bspec.datasets.scene.geometry import BODY_FROM_OPTICAL, Pose
+from r2bspec.datasets.scene.lens import Lens
 from r2bspec.datasets.scene.render import camera_pose, render_image
 from r2bspec.datasets.scene.scenes import find_scene
 from r2bspec.datasets.scene.tag import board_cells
@@ -88,8 +90,17 @@ def test_sightings_are_consistent(storage_room: SyntheticDataset, topic: str) ->
         assert each.visible
         corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * TAG_SIZE_M / 2
         points = corners @ rotation(each.orientation_xyzw).T + each.position_m
-        projected = points[:, :2] / points[:, 2:] * camera.focal_px + camera.center_px
+        projected = shown(camera, points[:, :2] / points[:, 2:])
         assert np.abs(projected - each.corners_px).max() < 1e-6
+
+
+def shown(camera: CameraTruth, ideal: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The pixels at which a camera shows points of the plane one focal length away; (n, 2)."""
+    if camera.distortion:
+        lens = Lens(*camera.distortion)
+        ideal = np.array([lens.distort(float(x), float(y)) for x, y in ideal])
+    places: NDArray[np.float64] = ideal * camera.focal_px + np.array(camera.center_px)
+    return places
 
 
 def test_the_tag_moves(storage_room: SyntheticDataset) -> None:
@@ -100,16 +111,21 @@ def test_the_tag_moves(storage_room: SyntheticDataset) -> None:
 @pytest.mark.parametrize("topic", IMAGE_TOPICS)
 def test_the_borders_lie_where_the_corners_say(storage_room: SyntheticDataset, topic: str) -> None:
     """Half-way between black and white, along each edge, without any detector."""
+    camera = read_ground_truth(storage_room.path).cameras[topic]
     for (_, message), seen in zip(
         decoded(storage_room.path, topic), sightings(storage_room, topic), strict=True
     ):
         image = grey(pixels(message)).astype(np.float64)
-        corners = np.array(seen.corners_px)
+        square = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * TAG_SIZE_M / 2
+        points = square @ rotation(seen.orientation_xyzw).T + seen.position_m
         for edge in range(4):
-            start, end = corners[edge], corners[(edge + 1) % 4]
+            # A lens bends the edges: they are straight in space.
+            start, end = points[edge], points[(edge + 1) % 4]
+            along = np.array([start + (end - start) * share for share in np.linspace(0.1, 0.9, 41)])
+            places = shown(camera, along[:, :2] / along[:, 2:])
             offsets = [
-                _crossing(image, start + (end - start) * share, end - start)
-                for share in np.linspace(0.1, 0.9, 40)
+                _crossing(image, place, after - place)
+                for place, after in itertools.pairwise(places)
             ]
             assert abs(float(np.mean(offsets))) < 0.08
             assert float(np.max(np.abs(offsets))) < 0.25
@@ -144,13 +160,15 @@ def detect(image: NDArray[np.uint8]) -> NDArray[np.float64]:
 
 
 def estimate(
-    corners: NDArray[np.float64], matrix: NDArray[np.float64]
+    corners: NDArray[np.float64], matrix: NDArray[np.float64], distortion: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Position and rotation of the tag from its corners, by OpenCV."""
     cv2 = pytest.importorskip("cv2")
     half = TAG_SIZE_M / 2
     points = np.array([[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]])
-    found, turn, position = cv2.solvePnP(points, corners, matrix, None, flags=cv2.SOLVEPNP_IPPE)
+    found, turn, position = cv2.solvePnP(
+        points, corners, matrix, distortion, flags=cv2.SOLVEPNP_IPPE
+    )
     assert found
     return position.ravel(), cv2.Rodrigues(turn)[0]
 
@@ -170,7 +188,7 @@ def test_opencv_finds_its_pose(
             matrix[0] *= size[0] / message.width
             matrix[1] *= size[1] / message.height
             image = cv2.resize(image, size)
-        position, turn = estimate(detect(image), matrix)
+        position, turn = estimate(detect(image), matrix, info.d)
         assert np.linalg.norm(position - seen.position_m) < 0.01
         cosine = (np.trace(turn.T @ rotation(seen.orientation_xyzw)) - 1) / 2
         assert math.degrees(math.acos(min(1.0, cosine))) < 1.0
@@ -178,10 +196,10 @@ def test_opencv_finds_its_pose(
 
 def test_opencv_finds_it_throughout_the_sequence() -> None:
     pytest.importorskip("cv2")
-    shown = find_scene("r2b_storage")
+    scene = find_scene("r2b_storage")
     for tenth in range(0, 100, 7):
-        pose = camera_pose(shown.motion.pose(tenth / 10), rig.COLOUR)
-        detect(grey(render_image(shown.room, shown.tag, rig.COLOUR, pose)))
+        pose = camera_pose(scene.motion.pose(tenth / 10), rig.COLOUR)
+        detect(grey(render_image(scene.room, scene.tag, rig.COLOUR, pose)))
 
 
 def test_camera_info_agrees_with_the_image(storage_room: SyntheticDataset) -> None:
@@ -197,7 +215,8 @@ def test_camera_info_agrees_with_the_image(storage_room: SyntheticDataset) -> No
             assert (image.width, image.height) == (info.width, info.height)
             assert image.step == image.width * (3 if image.encoding == "rgb8" else 1)
             assert info.distortion_model == "plumb_bob"
-            assert not info.d.any()
+            assert tuple(info.d) == (camera.distortion or (0.0,) * 5)
+            assert bool(camera.distortion) == ("hawk" in topic)
             assert np.array_equal(info.r.reshape(3, 3), np.eye(3))
             assert np.array_equal(info.k.reshape(3, 3), info.p.reshape(3, 4)[:, :3])
             assert (info.k[0], info.k[4]) == (camera.focal_px, camera.focal_px)

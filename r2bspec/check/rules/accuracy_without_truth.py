@@ -1,0 +1,66 @@
+"""Requirements on accuracy where no monitor names what its messages are compared with."""
+
+from __future__ import annotations
+
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, known_metrics, quote
+from r2bspec.measure.truth_metrics import TRUTHS, kind_of
+
+
+def _find(context: Context) -> Findings:
+    monitors = context.spec.monitors
+    for each in known_metrics(context):
+        kind = kind_of(each.info.name)
+        if kind is None:
+            continue
+        names = [*monitors] if each.monitor is None else [each.monitor]
+        if any((truth := monitors[name].truth) and truth.kind == kind for name in names):
+            continue
+        whose = f"monitor {each.monitor} names" if each.monitor else "no monitor names"
+        lack = "no truth of that kind" if each.monitor else "a truth of that kind"
+        yield Finding(
+            message=f"{quote(each.info.name)} has no value: {whose} {lack}",
+            path=each.located.path,
+            part=each.located.metric_part,
+            help=f"add 'truth: {{kind: {kind}, name: ...}}' to a monitor of type "
+            f"{TRUTHS[kind].format}",
+            suppressed_by={each.located.subject},
+        )
+
+
+_LOADER = """
+    bag: r2b_storage
+    topics: {/d455_1_rgb_image: image_raw, /d455_1_rgb_camera_info: info_raw}
+"""
+_PLAYBACK = """
+    inputs:
+      image: {from: image_raw, format: sensor_msgs/msg/Image}
+      camera_info: {from: info_raw, format: sensor_msgs/msg/CameraInfo}
+"""
+_GRAPH = """
+    nodes:
+      tags: {python: r2bspec.nodes.AprilTagNode, remappings: {detections: output}}
+"""
+
+RULE = Rule(
+    code="R2B533",
+    title="accuracy without a truth",
+    severity="error",
+    why="Accuracy is the difference between messages and the ground truth of the recording. Which "
+    "part of it a monitor is compared with is not guessed.",
+    failing=example(
+        slos="{right: {require: [accuracy.tag_missed == 0 %]}}",
+    ),
+    passing=example(
+        data_loader=_LOADER,
+        playback=_PLAYBACK,
+        graph=_GRAPH,
+        monitors="""
+            output:
+              topic: output
+              format: geometry_msgs/msg/PoseArray
+              truth: {kind: tag, name: /d455_1_rgb_image}
+        """,
+        slos="{right: {require: [accuracy.tag_missed == 0 %]}}",
+    ),
+    find=_find,
+)

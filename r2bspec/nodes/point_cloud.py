@@ -1,0 +1,80 @@
+"""A node that makes point clouds of disparities."""
+
+from __future__ import annotations
+
+from array import array
+from typing import Any
+
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
+from stereo_msgs.msg import DisparityImage
+
+from r2bspec.nodes import camera, camera_subscription, images, stereo_points
+from r2bspec.nodes.declared_parameters import any_bool, declare, destroy_on_value_error
+
+_FIELDS = tuple(
+    PointField(name=name, offset=offset, datatype=PointField.FLOAT32, count=1)
+    for name, offset in (("x", 0), ("y", 4), ("z", 8), ("rgb", 12))
+)
+
+
+class PointCloudNode(Node):
+    """Turns disparities into points, each with the colour of its pixel.
+
+    Subscribes to ``disparity``, ``left/image_rect_color`` and ``left/camera_info``, all with the
+    same stamp; publishes ``points2``, as many points as pixels, in the frame and with the header of
+    the disparities. Pixels without a disparity are NaN. With `use_color` false, points are black
+    and the image only has to be there. All topics are reliable and keep the last 10 messages.
+
+    Raises:
+        ValueError: the value of a parameter is not allowed.
+    """
+
+    def __init__(self, node_name: str = "point_cloud", **kwargs: Any) -> None:
+        super().__init__(node_name, **kwargs)
+        with destroy_on_value_error(self):
+            self._start()
+
+    def _start(self) -> None:
+        self._use_color = declare(
+            self, "use_color", True, "whether points have the colour of their pixels", any_bool()
+        )
+        self._publisher = self.create_publisher(
+            PointCloud2, "points2", camera_subscription.QOS_DEPTH
+        )
+        camera_subscription.subscribe_set(
+            self,
+            {
+                "left/image_rect_color": Image,
+                "left/camera_info": CameraInfo,
+                "disparity": DisparityImage,
+            },
+            self._on_set,
+        )
+
+    def _on_set(self, image: Image, info: CameraInfo, disparity: DisparityImage) -> None:
+        found = images.view(disparity.image)
+        if (image.width, image.height) != (disparity.image.width, disparity.image.height):
+            raise ValueError(
+                f"the image has {image.width}x{image.height} pixels, "
+                f"the disparity {disparity.image.width}x{disparity.image.height}"
+            )
+        cloud = stereo_points.points(
+            found, camera.projection(info), disparity.f, disparity.t, disparity.min_disparity
+        )
+        if self._use_color:
+            cloud["rgb"] = stereo_points.colors(images.view(image), image.encoding)
+        size = stereo_points.POINT_TYPE.itemsize
+        self._publisher.publish(
+            PointCloud2(
+                header=disparity.header,
+                height=image.height,
+                width=image.width,
+                fields=_FIELDS,
+                is_bigendian=bool(images.NATIVE_BIGENDIAN),
+                point_step=size,
+                row_step=size * image.width,
+                data=array("B", cloud.tobytes()),
+                is_dense=False,
+            )
+        )

@@ -1,0 +1,105 @@
+"""The lenses of the rig distort as OpenCV's model does, and rectification undoes it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from r2bspec.datasets.scene import rig
+from r2bspec.datasets.scene.lens import Lens
+from r2bspec.datasets.scene.render import camera_pose, render_depth, render_image
+from r2bspec.datasets.scene.scenes import find_scene
+from r2bspec.datasets.scene.view import image_bounds, project, undistorted
+
+HAWK = (rig.LEFT_HAWK, rig.RIGHT_HAWK)
+
+
+def lens_of(camera: rig.Camera) -> Lens:
+    assert camera.lens is not None
+    return camera.lens
+
+
+def matrix_of(camera: rig.Camera) -> NDArray[np.float64]:
+    (cx, cy), focal = camera.center_px, camera.focal_px
+    return np.array([[focal, 0.0, cx], [0.0, focal, cy], [0.0, 0.0, 1.0]])
+
+
+@pytest.mark.parametrize("camera", HAWK)
+def test_points_appear_where_opencv_projects_them(camera: rig.Camera) -> None:
+    cv2 = pytest.importorskip("cv2")
+    rng = np.random.default_rng(1)
+    points = np.column_stack([rng.uniform(-4, 4, (50, 2)), rng.uniform(4, 9, 50)])
+    coefficients = np.array(lens_of(camera).coefficients)
+    expected, _ = cv2.projectPoints(
+        points, np.zeros(3), np.zeros(3), matrix_of(camera), coefficients
+    )
+    found = [project(camera, (float(x), float(y), float(z))) for x, y, z in points]
+    np.testing.assert_allclose(found, expected.reshape(-1, 2), atol=1e-9)
+
+
+@pytest.mark.parametrize("camera", HAWK)
+def test_the_inverse_is_one_up_to_the_corners(camera: rig.Camera) -> None:
+    columns, rows = np.linspace(0, camera.width - 1, 40), np.linspace(0, camera.height - 1, 30)
+    x, y = undistorted(camera, columns, rows)
+    for row, line in enumerate(rows):
+        for column, place in enumerate(columns):
+            point = (float(x[row, column]), float(y[row, column]), 1.0)
+            assert project(camera, point) == pytest.approx((place, line), abs=0.001)
+
+
+def test_the_lens_moves_points_by_more_than_a_matcher_tolerates() -> None:
+    """Unrectified, corresponding points would lie in rows pixels apart."""
+    left = project(rig.LEFT_HAWK, (1.8, 1.1, 2.0))
+    right = project(rig.RIGHT_HAWK, (1.8 - rig.RIGHT_HAWK.baseline_m, 1.1, 2.0))
+    ideal = project(replace(rig.LEFT_HAWK, lens=None), (1.8, 1.1, 2.0))
+    assert ideal[0] - left[0] > 50
+    assert abs(left[1] - right[1]) > 1.5
+
+
+@pytest.mark.parametrize("camera", HAWK)
+def test_what_the_camera_shows_becomes_the_ideal_image_by_rectification(
+    camera: rig.Camera,
+) -> None:
+    cv2 = pytest.importorskip("cv2")
+    scene = find_scene("r2b_storage")
+    pose = camera_pose(scene.motion.pose(4.0), camera)
+    ideal = render_image(scene.room, scene.tag, replace(camera, lens=None), pose).astype(float)
+    shown = render_image(scene.room, scene.tag, camera, pose)
+    coefficients = np.array(lens_of(camera).coefficients)
+    rectified = cv2.undistort(shown, matrix_of(camera), coefficients).astype(float)
+    assert np.median(np.abs(rectified - ideal)) < 1
+    assert (np.abs(rectified - ideal) > 30).mean() < 0.002
+    # Without rectification the image is another.
+    assert np.median(np.abs(shown - ideal)) > 5
+
+
+@pytest.mark.parametrize("camera", HAWK)
+def test_bounds_contain_every_pixel_of_every_box(camera: rig.Camera) -> None:
+    """Boxes are looked for inside their bounds only: the depth must be that of the whole search."""
+    scene = find_scene("r2b_datacenter")
+    pose = camera_pose(scene.motion.pose(2.0), camera)
+    inverse = pose.inverse()
+    seen = 0
+    for box in scene.room.boxes:
+        corners = [inverse.apply(corner) for corner in box.corners]
+        if any(z < 0.3 for _, _, z in corners):
+            continue
+        bounds = image_bounds(camera, corners)
+        # Points all over the box, those on its edges among them.
+        low, high = np.array(box.low_m), np.array(box.high_m)
+        for share in np.stack(np.meshgrid(*[np.linspace(0, 1, 9)] * 3), -1).reshape(-1, 3):
+            point = inverse.apply(tuple(float(v) for v in low + (high - low) * share))  # type: ignore[arg-type]
+            x, y = point[0] / point[2], point[1] / point[2]
+            if abs(x) > 1.2 or abs(y) > 0.8:
+                continue  # outside of the image, where the polynomial means nothing
+            u, v = project(camera, point)
+            if 0 <= u <= camera.width - 1 and 0 <= v <= camera.height - 1:
+                seen += 1
+                assert bounds is not None
+                assert bounds.left <= u < bounds.right
+                assert bounds.top <= v < bounds.bottom
+    assert seen > 500
+    assert render_depth(scene.room, camera, pose).min() > 0

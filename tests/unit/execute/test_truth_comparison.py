@@ -1,0 +1,270 @@
+"""Messages compared with the truth of a synthetic dataset; made-up wrong ones must not pass."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from data_bags import typestore
+from r2bspec.bags.dataset_record import DISPARITY_NAME, GROUND_TRUTH_NAME
+from r2bspec.bags.recording import Window
+from r2bspec.datasets.ground_truth import GroundTruth, TagSighting
+from r2bspec.datasets.read_truth import read_disparity, read_ground_truth
+from r2bspec.datasets.synthesis import make
+from r2bspec.execute.measurement.truth_comparison import compare_outputs
+from r2bspec.measure.truth_metrics import (
+    BAD_PIXELS,
+    DENSITY,
+    TAG_FALSE,
+    TAG_MISSED,
+    TAG_POSITION_ERROR,
+    TRUTHS,
+)
+from r2bspec.plan.plan import MonitorPlan, TruthPlan
+from r2bspec.record.run_record import AccuracyRecord
+
+TAG = TruthPlan(kind="tag", name="/d455_1_left_ir_image")
+DISPARITY = TruthPlan(kind="disparity", name="d455_1_ir")
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two frames of a stereo pair that shows the tag."""
+    topics = ["/d455_1_left_ir_image", "/d455_1_right_ir_image"]
+    window = Window(start_ns=0, end_ns=50_000_000)
+    return make("r2b_storage", topics, window, cache_dir=tmp_path_factory.mktemp("data")).path
+
+
+@pytest.fixture(scope="module")
+def truth(dataset: Path) -> GroundTruth:
+    known = read_ground_truth(dataset)
+    assert known is not None
+    return known
+
+
+def header(stamp_ns: int = 0) -> Any:
+    types = typestore().types
+    stamp = types["builtin_interfaces/msg/Time"](sec=1, nanosec=stamp_ns)
+    return types["std_msgs/msg/Header"](stamp=stamp, frame_id="camera")
+
+
+def disparity_image(found: NDArray[np.float32], *, bigendian: bool = False) -> bytes:
+    types, (height, width) = typestore().types, found.shape
+    data = found.astype(">f4" if bigendian else "<f4").tobytes()
+    image = types["sensor_msgs/msg/Image"](
+        header=header(),
+        height=height,
+        width=width,
+        encoding="32FC1",
+        is_bigendian=int(bigendian),
+        step=4 * width,
+        data=np.frombuffer(data, np.uint8),
+    )
+    window = types["sensor_msgs/msg/RegionOfInterest"](
+        x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+    )
+    kind = TRUTHS["disparity"].format
+    message = types[kind](
+        header=header(),
+        image=image,
+        f=641.5,
+        t=0.095,
+        valid_window=window,
+        min_disparity=0.0,
+        max_disparity=127.0,
+        delta_d=0.0625,
+    )
+    return bytes(typestore().serialize_cdr(message, kind))
+
+
+def poses(*found: tuple[tuple[float, ...], tuple[float, ...]]) -> bytes:
+    types = typestore().types
+    made = [
+        types["geometry_msgs/msg/Pose"](
+            position=types["geometry_msgs/msg/Point"](*position),
+            orientation=types["geometry_msgs/msg/Quaternion"](*orientation),
+        )
+        for position, orientation in found
+    ]
+    kind = TRUTHS["tag"].format
+    return bytes(typestore().serialize_cdr(types[kind](header=header(), poses=made), kind))
+
+
+def compare(
+    truth: TruthPlan, outputs: list[tuple[frozenset[int], bytes]], *datasets: Path
+) -> AccuracyRecord:
+    kind = TRUTHS[truth.kind].format
+    monitor = MonitorPlan(name="out", topic="/out", type=kind, match="stamp", qos=None, truth=truth)
+    empty = AccuracyRecord(
+        monitor="out", kind=truth.kind, of=truth.name, outputs=0, steps=len(outputs), values={}
+    )
+    return compare_outputs(empty, monitor, truth, outputs, datasets)
+
+
+def compare_disparities(
+    dataset: Path,
+    truth: GroundTruth,
+    change: Callable[[NDArray[np.float32]], NDArray[np.float32]],
+    shift: int = 0,
+) -> AccuracyRecord:
+    """Outputs that are made of the true ones; `shift` files them under the wrong stamps."""
+    stamps = truth.stereo[DISPARITY.name].stamps_ns
+    outputs = [
+        (
+            frozenset({stamps[(number + shift) % len(stamps)]}),
+            disparity_image(change(read_disparity(dataset, DISPARITY.name, stamp))),
+        )
+        for number, stamp in enumerate(stamps)
+    ]
+    return compare(DISPARITY, outputs, dataset)
+
+
+def test_true_disparities_are_right(dataset: Path, truth: GroundTruth) -> None:
+    found = compare_disparities(dataset, truth, lambda each: each)
+    assert (found.outputs, found.steps, found.problem) == (2, 2, "")
+    assert found.values == {BAD_PIXELS: 0.0, DENSITY: 1.0}
+
+
+WRONG: dict[str, Callable[[NDArray[np.float32]], NDArray[np.float32]]] = {
+    "shifted": lambda each: each + 3,
+    "zero": lambda each: each * 0,
+    "half as large": lambda each: each / np.float32(2),
+    "mirrored": lambda each: each[:, ::-1].copy(),
+    "upside down": lambda each: each[::-1].copy(),
+    "one value": lambda each: np.full_like(each, np.float32(np.median(each))),
+    "in sixteenths": lambda each: each * 16,
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_disparities_are_bad(dataset: Path, truth: GroundTruth, name: str) -> None:
+    found = compare_disparities(dataset, truth, WRONG[name])
+    assert found.values[BAD_PIXELS] > 0.2
+
+
+def test_a_matcher_that_finds_nothing_has_no_density(dataset: Path, truth: GroundTruth) -> None:
+    found = compare_disparities(dataset, truth, lambda each: np.full_like(each, -1))
+    assert found.values == {DENSITY: 0.0}
+
+
+def test_the_byte_order_of_the_message_counts(dataset: Path, truth: GroundTruth) -> None:
+    (stamp, *_) = truth.stereo[DISPARITY.name].stamps_ns
+    true = read_disparity(dataset, DISPARITY.name, stamp)
+    message = disparity_image(true, bigendian=True)
+    found = compare(DISPARITY, [(frozenset({stamp}), message)], dataset)
+    assert found.values[BAD_PIXELS] == 0.0
+
+
+def sightings(truth: GroundTruth) -> tuple[TagSighting, ...]:
+    assert truth.tag is not None
+    return truth.tag.sightings[TAG.name]
+
+
+def compare_tags(
+    dataset: Path, truth: GroundTruth, change: Callable[[TagSighting], bytes]
+) -> AccuracyRecord:
+    outputs = [(frozenset({each.stamp_ns}), change(each)) for each in sightings(truth)]
+    return compare(TAG, outputs, dataset)
+
+
+def test_true_poses_are_right(dataset: Path, truth: GroundTruth) -> None:
+    found = compare_tags(
+        dataset, truth, lambda each: poses((each.position_m, each.orientation_xyzw))
+    )
+    assert found.values == {TAG_MISSED: 0.0, TAG_FALSE: 0.0, TAG_POSITION_ERROR: 0.0}
+    assert found.outputs == 2
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda _: poses(),
+        lambda each: poses((tuple(2 * v for v in each.position_m), each.orientation_xyzw)),
+        lambda each: poses(((0.0, 0.0, 0.0), each.orientation_xyzw)),
+        # Half a turn about the viewing direction: the tag upside down.
+        lambda each: poses((each.position_m, (0.0, 0.0, 1.0, 0.0))),
+        # The axes of the body instead of those of the camera.
+        lambda each: poses(
+            ((each.position_m[2], -each.position_m[0], -each.position_m[1]), each.orientation_xyzw)
+        ),
+    ],
+)
+def test_wrong_poses_miss_the_tag(
+    dataset: Path, truth: GroundTruth, change: Callable[[TagSighting], bytes]
+) -> None:
+    found = compare_tags(dataset, truth, change)
+    assert found.values[TAG_MISSED] == 1.0
+    assert TAG_POSITION_ERROR not in found.values
+
+
+def test_a_topic_may_be_named_without_its_slash(dataset: Path, truth: GroundTruth) -> None:
+    name = TruthPlan(kind="tag", name=TAG.name.removeprefix("/"))
+    outputs = [(frozenset({sightings(truth)[0].stamp_ns}), poses())]
+    assert compare(name, outputs, dataset).values[TAG_MISSED] == 1.0
+
+
+def test_a_recording_without_a_truth_is_said(tmp_path: Path) -> None:
+    found = compare(TAG, [(frozenset({1}), poses())], tmp_path)
+    assert found.problem == "The recording has no ground truth."
+
+
+def test_a_name_that_is_not_in_the_truth_is_said(dataset: Path) -> None:
+    unknown = TruthPlan(kind="disparity", name="hawk_0")
+    found = compare(unknown, [(frozenset({1}), disparity_image(np.ones((2, 2), "f4")))], dataset)
+    assert found.problem == "The ground truth has no disparity of hawk_0."
+
+
+def test_stamps_that_are_not_in_the_truth_are_said(dataset: Path) -> None:
+    found = compare(TAG, [(frozenset({1}), poses())], dataset)
+    assert found.problem == "The ground truth has none of the stamps of the outputs."
+
+
+def test_the_recording_that_has_the_truth_is_found_among_several(
+    dataset: Path, truth: GroundTruth, tmp_path: Path
+) -> None:
+    outputs = [(frozenset({sightings(truth)[0].stamp_ns}), poses())]
+    assert not compare(TAG, outputs, tmp_path, dataset).problem
+
+
+def damaged(dataset: Path, folder: Path, content: bytes) -> Path:
+    """The truth of the dataset, with another archive."""
+    (folder / GROUND_TRUTH_NAME).write_bytes((dataset / GROUND_TRUTH_NAME).read_bytes())
+    (folder / DISPARITY_NAME).write_bytes(content)
+    return folder
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 no archive", b"x" * 1000])
+def test_a_damaged_truth_is_said(
+    dataset: Path, truth: GroundTruth, tmp_path: Path, content: bytes
+) -> None:
+    (stamp, *_) = truth.stereo[DISPARITY.name].stamps_ns
+    outputs = [(frozenset({stamp}), disparity_image(np.ones((4, 4), "f4")))]
+    found = compare(DISPARITY, outputs, damaged(dataset, tmp_path, content))
+    assert found.problem.startswith("The ground truth cannot be read: ")
+
+
+def test_an_array_that_states_too_much_is_refused(
+    dataset: Path, truth: GroundTruth, tmp_path: Path
+) -> None:
+    (stamp, *_) = truth.stereo[DISPARITY.name].stamps_ns
+    entry = f"{DISPARITY.name}/{stamp}.npy"
+    path = tmp_path / DISPARITY_NAME
+    with zipfile.ZipFile(path, "w") as archive, archive.open(entry, "w") as stream:
+        np.lib.format.write_array_header_1_0(
+            stream, {"descr": "<u2", "fortran_order": False, "shape": (10**6, 10**6)}
+        )
+    outputs = [(frozenset({stamp}), disparity_image(np.ones((4, 4), "f4")))]
+    found = compare(DISPARITY, outputs, damaged(dataset, tmp_path, path.read_bytes()))
+    assert "it states 2,000,000,000,000 bytes" in found.problem
+
+
+def test_the_record_is_read_back_as_it_was_written(dataset: Path, truth: GroundTruth) -> None:
+    found = compare_disparities(dataset, truth, lambda each: each)
+    assert msgspec.json.decode(msgspec.json.encode(found), type=AccuracyRecord) == found

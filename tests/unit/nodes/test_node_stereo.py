@@ -1,0 +1,152 @@
+"""Disparities and points, against scenes whose depth is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+pytest.importorskip("cv2")
+
+from r2bspec.nodes import stereo_matching, stereo_points
+from r2bspec.nodes.stereo_matching import MatcherParameters, ValidWindow
+
+WIDTH, HEIGHT = 320, 160
+
+
+def texture(seed: int = 1) -> NDArray[np.uint8]:
+    """Blocks of three pixels: sharp, and smooth enough for a matcher."""
+    cells = np.random.default_rng(seed).integers(20, 235, (HEIGHT // 2, WIDTH), np.uint8)
+    return np.repeat(np.repeat(cells, 2, axis=0), 3, axis=1)[:HEIGHT]
+
+
+def pair(disparity_px: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """What both cameras see of a wall; the right image is cut from the same texture."""
+    wall = texture()
+    left = wall[:, 64 : 64 + WIDTH]
+    right = wall[:, 64 + disparity_px : 64 + disparity_px + WIDTH]
+    return np.ascontiguousarray(left), np.ascontiguousarray(right)
+
+
+@pytest.mark.parametrize("algorithm", [stereo_matching.BLOCK_MATCHING, stereo_matching.SEMI_GLOBAL])
+@pytest.mark.parametrize("true_px", [5, 12, 30])
+def test_a_wall_has_the_disparity_of_its_distance(algorithm: int, true_px: int) -> None:
+    parameters = MatcherParameters(algorithm=algorithm, range_px=64)
+    left, right = pair(true_px)
+    found = stereo_matching.disparity(stereo_matching.make_matcher(parameters), left, right)
+    window = stereo_matching.valid_window(parameters, WIDTH, HEIGHT)
+    inside = found[
+        window.y : window.y + window.height, window.x : window.x + window.width - true_px
+    ]
+    assert (np.abs(inside - true_px) <= 1).mean() > 0.95
+    # Swapped images show everything in the wrong direction: hardly anything is found there.
+    swapped = stereo_matching.disparity(stereo_matching.make_matcher(parameters), right, left)
+    assert (np.abs(swapped - true_px) <= 1).mean() < 0.1
+
+
+def test_what_has_no_match_is_below_the_smallest_disparity() -> None:
+    parameters = MatcherParameters(range_px=32)
+    left, _ = pair(10)
+    blank = np.full_like(left, 128)
+    found = stereo_matching.disparity(stereo_matching.make_matcher(parameters), blank, blank)
+    assert (found == -1.0).all()
+
+
+def test_different_principal_points_shift_every_disparity() -> None:
+    left, right = pair(12)
+    parameters = MatcherParameters(range_px=32)
+    plain = stereo_matching.disparity(stereo_matching.make_matcher(parameters), left, right)
+    shifted = stereo_matching.disparity(stereo_matching.make_matcher(parameters), left, right, 2.5)
+    assert np.array_equal(shifted, plain - np.float32(2.5))
+
+
+def test_disparities_are_found_from_the_smallest_on() -> None:
+    left, right = pair(30)
+    found = stereo_matching.disparity(
+        stereo_matching.make_matcher(MatcherParameters(min_disparity_px=24, range_px=16)),
+        left,
+        right,
+    )
+    assert np.median(found[found >= 24]) == pytest.approx(30, abs=0.1)
+
+
+def test_images_of_different_sizes_are_refused() -> None:
+    left, right = pair(5)
+    with pytest.raises(ValueError, match="320x160 pixels, the right one 319x160"):
+        stereo_matching.disparity(
+            stereo_matching.make_matcher(MatcherParameters()), left, right[:, 1:].copy()
+        )
+
+
+def test_the_valid_window_is_that_of_opencv() -> None:
+    cv2 = pytest.importorskip("cv2")
+    for parameters in (
+        MatcherParameters(),
+        MatcherParameters(min_disparity_px=8, range_px=32, window_px=9),
+    ):
+        full = (0, 0, WIDTH, HEIGHT)
+        x, y, width, height = cv2.getValidDisparityROI(
+            full, full, parameters.min_disparity_px, parameters.range_px, parameters.window_px
+        )
+        found = stereo_matching.valid_window(parameters, WIDTH, HEIGHT)
+        assert found == ValidWindow(x, y, width, height)
+
+
+def test_a_negative_disparity_lies_outside_of_the_right_image_at_the_right_edge() -> None:
+    parameters = MatcherParameters(min_disparity_px=-16, range_px=48, window_px=21)
+    window = stereo_matching.valid_window(parameters, WIDTH, HEIGHT)
+    assert window == ValidWindow(31 + 10, 10, WIDTH - 16 - 10 - 41, HEIGHT - 20)
+
+
+def test_points_lie_on_the_rays_of_their_pixels_at_their_depth() -> None:
+    projection = np.array([[120.0, 0, 30.5, 0], [0, 110.0, 21.25, 0], [0, 0, 1, 0]])
+    disparity = np.random.default_rng(3).uniform(1, 60, (40, 60)).astype(np.float32)
+    disparity[5, 7], disparity[6, 8] = -1.0, 0.0
+    cloud = stereo_points.points(disparity, projection, 120.0, 0.15)
+    assert cloud.shape == (40, 60)
+    for row, column in ((0, 0), (39, 59), (12, 33)):
+        x, y, z = (float(cloud[name][row, column]) for name in "xyz")
+        assert z == pytest.approx(120.0 * 0.15 / disparity[row, column], rel=1e-6)
+        seen = projection @ np.array([x, y, z, 1.0])
+        assert seen[:2] / seen[2] == pytest.approx((column, row), abs=1e-3)
+    for row, column in ((5, 7), (6, 8)):
+        assert all(np.isnan(cloud[name][row, column]) for name in "xyz")
+    assert np.isnan(cloud["z"]).sum() == 2
+
+
+def test_points_agree_with_opencv() -> None:
+    cv2 = pytest.importorskip("cv2")
+    focal, cx, cy, baseline = 120.0, 30.5, 21.25, 0.15
+    projection = np.array([[focal, 0, cx, 0], [0, focal, cy, 0], [0, 0, 1, 0]])
+    disparity = np.random.default_rng(4).uniform(1, 60, (40, 60)).astype(np.float32)
+    q = np.array([[1, 0, 0, -cx], [0, 1, 0, -cy], [0, 0, 0, focal], [0, 0, 1 / baseline, 0]])
+    expected = cv2.reprojectImageTo3D(disparity, q)
+    cloud = stereo_points.points(disparity, projection, focal, baseline)
+    found = np.stack([cloud[name] for name in "xyz"], axis=-1)
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6)
+
+
+def test_values_below_the_smallest_disparity_are_none() -> None:
+    disparity = np.array([[3.0, 4.0]], np.float32)
+    cloud = stereo_points.points(disparity, np.eye(3, 4), 1.0, 1.0, min_disparity_px=4.0)
+    assert np.isnan(cloud["z"]).tolist() == [[True, False]]
+
+
+@pytest.mark.parametrize(
+    ("encoding", "pixel"),
+    [
+        ("rgb8", (1, 2, 3)),
+        ("bgr8", (3, 2, 1)),
+        ("rgba8", (1, 2, 3, 9)),
+        ("bgra8", (3, 2, 1, 9)),
+    ],
+)
+def test_colours_are_packed_as_pcl_reads_them(encoding: str, pixel: tuple[int, ...]) -> None:
+    pixels = np.array([[pixel]], np.uint8)
+    assert stereo_points.colors(pixels, encoding).tolist() == [[0x010203]]
+
+
+def test_gray_is_a_colour_and_depth_is_none() -> None:
+    assert stereo_points.colors(np.array([[7]], np.uint8), "mono8").tolist() == [[0x070707]]
+    with pytest.raises(ValueError, match="'32FC1' is not one of"):
+        stereo_points.colors(np.zeros((1, 1), np.float32), "32FC1")
