@@ -37,7 +37,7 @@ _VERBS = {
     "compare": "Compare finished runs: improved, worse, same, or can't tell.",
     "calibrate": "Measure the noise of a graph: the smallest detectable change.",
     "history": "List and delete the runs stored by 'run --history'.",
-    "import": "Read a report of ros2_benchmark, for comparisons.",
+    "import": "Make specs from scripts of ros2_benchmark, or read its reports.",
     "data": "List, create, inspect and verify datasets.",
     "doctor": "Check this machine's fitness for benchmarking.",
     "lsp": "Start the language server, for editors.",

@@ -14,6 +14,7 @@ FAMILIES = {
     "4": "Playback and monitors",
     "5": "Rates and requirements",
     "6": "Files, this machine, and the run",
+    "7": "Scripts and launch files",
 }
 """The family of a code, by its first digit."""
 

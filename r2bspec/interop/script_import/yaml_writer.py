@@ -1,0 +1,144 @@
+"""Writes YAML with comments, in the style of a spec that a person wrote."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from r2bspec.language.yaml_dump import to_yaml
+
+_WIDTH = 96
+_PLAIN_IN_FLOW = re.compile(r"[A-Za-z0-9_./$(~-][A-Za-z0-9_./$() %<>=~-]*$")
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ufeff\ud800-\udfff]")
+
+
+@dataclass(slots=True)
+class Entry:
+    """A key with its value and comments."""
+
+    key: str
+    value: Any
+    above: tuple[str, ...] = ()
+    after: str = ""
+
+
+@dataclass(slots=True)
+class Block:
+    """A map that is written one key per line."""
+
+    entries: list[Entry] = field(default_factory=list)
+    below: list[str] = field(default_factory=list)
+
+    def add(self, key: str, value: Any, above: Iterable[str] = (), after: str = "") -> None:
+        """Add a key; empty values are left out."""
+        is_empty = isinstance(value, list | dict) and not value
+        if value is None or is_empty or (isinstance(value, Block) and not value):
+            return
+        self.entries.append(Entry(key, value, tuple(above), after))
+
+    def __bool__(self) -> bool:
+        return bool(self.entries or self.below)
+
+
+def document(block: Block, header: Iterable[str]) -> str:
+    """A document: a comment at its head, and the top-level keys with an empty line between them."""
+    lines = [*comment_lines(header, ""), ""]
+    for number, entry in enumerate(block.entries):
+        nested = isinstance(entry.value, Block) or bool(entry.above)
+        if number and (nested or isinstance(block.entries[number - 1].value, Block)):
+            lines.append("")
+        lines += _entry(entry, "")
+    if block.below:
+        lines += ["", *comment_lines(block.below, "")]
+    return "\n".join(lines).strip("\n") + "\n"
+
+
+def comment_lines(texts: Iterable[str], indent: str) -> list[str]:
+    """Comments as lines of YAML; a text of several lines keeps them."""
+    return [
+        f"{indent}# {_CONTROL.sub('?', line)}".rstrip()
+        for text in texts
+        for line in text.split("\n")
+    ]
+
+
+def flow(value: Any) -> str:
+    """A value on one line."""
+    if isinstance(value, dict):
+        inside = ", ".join(f"{flow(key)}: {flow(each)}" for key, each in value.items())
+        return f"{{{inside}}}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(flow, value))}]"
+    if isinstance(value, str):
+        return scalar(value) if _PLAIN_IN_FLOW.match(value) else _quoted(value)
+    return scalar(value)
+
+
+def scalar(value: Any) -> str:
+    """A scalar on one line, quoted where YAML needs it."""
+    if isinstance(value, str) and (_CONTROL.search(value) or value != value.strip()):
+        return _quoted(value)
+    plain: Any = str(value) if isinstance(value, str) else value
+    if isinstance(plain, int) and not isinstance(plain, bool):
+        plain = int(plain)
+    if isinstance(plain, str):
+        text = to_yaml([plain])
+        return text.removeprefix("- ").rstrip("\n") if text.count("\n") == 1 else _quoted(plain)
+    return to_yaml(plain).split("\n")[0]
+
+
+def _quoted(text: str) -> str:
+    shown = text.replace("\\", "\\\\").replace('"', '\\"')
+    escaped = _CONTROL.sub(lambda found: "\\u" + format(ord(found[0]), "04x"), shown)
+    return f'"{escaped}"'
+
+
+def _entry(entry: Entry, indent: str) -> list[str]:
+    above = list(entry.above)
+    after = f" # {_CONTROL.sub('?', entry.after)}" if entry.after else ""
+    if after and not isinstance(entry.value, Block):
+        length = len(f"{indent}{scalar(entry.key)}: {flow(entry.value)}{after}")
+        if length > _WIDTH:
+            above.append(entry.after)
+            after = ""
+    lines = comment_lines(above, indent)
+    head = f"{indent}{scalar(entry.key)}:"
+    value = entry.value
+    if isinstance(value, Block):
+        inner = [line for each in value.entries for line in _entry(each, indent + "  ")]
+        below = comment_lines(value.below, indent + "  ")
+        if not value.entries:
+            return [
+                *lines,
+                *(f"{indent}# {entry.key}: {each[len(indent) + 4 :]}" for each in below),
+            ]
+        return [*lines, head + after, *below, *inner]
+    if isinstance(value, dict | list | tuple):
+        text = "" if _has_block(value) else f"{head} {flow(value)}"
+        if text and len(text) <= _WIDTH:
+            return [*lines, text + after]
+        return [*lines, head + after, *_long(value, indent + "  ")]
+    return [*lines, f"{head} {scalar(value)}{after}"]
+
+
+def _has_block(value: Any) -> bool:
+    return not isinstance(value, dict) and any(isinstance(each, Block) for each in value)
+
+
+def _long(value: Any, indent: str) -> list[str]:
+    if isinstance(value, dict):
+        return [line for key, each in value.items() for line in _entry(Entry(key, each), indent)]
+    lines = []
+    for each in value:
+        if isinstance(each, Block):
+            inner = [line for one in each.entries for line in _entry(one, indent + "  ")]
+            inner = inner or [f"{indent}  {{}}"]
+            lines.append(f"{indent}- {inner[0].strip()}")
+            lines += inner[1:]
+        elif isinstance(each, dict | list | tuple):
+            lines.append(f"{indent}- {flow(each)}")
+        else:
+            lines.append(f"{indent}- {scalar(each)}")
+    return lines

@@ -1,0 +1,62 @@
+"""Scripts in the style of ros2_benchmark, the specs made from them, and their plans.
+
+Each script has three outputs: ``NAME.r2b.yaml`` is the spec, ``NAME.out`` what was not imported, or
+in another way, and the mistakes of the script, and ``NAME.mmd`` the plan as a diagram. With
+``R2BSPEC_REWRITE=1`` in the environment they are written instead of compared.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from r2bspec.check import check
+from r2bspec.datasets.sequences import SEQUENCES, describe
+from r2bspec.interop.script_import.benchmark_script import read_benchmark_script
+from r2bspec.interop.script_import.script_mistakes import find_mistakes
+from r2bspec.interop.script_import.spec_builder import build_spec
+from r2bspec.language.load_spec import load_spec
+from r2bspec.plan.compile_plan import compile_plan
+from r2bspec.plan.mermaid import to_mermaid
+from r2bspec.report.findings import text
+
+HERE = Path(__file__).parent / "scripts"
+SCRIPTS = sorted(HERE.glob("*.py"))
+ENVIRON = {"CELL_CAMERA": "/dev/video0"}
+
+
+def compare(written: str, file: Path) -> None:
+    if os.environ.get("R2BSPEC_REWRITE"):
+        file.write_text(written, encoding="utf-8")
+    assert written == file.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda each: each.stem)
+def test_a_script(script: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(HERE)
+    read = read_benchmark_script(Path(script.name))
+    made = build_spec(read, Path())
+    said = text.render(made.findings, made.sources) + "\n\nMistakes\n\n"
+    said += text.render(find_mistakes(read), made.sources)
+    compare(said.replace(f"{HERE}/", "") + "\n", script.with_suffix(".out"))
+    compare(made.text, script.with_suffix(".r2b.yaml"))
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda each: each.stem)
+def test_its_spec_and_plan(script: Path) -> None:
+    loaded = load_spec(script.with_suffix(".r2b.yaml"), environ=ENVIRON)
+    assert loaded.spec is not None
+    errors = [each for each in check(loaded) if each.severity == "error"]
+    assert [(each.code, each.message) for each in errors] == []
+    dataset = loaded.spec.data_loader.bag.dataset
+    index = describe(dataset) if dataset in SEQUENCES else None
+    compare(to_mermaid(compile_plan(loaded.spec, index)), script.with_suffix(".mmd"))
+
+
+def test_the_corpus_has_every_mistake() -> None:
+    from r2bspec.check.pages.script_codes import SCRIPT_PAGES
+
+    found = {one.code for each in SCRIPTS for one in find_mistakes(read_benchmark_script(each))}
+    assert found == {each.code for each in SCRIPT_PAGES if each.code >= "R2B720"}

@@ -1,0 +1,105 @@
+"""`r2bspec import SCRIPT.py`: what is written, printed and refused."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from r2bspec.api import validate
+from r2bspec.cli.main import main
+
+CORPUS = Path(__file__).parents[2] / "golden" / "script_import" / "scripts"
+
+
+@pytest.fixture(autouse=True)
+def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("stereo_rectifier.py", "mistaken_stereo.py", "tensor_detector.py"):
+        shutil.copy(CORPUS / name, tmp_path)
+    monkeypatch.chdir(tmp_path)
+
+
+def test_printed_and_written(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["import", "stereo_rectifier.py"]) == 0
+    printed = capsys.readouterr().out
+    assert main(["import", "stereo_rectifier.py", "-o", "a.r2b.yaml"]) == 0
+    assert "wrote a.r2b.yaml" in capsys.readouterr().err
+    assert Path("a.r2b.yaml").read_text() == printed
+    assert [each for each in validate(Path("a.r2b.yaml")) if each.severity == "error"] == []
+
+
+def test_paths_are_relative_to_the_spec() -> None:
+    Path("detector.yaml").write_text("/**: {ros__parameters: {a: 1}}")
+    assert main(["import", "tensor_detector.py", "-o", "a.r2b.yaml"]) == 0
+    assert "script_folder: .\n" in Path("a.r2b.yaml").read_text()
+    Path("specs").mkdir()
+    assert main(["import", "tensor_detector.py", "-o", "specs"]) == 0
+    assert "script_folder: .." in Path("specs/tensor_detector.r2b.yaml").read_text()
+
+
+def test_an_error_of_the_spec_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["import", "tensor_detector.py", "-o", "a.r2b.yaml"]) == 1
+    assert "R2B614" in capsys.readouterr().err
+
+
+def test_nothing_is_overwritten(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("a.r2b.yaml").write_text("mine")
+    assert main(["import", "stereo_rectifier.py", "-o", "a.r2b.yaml"]) == 2
+    assert Path("a.r2b.yaml").read_text() == "mine"
+    assert "--force" in capsys.readouterr().err
+    assert main(["import", "stereo_rectifier.py", "-o", "a.r2b.yaml", "--force"]) == 0
+
+
+def test_several_scripts() -> None:
+    scripts = ["stereo_rectifier.py", "mistaken_stereo.py"]
+    assert main(["import", *scripts]) == 2
+    assert main(["import", *scripts, "-o", "made"]) == 0
+    assert sorted(each.name for each in Path("made").iterdir()) == [
+        "mistaken_stereo.r2b.yaml",
+        "stereo_rectifier.r2b.yaml",
+    ]
+
+
+def test_check(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["import", "--check", "tensor_detector.py"]) == 0
+    capsys.readouterr()
+    assert main(["import", "--check", "--format", "json", "mistaken_stereo.py"]) == 1
+    found = json.loads(capsys.readouterr().out)["findings"]
+    place = [(each["line"], each["column"]) for each in found if each["code"] == "R2B723"]
+    assert place == [(17, 43)]
+    assert not list(Path().glob("*.r2b.yaml"))
+
+
+@pytest.mark.parametrize("output_format", ["text", "json", "github", "sarif", "junit"])
+def test_formats(output_format: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["import", "--check", "--format", output_format, "mistaken_stereo.py"]) == 1
+    assert "R2B721" in capsys.readouterr().out
+
+
+def test_what_cannot_be_read(capsys: pytest.CaptureFixture[str]) -> None:
+    os.mkfifo("pipe.py")
+    Path("large.py").write_text("x = 1\n" * 60_000)
+    Path("latin.py").write_bytes(b"import a\n# \xe9\n")
+    Path("broken.py").write_text("import a\nx = (1\n")
+    for name, code in (
+        ("pipe.py", "R2B701"),
+        ("large.py", "R2B701"),
+        ("latin.py", "R2B701"),
+        ("missing.py", "R2B701"),
+        ("broken.py", "R2B702"),
+    ):
+        assert main(["import", name]) == 1
+        assert code in capsys.readouterr().err
+
+
+def test_reports_are_told_apart_by_content(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("report.py").write_text('{"BasicPerformanceMetrics.NUM_FRAMES_SENT": 3}')
+    assert main(["import", "report.py"]) == 0
+    assert "a report of ros2_benchmark" in capsys.readouterr().out
+    assert main(["import", "report.py", "--check"]) == 2
+    assert main(["import", "report.py", "stereo_rectifier.py"]) == 2
+    shutil.copy("stereo_rectifier.py", "script")
+    assert main(["import", "script"]) == 0

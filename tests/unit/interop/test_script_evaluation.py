@@ -1,0 +1,179 @@
+"""What of a Python script is evaluated, and what is not: nothing is ever executed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from r2bspec.interop.script_import.benchmark_script import read_benchmark_script
+from r2bspec.interop.script_import.evaluator import Evaluator
+from r2bspec.interop.script_import.script_limits import ScriptLimitError
+from r2bspec.interop.script_import.script_reader import ScriptReader, UnusableScriptError
+from r2bspec.interop.script_import.script_values import Construct, Unknown
+
+_COUNTER = """
+class Counter:
+    number = 0
+
+    def __init__(self):
+        self.number = 1
+
+    def add(self):
+        self.number += 1
+        return self.number
+
+counter = Counter()
+counter.add()
+x = counter.add()
+"""
+
+
+def names(folder: Path, code: str) -> dict[str, Any]:
+    file = folder / "script.py"
+    file.write_text(code)
+    reader = ScriptReader(file)
+    module = reader.read(file)
+    Evaluator(reader).run_module(module)
+    return module.scope.names
+
+
+@pytest.mark.parametrize(
+    ("code", "expected"),
+    [
+        ("x = 2 * 3 + 1", 7),
+        ("w = 640\nx = f'{w}x{w // 2:04d}'", "640x0320"),
+        ("x = [f'n{i}' for i in range(4) if i % 2]", ["n1", "n3"]),
+        ("x = {k: v for k, v in zip('ab', (1, 2))}", {"a": 1, "b": 2}),
+        ("x = []\nfor i, s in enumerate(['a', 'b']):\n    x.append((i, s))", [(0, "a"), (1, "b")]),
+        (
+            "def f(a, *rest, b=2, **more):\n    return [a, rest, b, more]\nx = f(1, 5, c=3)",
+            [1, [5], 2, {"c": 3}],
+        ),
+        (
+            _COUNTER,
+            3,
+        ),
+        ("import os\nx = os.path.join('a', 'b', os.path.basename('c/d.py'))", "a/b/d.py"),
+        ("import os\nx = os.path.dirname(os.path.realpath(__file__))", "$(script)"),
+        (
+            (
+                "from ament_index_python.packages import get_package_share_directory as share\n"
+                "x = share('p') + '/l'"
+            ),
+            "$(share p)/l",
+        ),
+        ("import os\nx = os.environ['HOME']", "$(env HOME)"),
+        ("from ros2_benchmark import ImageResolution as R\nx = R.HD['width'] // 2", 640),
+        ("i = 0\nwhile True:\n    i += 1\n    if i > 4:\n        break\nx = i", 5),
+        ("x = 1 if 'a' in {'a': 0} and not None else 2", 1),
+        ("a, (b, c) = 1, (2, 3)\nx = [c, *range(2), a]", [3, 0, 1, 1]),
+        ("x = 'left_image'.split('_')[0].upper()[:2]", "LE"),
+        ("f = lambda side: side + '/image'\nx = f('left')", "left/image"),
+    ],
+)
+def test_known(tmp_path: Path, code: str, expected: object) -> None:
+    assert names(tmp_path, code)["x"] == expected
+
+
+@pytest.mark.parametrize(
+    ("code", "reason"),
+    [
+        ("x = open('labels').read()", "the content of a file is not known"),
+        ("x = undefined", "the name 'undefined' is not defined in the script"),
+        ("x = {}['a']", "there is no such item"),
+        ("x = 'a' - 1", "the operands are not known"),
+        ("import os\nif os.urandom(1):\n    x = 1", "it depends on a condition"),
+        ("def f():\n    raise ValueError\nx = f()", "f raises an exception here"),
+        ("x = b'bytes'", "a constant of this type has no form in a spec"),
+        ("x = '$(env HOME)'", "a text with '$(' would be a reference in a spec"),
+        ("x = '{:2000000000}'.format(1)", "the result of format() is not known"),
+        ("x = '%2000000000d' % 1", "the operands are not known"),
+    ],
+)
+def test_unknown(tmp_path: Path, code: str, reason: str) -> None:
+    found = names(tmp_path, code)["x"]
+    assert isinstance(found, Unknown)
+    assert found.reason == reason
+
+
+def test_nothing_is_executed(tmp_path: Path) -> None:
+    mark = tmp_path / "executed"
+    found = names(
+        tmp_path,
+        f"import os, subprocess\nos.system('touch {mark}')\n"
+        f"subprocess.run(['touch', '{mark}'])\nx = eval('1')\n"
+        f"y = ().__class__.__base__.__subclasses__()\n__import__('os').mkdir('{mark}')\n",
+    )
+    assert not mark.exists()
+    assert isinstance(found["x"], Unknown)
+    assert isinstance(found["y"], Unknown)
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "while True:\n    pass",
+        "def f():\n    return f()\nf()",
+        "x = 'a'\nfor i in range(9999):\n    x += x",
+        "x = [0]\nfor i in range(9999):\n    x.extend(x)",
+        "x = [0] * 10 ** 9 if False else [0] * 1000000000",
+        "x = range(1000)\nfor a in x:\n  for b in x:\n    for c in x:\n      pass",
+        "x = 3\nfor i in range(999):\n    x = x * x",
+        "x = [1]\nfor i in range(40):\n    x = [x, x]\ny = str(x)",
+        "x = [1]\nfor i in range(40):\n    x = [x, x]\ny = x == [x]",
+        "x = 'a'\nfor i in range(40):\n    x = x.replace('a', 'aa')",
+    ],
+)
+def test_limits(tmp_path: Path, code: str) -> None:
+    with pytest.raises(ScriptLimitError):
+        names(tmp_path, code)
+
+
+def test_deep_expressions(tmp_path: Path) -> None:
+    with pytest.raises((ScriptLimitError, UnusableScriptError)):
+        names(tmp_path, "x = " + "-" * 5000 + "1")
+    with pytest.raises((ScriptLimitError, UnusableScriptError)):
+        names(tmp_path, "x = " + "+".join(["1"] * 20_000))
+
+
+def test_modules_next_to_the_script(tmp_path: Path) -> None:
+    package = tmp_path / "cell" / "cell"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text("from .sizes import WIDTH\n")
+    (package / "sizes.py").write_text("WIDTH = 7\nfrom cell import WIDTH as AGAIN\n")
+    scripts = tmp_path / "cell" / "scripts"
+    scripts.mkdir()
+    found = names(scripts, "from cell import WIDTH\nimport cell.sizes as s\nx = WIDTH + s.WIDTH")
+    assert found["x"] == 14
+
+
+def test_calls_of_others_are_constructs(tmp_path: Path) -> None:
+    found = names(tmp_path, "from a.b import C\nx = C(1, k='v').run(2)")["x"]
+    assert isinstance(found, Construct)
+    assert (found.name, found.arguments) == ("a.b.C.run", [2])
+    assert found.owner is not None
+    assert found.owner.keywords == {"k": "v"}
+
+
+@pytest.mark.parametrize(
+    ("code", "expected"),
+    [
+        ("x = (", "R2B702"),
+        ("x = 1\0", "R2B702"),
+        ("x = 1", "R2B704"),
+        (
+            "from ros2_benchmark import ROS2BenchmarkTest\nclass T(ROS2BenchmarkTest):\n    pass",
+            "R2B704",
+        ),
+        ("while 1: pass", "R2B703"),
+    ],
+)
+def test_unusable_scripts(tmp_path: Path, code: str, expected: str) -> None:
+    file = tmp_path / "script.py"
+    file.write_text(code)
+    with pytest.raises(UnusableScriptError) as error:
+        read_benchmark_script(file)
+    assert error.value.finding.code == expected
+    assert error.value.finding.span.file == str(file)
