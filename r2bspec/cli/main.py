@@ -39,6 +39,7 @@ _VERBS = {
     "history": "List and delete the runs stored by 'run --history'.",
     "import": "Read a report of ros2_benchmark, for comparisons.",
     "data": "List, create, inspect and verify datasets.",
+    "fleet": "Run benchmarks on several machines.",
     "doctor": "Check this machine's fitness for benchmarking.",
     "schema": "Print a JSON Schema.",
     "docs": "Show the documentation.",
