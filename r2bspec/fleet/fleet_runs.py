@@ -22,8 +22,8 @@ from r2bspec.errors import R2bspecError
 from r2bspec.fleet.bundle import Bundle, SentSide, make_bundle
 from r2bspec.fleet.client import FleetClient, Host
 from r2bspec.fleet.errors import HostFullError, HostLostError, NoHostError, TransferError
-from r2bspec.fleet.journal import Journal
 from r2bspec.fleet.host_messages import Job, Played, Request, error_of
+from r2bspec.fleet.journal import Journal
 from r2bspec.fleet.run_transfer import fetch, offer
 from r2bspec.plan.canonical_json import plan_hash
 

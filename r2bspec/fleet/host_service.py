@@ -24,7 +24,6 @@ from r2bspec.exit_status import ExitStatus
 from r2bspec.fleet.bundle import digest_of
 from r2bspec.fleet.errors import HostFullError, HostLostError, TransferError, VersionDiffersError
 from r2bspec.fleet.host_facts import HostFacts
-from r2bspec.fleet.host_store import HostStore, full_disk, inside, remove
 from r2bspec.fleet.host_messages import (
     PROTOCOL,
     Job,
@@ -38,6 +37,7 @@ from r2bspec.fleet.host_messages import (
     failed,
     problem_of,
 )
+from r2bspec.fleet.host_store import HostStore, full_disk, inside, remove
 from r2bspec.fleet.permissions import check_allowed
 from r2bspec.fleet.play_run import (
     ENDED_FILE,

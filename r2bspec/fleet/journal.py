@@ -67,7 +67,11 @@ class Journal:
                 f"another client runs the suite in {folder}",
                 hint="Wait for its end, or choose another folder with --output.",
             ) from None
-        known = read_journal(folder)
+        try:
+            known = read_journal(folder)
+        except UsageError:
+            self._file.close()
+            raise
         self.suite = next((each.suite for each in known if each.suite), "")
         self.hosts = frozenset(each.host for each in known if each.host)
         if not self.suite:

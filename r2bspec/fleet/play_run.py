@@ -18,8 +18,8 @@ from typing import Any, Final
 import msgspec
 
 from r2bspec.errors import R2bspecError
-from r2bspec.fleet.host_store import inside
 from r2bspec.fleet.host_messages import Job, Played, Problem, Side, encode, problem_of
+from r2bspec.fleet.host_store import inside
 from r2bspec.record.atomic_files import write_atomically
 
 JOB_FILE: Final = "job.json"

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from r2bspec.fleet.host_service import HostService
 from r2bspec.fleet.host_messages import FACTS, SLOT, as_dict
+from r2bspec.fleet.host_service import HostService
 from r2bspec.fleet.security import FleetAddress, quiet_logs, require_distributed
 
 HEARTBEAT_S: Final = 10.0

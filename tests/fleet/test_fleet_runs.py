@@ -104,14 +104,7 @@ def test_no_run_is_lost_or_counted_twice_while_workers_are_killed(
     seed = random.Random(7)  # noqa: S311 - any sequence will do
     kills = 0
     while client.process.poll() is None and kills < max(2, RUNS // 6):
-        before = len(client.events("sent"))
-        wait_until(
-            lambda before=before: (
-                len(client.events("sent")) > before or client.process.poll() is not None
-            ),
-            "another run",
-        )
-        sent = client.events("sent")
+        sent = client.next_events("sent")
         if not sent:
             break
         victim = seed.choice([sent[-1].host, *HOSTS])
@@ -138,17 +131,17 @@ def test_no_run_is_lost_or_counted_twice_while_workers_are_killed(
 
 def test_a_client_that_was_killed_is_resumed(hosts: Fleet, bench: Bench, tmp_path: Path) -> None:
     spec = bench.write(quick(), "relay")
-    words = [spec, "--scan", "title=1,2,3,4", "--hosts", "a,b"]
-    first = hosts.client(*words[:1], *words[1:3], "--hosts", "any", output=tmp_path / "out")
-    wait_until(lambda: len(first.events("done")) > 0, "a run that is done")
+    words = (spec, "--scan", "title=run1,run2,run3", "--hosts", "any")
+    first = hosts.client(*words, output=tmp_path / "out")
+    first.wait_for("done")
     first.kill()
     before = {path: run.record.run_id for path, run in first.runs().items()}
-    assert 0 < len(before)
-    again = hosts.run(*words[:3], "--hosts", "any", "--resume", output=tmp_path / "out")
+    assert len(before) > 0
+    again = hosts.run(*words, "--resume", output=tmp_path / "out")
     found = again.runs()
     assert {path: run.record.run_id for path, run in found.items() if path in before} == before
     kept = [path for path in found if ".invalid-" not in path]
-    assert len(kept) == len(again.summary()["runs"]) == 4
+    assert len(kept) == len(again.summary()["runs"]) == 3
     done = Counter(each.run for each in again.events("done"))
     assert all(count == 1 for path, count in done.items() if path in before)
     assert [run["outcome"] for run in again.summary()["runs"] if not run["rows"]] == []
@@ -156,8 +149,10 @@ def test_a_client_that_was_killed_is_resumed(hosts: Fleet, bench: Bench, tmp_pat
 
 def test_the_scheduler_may_be_restarted(hosts: Fleet, bench: Bench, tmp_path: Path) -> None:
     spec = bench.write(quick(), "relay")
-    client = hosts.client(spec, "--scan", "title=1,2", "--hosts", "any", output=tmp_path / "out")
-    wait_until(lambda: len(client.events("sent")) > 0, "a run that is sent")
+    client = hosts.client(
+        spec, "--scan", "title=run1,run2", "--hosts", "any", output=tmp_path / "out"
+    )
+    client.wait_for("sent")
     hosts.kill_scheduler()
     hosts.start_scheduler()
     client.finish()
@@ -201,8 +196,10 @@ def test_a_spec_chooses_its_host_and_one_that_no_host_fits_is_said_at_once(
 
 def test_a_pair_stays_on_its_host(hosts: Fleet, bench: Bench, tmp_path: Path) -> None:
     spec = bench.write(quick(), "relay")
-    words = [spec, "--against", "set:graph.nodes.relay.parameters.service_time_ms=2"]
-    done = hosts.run(*words, "--pairs", "1", "--hosts", "c", output=tmp_path / "out")
+    base = "set:graph.nodes.relay.parameters.service_time_ms=2"
+    done = hosts.run(
+        spec, "--against", base, "--pairs", "1", "--hosts", "c", output=tmp_path / "out"
+    )
     (run,) = done.summary()["runs"]
     assert (run["host"], run["outcome"] != "error") == ("c", True), done.stderr
     folders = sorted((tmp_path / "out" / "c" / "relay").glob("*/0*/record.json"))

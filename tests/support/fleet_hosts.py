@@ -7,6 +7,7 @@ would not.
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import os
 import signal
@@ -69,6 +70,19 @@ class Client:
         if not (self.folder / JOURNAL_FILE).exists():
             return []
         return [each for each in read_journal(self.folder) if each.state in states]
+
+    def wait_for(self, state: str) -> None:
+        """Wait for the first event of a state."""
+        wait_until(lambda: bool(self.events(state)) or self.process.poll() is not None, state)
+        assert self.process.poll() is None, self.finish().stderr
+
+    def next_events(self, state: str) -> list[Event]:
+        """The events of a state when there is one more, or when the client has ended."""
+        before = len(self.events(state))
+        wait_until(
+            lambda: len(self.events(state)) > before or self.process.poll() is not None, state
+        )
+        return self.events(state)
 
     def runs(self) -> dict[str, Run]:
         """Every complete run folder, by its path in the suite."""
@@ -158,7 +172,7 @@ class Fleet:
 
     def spools(self) -> list[Path]:
         """What hosts still have of runs."""
-        return [each for each in self.folder.glob("host-*/spool/*")]
+        return list(self.folder.glob("host-*/spool/*"))
 
     def close(self) -> None:
         """End everything."""
@@ -210,7 +224,5 @@ def overlapping(runs: Sequence[Run]) -> list[tuple[str, str]]:
         (each.record.started_at, each.record.ended_at, str(each.folder)) for each in runs
     )
     return [
-        (before[2], after[2])
-        for before, after in zip(times, times[1:], strict=False)
-        if after[0] < before[1]
+        (before[2], after[2]) for before, after in itertools.pairwise(times) if after[0] < before[1]
     ]
