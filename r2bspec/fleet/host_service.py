@@ -58,6 +58,8 @@ _COMPRESSION: Final = 1
 """Samples and logs shrink to a fraction even so; the time is taken after the run, not during it."""
 _RUN_UNWRITABLE: Final = "R2B651"
 _VALIDATE_S: Final = 300.0
+_VALID_S: Final = 600.0
+"""For so long a spec without errors is not checked again: a suite offers it twice, and often."""
 
 
 @dataclass
@@ -77,6 +79,7 @@ class HostService:
     _playing: str = ""
     _child: subprocess.Popen[bytes] | None = None
     _closing: bool = False
+    _valid: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         labels = ",".join(f"{name}={value}" for name, value in self.facts.labels.items())
@@ -189,7 +192,9 @@ class HostService:
 
     def _findings(self, job: Job, side: Side, tree: Path) -> Iterator[Problem]:
         """The errors that `validate` finds here, in a process that sees what is installed now."""
-        name = hashlib.sha256(side.spec_text.encode()).hexdigest()[:16]
+        name = hashlib.sha256(f"{job.bundle} {side.spec_text}".encode()).hexdigest()[:16]
+        if time.monotonic() - self._valid.get(name, -_VALID_S) < _VALID_S:
+            return
         folder = tree if side.base_dir == "." else inside(tree, side.base_dir)
         file = folder / f".{name}.r2b.yaml"
         file.write_text(side.spec_text)
@@ -209,6 +214,7 @@ class HostService:
         except msgspec.MsgspecError as error:
             text = done.stderr.decode(errors="replace").strip()
             raise TransferError(f"validate failed on the host {self.facts.name}: {text}") from error
+        self._valid = {**self._valid, name: time.monotonic()} if not found.errors else self._valid
         for each in found.findings:
             # Those about objectives do not concern a smoke run, as for one that is not sent.
             if each.severity == "error" and not (job.smoke and each.code.startswith("R2B5")):
@@ -297,6 +303,7 @@ class _Found(msgspec.Struct):
 
 
 class _Findings(msgspec.Struct):
+    errors: int
     findings: list[_Found]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import random
 import shutil
 import signal
@@ -18,14 +17,11 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("distributed")
 
-from fleet_hosts import Fleet, fleet, overlapping, wait_until
+from fleet_hosts import RUNS, Fleet, fleet, overlapping, wait_until
 from ros_runs import Bench, relay_spec
 from ros_runs import nothing_left as nothing_left
 
 HOSTS = ("a", "b", "c")
-RUNS = int(os.environ.get("R2BSPEC_FLEET_RUNS", "6"))
-"""How many runs are made while workers are killed; 200 by hand."""
-
 SLOS = {"received": {"at": "20 Hz", "require": ["received > 0"]}}
 
 

@@ -24,7 +24,10 @@ from r2bspec.execute.host.host_lock import DISABLED_BY
 from r2bspec.fleet.journal import JOURNAL_FILE, Event, read_journal
 from r2bspec.record.run_folder import Run, open_run
 
-HANG_S = 240.0
+RUNS = int(os.environ.get("R2BSPEC_FLEET_RUNS", "6"))
+"""How many runs are made while workers are killed; 200 by hand."""
+
+HANG_S = 240.0 + 30.0 * RUNS
 """Guards against hanging only."""
 
 _PROGRAM = [sys.executable, "-m", "r2bspec"]
