@@ -246,11 +246,14 @@ def run(
         RunError: the run failed; its folder has what was observed until then.
         RecordError: the run folder cannot be created.
         HistoryError: the history cannot be used.
+        OtherMachineError: this machine is not what the spec requires.
     """
+    from r2bspec.execute.host.required_machine import check_machine
     from r2bspec.execute.progress import NullProgress
     from r2bspec.private_files import private_files
     from r2bspec.record.run_folder import RunFolder
 
+    check_machine(prepared.plan)
     listener = progress or NullProgress()
     extras = {
         "abort_on_fail": abort_on_fail,

@@ -39,6 +39,7 @@ _VERBS = {
     "history": "List and delete the runs stored by 'run --history'.",
     "import": "Make specs from scripts of ros2_benchmark, or read its reports.",
     "data": "List, create, inspect and verify datasets.",
+    "fleet": "Run benchmarks on several machines.",
     "doctor": "Check this machine's fitness for benchmarking.",
     "lsp": "Start the language server, for editors.",
     "schema": "Print a JSON Schema.",

@@ -12,6 +12,7 @@ import click
 from r2bspec.cli.run_options import ALL_CASES, RunOptions
 from r2bspec.cli.shared_options import (
     SpecValues,
+    connection_options,
     junit_option,
     max_bytes_option,
     reports_option,
@@ -77,6 +78,34 @@ if TYPE_CHECKING:
     metavar="NODE",
     help="The node that --profile observes.  [default: all nodes]",
 )
+@click.option(
+    "--on",
+    metavar="SCHEDULER",
+    help="Run on the hosts of a fleet: the address of its scheduler, or a cluster file.",
+)
+@click.option(
+    "--hosts",
+    default="all",
+    show_default=True,
+    metavar="all|any|NAME,...",
+    help="With --on: on every host that fits, on any one of them, or on those that are named.",
+)
+@click.option(
+    "--host-timeout",
+    type=click.FloatRange(min=0),
+    default=600.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="With --on: how long runs wait for a host that left.",
+)
+@click.option(
+    "--retry-invalid",
+    type=click.IntRange(min=0),
+    default=1,
+    show_default=True,
+    help="With --on: how often an invalid run is made again, on the same host.",
+)
+@connection_options
 @click.option("--no-wait", is_flag=True, help="Refuse to run while this host runs a benchmark.")
 @click.option("--no-lock", is_flag=True, help="Run even while this host runs a benchmark.")
 @click.option(
@@ -135,7 +164,11 @@ def command(
     Requirements 'of baseline' are judged by interleaved runs of a base and of SPEC (--against), or
     by earlier runs (--history). Without either they are inconclusive.
     """
-    options = RunOptions(reports=reports + junit, **others)
+    connection = {name: others.pop(name) for name in ("ca", "certificate", "key", "insecure")}
+    hosts = tuple(dict.fromkeys(each for each in others.pop("hosts").split(",") if each))
+    options = RunOptions(
+        reports=reports + junit, connection=connection, hosts=hosts or ("all",), **others
+    )
     options.check()
     from r2bspec.cli.run_selection import is_file_list, run_items
     from r2bspec.cli.run_single import run_single
@@ -143,16 +176,21 @@ def command(
     from r2bspec.cli.spec_files import spec_files
 
     several = options.needs_suite or values.case == ALL_CASES
+    if options.on is not None:
+        options.check_fleet()
     if len(specs) == 2 and not several and not options.smoke and is_file_list(specs):
         base, head = specs
         echo(f"comparing {head} with {base} in pairs; --each runs them one by one", err=True)
         options = replace(options, against=(base, *options.against))
         options.check()
-        return run_single(SpecSelection(Path(head), *values), options)
+        if options.on is None:
+            return run_single(SpecSelection(Path(head), *values), options)
+        specs = (head,)
     options.check_pairs()
-    if len(specs) == 1 and not several and not _is_collection(specs[0]):
+    if len(specs) == 1 and options.on is None and not several and not _is_collection(specs[0]):
         return run_single(SpecSelection(Path(specs[0]), *values), options)
-    options.check_suite()
+    if options.on is None:
+        options.check_suite()
     items = run_items(
         SpecSelection(Path(), *values), spec_files(specs), options.select, options.scan
     )

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -38,6 +39,11 @@ class RunOptions:
     profile_node: str | None = None
     no_wait: bool = False
     no_lock: bool = False
+    on: str | None = None
+    hosts: tuple[str, ...] = ("all",)
+    connection: Mapping[str, Any] = field(default_factory=dict)
+    host_timeout: float = 600.0
+    retry_invalid: int = 1
     output_format: str = "text"
     quiet: bool = False
     reports: tuple[ReportRequest, ...] = ()
@@ -98,6 +104,24 @@ class RunOptions:
         """
         if self.pairs is not None and not self.compares:
             raise click.UsageError("--pairs needs --against or --control")
+
+    def check_fleet(self) -> None:
+        """Report options that do not go with ``--on``.
+
+        Raises:
+            click.UsageError: there are some.
+        """
+        without = {
+            "--history": self.history is not None,
+            "--baseline": self.baseline is not None,
+            "--no-lock": self.no_lock,
+            "--no-wait": self.no_wait,
+        }
+        for name, given in without.items():
+            if given:
+                raise click.UsageError(f"{name} cannot be combined with --on")
+        if self.resume and self.output is None:
+            raise click.UsageError("--resume needs the --output of the earlier call")
 
     def check_suite(self) -> None:
         """Report options that are for a single run.

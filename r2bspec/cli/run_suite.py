@@ -1,11 +1,11 @@
-"""Several runs of ``r2bspec run``, one after the other on this host, with one summary."""
+"""Several runs of ``r2bspec run``, on this host or on a fleet, with one summary."""
 
 from __future__ import annotations
 
 import contextlib
 import datetime
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Generator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,15 +14,14 @@ import click
 from r2bspec.cli.run_selection import RunItem
 from r2bspec.cli.run_single import execute, folder_line, locked_host, show_differences
 from r2bspec.cli.spec_selection import prepare_and_report
+from r2bspec.cli.suite_entry import Executor, SuiteEntry
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo, echo_document
 
 if TYPE_CHECKING:
-    from r2bspec.api import PreparedBenchmark
     from r2bspec.cli.run_options import RunOptions
     from r2bspec.judge.result import Result
-    from r2bspec.plan.time_estimate import TimeEstimate
     from r2bspec.report.suite_summary import SuiteRun, SuiteSummary
     from r2bspec.report.write_reports import ReportRequest
 
@@ -33,27 +32,12 @@ _NAME_FIELD = "{name}"
 """In the path of a report: one file for each run."""
 
 
-@dataclass
-class _Entry:
-    """One run of the suite: prepared, or with the error that prevents it."""
-
-    item: RunItem
-    name: str
-    prepared: PreparedBenchmark | None = None
-    error: R2bspecError | None = None
-    estimate: TimeEstimate | None = None
-    folder: Path = field(default_factory=Path)
-
-    @property
-    def seconds(self) -> float:
-        return self.estimate.seconds if self.estimate is not None else 0.0
-
-
 def run_suite(items: Sequence[RunItem], options: RunOptions) -> int:
     """Make all runs; returns the worst exit status.
 
     Raises:
         InterruptedRunError: a signal ended a run; the summary of the others has been written.
+        FleetError: the fleet of ``--on`` cannot be reached.
     """
     from r2bspec import api
     from r2bspec.private_files import private_files
@@ -61,13 +45,18 @@ def run_suite(items: Sequence[RunItem], options: RunOptions) -> int:
     _check_reports(options)
     root = options.output or api.default_run_folder("smoke-suite" if options.smoke else "suite")
     entries = [_prepare(item, options) for item in items]
-    _assign_folders(entries, root)
-    suite = _Suite(root, options, entries)
+    suite = Suite(root, options)
     with private_files():
         root.mkdir(parents=True, exist_ok=True)
-    with locked_host(f"{len(entries)} benchmarks", options):
-        suite.announce()
-        return suite.run()
+    if options.on is None:
+        suite.enter(entries, root)
+        with locked_host(f"{len(entries)} benchmarks", options):
+            return suite.run(LocalExecutor(suite, options))
+    from r2bspec.cli.fleet_suite import fleet_executor
+
+    with private_files(), fleet_executor(suite, root, options) as executor:
+        suite.enter(executor.place(entries), root)
+        return suite.run(executor)
 
 
 def _check_reports(options: RunOptions) -> None:
@@ -82,7 +71,7 @@ def _check_reports(options: RunOptions) -> None:
             )
 
 
-def _prepare(item: RunItem, options: RunOptions) -> _Entry:
+def _prepare(item: RunItem, options: RunOptions) -> SuiteEntry:
     """Check one spec before anything runs; its error is that of its run."""
     from r2bspec.cli.main import show_error
     from r2bspec.plan.time_estimate import estimate_time
@@ -93,128 +82,127 @@ def _prepare(item: RunItem, options: RunOptions) -> _Entry:
         show_error(error)
         case = f"[{item.selection.case}]" if item.selection.case else ""
         name = item.selection.spec.name.removesuffix(".r2b.yaml")
-        return _Entry(item, f"{name}{case}{item.suffix}", error=error)
+        return SuiteEntry(item, f"{name}{case}{item.suffix}", error=error)
     if item.suffix:
         import msgspec
 
         named = msgspec.structs.replace(prepared.plan, name=f"{prepared.plan.name}{item.suffix}")
         prepared = replace(prepared, plan=named)
-    return _Entry(item, prepared.plan.name, prepared, estimate=estimate_time(prepared.plan))
+    return SuiteEntry(item, prepared.plan.name, prepared, estimate=estimate_time(prepared.plan))
 
 
-def _assign_folders(entries: Sequence[_Entry], root: Path) -> None:
-    """A folder for each run, by its name; equal names are numbered in their order."""
+def _assign_folders(entries: Sequence[SuiteEntry], root: Path) -> None:
+    """A folder for each run, by its host and name; equal names are numbered in their order."""
     from r2bspec.api import folder_name
 
-    taken: dict[str, int] = {}
+    taken: dict[Path, int] = {}
     for entry in entries:
-        plain = folder_name(entry.name)
+        parent = root / folder_name(entry.host) if entry.host else root
+        plain = parent / folder_name(entry.name)
         taken[plain] = taken.get(plain, 0) + 1
-        entry.folder = root / (plain if taken[plain] == 1 else f"{plain}-{taken[plain]}")
+        entry.folder = plain if taken[plain] == 1 else Path(f"{plain}-{taken[plain]}")
 
 
-class _Suite:
+class Suite:
     """The runs that were made, and the summary of them."""
 
-    def __init__(self, root: Path, options: RunOptions, entries: Sequence[_Entry]) -> None:
-        self._root = root
+    def __init__(self, root: Path, options: RunOptions) -> None:
+        self.root = root
         self._options = options
-        self._entries = entries
+        self._entries: Sequence[SuiteEntry] = ()
         self._started_at = _now()
-        self._runs: list[SuiteRun] = []
+        self._runs: dict[int, SuiteRun] = {}
         self._results: dict[str, Result] = {}
 
-    def announce(self) -> None:
-        """Say how long all of it will take."""
-        from r2bspec.plan.time_estimate import time_text
+    def enter(self, entries: Sequence[SuiteEntry], root: Path) -> None:
+        """Take the runs that are to be made, each with its folder."""
+        _assign_folders(entries, root)
+        self._entries = entries
 
+    def run(self, executor: Executor) -> int:
+        """Make the runs, then print the summary; returns the worst exit status."""
         if not self._options.quiet:
-            number = len(self._entries)
-            total = time_text(sum(each.seconds for each in self._entries))
-            echo(f"{number} {'run' if number == 1 else 'runs'}: about {total}", err=True)
-
-    def run(self) -> int:
-        """Make the runs in their order, then print the summary."""
+            echo(executor.announce(self._entries), err=True)
+        numbers = {id(entry): number for number, entry in enumerate(self._entries)}
         try:
+            with contextlib.closing(executor.play(self._entries)) as playing:
+                for entry, run in playing:
+                    self.add(numbers[id(entry)], run)
+                    if self._options.fail_fast and run.exit_status:
+                        break
             for number, entry in enumerate(self._entries):
-                stop = self._options.fail_fast and any(one.exit_status for one in self._runs)
-                self._runs.append(self._skipped(entry) if stop else self._make(number, entry))
-                self._write_summary()
+                if number not in self._runs:
+                    self._runs[number] = _skipped(entry)
         except BaseException as error:
             # The folder of the suite is named below, and in place of that of the run.
             getattr(error, "__notes__", []).clear()
-            error.add_note(folder_line(self._root))
+            error.add_note(folder_line(self.root))
             raise
         finally:
             self._finish()
-        echo(folder_line(self._root), err=True)
+        echo(folder_line(self.root), err=True)
         return self._summary().exit_status
 
-    def _make(self, number: int, entry: _Entry) -> SuiteRun:
-        from r2bspec.cli.main import show_error
-        from r2bspec.execute.errors import InterruptedRunError
+    def add(self, number: int, run: SuiteRun) -> None:
+        """Take a run into the summary, and write it."""
+        self._runs[number] = run
+        self._write_summary()
+
+    def settled(self, entry: SuiteEntry) -> SuiteRun | None:
+        """An entry that need not be played: one with an error, or with an earlier run."""
         from r2bspec.report.suite_summary import run_with_error
 
-        spec = str(entry.item.selection.spec)
-        if entry.prepared is None:
+        if entry.prepared is None or entry.error is not None:
             assert entry.error is not None  # noqa: S101 - it is one or the other
-            return run_with_error(entry.error, name=entry.name, spec=spec)
+            return run_with_error(
+                entry.error,
+                name=entry.name,
+                spec=str(entry.item.selection.spec),
+                host=entry.host,
+            )
         if self._options.resume and (earlier := self._earlier(entry)) is not None:
-            return self._keep(entry, earlier, resumed=True)
-        later_s = sum(each.seconds for each in self._entries[number + 1 :])
-        try:
-            result = self._play(number, entry, later_s)
-            show_differences(result, entry.prepared)
-            return self._keep(entry, result, resumed=False)
-        except InterruptedRunError as error:
-            self._runs.append(
-                run_with_error(error, name=entry.name, spec=spec, folder=str(entry.folder))
-            )
-            raise
-        except R2bspecError as error:
-            show_error(error)
-            folder = str(entry.folder) if entry.folder.exists() else ""
-            return run_with_error(error, name=entry.name, spec=spec, folder=folder)
+            return self.keep(entry, earlier, resumed=True)
+        return None
 
-    def _play(self, number: int, entry: _Entry, later_s: float) -> Result:
-        from r2bspec.report.remaining_time import RemainingTime
+    def failed(self, entry: SuiteEntry, error: R2bspecError, host: str = "") -> SuiteRun:
+        """A run that failed, as a row of the summary."""
+        from r2bspec.report.suite_summary import run_with_error
 
-        assert entry.prepared is not None  # noqa: S101 - see the caller
-        assert entry.estimate is not None  # noqa: S101 - prepared specs have one
-        if not self._options.quiet:
-            echo(
-                f"[{number + 1}/{len(self._entries)}] {entry.name}: {entry.estimate.text()}",
-                err=True,
-            )
-        remaining = RemainingTime(entry.estimate, after_s=later_s)
-        of_run = replace(self._options, reports=self._reports_of(entry))
-        result = execute(entry.prepared, entry.item.selection, of_run, entry.folder, remaining)
-        if not self._options.quiet:
-            echo(f"  {result.verdict.outcome}: {result.verdict.reason}", err=True)
-        return result
+        return run_with_error(
+            error,
+            name=entry.name,
+            spec=str(entry.item.selection.spec),
+            folder=str(entry.folder) if entry.folder.exists() else "",
+            host=host or entry.host,
+        )
 
-    def _keep(self, entry: _Entry, result: Result, *, resumed: bool) -> SuiteRun:
+    def keep(self, entry: SuiteEntry, result: Result, *, resumed: bool, host: str = "") -> SuiteRun:
+        """A run that has a result, as a row of the summary; its reports are written."""
         from r2bspec.cli.run_single import write_reports_of
         from r2bspec.report.suite_summary import run_with_result
 
         spec = entry.item.selection.spec
         self._results[str(entry.folder)] = result
-        write_reports_of(
-            replace(self._options, reports=self._reports_of(entry)), entry.folder, spec
-        )
+        write_reports_of(replace(self._options, reports=self.reports_of(entry)), entry.folder, spec)
         return run_with_result(
-            result, spec=str(spec), folder=str(entry.folder), name=entry.name, resumed=resumed
+            result,
+            spec=str(spec),
+            folder=str(entry.folder),
+            name=entry.name,
+            resumed=resumed,
+            host=host or entry.host,
         )
 
-    def _reports_of(self, entry: _Entry) -> tuple[ReportRequest, ...]:
+    def reports_of(self, entry: SuiteEntry) -> tuple[ReportRequest, ...]:
         """The reports of one run."""
+        name = "-".join(entry.folder.relative_to(self.root).parts)
         return tuple(
-            replace(each, path=each.path.replace(_NAME_FIELD, entry.folder.name))
+            replace(each, path=each.path.replace(_NAME_FIELD, name))
             for each in self._options.reports
             if _NAME_FIELD in each.path
         )
 
-    def _earlier(self, entry: _Entry) -> Result | None:
+    def _earlier(self, entry: SuiteEntry) -> Result | None:
         """The result of a complete run of the same plan; an incomplete one makes room."""
         from r2bspec.compare.load_results import read_folder
         from r2bspec.plan.canonical_json import plan_hash
@@ -234,33 +222,22 @@ class _Suite:
         _move_away(entry.folder)
         return None
 
-    def _skipped(self, entry: _Entry) -> SuiteRun:
-        from r2bspec.report.suite_summary import SuiteRun
-
-        return SuiteRun(
-            name=entry.name,
-            spec=str(entry.item.selection.spec),
-            folder="",
-            outcome="skipped",
-            reason="not run, because an earlier run did not pass (--fail-fast)",
-            exit_status=ExitStatus.OK,
-        )
-
     def _summary(self) -> SuiteSummary:
         from r2bspec.report.suite_summary import SuiteSummary, worst_status
 
+        runs = tuple(run for _, run in sorted(self._runs.items()))
         return SuiteSummary(
             started_at=self._started_at,
             ended_at=_now(),
-            exit_status=worst_status(one.exit_status for one in self._runs),
-            runs=tuple(self._runs),
+            exit_status=worst_status(one.exit_status for one in runs),
+            runs=runs,
         )
 
     def _write_summary(self) -> None:
         from r2bspec.record.atomic_files import write_atomically
         from r2bspec.report.suite_formats import to_json
 
-        write_atomically(self._root / SUMMARY_FILE, to_json(self._summary(), self._results))
+        write_atomically(self.root / SUMMARY_FILE, to_json(self._summary(), self._results))
 
     def _finish(self) -> None:
         """Write the summary to its file, to the requested reports, and to standard output."""
@@ -275,6 +252,81 @@ class _Suite:
         if not takes_stdout(wanted):
             shown = SUITE_FORMATS[self._options.output_format](summary, self._results)
             echo_document(shown, nl=False)
+
+
+class LocalExecutor:
+    """Makes the runs of a suite on this host, one after the other."""
+
+    def __init__(self, suite: Suite, options: RunOptions) -> None:
+        self._suite = suite
+        self._options = options
+
+    def place(self, entries: Sequence[SuiteEntry]) -> list[SuiteEntry]:
+        """Every run is made here."""
+        return list(entries)
+
+    def announce(self, entries: Sequence[SuiteEntry]) -> str:
+        """How long all of it will take."""
+        from r2bspec.plan.time_estimate import time_text
+
+        number = len(entries)
+        total = time_text(sum(each.seconds for each in entries))
+        return f"{number} {'run' if number == 1 else 'runs'}: about {total}"
+
+    def play(
+        self, entries: Sequence[SuiteEntry]
+    ) -> Generator[tuple[SuiteEntry, SuiteRun], None, None]:
+        """The runs in their order."""
+        for number, entry in enumerate(entries):
+            settled = self._suite.settled(entry)
+            yield entry, settled if settled is not None else self._make(number, entries)
+
+    def _make(self, number: int, entries: Sequence[SuiteEntry]) -> SuiteRun:
+        from r2bspec.cli.main import show_error
+        from r2bspec.execute.errors import InterruptedRunError
+
+        entry = entries[number]
+        assert entry.prepared is not None  # noqa: S101 - others are settled
+        try:
+            result = self._play(number, entries)
+            show_differences(result, entry.prepared)
+            return self._suite.keep(entry, result, resumed=False)
+        except InterruptedRunError as error:
+            self._suite.add(number, self._suite.failed(entry, error))
+            raise
+        except R2bspecError as error:
+            show_error(error)
+            return self._suite.failed(entry, error)
+
+    def _play(self, number: int, entries: Sequence[SuiteEntry]) -> Result:
+        from r2bspec.report.remaining_time import RemainingTime
+
+        entry = entries[number]
+        assert entry.prepared is not None  # noqa: S101 - see the caller
+        assert entry.estimate is not None  # noqa: S101 - prepared specs have one
+        if not self._options.quiet:
+            echo(f"[{number + 1}/{len(entries)}] {entry.name}: {entry.estimate.text()}", err=True)
+        later_s = sum(each.seconds for each in entries[number + 1 :])
+        remaining = RemainingTime(entry.estimate, after_s=later_s)
+        of_run = replace(self._options, reports=self._suite.reports_of(entry))
+        result = execute(entry.prepared, entry.item.selection, of_run, entry.folder, remaining)
+        if not self._options.quiet:
+            echo(f"  {result.verdict.outcome}: {result.verdict.reason}", err=True)
+        return result
+
+
+def _skipped(entry: SuiteEntry) -> SuiteRun:
+    from r2bspec.report.suite_summary import SuiteRun
+
+    return SuiteRun(
+        name=entry.name,
+        spec=str(entry.item.selection.spec),
+        folder="",
+        outcome="skipped",
+        reason="not run, because an earlier run did not pass (--fail-fast)",
+        exit_status=ExitStatus.OK,
+        host=entry.host,
+    )
 
 
 def _move_away(folder: Path) -> None:

@@ -89,6 +89,35 @@ max_bytes_option = click.option(
 )
 
 
+def connection_options(command: Callable[..., int]) -> Callable[..., int]:
+    """The options of a connection to a scheduler."""
+    for option in (
+        click.option(
+            "--insecure",
+            is_flag=True,
+            help="Connect without TLS beyond this machine; every machine of the network is "
+            "trusted then.",
+        ),
+        click.option(
+            "--key",
+            type=click.Path(path_type=Path, dir_okay=False),
+            help="The private key of --certificate.",
+        ),
+        click.option(
+            "--certificate",
+            type=click.Path(path_type=Path, dir_okay=False),
+            help="The certificate of this program.",
+        ),
+        click.option(
+            "--ca",
+            type=click.Path(path_type=Path, dir_okay=False),
+            help="The certificate that signs those of the fleet.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
 def parse_variables(options: Iterable[str]) -> dict[str, str]:
     """Split ``NAME=VALUE`` options.
 

@@ -12,6 +12,7 @@ from r2bspec.compare.interleaved_runs import ComparisonSide, ComparisonSpec, run
 from r2bspec.compare.judge_pairs import judge_comparison_folder, read_pair_set
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.errors import WorkspaceError
+from r2bspec.execute.host.required_machine import check_machine
 from r2bspec.execute.processes.environment import inherited_environment
 from r2bspec.execute.processes.middleware_check import check_middleware
 from r2bspec.execute.progress import NullProgress, Progress
@@ -99,8 +100,10 @@ def compare(comparison: ComparisonSpec, output: Path, progress: Progress | None 
 
     Raises:
         RunError: a run failed; the folder has the pairs finished until then.
+        OtherMachineError: this machine is not what the spec requires.
         RecordError: the folder cannot be created.
     """
+    check_machine(comparison.head.plan)
     with private_files(), ComparisonFolder.create(output) as folder:
         try:
             run_pairs(

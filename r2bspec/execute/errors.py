@@ -36,6 +36,13 @@ class NotInstalledError(RunError):
     exit_code = ExitStatus.USAGE
 
 
+class OtherMachineError(RunError):
+    """This machine is not what the spec requires."""
+
+    code = "R2B668"
+    exit_code = ExitStatus.USAGE
+
+
 class UnpairedInputError(RunError):
     """Most messages of an input cannot be played; another attempt would not help."""
 

@@ -422,6 +422,24 @@ class Objective(_SpecStruct, frozen=True, kw_only=True):
     at_peak: bool = False
 
 
+class Requires(_SpecStruct, frozen=True, kw_only=True):
+    """What the machine of a run must be.
+
+    Attributes:
+        arch: as the kernel calls it, such as ``aarch64``; any if empty.
+        gpu: whether it needs one.
+        cores: the fewest CPUs.
+        ros_distro: any if empty.
+        labels: of the machine, with patterns such as ``carter-*``.
+    """
+
+    arch: str = ""
+    gpu: bool = False
+    cores: int = 0
+    ros_distro: str = ""
+    labels: dict[str, Scalar] = {}
+
+
 class Spec(_SpecStruct, frozen=True, kw_only=True):
     """One complete benchmark. `segment` is the size of the transport's shared memory."""
 
@@ -430,6 +448,7 @@ class Spec(_SpecStruct, frozen=True, kw_only=True):
     title: str = ""
     description: str = ""
     labels: dict[str, Scalar] = {}
+    requires: Requires | None = None
     environment: tuple[str, ...] = ()
     variables: dict[str, Scalar] = {}
     namespace: str = "r2b"

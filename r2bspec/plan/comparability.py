@@ -17,7 +17,7 @@ from r2bspec.plan.plan import GatePlan, Plan, PlayPlan
 from r2bspec.plan.plan_diff import ABSENT, PlanDifference, diff_plans
 
 IGNORED_FIELDS: Final = frozenset(
-    {"objectives", "title", "description", "labels", "generator", "name", "gate"}
+    {"objectives", "title", "description", "labels", "generator", "name", "gate", "requires"}
 )
 """Fields of a plan without influence on the measurement."""
 
@@ -37,7 +37,13 @@ _MAX_PATH, _MAX_VALUE = 60, 24
 def measured_hash(plan: Plan) -> str:
     """The hash of the plan without texts, objectives and gate: identifies the measurement."""
     bare = msgspec.structs.replace(
-        plan, objectives={}, title="", description="", labels={}, gate=GatePlan()
+        plan,
+        objectives={},
+        title="",
+        description="",
+        labels={},
+        gate=GatePlan(),
+        requires=msgspec.UNSET,
     )
     return f"sha256:{hashlib.sha256(canonical_json(bare)).hexdigest()}"
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
+import msgspec
+
 from r2bspec._version import __version__
 from r2bspec.language.spec import BagSource, Objective, Spec
 from r2bspec.plan.monitor_plans import plan_monitors
@@ -103,6 +105,7 @@ def compile_plan(
         starts=spec.starts if play or play_at_peak else 1,
         unpaired=spec.playback.unpaired,
         clock=spec.playback.clock,
+        requires=msgspec.UNSET if spec.requires is None else spec.requires,
     )
 
 

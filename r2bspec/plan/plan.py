@@ -13,7 +13,7 @@ import msgspec
 
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
-from r2bspec.language.spec import Objective, QoS, Scalar, TruthKind
+from r2bspec.language.spec import Objective, QoS, Requires, Scalar, TruthKind
 
 
 class _Value(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -344,6 +344,7 @@ class Plan(_Value, frozen=True, kw_only=True):
         starts: how often all processes are started, each time for a part of the iterations;
             see `r2bspec.plan.start_groups`.
         clock: whether loader and player publish the system time on /clock.
+        requires: what the machine must be; a plan without it has no such key.
     """
 
     r2bspec_plan: Literal[1] = 1
@@ -384,3 +385,4 @@ class Plan(_Value, frozen=True, kw_only=True):
     starts: int = 1
     unpaired: Literal["refuse", "drop"] = "refuse"
     clock: bool = False
+    requires: Requires | msgspec.UnsetType = msgspec.UNSET

@@ -26,7 +26,7 @@ _HEADER: Final = (
     *map(part_title, SHORT_PERCENTILES),
     *("peak", "verdict"),
 )
-_NUMBERS: Final = range(3, 7)
+_NUMBERS: Final = frozenset(_HEADER[3:7])
 _WORDS: Final[dict[str, str]] = {
     **dict(OUTCOME_WORDS.items()),
     "error": "✘ ERROR",
@@ -49,14 +49,15 @@ def to_text(summary: SuiteSummary, _results: Results) -> bytes:
 
     buffer = io.StringIO()
     page = console(buffer, width=_WIDEST, color_system=None, legacy_windows=False)
-    made = table(_HEADER)
-    for number, column in enumerate(made.columns):
-        column.justify = "right" if number in _NUMBERS else "left"
+    header = _header(summary)
+    made = table(header)
+    for column, title in zip(made.columns, header, strict=True):
+        column.justify = "right" if title in _NUMBERS else "left"
     for cells in _table(summary):
         made.add_row(*map(Text, cells))
     page.print(made)
     lines = [f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines()]
-    lines += [f"\n{run.name}: {run.reason}\n" for run in _not_passed(summary)]
+    lines += [f"\n{_called(run)}: {run.reason}\n" for run in _not_passed(summary)]
     lines += ["\n", f"{_count_text(summary)}\n"]
     return harmless("".join(lines)).encode()
 
@@ -66,20 +67,22 @@ def to_markdown(summary: SuiteSummary, _results: Results) -> bytes:
     from r2bspec.report.formats.markdown import escaped, table
 
     lines = [f"### {escaped(_count_text(summary))}", ""]
-    lines += table(_HEADER, [tuple(map(escaped, cells)) for cells in _table(summary)])
-    reasons = [f"- **{escaped(run.name)}**: {escaped(run.reason)}" for run in _not_passed(summary)]
+    lines += table(_header(summary), [tuple(map(escaped, cells)) for cells in _table(summary)])
+    reasons = [
+        f"- **{escaped(_called(run))}**: {escaped(run.reason)}" for run in _not_passed(summary)
+    ]
     return harmless("\n".join([*lines, "", *reasons]).rstrip() + "\n").encode()
 
 
 def to_html(summary: SuiteSummary, _results: Results) -> bytes:
     """One self-contained page."""
     rows = "\n".join(
-        "<tr>" + "".join(_html_cell(number, cell) for number, cell in enumerate(cells)) + "</tr>"
+        "<tr>" + "".join(map(_html_cell, _header(summary), cells)) + "</tr>"
         for cells in _table(summary)
     )
-    header = "".join(f"<th>{html.escape(each)}</th>" for each in _HEADER)
+    header = "".join(f"<th>{html.escape(each)}</th>" for each in _header(summary))
     reasons = "\n".join(
-        f"<p><b>{html.escape(run.name)}</b>: {html.escape(printable_lines(run.reason))}</p>"
+        f"<p><b>{html.escape(_called(run))}</b>: {html.escape(printable_lines(run.reason))}</p>"
         for run in _not_passed(summary)
     )
     title = html.escape(_count_text(summary))
@@ -100,8 +103,8 @@ _STYLE: Final = (
 )
 
 
-def _html_cell(number: int, cell: str) -> str:
-    kind = ' class="n"' if number in _NUMBERS else ""
+def _html_cell(title: str, cell: str) -> str:
+    kind = ' class="n"' if title in _NUMBERS else ""
     return f"<td{kind}>{html.escape(printable(cell))}</td>"
 
 
@@ -115,9 +118,11 @@ def to_junit(summary: SuiteSummary, results: Results) -> bytes:
     for run in summary.runs:
         if run.folder in results:
             suite = to_suite(ReportInput(result=results[run.folder]), lenient=False)
+            if run.host:
+                suite.name = printable(_called(run))
         else:
-            suite = TestSuite(printable(run.name))
-            case = TestCase("run", printable(run.name))
+            suite = TestSuite(printable(_called(run)))
+            case = TestCase("run", printable(_called(run)))
             kind = Skipped if run.outcome == "skipped" else Error
             case.result = [kind(printable_lines(run.reason), run.outcome)]
             suite.add_testcase(case)
@@ -137,13 +142,24 @@ SUITE_FORMATS: Final[dict[str, Callable[[SuiteSummary, Results], bytes]]] = {
 """The formats of a summary, by the names of the formats of a run."""
 
 
+def _has_hosts(summary: SuiteSummary) -> bool:
+    return any(run.host for run in summary.runs)
+
+
+def _header(summary: SuiteSummary) -> tuple[str, ...]:
+    """The titles of the columns; the host is one of them if runs were made on several."""
+    return (_HEADER[0], *(("host",) if _has_hosts(summary) else ()), *_HEADER[1:])
+
+
 def _table(summary: SuiteSummary) -> Iterator[tuple[str, ...]]:
     for run in summary.runs:
         word = _WORDS.get(run.outcome, run.outcome) + (" (earlier run)" if run.resumed else "")
+        named = (run.name, run.host) if _has_hosts(summary) else (run.name,)
         if not run.rows:
-            yield (run.name, "", "", "", "", "", "", word)
+            yield (*named, "", "", "", "", "", "", word)
         for number, row in enumerate(run.rows):
-            yield (run.name if number == 0 else "", *_cells(row), word if number == 0 else "")
+            first = named if number == 0 else tuple("" for _ in named)
+            yield (*first, *_cells(row), word if number == 0 else "")
 
 
 def _cells(row: SuiteRow) -> tuple[str, ...]:
@@ -154,6 +170,10 @@ def _cells(row: SuiteRow) -> tuple[str, ...]:
         *(show(getattr(row, f"latency_{part}_s"), "s") for part in SHORT_PERCENTILES),
         show(row.peak_hz, "Hz"),
     )
+
+
+def _called(run: SuiteRun) -> str:
+    return f"{run.name} on {run.host}" if run.host else run.name
 
 
 def _not_passed(summary: SuiteSummary) -> Sequence[SuiteRun]:

@@ -48,6 +48,7 @@ class SuiteRun(msgspec.Struct, frozen=True, kw_only=True):
         folder: the run folder; empty where nothing was run.
         outcome: of the verdict; ``error`` where the run failed, ``skipped`` after a failure.
         resumed: whether the run is an earlier one.
+        host: of a fleet, that made it; empty on this host.
     """
 
     name: str
@@ -57,6 +58,7 @@ class SuiteRun(msgspec.Struct, frozen=True, kw_only=True):
     reason: str
     exit_status: int
     resumed: bool = False
+    host: str = ""
     rows: tuple[SuiteRow, ...] = ()
 
 
@@ -87,7 +89,13 @@ def _severity(status: ExitStatus) -> int:
 
 
 def run_with_result(
-    result: Result, *, spec: str, folder: str, name: str = "", resumed: bool = False
+    result: Result,
+    *,
+    spec: str,
+    folder: str,
+    name: str = "",
+    resumed: bool = False,
+    host: str = "",
 ) -> SuiteRun:
     """A run that has a result."""
     return SuiteRun(
@@ -98,11 +106,14 @@ def run_with_result(
         reason=result.verdict.reason,
         exit_status=result.verdict.exit_code,
         resumed=resumed,
+        host=host,
         rows=tuple(_rows(result)),
     )
 
 
-def run_with_error(error: R2bspecError, *, name: str, spec: str, folder: str = "") -> SuiteRun:
+def run_with_error(
+    error: R2bspecError, *, name: str, spec: str, folder: str = "", host: str = ""
+) -> SuiteRun:
     """A run that failed, or a spec that could not be run."""
     return SuiteRun(
         name=name,
@@ -111,6 +122,7 @@ def run_with_error(error: R2bspecError, *, name: str, spec: str, folder: str = "
         outcome="error",
         reason=f"{error.code}: {error}",
         exit_status=error.exit_code,
+        host=host,
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from r2bspec.check.pages.data_codes import DATA_PAGES
 from r2bspec.check.pages.file_codes import FILE_PAGES
+from r2bspec.check.pages.fleet_codes import FLEET_PAGES
 from r2bspec.check.pages.run_codes import RUN_PAGES
 from r2bspec.check.pages.script_codes import SCRIPT_PAGES
 from r2bspec.check.pages.waiver_codes import WAIVER_PAGES
@@ -11,7 +12,15 @@ from r2bspec.check.rule_registry import all_rules
 from r2bspec.diagnostics.code_pages import Page
 
 _PAGES_WITHOUT_RULE = {
-    page.code: page for page in (*DATA_PAGES, *FILE_PAGES, *RUN_PAGES, *SCRIPT_PAGES, *WAIVER_PAGES)
+    page.code: page
+    for page in (
+        *DATA_PAGES,
+        *FILE_PAGES,
+        *FLEET_PAGES,
+        *RUN_PAGES,
+        *SCRIPT_PAGES,
+        *WAIVER_PAGES,
+    )
 }
 
 

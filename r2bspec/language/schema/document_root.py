@@ -10,6 +10,7 @@ from r2bspec.language.schema.harness_keys import HARNESS, TRANSPORT
 from r2bspec.language.schema.node import nodes
 from r2bspec.language.schema.playback import PLAYBACK
 from r2bspec.language.schema.process_keys import CONTAINERS
+from r2bspec.language.schema.requires import REQUIRES
 from r2bspec.language.schema.reuse import EXTENDS, MATRIX, VARIABLES
 from r2bspec.language.schema.schema_builder import (
     Schema,
@@ -54,6 +55,7 @@ DOCUMENT: Schema = record(
             deferrable(scalar("The value of the label.", examples=["720p"])),
             examples=[{"resolution": "720p", "robot": "carter"}],
         ),
+        "requires": REQUIRES,
         "environment": array(
             "The environment variables that $(env NAME) may read.",
             text("The name of a variable.", form=name_patterns.ENVIRONMENT, examples=["DATA_DIR"]),

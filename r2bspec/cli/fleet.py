@@ -1,0 +1,256 @@
+"""``r2bspec fleet``: hosts that run benchmarks for others, and what they do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from r2bspec.cli.shared_options import connection_options
+from r2bspec.exit_status import ExitStatus
+from r2bspec.report.output import echo, echo_document
+
+if TYPE_CHECKING:
+    from r2bspec.fleet.client import Host
+    from r2bspec.fleet.security import FleetAddress
+
+
+@click.group("fleet")
+def command() -> None:
+    """Run benchmarks on several machines.
+
+    The scheduler is that of Dask: start it with 'dask scheduler'. Each machine runs a worker, and
+    'r2bspec run SPECS --on ADDRESS' plays benchmarks on them.
+    """
+
+
+def address_of(on: str, options: dict[str, Any]) -> FleetAddress:
+    """The address of a scheduler with the options of the connection, which are taken out.
+
+    Raises:
+        InsecureFleetError: TLS is missing where it is needed.
+    """
+    from r2bspec.fleet.security import fleet_address
+
+    named = {name: options.pop(name) for name in ("ca", "certificate", "key", "insecure")}
+    return fleet_address(on, **named)
+
+
+@command.command("worker")
+@click.argument("scheduler")
+@click.option("--name", default="", help="The name of this host.  [default: its host name]")
+@click.option(
+    "--label",
+    "labels",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="A label of this host, such as robot=carter; may be repeated.",
+)
+@click.option(
+    "--folder",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Where recordings and runs are kept.  [default: the cache folder of the user]",
+)
+@click.option(
+    "--cache-limit",
+    default="20 GiB",
+    show_default=True,
+    metavar="SIZE",
+    help="The most that is kept.",
+)
+@click.option(
+    "--recordings",
+    "shared",
+    multiple=True,
+    type=click.Path(path_type=Path, file_okay=False, exists=True),
+    help="A folder of recordings that several hosts reach; may be repeated.",
+)
+@click.option(
+    "--allow-commands", is_flag=True, help="Run commands and setup steps that specs bring along."
+)
+@click.option(
+    "--allow-python", is_flag=True, help="Run Python and launch files that specs bring along."
+)
+@click.option("--listen", default="", metavar="ADDRESS", help="Listen at this address only.")
+@click.option("--no-doctor", is_flag=True, help="Do not check this machine first.")
+@connection_options
+def worker(
+    scheduler: str,
+    name: str,
+    labels: tuple[str, ...],
+    folder: Path | None,
+    cache_limit: str,
+    shared: tuple[Path, ...],
+    allow_commands: bool,
+    allow_python: bool,
+    listen: str,
+    no_doctor: bool,
+    **options: Any,
+) -> int:
+    """Let this machine run benchmarks for the fleet of SCHEDULER, an address or a cluster file.
+
+    The worker ends with Ctrl-C, and connects again by itself when the scheduler was restarted.
+    """
+    from r2bspec.fleet.host_facts import describe_host
+    from r2bspec.fleet.host_service import HostService
+    from r2bspec.fleet.host_store import HostStore
+    from r2bspec.fleet.permissions import COMMANDS, PYTHON
+    from r2bspec.fleet.security import require_distributed
+    from r2bspec.fleet.worker import WorkerSettings, run_worker
+    from r2bspec.language.quantities import parse_size_option
+    from r2bspec.private_files import private_files
+
+    require_distributed()
+    address = address_of(scheduler, options)
+    try:
+        limit_bytes = parse_size_option(cache_limit)
+    except ValueError as error:
+        raise click.UsageError(f"--cache-limit: {error}") from error
+    allows = (*([COMMANDS] if allow_commands else []), *([PYTHON] if allow_python else []))
+    facts = describe_host(name, _parse_labels(labels), allows=allows, doctor=not no_doctor)
+    store = HostStore((folder or _default_folder()).absolute(), limit_bytes, shared)
+    with private_files(), store.locked() as is_ours:
+        if not is_ours:
+            raise click.UsageError(f"another worker uses {store.root}: name another --folder")
+        service = HostService(facts, store)
+        service.remove_unfinished()
+        settings = WorkerSettings(address=address, scratch=store.root / "dask", listen=listen)
+        run_worker(service, settings, lambda text: echo(text, err=True))
+    return ExitStatus.OK
+
+
+_format_option = click.option(
+    "--format",
+    "output_format",
+    type=click.Choice(["text", "json"]),
+    default="text",
+    show_default=True,
+    help="The output format.",
+)
+
+
+@command.command("hosts")
+@click.argument("scheduler")
+@_format_option
+@connection_options
+def hosts(scheduler: str, output_format: str, **options: Any) -> int:
+    """Show the hosts of a fleet: machine, software, labels, and what 'doctor' warns of there."""
+    from r2bspec.language.quantities import Size
+
+    found = _hosts_of(scheduler, options)
+    if output_format == "json":
+        _print_json({"r2bspec_hosts": 1, "hosts": [each.facts for each in found]})
+        return ExitStatus.OK
+    rows = [
+        (
+            each.name,
+            each.facts.arch,
+            f"{each.facts.cores} x {each.facts.cpu}",
+            str(Size(each.facts.memory_bytes // 2**20 * 2**20)),
+            ", ".join(each.facts.gpus),
+            each.facts.ros_distro,
+            each.facts.r2bspec,
+            " ".join(f"{name}={value}" for name, value in each.facts.labels.items()),
+            " ".join(each.facts.allows),
+        )
+        for each in found
+    ]
+    header = ("host", "arch", "CPU", "memory", "GPU", "ROS", "r2bspec", "labels", "allows")
+    _print_table(header, rows)
+    for each in found:
+        for name, what in each.facts.doctor.items():
+            echo(f"{each.name}: {name}: {what}")
+    return ExitStatus.OK
+
+
+@command.command("status")
+@click.argument("scheduler")
+@_format_option
+@connection_options
+def status(scheduler: str, output_format: str, **options: Any) -> int:
+    """Show what every host of a fleet does now, and when it was last heard of."""
+    from r2bspec.measure.units import show
+    from r2bspec.plan.time_estimate import time_text
+
+    found = _hosts_of(scheduler, options)
+    if output_format == "json":
+        states = [{"host": each.name, "seen_s": each.seen_s, **each.state} for each in found]
+        _print_json({"r2bspec_fleet": 1, "hosts": states})
+        return ExitStatus.OK
+    rows = []
+    for each in found:
+        left, p99 = each.state.get("left_s"), each.state.get("p99_ns")
+        rows.append(
+            (
+                each.name,
+                each.state.get("state", ""),
+                each.state.get("name", ""),
+                each.state.get("phase", ""),
+                time_text(left) if left is not None else "",
+                show(p99 / 1e9, "s") if p99 is not None else "",
+                f"{each.seen_s:.0f} s ago",
+            )
+        )
+    _print_table(("host", "state", "benchmark", "phase", "left", "p99", "heard of"), rows)
+    return ExitStatus.OK
+
+
+@command.command("certificates")
+@click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
+@click.option(
+    "--host",
+    "names",
+    multiple=True,
+    help="A host name or an address for the certificates; may be repeated.",
+)
+def certificates(folder: Path, names: tuple[str, ...]) -> int:
+    """Make an authority in FOLDER, and certificates for scheduler, workers and clients."""
+    from r2bspec.fleet.certificates import make_certificates
+
+    for each in make_certificates(folder, names):
+        echo(str(each))
+    return ExitStatus.OK
+
+
+def _hosts_of(scheduler: str, options: dict[str, Any]) -> list[Host]:
+    from r2bspec.fleet.client import FleetClient
+
+    with FleetClient(address_of(scheduler, options)) as client:
+        return [each for _, each in sorted(client.hosts.items())]
+
+
+def _print_json(content: object) -> None:
+    import msgspec
+
+    echo_document(msgspec.json.format(msgspec.json.encode(content), indent=2))
+
+
+def _print_table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
+    from rich.text import Text
+
+    from r2bspec.diagnostics.plain_text import plain
+    from r2bspec.report.output import console
+    from r2bspec.report.terminal.style import table
+
+    made = table(header)
+    for row in rows:
+        made.add_row(*(Text(plain(cell)) for cell in row))
+    console().print(made)
+
+
+def _default_folder() -> Path:
+    import platformdirs
+
+    return Path(platformdirs.user_cache_dir("r2bspec")) / "fleet"
+
+
+def _parse_labels(options: tuple[str, ...]) -> dict[str, str]:
+    found = {}
+    for option in options:
+        name, equals, value = option.partition("=")
+        if not equals or not name:
+            raise click.UsageError(f"--label takes NAME=VALUE, not {option!r}")
+        found[name] = value
+    return found

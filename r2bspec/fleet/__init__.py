@@ -1,0 +1,1 @@
+"""Runs on several machines: placed, sent and fetched over Dask distributed."""

@@ -1,0 +1,61 @@
+"""Errors of a fleet."""
+
+from __future__ import annotations
+
+from r2bspec.errors import R2bspecError, UsageError
+from r2bspec.exit_status import ExitStatus
+
+
+class FleetError(R2bspecError):
+    """The fleet could not do it; another attempt may help."""
+
+    code = "R2B682"
+
+
+class FleetNotInstalledError(UsageError):
+    """The extra `fleet` is not installed."""
+
+    code = "R2B682"
+
+
+class NoHostError(UsageError):
+    """No host of the fleet may take a run."""
+
+    code = "R2B683"
+
+
+class VersionDiffersError(UsageError):
+    """Host and client have different versions."""
+
+    code = "R2B684"
+
+
+class NotAllowedError(UsageError):
+    """The owner of a host does not allow what a spec does."""
+
+    code = "R2B685"
+
+
+class TransferError(FleetError):
+    """What arrived is not what was sent."""
+
+    code = "R2B686"
+
+
+class InsecureFleetError(UsageError):
+    """A connection beyond this machine without TLS, or unusable certificates."""
+
+    code = "R2B687"
+
+
+class HostLostError(FleetError):
+    """A host left the fleet, or the scheduler did."""
+
+    code = "R2B688"
+
+
+class HostFullError(FleetError):
+    """The disk of a host is full."""
+
+    code = "R2B689"
+    exit_code = ExitStatus.RUN_FAILED

@@ -1,0 +1,402 @@
+"""The runs of one client on a fleet: each is made once, whatever happens to hosts meanwhile.
+
+There is a thread for each host. It takes the next run that its host may play, sends it, waits,
+fetches the folder, and takes the next. So a host has nothing to do only for the time of a fetch,
+and nothing is sent or fetched while it plays. A thread whose host is lost gives its run back and
+ends; the host gets a new one when it returns.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import queue
+import threading
+import time
+from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from r2bspec._version import __version__
+from r2bspec.errors import R2bspecError
+from r2bspec.fleet.bundle import Bundle, SentSide, make_bundle
+from r2bspec.fleet.client import FleetClient, Host
+from r2bspec.fleet.errors import HostFullError, HostLostError, NoHostError, TransferError
+from r2bspec.fleet.host_messages import Job, Played, Request, error_of
+from r2bspec.fleet.journal import Journal
+from r2bspec.fleet.run_transfer import fetch, offer
+from r2bspec.plan.canonical_json import plan_hash
+
+_POLL_S: Final = 1.0
+_MAX_TRANSFERS: Final = 3
+_INVALID: Final = "invalid"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FleetRun:
+    """A run to be made.
+
+    Attributes:
+        folder: where its run folder will be.
+        hosts: the names of the hosts that may make it; any of them does.
+        base: of a comparison in pairs, if it is another spec.
+        options: further fields of its `Job`.
+    """
+
+    name: str
+    folder: Path
+    head: SentSide
+    hosts: frozenset[str]
+    base: SentSide | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FleetLimits:
+    """How patient a client is.
+
+    Attributes:
+        lost_s: how long runs wait for hosts that left.
+        retry_invalid: how often an invalid run is made again, on the same host.
+    """
+
+    lost_s: float = 600.0
+    retry_invalid: int = 1
+
+
+class Ended(NamedTuple):
+    """A run that has ended, with its folder in place or an error."""
+
+    run: FleetRun
+    host: str
+    error: R2bspecError | None
+
+
+class RunStatus(NamedTuple):
+    """What a run does, for the table."""
+
+    name: str
+    host: str
+    text: str
+
+
+@dataclass
+class _Entry:
+    """A run, and what happened to it so far."""
+
+    run: FleetRun
+    bundle: Bundle
+    attempt: int = 1
+    refused: dict[str, R2bspecError] = field(default_factory=dict)
+    since: float = field(default_factory=time.monotonic)
+    ended: bool = False
+
+    @property
+    def hosts(self) -> frozenset[str]:
+        return self.run.hosts - set(self.refused)
+
+
+class FleetRuns:
+    """Makes the runs of one suite."""
+
+    def __init__(
+        self,
+        client: FleetClient,
+        root: Path,
+        journal: Journal,
+        limits: FleetLimits,
+        on_note: Callable[[str], None],
+        on_tick: Callable[[list[RunStatus], Mapping[str, Host]], None],
+    ) -> None:
+        """Begin.
+
+        Args:
+            client: of the fleet.
+            root: the folder of the suite.
+            journal: of the suite.
+            limits: of patience.
+            on_note: is told of losses and repetitions, in a line.
+            on_tick: is told every second what runs and hosts do.
+        """
+        self._client = client
+        self._root = root
+        self._journal = journal
+        self._limits = limits
+        self._on_note = on_note
+        self._on_tick = on_tick
+        self._entries: list[_Entry] = []
+        self._waiting: list[_Entry] = []
+        self._changed = threading.Condition()
+        self._ended: queue.Queue[Ended] = queue.Queue()
+        self._closing = False
+        self._open = False
+        self._threads: dict[str, tuple[str, threading.Thread]] = {}
+        self._status: dict[int, tuple[str, str]] = {}
+
+    def play(self, runs: Sequence[FleetRun]) -> Generator[Ended, None, None]:
+        """Make the runs; each is yielded when it has ended, in whatever order.
+
+        First every run is offered to the hosts that may make it. One that none of them can make
+        ends at once, before anything is played. Closing the iterator starts no further run.
+        """
+        bundles: dict[tuple[int, int], Bundle] = {}
+        for run in runs:
+            try:
+                bundle = _bundle(run, bundles)
+            except (R2bspecError, OSError) as error:
+                failure = error if isinstance(error, R2bspecError) else TransferError(str(error))
+                yield Ended(run, "", failure)
+                continue
+            self._entries.append(_Entry(run, bundle))
+        left = len(self._entries)
+        try:
+            self._offer_all()
+            with self._changed:
+                self._waiting = [each for each in self._entries if not each.ended]
+                self._open = True
+                self._changed.notify_all()
+            while left:
+                try:
+                    found = self._ended.get(timeout=_POLL_S)
+                except queue.Empty:
+                    self._look_after_hosts()
+                    continue
+                left -= 1
+                yield found
+        finally:
+            with self._changed:
+                self._closing = True
+                self._changed.notify_all()
+
+    def states(self) -> list[RunStatus]:
+        """What every run that has not ended does, in their order."""
+        rows = []
+        for entry in self._entries:
+            if not entry.ended:
+                host, text = self._status.get(id(entry), ("", "waiting for a host"))
+                rows.append(RunStatus(entry.run.name, host, text))
+        return rows
+
+    def _offer_all(self) -> None:
+        """Offer every run to every host that may make it, all hosts at the same time."""
+        offering = []
+        for host in list(self._client.hosts.values()):
+            thread = threading.Thread(target=self._offer_to, args=(host,), daemon=True)
+            thread.start()
+            offering.append(thread)
+        while any(each.is_alive() for each in offering):
+            time.sleep(0.05)
+            if not int(time.monotonic() * 20) % 20:
+                self._client.refresh()
+        self._end_impossible()
+
+    def _offer_to(self, host: Host) -> None:
+        for entry in self._entries:
+            if host.name in entry.hosts:
+                self._show(entry, host, "being checked there")
+                try:
+                    self._offer(host, entry)
+                except HostLostError:
+                    return
+                except R2bspecError as error:
+                    entry.refused[host.name] = error
+                finally:
+                    self._status.pop(id(entry), None)
+
+    def _offer(self, host: Host, entry: _Entry) -> Job:
+        """Send a run to a host.
+
+        Raises:
+            R2bspecError: the host cannot make it.
+        """
+        job = self._job(entry, host.name)
+        prepared = offer(self._client, host, job, entry.bundle, self._check)
+        if prepared.problems:
+            raise error_of(prepared.problems[0])
+        return job
+
+    def _end_impossible(self) -> None:
+        """End the runs that every host has refused."""
+        for entry in self._entries:
+            if not entry.ended and entry.run.hosts and not entry.hosts:
+                self._end(entry, "", _refusal(entry))
+
+    def _job(self, entry: _Entry, host: str) -> Job:
+        run, bundle = entry.run, entry.bundle
+        words = (
+            *(self._journal.suite, str(run.folder.relative_to(self._root)), host, entry.attempt),
+            *(bundle.digest, *(plan_hash(each.plan) for each in _sides(run))),
+        )
+        identity = hashlib.sha256("\0".join(map(str, words)).encode()).hexdigest()[:32]
+        return Job(
+            version=__version__,
+            identity=identity,
+            name=run.name,
+            head=bundle.sides[0],
+            base=bundle.sides[1] if run.base is not None else None,
+            bundle=bundle.digest,
+            files=bundle.files,
+            recordings=bundle.recordings,
+            **run.options,
+        )
+
+    def _look_after_hosts(self) -> None:
+        """Start threads for hosts that came, and give up runs whose hosts stay away."""
+        self._client.refresh()
+        hosts = self._client.hosts
+        for name, host in hosts.items():
+            known = self._threads.get(name)
+            if known is not None and known[0] == host.address and known[1].is_alive():
+                continue
+            if any(name in each.hosts for each in self._waiting):
+                thread = threading.Thread(target=self._serve, args=(host,), daemon=True)
+                self._threads[name] = (host.address, thread)
+                thread.start()
+        self._on_tick(self.states(), hosts)
+        with self._changed:
+            for entry in list(self._waiting):
+                if entry.hosts & set(hosts):
+                    entry.since = time.monotonic()
+                elif time.monotonic() - entry.since > self._limits.lost_s:
+                    self._waiting.remove(entry)
+                    names = ", ".join(sorted(entry.hosts))
+                    text = f"no host that may make the run is in the fleet: {names}"
+                    self._end(entry, "", HostLostError(text))
+
+    def _serve(self, host: Host) -> None:
+        """Play one run after the other on a host, until there is none or the host is lost."""
+        while (entry := self._take(host)) is not None:
+            try:
+                error = self._play_on(host, entry)
+            except HostLostError as lost:
+                self._give_back(entry, host, lost)
+                return
+            except HostFullError as full:
+                self._refused(entry, host, full)
+                continue
+            except R2bspecError as failed:
+                error = failed
+            except Exception as crash:
+                error = TransferError(f"the run cannot be stored: {crash}")
+            self._end(entry, host.name, error)
+
+    def _take(self, host: Host) -> _Entry | None:
+        with self._changed:
+            while not self._closing:
+                now = self._client.hosts.get(host.name)
+                if now is None or now.address != host.address:
+                    return None
+                found = next((each for each in self._waiting if host.name in each.hosts), None)
+                if found is not None:
+                    self._waiting.remove(found)
+                    return found
+                if all(each.ended for each in self._entries):
+                    return None
+                self._changed.wait(_POLL_S)
+        return None
+
+    def _play_on(self, host: Host, entry: _Entry) -> R2bspecError | None:
+        """Make a run on a host, again if it is invalid; returns why it failed, or None.
+
+        Raises:
+            HostLostError: the host left; the run is to be made again.
+            HostFullError: the host has no room.
+        """
+        while True:
+            job = self._offer(host, entry)
+            self._write(entry, host, job, "sent")
+            self._show(entry, host, "playing")
+            request = Request(what="play", job=job)
+            played = self._client.ask(host, request, Played, check=self._check)
+            self._show(entry, host, "being fetched")
+            error = error_of(played.problem) if played.problem is not None else None
+            again = played.outcome == _INVALID and entry.attempt <= self._limits.retry_invalid
+            target = entry.run.folder
+            if again:
+                target = target.with_name(f"{target.name}.invalid-{entry.attempt}")
+            if played.size:
+                self._fetch(host, played, target)
+            state = "invalid" if again else "failed" if error is not None else "done"
+            self._write(entry, host, job, state, str(error or played.outcome))
+            self._client.ask(host, Request(what="drop", identity=job.identity), dict)
+            if not again:
+                return error
+            self._on_note(f"{entry.run.name} on {host.name} is invalid and made again")
+            entry.attempt += 1
+
+    def _fetch(self, host: Host, played: Played, target: Path) -> None:
+        for number in range(_MAX_TRANSFERS):
+            try:
+                fetch(self._client, host, played, self._root, target)
+            except TransferError:
+                if number == _MAX_TRANSFERS - 1:
+                    raise
+            else:
+                return
+
+    def _give_back(self, entry: _Entry, host: Host, lost: HostLostError) -> None:
+        with self._changed:
+            self._status.pop(id(entry), None)
+            if self._closing:
+                return
+            self._journal.write(self._place(entry), host.name, "", entry.attempt, "lost", str(lost))
+            entry.since = time.monotonic()
+            self._waiting.insert(0, entry)
+            self._changed.notify_all()
+        self._on_note(f"{host.name} is lost; {entry.run.name} will be made again")
+
+    def _refused(self, entry: _Entry, host: Host, error: R2bspecError) -> None:
+        """Let another host make a run, if there is one."""
+        entry.refused[host.name] = error
+        self._journal.write(self._place(entry), host.name, "", entry.attempt, "full", str(error))
+        self._on_note(f"{host.name}: {error}")
+        if not entry.hosts:
+            self._end(entry, host.name, error)
+            return
+        with self._changed:
+            self._status.pop(id(entry), None)
+            self._waiting.insert(0, entry)
+            self._changed.notify_all()
+
+    def _end(self, entry: _Entry, host: str, error: R2bspecError | None) -> None:
+        with self._changed:
+            if entry.ended:
+                return
+            entry.ended = True
+            self._ended.put(Ended(entry.run, host, error))
+            self._changed.notify_all()
+
+    def _check(self) -> None:
+        if self._closing:
+            raise HostLostError("the client ended")
+
+    def _write(self, entry: _Entry, host: Host, job: Job, state: Any, reason: str = "") -> None:
+        self._journal.write(
+            self._place(entry), host.name, job.identity, entry.attempt, state, reason
+        )
+
+    def _place(self, entry: _Entry) -> str:
+        return str(entry.run.folder.relative_to(self._root))
+
+    def _show(self, entry: _Entry, host: Host, text: str) -> None:
+        self._status[id(entry)] = (host.name, text)
+
+
+def _bundle(run: FleetRun, known: dict[tuple[int, int], Bundle]) -> Bundle:
+    """The bundle of a run; runs of the same benchmark share it."""
+    key = (id(run.head), id(run.base))
+    if key not in known:
+        known[key] = make_bundle(_sides(run))
+    return known[key]
+
+
+def _sides(run: FleetRun) -> list[SentSide]:
+    return [run.head] if run.base is None else [run.head, run.base]
+
+
+def _refusal(entry: _Entry) -> R2bspecError:
+    """Why no host can make a run: the reason of the only host, or one line with all of them."""
+    if len(entry.refused) == 1:
+        return next(iter(entry.refused.values()))
+    parts = "; ".join(f"{host}: {error}" for host, error in sorted(entry.refused.items()))
+    return NoHostError(f"no host can make the run: {parts}")

@@ -1,0 +1,134 @@
+"""The journal of a suite on a fleet: which run was sent where, and how it ended.
+
+A line of JSON for each event, appended and synchronised. The folders of runs say what is done; the
+journal says how it came about, and gives the suite the identity by which hosts know its runs.
+"""
+
+from __future__ import annotations
+
+import datetime
+import fcntl
+import os
+import secrets
+import threading
+from pathlib import Path
+from typing import Final, Literal
+
+import msgspec
+
+from r2bspec.errors import UsageError
+from r2bspec.untrusted.safe_file import read_bytes
+
+JOURNAL_FILE: Final = "fleet.jsonl"
+_MAX_BYTES: Final = 256_000_000
+
+State = Literal["sent", "lost", "invalid", "full", "failed", "done"]
+"""Of an attempt: ``sent`` to a host; ``lost`` with it; ``invalid``, to be tried again; ``full``
+if the host had no room; ``failed`` for good; ``done`` when its folder is here."""
+
+
+class Event(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One line.
+
+    Attributes:
+        suite: of the first line only: the identity of the suite.
+        run: the path of the run folder, relative to that of the suite.
+        identity: of the attempt, as the host knows it.
+        attempt: counted from 1; an attempt whose host was lost is the same one elsewhere.
+    """
+
+    at: str
+    suite: str = ""
+    run: str = ""
+    host: str = ""
+    identity: str = ""
+    attempt: int = 0
+    state: State | Literal[""] = ""
+    reason: str = ""
+
+
+class Journal:
+    """The journal of one suite, which several threads write."""
+
+    def __init__(self, folder: Path) -> None:
+        """Open the journal of a suite, or begin it.
+
+        Raises:
+            UsageError: the file is no journal, or another client writes it.
+        """
+        self._path = folder / JOURNAL_FILE
+        self._lock = threading.Lock()
+        self._file = self._path.open("ab")
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self._file.close()
+            raise UsageError(
+                f"another client runs the suite in {folder}",
+                hint="Wait for its end, or choose another folder with --output.",
+            ) from None
+        try:
+            known = read_journal(folder)
+        except UsageError:
+            self._file.close()
+            raise
+        self.suite = next((each.suite for each in known if each.suite), "")
+        self.hosts = frozenset(each.host for each in known if each.host)
+        if not self.suite:
+            self.suite = secrets.token_hex(8)
+            self._append(Event(at=_now(), suite=self.suite))
+
+    def write(
+        self, run: str, host: str, identity: str, attempt: int, state: State, reason: str = ""
+    ) -> None:
+        """Add an event."""
+        self._append(
+            Event(
+                at=_now(),
+                run=run,
+                host=host,
+                identity=identity,
+                attempt=attempt,
+                state=state,
+                reason=reason,
+            )
+        )
+
+    def close(self) -> None:
+        """Let another client have the suite."""
+        self._file.close()
+
+    def _append(self, event: Event) -> None:
+        line = msgspec.json.encode(event) + b"\n"
+        with self._lock:
+            self._file.write(line)
+            self._file.flush()
+            os.fsync(self._file.fileno())
+
+
+def read_journal(folder: Path) -> list[Event]:
+    """The events of a suite; a line that a crash has cut off is left out.
+
+    Raises:
+        UsageError: the file is no journal.
+    """
+    path = folder / JOURNAL_FILE
+    try:
+        lines = read_bytes(path, max_bytes=_MAX_BYTES).split(b"\n")
+    except OSError as error:
+        raise UsageError(f"{path} cannot be read: {error.strerror or error}") from error
+    events = []
+    for number, line in enumerate(lines):
+        if not line:
+            continue
+        try:
+            events.append(msgspec.json.decode(line, type=Event))
+        except msgspec.MsgspecError as error:
+            if number:
+                continue
+            raise UsageError(f"{path} is no journal of a fleet: {error}") from error
+    return events
+
+
+def _now() -> str:
+    return datetime.datetime.now(datetime.UTC).isoformat(timespec="milliseconds")

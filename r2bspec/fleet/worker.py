@@ -1,0 +1,174 @@
+"""The worker of a host: a Dask worker with one slot, which is quiet while a run plays.
+
+Dask's defaults wake a process about 200 times a second for its own statistics. None of them is
+needed here, so this worker keeps two timers: the heartbeat, every few seconds, and a sign of life
+every minute. `tests/bench/fleet_idle_cost.py` measures what is left.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from r2bspec.fleet.host_messages import FACTS, SLOT, as_dict
+from r2bspec.fleet.host_service import HostService
+from r2bspec.fleet.security import FleetAddress, quiet_logs, require_distributed
+
+HEARTBEAT_S: Final = 10.0
+
+_QUIET: Final[dict[str, Any]] = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.worker.memory.target": False,
+    "distributed.worker.memory.spill": False,
+    "distributed.worker.memory.pause": False,
+    "distributed.worker.memory.terminate": False,
+    "distributed.worker.daemon": False,
+    "distributed.diagnostics.nvml": False,
+    "distributed.admin.tick.interval": "1h",
+    "distributed.admin.tick.limit": "2h",
+    "distributed.admin.tick.cycle": "1h",
+    "distributed.admin.system-monitor.interval": "1h",
+    "distributed.admin.system-monitor.disk": False,
+    "distributed.admin.system-monitor.gil.enabled": False,
+}
+"""Settings of Dask; timers that have no setting are removed from the worker."""
+
+_TIMERS: Final = frozenset({"heartbeat", "keep-alive"})
+_RECONNECT_S: Final = 2.0
+_ANNOUNCE_S: Final = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkerSettings:
+    """How a worker takes part in a fleet.
+
+    Attributes:
+        heartbeat_s: between heartbeats; None keeps Dask's own timers, to measure their cost.
+        listen: the address at which clients of the scheduler reach the worker; any if empty.
+    """
+
+    address: FleetAddress
+    scratch: Path
+    heartbeat_s: float | None = HEARTBEAT_S
+    listen: str = ""
+
+
+def run_worker(
+    service: HostService, settings: WorkerSettings, on_state: Callable[[str], None]
+) -> None:
+    """Serve a fleet until a signal ends this process; reconnects when the scheduler is gone.
+
+    Args:
+        service: of this host.
+        settings: of the worker.
+        on_state: is told what changes, in a line.
+    """
+    require_distributed()
+    import dask
+
+    if settings.heartbeat_s is not None:
+        dask.config.set(_QUIET)
+    quiet_logs()
+    asyncio.run(_serve(service, settings, on_state))
+
+
+async def _serve(
+    service: HostService, settings: WorkerSettings, on_state: Callable[[str], None]
+) -> None:
+    ended = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for each in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(each, ended.set)
+    told = ""
+    while not ended.is_set():
+        worker = _make_worker(service, settings)
+        try:
+            starting = asyncio.ensure_future(_started(worker))
+            await _first(starting, ended)
+            if not starting.done():
+                starting.cancel()
+                break
+            starting.result()
+            on_state(told := f"{service.facts.name} is in the fleet of {worker.scheduler.address}")
+            await _first(asyncio.ensure_future(worker.finished()), ended)
+            if not ended.is_set():
+                on_state(told := "the scheduler is gone; connecting again")
+        except Exception as error:  # Dask raises many kinds, and any of them may pass
+            text = f"not in the fleet: {error}"
+            if text != told:
+                on_state(told := text)
+        finally:
+            if ended.is_set():
+                service.close()
+            with contextlib.suppress(Exception):
+                await worker.close(timeout=30, executor_wait=ended.is_set())
+        with contextlib.suppress(asyncio.TimeoutError):
+            await asyncio.wait_for(ended.wait(), _RECONNECT_S)
+    service.close()
+
+
+async def _started(worker: Any) -> None:
+    await worker
+
+
+async def _first(task: asyncio.Future[Any], ended: asyncio.Event) -> None:
+    """Wait for a task, or for the end."""
+    stop = asyncio.ensure_future(ended.wait())
+    await asyncio.wait({task, stop}, return_when=asyncio.FIRST_COMPLETED)
+    stop.cancel()
+
+
+def _make_worker(service: HostService, settings: WorkerSettings) -> Any:
+    from distributed import Worker
+
+    heartbeat_s = settings.heartbeat_s
+
+    class QuietWorker(Worker):
+        """A worker with two timers, whose heartbeats keep their interval."""
+
+        r2bspec_host = service
+
+        def __init__(self, *args: Any, **options: Any) -> None:
+            super().__init__(*args, **options)
+            if heartbeat_s is not None:
+                for name in set(self.periodic_callbacks) - _TIMERS:
+                    self.periodic_callbacks.pop(name).stop()
+
+        async def heartbeat(self) -> None:
+            await super().heartbeat()
+            if heartbeat_s is not None:
+                # The scheduler asks for two a second in a small fleet.
+                self.periodic_callbacks["heartbeat"].callback_time = heartbeat_s * 1000
+
+    return QuietWorker(
+        settings.address.scheduler,
+        nthreads=1,
+        name=service.facts.name,
+        resources={SLOT: 1},
+        memory_limit=0,
+        dashboard=False,
+        local_directory=str(settings.scratch),
+        security=settings.address.security(),
+        startup_information={FACTS: lambda _: as_dict(service.facts)},
+        metrics={FACTS: lambda _: service.state()},
+        heartbeat_interval=f"{heartbeat_s or 1}s",
+        **({"host": settings.listen} if settings.listen else {}),
+    )
+
+
+def answer(content: bytes, piece: bytes = b"") -> bytes:
+    """Answer a request on a host: the only function that clients submit.
+
+    A run is announced in a heartbeat of its own, because the next one may be far.
+    """
+    from distributed import get_worker
+
+    worker: Any = get_worker()
+    service: HostService = worker.r2bspec_host
+    worker.loop.add_callback(worker.loop.call_later, _ANNOUNCE_S, worker.heartbeat)
+    return service.answer(content, piece)

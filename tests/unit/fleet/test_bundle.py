@@ -1,0 +1,247 @@
+"""What travels with a plan, and what a host keeps of it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from r2bspec import api
+from r2bspec.fleet.bundle import Bundle, SentSide, make_bundle
+from r2bspec.fleet.errors import NotAllowedError, TransferError
+from r2bspec.fleet.host_messages import Job, Missing, SentFile, Side, error_of, problem_of
+from r2bspec.fleet.host_store import HostStore, inside
+from r2bspec.fleet.permissions import check_allowed
+from ros_runs import Bench, relay_spec
+
+NODE = "import near\nimport os\n\n\nclass Own:\n    pass\n"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder of specs, with files that the spec names and files that it does not."""
+    made = tmp_path / "work" / "specs"
+    Bench(made)
+    (made / "own.py").write_text(NODE)
+    (made / "near.py").write_text("import far\n")
+    (made / "far.py").write_text("")
+    (made / "secret.txt").write_text("not to be sent")
+    (made.parent / "config").mkdir()
+    (made.parent / "config" / "relay.yaml").write_text("/**:\n  ros__parameters: {queue: 3}\n")
+    tool = made / "tool.sh"
+    tool.write_text("#!/bin/sh\n")
+    tool.chmod(0o755)
+    return made
+
+
+def prepared(folder: Path, **changes: Any) -> api.PreparedBenchmark:
+    spec = relay_spec(setup={"make": {"command": ["./tool.sh", "--fast"]}}, **changes)
+    relay = spec["graph"]["nodes"]["relay"]
+    spec["graph"]["nodes"]["own"] = {
+        "python": "./own.py:Own",
+        "parameters": {"model": "../config/relay.yaml"},
+    }
+    assert relay
+    path = folder / "relay.r2b.yaml"
+    path.write_text(yaml.safe_dump(spec))
+    from r2bspec.language.load_spec import load_spec
+    from r2bspec.plan.compile_plan import compile_plan
+
+    loaded = load_spec(path)
+    assert loaded.spec is not None, loaded.diagnostics
+    return api.PreparedBenchmark(compile_plan(loaded.spec, None), folder, loaded.resolved_yaml())
+
+
+def bundle_of(folder: Path, **changes: Any) -> Bundle:
+    one = prepared(folder, **changes)
+    return make_bundle([SentSide(one.plan, one.base_dir, one.spec_text)])
+
+
+def job_of(bundle: Bundle, identity: str = "x") -> Job:
+    return Job(
+        version="1",
+        identity=identity,
+        name="relay",
+        head=bundle.sides[0],
+        bundle=bundle.digest,
+        files=bundle.files,
+        recordings=bundle.recordings,
+    )
+
+
+def send(store: HostStore, bundle: Bundle, job: Job, piece_bytes: int = 1000) -> int:
+    """Send everything that the store lacks, in pieces; returns how many."""
+    pieces = 0
+    for missing in store.missing(job):
+        source = (
+            bundle.recording_sources[missing.recording] / missing.file.path
+            if missing.recording
+            else bundle.sources[missing.file.sha256]
+        )
+        content = source.read_bytes()
+        for offset in range(missing.offset, max(len(content), 1), piece_bytes):
+            store.put(missing, offset, content[offset : offset + piece_bytes])
+            pieces += 1
+    for recording in job.recordings:
+        store.complete(recording)
+    return pieces
+
+
+def test_only_what_the_plan_names_is_sent_with_what_it_imports(folder: Path) -> None:
+    bundle = bundle_of(folder)
+    assert {each.path for each in bundle.files} == {
+        "config/relay.yaml",
+        "specs/far.py",
+        "specs/near.py",
+        "specs/own.py",
+        "specs/tool.sh",
+    }
+    assert [each.path for each in bundle.files if each.executable] == ["specs/tool.sh"]
+    assert bundle.sides[0].base_dir == "specs"
+    assert [each.path for each in bundle.recordings] == ["specs/bag"]
+
+
+def test_the_digest_is_that_of_contents_not_of_places(folder: Path, tmp_path: Path) -> None:
+    first = bundle_of(folder)
+    copied = tmp_path / "elsewhere"
+    shutil.copytree(folder.parent, copied)
+    assert bundle_of(copied / "specs").digest == first.digest
+    (copied / "specs" / "far.py").write_text("VALUE = 1\n")
+    assert bundle_of(copied / "specs").digest != first.digest
+    (copied / "specs" / "secret.txt").write_text("something else")
+    (copied / "specs" / "far.py").write_text("")
+    assert bundle_of(copied / "specs").digest == first.digest
+
+
+def test_a_host_gets_everything_once_and_has_it_as_it_is_here(folder: Path, tmp_path: Path) -> None:
+    store = HostStore(tmp_path / "host")
+    store.open()
+    bundle = bundle_of(folder)
+    job = job_of(bundle)
+    assert send(store, bundle, job) > len(bundle.files)
+    assert list(store.missing(job)) == []
+    tree = store.unpack(job)
+    assert (tree / "specs" / "own.py").read_text() == NODE
+    assert os.access(tree / "specs" / "tool.sh", os.X_OK)
+    assert {each.name for each in (tree / "specs" / "bag").iterdir()} == {
+        each.name for each in (folder / "bag").iterdir()
+    }
+    (tree / "specs" / "built").write_text("kept for the next run")
+    (tree / "specs" / "own.py").write_text("changed by a run")
+    store.unpack(job)
+    assert (tree / "specs" / "built").exists()
+    assert (tree / "specs" / "own.py").read_text() == NODE
+
+
+def test_sending_goes_on_where_it_was_interrupted(folder: Path, tmp_path: Path) -> None:
+    store = HostStore(tmp_path / "host")
+    store.open()
+    job = job_of(bundle := bundle_of(folder))
+    whole = max(store.missing(job), key=lambda each: each.file.size)
+    source = bundle.recording_sources[whole.recording] / whole.file.path
+    store.put(whole, 0, source.read_bytes()[:500])
+    (again,) = (each for each in store.missing(job) if each.file.path == whole.file.path)
+    assert again.offset == 500
+    send(store, bundle, job)
+    assert list(store.missing(job)) == []
+
+
+def test_what_arrives_damaged_is_refused_and_not_kept(folder: Path, tmp_path: Path) -> None:
+    store = HostStore(tmp_path / "host")
+    store.open()
+    job = job_of(bundle_of(folder))
+    missing = next(each for each in store.missing(job) if each.file.size)
+    with pytest.raises(TransferError, match="did not arrive"):
+        store.put(missing, 0, b"x" * missing.file.size)
+    assert missing in list(store.missing(job))
+
+
+def test_recordings_of_a_shared_folder_are_not_sent(folder: Path, tmp_path: Path) -> None:
+    shared = tmp_path / "shared"
+    shutil.copytree(folder / "bag", shared / "bag")
+    store = HostStore(tmp_path / "host", shared=(shared,))
+    store.open()
+    job = job_of(bundle_of(folder))
+    assert all(not each.recording for each in store.missing(job))
+    (shared / "bag" / "metadata.yaml").write_text("another one")
+    assert any(each.recording for each in store.missing(job))
+
+
+def test_the_least_recently_used_is_removed_first(folder: Path, tmp_path: Path) -> None:
+    store = HostStore(tmp_path / "host", limit_bytes=1)
+    store.open()
+    bundle = bundle_of(folder)
+    job = job_of(bundle)
+    send(store, bundle, job)
+    store.unpack(job)
+    keep = bundle.recordings[0].sha256
+    store.trim(frozenset({keep}))
+    left = [
+        each.name
+        for kind in ("objects", "recordings", "work")
+        for each in (store.root / kind).iterdir()
+    ]
+    assert left == [keep]
+    store.trim()
+    assert store.recording(bundle.recordings[0]) is None
+
+
+@pytest.mark.parametrize("path", ["../x", "/etc/passwd", "a/../../x", ""])
+def test_no_path_leads_out_of_a_bundle(path: str, tmp_path: Path) -> None:
+    with pytest.raises(TransferError, match="leads out"):
+        inside(tmp_path, path)
+    store = HostStore(tmp_path / "host")
+    store.open()
+    file = SentFile(path=path, size=1, sha256="0" * 64)
+    with pytest.raises(TransferError, match="leads out"):
+        store.put(Missing(recording="1" * 64, file=file, offset=0), 0, b"x")
+
+
+def test_commands_and_files_of_a_spec_need_a_permission(folder: Path) -> None:
+    plan = prepared(folder).plan
+    with pytest.raises(NotAllowedError, match="allow-commands"):
+        check_allowed(plan, (), "here")
+    with pytest.raises(NotAllowedError, match="allow-python"):
+        check_allowed(plan, ("commands",), "here")
+    check_allowed(plan, ("commands", "python"), "here")
+
+
+@pytest.mark.parametrize(
+    ("changes", "permission"),
+    [
+        ({"command": ["./tool.sh"]}, "commands"),
+        ({"python": "r2bspec.nodes.RelayNode", "prefix": ["taskset"]}, "commands"),
+        ({"python": "r2bspec.nodes.RelayNode", "env": {"LD_PRELOAD": "x.so"}}, "commands"),
+        ({"python": "./own.py:Own"}, "python"),
+        ({"launch": {"path": "./x.launch.py"}}, "python"),
+        ({"python": "r2bspec.nodes.RelayNode", "env": {"OMP_NUM_THREADS": "1"}}, ""),
+        ({"package": "demo", "executable": "talker"}, ""),
+        ({"launch": {"package": "demo", "file": "x.launch.py"}}, ""),
+    ],
+)
+def test_what_a_node_is_decides_which_permission_it_needs(
+    changes: dict[str, Any], permission: str
+) -> None:
+    from r2bspec.language.load_spec import load_spec
+    from r2bspec.plan.compile_plan import compile_plan
+
+    spec = relay_spec(graph={"nodes": {"own": changes}})
+    loaded = load_spec(yaml.safe_dump(spec))
+    assert loaded.spec is not None, loaded.diagnostics
+    plan = compile_plan(loaded.spec, None)
+    if permission:
+        with pytest.raises(NotAllowedError, match=f"allow-{permission}"):
+            check_allowed(plan, tuple({"commands", "python"} - {permission}), "here")
+    check_allowed(plan, (permission,), "here")
+
+
+def test_an_error_travels_with_its_code_and_exit_status() -> None:
+    sent = NotAllowedError("no", hint="ask")
+    found = error_of(problem_of(sent))
+    assert (found.code, str(found), found.hint) == (sent.code, "no", "ask")
+    assert found.exit_code is sent.exit_code
+    assert Side(plan="", spec_text="", base_dir=".")

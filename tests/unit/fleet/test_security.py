@@ -1,0 +1,86 @@
+"""Connections without TLS stay on this machine; journals survive what they must."""
+
+from __future__ import annotations
+
+import ssl
+import stat
+from pathlib import Path
+
+import pytest
+
+from r2bspec.errors import UsageError
+from r2bspec.fleet.errors import InsecureFleetError
+from r2bspec.fleet.journal import JOURNAL_FILE, Journal, read_journal
+from r2bspec.fleet.security import fleet_address
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:8786", "tcp://localhost", "tcp://[::1]:9"])
+def test_this_machine_needs_no_tls(address: str) -> None:
+    found = fleet_address(address)
+    assert found.scheduler == (address if address != "tcp://localhost" else f"{address}:8786")
+    assert found.ca is None
+
+
+@pytest.mark.parametrize(
+    ("address", "message"),
+    [
+        ("tcp://10.0.0.5:8786", "would not be encrypted"),
+        ("tcp://localhost.example.com", "would not be encrypted"),
+        ("tls://10.0.0.5:8786", "needs a certificate"),
+        ("http://10.0.0.5", "no address of a scheduler"),
+        ("tcp://", "no address of a scheduler"),
+        ("nowhere.yaml", "neither an address nor a cluster file"),
+    ],
+)
+def test_what_is_not_secure_is_refused(address: str, message: str) -> None:
+    with pytest.raises(InsecureFleetError, match=message) as found:
+        fleet_address(address)
+    assert found.value.code == "R2B687"
+
+
+def test_insecure_goes_without() -> None:
+    assert fleet_address("tcp://10.0.0.5:8786", insecure=True).ca is None
+
+
+def test_a_cluster_file_names_scheduler_and_certificates(tmp_path: Path) -> None:
+    pytest.importorskip("cryptography")
+    from r2bspec.fleet.certificates import make_certificates
+
+    made = make_certificates(tmp_path / "certificates", ("10.0.0.5", "desk"))
+    assert {stat.S_IMODE(each.stat().st_mode) for each in made} == {0o600}
+    file = tmp_path / "cluster.yaml"
+    file.write_text(
+        "scheduler: tls://10.0.0.5:8786\nca: certificates/ca.pem\n"
+        "certificate: certificates/client.pem\nkey: certificates/client-key.pem\n"
+    )
+    found = fleet_address(str(file))
+    assert found.certificate == tmp_path / "certificates" / "client.pem"
+    context = ssl.create_default_context(ssl.Purpose.SERVER_AUTH, cafile=str(found.ca))
+    context.load_cert_chain(str(found.certificate), str(found.key))
+    file.write_text("scheduler: tls://10.0.0.5\nauthority: x\n")
+    with pytest.raises(InsecureFleetError, match="unknown key 'authority'"):
+        fleet_address(str(file))
+    with pytest.raises(InsecureFleetError, match="not empty"):
+        make_certificates(tmp_path / "certificates")
+
+
+def test_a_journal_is_continued_after_a_line_that_was_cut_off(tmp_path: Path) -> None:
+    first = Journal(tmp_path)
+    first.write("a/relay", "a", "1", 1, "sent")
+    with pytest.raises(UsageError, match="another client"):
+        Journal(tmp_path)
+    first.close()
+    with (tmp_path / JOURNAL_FILE).open("ab") as file:
+        file.write(b'{"at":"2026","run":"a/re\n')
+    again = Journal(tmp_path)
+    again.write("a/relay", "a", "1", 1, "done")
+    again.close()
+    assert again.suite == first.suite
+    assert again.hosts == {"a"}
+    assert [each.state for each in read_journal(tmp_path)] == ["", "sent", "done"]
+
+
+def test_a_file_that_is_no_journal_is_refused(tmp_path: Path) -> None:
+    (tmp_path / JOURNAL_FILE).write_text("hello\n")
+    with pytest.raises(UsageError, match="no journal"):
+        Journal(tmp_path)
