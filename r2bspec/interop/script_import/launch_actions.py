@@ -303,13 +303,15 @@ def _include(action: Construct, group: _Group) -> IncludeAction | None:
 
 
 def _pairs(value: Any, place: Place) -> list[Remapping]:
-    return [
-        Remapping(each[0], each[1], each.place if isinstance(each, PlacedTuple) else place)
-        for each in _list(value)
-        if isinstance(each, list | tuple)
-        and len(each) == 2
-        and all(isinstance(one, str) for one in each)
-    ]
+    found = []
+    for each in _list(value):
+        if isinstance(each, list | tuple) and len(each) == 2:
+            # A text may be written as a list of parts, such as launch substitutions.
+            names = [_text(one, "") for one in each]
+            if all(names):
+                where = each.place if isinstance(each, PlacedTuple) else place
+                found.append(Remapping(names[0], names[1], where))
+    return found
 
 
 def _text(value: Any, default: str) -> str:

@@ -14,6 +14,7 @@ from r2bspec.untrusted import safe_file
 
 UNREADABLE = "R2B701"
 SYNTAX = "R2B702"
+TOO_COMPLEX = "R2B703"
 
 _MAX_ANCESTORS = 4
 _NEVER_READ = frozenset(
@@ -36,6 +37,12 @@ class UnusableScriptError(Exception):
     def __init__(self, finding: Diagnostic) -> None:
         super().__init__(finding.message)
         self.finding = finding
+
+    @classmethod
+    def of_limit(cls, file: Path, reason: str) -> UnusableScriptError:
+        """For a file whose evaluation exceeds a limit."""
+        message = f"the file needs more than is evaluated: {reason}"
+        return _unusable(TOO_COMPLEX, message, Span.of_file(str(file)))
 
 
 class ScriptReader:
@@ -60,13 +67,7 @@ class ScriptReader:
         Raises:
             UnusableScriptError: it cannot be read, or is not Python.
         """
-        try:
-            text = safe_file.read_text(file, max_bytes=MAX_FILE_BYTES, budget=self._budget)
-        except OSError as error:
-            reason = error.strerror or str(error)
-            raise _unusable(
-                UNREADABLE, f"{file} cannot be read: {reason}", Span.of_file(str(file))
-            ) from error
+        text = self.read_text(file)
         try:
             tree = ast.parse(text)
         except SyntaxError as error:
@@ -76,8 +77,23 @@ class ScriptReader:
         except (ValueError, RecursionError, MemoryError) as error:
             message = "the file cannot be parsed: it is nested too deeply, or contains NUL"
             raise _unusable(SYNTAX, message, Span.of_file(str(file))) from error
-        self.texts[str(file)] = text
         return ScriptModule(file, text, tree)
+
+    def read_text(self, file: Path) -> str:
+        """Read a file.
+
+        Raises:
+            UnusableScriptError: it cannot be read.
+        """
+        try:
+            text = safe_file.read_text(file, max_bytes=MAX_FILE_BYTES, budget=self._budget)
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise _unusable(
+                UNREADABLE, f"{file} cannot be read: {reason}", Span.of_file(str(file))
+            ) from error
+        self.texts[str(file)] = text
+        return text
 
     def find_module(self, name: str) -> ScriptModule | None:
         """A module next to the script or in a folder above, by its full name; None without one."""
