@@ -58,7 +58,7 @@ def generate_launch_description():
 """
 QUICK = (
     *("--set", "benchmark.starts=1"),
-    *("--set", "benchmark.iterations=1"),
+    *("--set", "benchmark.iterations=3"),
     *("--set", "benchmark.duration=1 s"),
     *("--set", "benchmark.warm_up=100 ms"),
     *("--set", "benchmark.gate.interference=tolerate"),
@@ -142,3 +142,7 @@ def test_a_launch_file_and_a_bag_run(tmp_path: Path, monkeypatch: pytest.MonkeyP
     (rate,) = finished.result()["metrics"]["rates"]
     monitor = rate["pooled"]["monitors"]["answer"]
     assert monitor["sent"] == monitor["received"] > 0
+    assert main(["suggest", "cell.r2b.yaml", str(finished.folder), "--write", *QUICK]) == 0
+    slos = yaml.safe_load(Path("cell.r2b.yaml").read_text())["slos"]
+    assert any("latency.p" in each for each in slos["measured_at_30_3_hz"]["require"])
+    assert [each for each in validate(Path("cell.r2b.yaml")) if each.severity == "error"] == []
