@@ -210,6 +210,9 @@ class _Collector:
     def container(self, action: Construct, group: _Group) -> None:
         name = _text(action.get("name"), "container")
         executable = _text(action.get("executable"), "component_container")
+        if executable not in CONTAINER_EXECUTABLES:
+            self.parts.ignored.append((f"{executable!r} is no known container", action.place))
+            executable = "component_container_mt"
         self.parts.containers.append(ContainerAction(name, executable, action))
         for each in _list(action.get("composable_node_descriptions")):
             self._component(each, group, name)

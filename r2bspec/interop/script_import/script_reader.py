@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import ast
 import sys
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from r2bspec.diagnostics import Diagnostic, Severity, Span
-from r2bspec.interop.script_import.script_limits import MAX_FILE_BYTES, MAX_TOTAL_BYTES
+from r2bspec.interop.script_import.script_limits import (
+    MAX_FILE_BYTES,
+    MAX_TOTAL_BYTES,
+    StepCounter,
+)
 from r2bspec.interop.script_import.script_values import ScriptModule
 from r2bspec.untrusted import safe_file
 
@@ -57,6 +62,7 @@ class ScriptReader:
         self._budget = safe_file.ByteBudget(MAX_TOTAL_BYTES)
         self._modules: dict[Path, ScriptModule | None] = {}
         self.texts: dict[str, str] = {}
+        self.steps = StepCounter()
         here = safe_file.real_path(script).parent
         above = [each for each in here.parents if each != Path(each.anchor)]
         self._roots = (here, *above[:_MAX_ANCESTORS], *package_paths)
@@ -69,7 +75,10 @@ class ScriptReader:
         """
         text = self.read_text(file)
         try:
-            tree = ast.parse(text)
+            with warnings.catch_warnings():
+                # Of odd literals; the file is not ours.
+                warnings.simplefilter("ignore")
+                tree = ast.parse(text)
         except SyntaxError as error:
             line, column = error.lineno or 1, max(1, error.offset or 1)
             span = Span(str(file), line, column, line, column + 1)

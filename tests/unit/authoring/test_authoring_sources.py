@@ -230,6 +230,22 @@ def test_a_launch_file_that_cannot_be_read(capsys: pytest.CaptureFixture[str]) -
     assert main(["init", "made", "--from-launch", "self.launch.xml"]) == 0
 
 
+def test_files_that_include_themselves_have_one_limit(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    Path("a.launch.py").write_text(
+        "import os\n"
+        "from launch import LaunchDescription\n"
+        "from launch.actions import IncludeLaunchDescription\n"
+        "for i in range(9000):\n    pass\n"
+        "def generate_launch_description():\n"
+        "    here = os.path.dirname(__file__) + '/a.launch.py'\n"
+        "    return LaunchDescription([IncludeLaunchDescription(here) for i in range(50)])\n"
+    )
+    assert main(["init", "made", "--from-launch", "a.launch.py"]) == 2
+    assert "more than 200,000 steps" in capsys.readouterr().err
+
+
 def graph_node(name: str, namespace: str = "/", **more: Any) -> dict[str, Any]:
     empty: dict[str, Any] = {
         key: {} for key in ("subscribes", "publishes", "services", "qos", "parameters")
