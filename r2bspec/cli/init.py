@@ -110,6 +110,8 @@ def command(
     benchmark = _benchmark_name(spec_file.name.removesuffix(".r2b.yaml"))
     sources = InitSources(bag, launch, graph, node, timeout_s)
     _check_node(node, template)
+    if sources.are_given and template != "minimal":
+        raise click.UsageError("--template cannot be combined with --from-...")
     if sources.are_given:
         from r2bspec.cli.init_sources import spec_from_sources
 

@@ -129,6 +129,11 @@ def test_a_bag() -> None:
     assert [str(each) for each in spec().benchmark.rates] == ["30 Hz"]
 
 
+def test_no_template_with_sources() -> None:
+    assert main(["init", "made", "--from-bag", "r2b_storage", "--template", "live"]) == 2
+    assert not Path("made.r2b.yaml").exists()
+
+
 def test_a_node_and_a_bag() -> None:
     Path("node.py").write_text(NODE)
     text = made("--from-bag", "r2b_storage", "--node", "./node.py:Bright")

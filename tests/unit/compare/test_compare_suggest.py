@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from r2bspec.cli.main import main
 from r2bspec.compare.objective_proposals import Proposal, prediction_bound, propose_objectives
 from r2bspec.judge.judge_run import result_of
 from r2bspec.language.load_spec import load_spec
@@ -128,6 +129,25 @@ def test_a_spec_in_flow_style_is_changed_by_hand(tmp_path: Path) -> None:
     found = proposed(run, text)
     assert found.text == text
     assert any(each.startswith("add by hand: measured_at_30_hz:") for each in found.notes)
+
+
+def test_the_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Simulation(segments=played()).write(tmp_path / "run")
+    Path("simulated.r2b.yaml").write_text(SPEC)
+    words = ["suggest", "simulated.r2b.yaml", "run"]
+    assert main(words) != 0
+    assert "is not of this spec" in capsys.readouterr().err
+    assert main([*words, "--force"]) == 0
+    shown = capsys.readouterr()
+    assert "\n+  measured_at_30_hz:\n" in shown.out
+    assert Path("simulated.r2b.yaml").read_text() == SPEC
+    assert main([*words, "--force", "--write"]) == 0
+    assert "measured_at_30_hz" in Path("simulated.r2b.yaml").read_text()
+    assert main([*words, "--force"]) == 0
+    assert "has a requirement for all" in capsys.readouterr().err
 
 
 def test_the_bound_covers_the_next_value() -> None:
