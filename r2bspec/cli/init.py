@@ -50,14 +50,55 @@ class _Template(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     metavar="TARGET",
     help="The node under test: ./file.py:Class, relative to the spec, or module.Class.",
 )
+@click.option(
+    "--from-bag",
+    "bag",
+    default="",
+    metavar="BAG",
+    help="A recording or the name of a dataset: inputs, rates and window are proposed.",
+)
+@click.option(
+    "--from-launch",
+    "launch",
+    default="",
+    metavar="FILE|PACKAGE",
+    help="The nodes of a launch file (Python, XML or YAML), which is not executed; a package, or "
+    "PACKAGE:FILE.",
+)
+@click.option(
+    "--from-graph",
+    "graph",
+    is_flag=True,
+    help="The nodes of the ROS graph that is running, with their topics, types and QoS.",
+)
+@click.option(
+    "--timeout",
+    "timeout_s",
+    type=click.FloatRange(min=1, max=600),
+    default=10.0,
+    show_default=True,
+    help="With --from-graph: how many seconds to wait for the first node.",
+)
 @click.option("--list", "show_list", is_flag=True, help="List the templates.")
-def command(name: str, template: str, node: str, show_list: bool) -> int:
+def command(
+    name: str,
+    template: str,
+    node: str,
+    bag: str,
+    launch: str,
+    graph: bool,
+    timeout_s: float,
+    show_list: bool,
+) -> int:
     """Create a commented spec NAME.r2b.yaml that is valid as it is.
 
     NAME may start with an existing folder, as in benchmarks/camera. With --node, the spec has this
-    node; its key is derived from the class or the file. The JSON Schema, which editors
-    use for completion and help, is written next to the spec. No file is overwritten.
+    node; its key is derived from the class or the file. --from-bag, --from-launch, --from-graph and
+    --node can be combined: the spec then has what they tell, and comments about what they do not.
+    The JSON Schema, which editors use for completion and help, is written next to the spec. No
+    file is overwritten.
     """
+    from r2bspec.cli.init_sources import InitSources
     from r2bspec.language.schema.derive_strict import published_schema_text
     from r2bspec.language.templates import filled, purpose, templates, with_node
 
@@ -67,8 +108,17 @@ def command(name: str, template: str, node: str, show_list: bool) -> int:
         return ExitStatus.OK
     spec_file = Path(name.removesuffix(".r2b.yaml") + ".r2b.yaml")
     benchmark = _benchmark_name(spec_file.name.removesuffix(".r2b.yaml"))
+    sources = InitSources(bag, launch, graph, node, timeout_s)
     _check_node(node, template)
-    text = filled(with_node(templates()[template], node), benchmark, f"./{_SCHEMA}")
+    if sources.are_given and template != "minimal":
+        raise click.UsageError("--template cannot be combined with --from-...")
+    if sources.are_given:
+        from r2bspec.cli.init_sources import spec_from_sources
+
+        made = spec_from_sources(benchmark, spec_file.parent, sources)
+        text = filled(made, None, f"./{_SCHEMA}")
+    else:
+        text = filled(with_node(templates()[template], node), benchmark, f"./{_SCHEMA}")
     schema, schema_text = spec_file.with_name(_SCHEMA), published_schema_text()
     _write_new(spec_file, text)
     if not schema.exists():

@@ -36,6 +36,7 @@ _VERBS = {
     "report": "Write reports of a finished run: HTML, JUnit, Markdown and others.",
     "compare": "Compare finished runs: improved, worse, same, or can't tell.",
     "calibrate": "Measure the noise of a graph: the smallest detectable change.",
+    "suggest": "Propose objectives from what a run measured.",
     "history": "List and delete the runs stored by 'run --history'.",
     "import": "Make specs from scripts of ros2_benchmark, or read its reports.",
     "data": "List, create, inspect and verify datasets.",

@@ -92,7 +92,7 @@ def _with_objective(
     name = next(each for each in names if each not in spec.slos)
     lines = [f"{name}:", f"  at: {rate}", "  require:"]
     lines += [f"    - {each}" for each in requirements]
-    proposed = _insert_objective(loaded, text, lines)
+    proposed = insert_objective(loaded, text, lines)
     by_hand = [f"add an objective by hand: {'; '.join(requirements)}"]
     if proposed is None:
         return text, by_hand
@@ -115,7 +115,7 @@ def _requirements(spec: Spec, found: Calibration) -> Iterator[str]:
                 yield f"{name} {op} {limit_text(margin, ceiling=op == '<=')} of baseline"
 
 
-def _insert_objective(loaded: LoadedSpec, text: str, lines: list[str]) -> str | None:
+def insert_objective(loaded: LoadedSpec, text: str, lines: list[str]) -> str | None:
     """The text with an objective at the end of ``slos``; None if it has to be added by hand."""
     slos = lookup(loaded.tree, ("slos",)) if loaded.tree is not None else None
     if slos is None:

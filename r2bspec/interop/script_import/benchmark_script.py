@@ -17,7 +17,11 @@ from r2bspec.interop.script_import.launch_actions import (
 )
 from r2bspec.interop.script_import.script_comments import ScriptComments, read_comments
 from r2bspec.interop.script_import.script_limits import ScriptLimitError
-from r2bspec.interop.script_import.script_reader import ScriptReader, UnusableScriptError
+from r2bspec.interop.script_import.script_reader import (
+    TOO_COMPLEX,
+    ScriptReader,
+    UnusableScriptError,
+)
 from r2bspec.interop.script_import.script_values import (
     Construct,
     ForeignMethod,
@@ -30,7 +34,6 @@ from r2bspec.interop.script_import.script_values import (
     Unknown,
 )
 
-TOO_COMPLEX = "R2B703"
 NOT_A_BENCHMARK = "R2B704"
 
 _TEST_CLASS = "ROS2BenchmarkTest"

@@ -69,7 +69,7 @@ class Evaluator(ExpressionEvaluator):
     """
 
     def __init__(self, reader: ScriptReader, launch_values: Mapping[str, Any] | None = None):
-        super().__init__(launch_values or {})
+        super().__init__(launch_values or {}, reader.steps)
         self.reader = reader
         self.trace = Trace()
         self._depth = 0

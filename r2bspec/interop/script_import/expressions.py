@@ -16,9 +16,9 @@ from r2bspec.interop.script_import.foreign_calls import (
 from r2bspec.interop.script_import.plain_calls import NotSupportedError
 from r2bspec.interop.script_import.script_limits import (
     MAX_ITEMS,
-    MAX_STEPS,
     MAX_TEXT,
     ScriptLimitError,
+    StepCounter,
 )
 from r2bspec.interop.script_import.script_values import (
     BoundFunction,
@@ -49,21 +49,12 @@ class ExpressionEvaluator:
 
     Args:
         launch_values: what ``LaunchConfiguration(name)`` is, by name.
+        steps: counts the steps.
     """
 
-    def __init__(self, launch_values: Mapping[str, Any]) -> None:
+    def __init__(self, launch_values: Mapping[str, Any], steps: StepCounter) -> None:
         self.launch_values = launch_values
-        self._steps = 0
-
-    def step(self) -> None:
-        """Count a step.
-
-        Raises:
-            ScriptLimitError: there were too many.
-        """
-        self._steps += 1
-        if self._steps > MAX_STEPS:
-            raise ScriptLimitError(f"more than {MAX_STEPS:,} steps")
+        self.step = steps.count
 
     def unknown(self, reason: str, node: ast.AST, scope: Scope) -> Unknown:
         """An unknown value that begins here."""
@@ -322,8 +313,10 @@ class ExpressionEvaluator:
         for each in (owner, key):
             if isinstance(each, Unknown):
                 return each
-        if isinstance(owner, ImageSize) and key in {"width", "height", "name"}:
-            return owner.item(key)
+        if isinstance(owner, ImageSize) and isinstance(key, str):
+            if key in {"width", "height", "name"}:
+                return owner.item(key)
+            return self.unknown("there is no such item", node, scope)
         if isinstance(owner, Foreign) and owner.name == "os.environ" and isinstance(key, str):
             return f"$(env {key})"
         try:

@@ -52,7 +52,7 @@ def foreign_call(name: str, arguments: list[Any], keywords: dict[str, Any], plac
         return missing
     try:
         return known(arguments, keywords, place)
-    except (TypeError, ValueError, IndexError, KeyError, AttributeError):
+    except (TypeError, ValueError, IndexError, KeyError, AttributeError, ArithmeticError):
         return Unknown(f"the arguments of {name.rpartition('.')[2]} are not understood", place)
 
 

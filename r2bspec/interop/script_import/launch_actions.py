@@ -210,6 +210,9 @@ class _Collector:
     def container(self, action: Construct, group: _Group) -> None:
         name = _text(action.get("name"), "container")
         executable = _text(action.get("executable"), "component_container")
+        if executable not in CONTAINER_EXECUTABLES:
+            self.parts.ignored.append((f"{executable!r} is no known container", action.place))
+            executable = "component_container_mt"
         self.parts.containers.append(ContainerAction(name, executable, action))
         for each in _list(action.get("composable_node_descriptions")):
             self._component(each, group, name)
@@ -303,13 +306,15 @@ def _include(action: Construct, group: _Group) -> IncludeAction | None:
 
 
 def _pairs(value: Any, place: Place) -> list[Remapping]:
-    return [
-        Remapping(each[0], each[1], each.place if isinstance(each, PlacedTuple) else place)
-        for each in _list(value)
-        if isinstance(each, list | tuple)
-        and len(each) == 2
-        and all(isinstance(one, str) for one in each)
-    ]
+    found = []
+    for each in _list(value):
+        if isinstance(each, list | tuple) and len(each) == 2:
+            # A text may be written as a list of parts, such as launch substitutions.
+            names = [_text(one, "") for one in each]
+            if all(names):
+                where = each.place if isinstance(each, PlacedTuple) else place
+                found.append(Remapping(names[0], names[1], where))
+    return found
 
 
 def _text(value: Any, default: str) -> str:

@@ -19,3 +19,20 @@ MAX_TEXT: Final = 100_000
 
 class ScriptLimitError(Exception):
     """A script needs more than the limits; the argument says of what."""
+
+
+class StepCounter:
+    """Counts the steps of one import, over all files that it evaluates."""
+
+    def __init__(self) -> None:
+        self._steps = 0
+
+    def count(self) -> None:
+        """Count a step.
+
+        Raises:
+            ScriptLimitError: there were too many.
+        """
+        self._steps += 1
+        if self._steps > MAX_STEPS:
+            raise ScriptLimitError(f"more than {MAX_STEPS:,} steps")

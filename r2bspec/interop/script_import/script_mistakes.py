@@ -6,6 +6,7 @@ determine the answer.
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Iterator
@@ -200,7 +201,7 @@ class _Mistakes:
         found: dict[int, Place] = {}
         for each in given:
             service = each.get("service_name", 0, "monitor_node0") if _is_call(each) else None
-            number = re.fullmatch(r"monitor_node(\d+)", service) if service else None
+            number = re.fullmatch(r"monitor_node(\d{1,6})", str(service))
             if number is None:
                 return None
             found[int(number[1])] = each.place
@@ -314,8 +315,10 @@ class _Mistakes:
         lower = config.get("publisher_lower_frequency", default=10.0)
         upper = config.get("publisher_upper_frequency", default=100.0)
         drop = config.get("binary_search_acceptable_frame_rate_drop", default=10)
-        numbers = all(isinstance(each, int | float) for each in (lower, upper, drop))
-        if not numbers or lower >= upper or self._mode() != "LOOPING":
+        numbers = all(
+            isinstance(each, int | float) and math.isfinite(each) for each in (lower, upper, drop)
+        )
+        if not numbers or lower <= 0 or lower >= upper or self._mode() != "LOOPING":
             return
         if drop >= lower / 2:
             yield _finding(

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import ast
 import sys
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from r2bspec.diagnostics import Diagnostic, Severity, Span
-from r2bspec.interop.script_import.script_limits import MAX_FILE_BYTES, MAX_TOTAL_BYTES
+from r2bspec.interop.script_import.script_limits import (
+    MAX_FILE_BYTES,
+    MAX_TOTAL_BYTES,
+    StepCounter,
+)
 from r2bspec.interop.script_import.script_values import ScriptModule
 from r2bspec.untrusted import safe_file
 
 UNREADABLE = "R2B701"
 SYNTAX = "R2B702"
+TOO_COMPLEX = "R2B703"
 
 _MAX_ANCESTORS = 4
 _NEVER_READ = frozenset(
@@ -37,6 +43,12 @@ class UnusableScriptError(Exception):
         super().__init__(finding.message)
         self.finding = finding
 
+    @classmethod
+    def of_limit(cls, file: Path, reason: str) -> UnusableScriptError:
+        """For a file whose evaluation exceeds a limit."""
+        message = f"the file needs more than is evaluated: {reason}"
+        return _unusable(TOO_COMPLEX, message, Span.of_file(str(file)))
+
 
 class ScriptReader:
     """Reads the files of one import, each once, with a limit on all together.
@@ -50,6 +62,7 @@ class ScriptReader:
         self._budget = safe_file.ByteBudget(MAX_TOTAL_BYTES)
         self._modules: dict[Path, ScriptModule | None] = {}
         self.texts: dict[str, str] = {}
+        self.steps = StepCounter()
         here = safe_file.real_path(script).parent
         above = [each for each in here.parents if each != Path(each.anchor)]
         self._roots = (here, *above[:_MAX_ANCESTORS], *package_paths)
@@ -60,15 +73,12 @@ class ScriptReader:
         Raises:
             UnusableScriptError: it cannot be read, or is not Python.
         """
+        text = self.read_text(file)
         try:
-            text = safe_file.read_text(file, max_bytes=MAX_FILE_BYTES, budget=self._budget)
-        except OSError as error:
-            reason = error.strerror or str(error)
-            raise _unusable(
-                UNREADABLE, f"{file} cannot be read: {reason}", Span.of_file(str(file))
-            ) from error
-        try:
-            tree = ast.parse(text)
+            with warnings.catch_warnings():
+                # Of odd literals; the file is not ours.
+                warnings.simplefilter("ignore")
+                tree = ast.parse(text)
         except SyntaxError as error:
             line, column = error.lineno or 1, max(1, error.offset or 1)
             span = Span(str(file), line, column, line, column + 1)
@@ -76,8 +86,23 @@ class ScriptReader:
         except (ValueError, RecursionError, MemoryError) as error:
             message = "the file cannot be parsed: it is nested too deeply, or contains NUL"
             raise _unusable(SYNTAX, message, Span.of_file(str(file))) from error
-        self.texts[str(file)] = text
         return ScriptModule(file, text, tree)
+
+    def read_text(self, file: Path) -> str:
+        """Read a file.
+
+        Raises:
+            UnusableScriptError: it cannot be read.
+        """
+        try:
+            text = safe_file.read_text(file, max_bytes=MAX_FILE_BYTES, budget=self._budget)
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise _unusable(
+                UNREADABLE, f"{file} cannot be read: {reason}", Span.of_file(str(file))
+            ) from error
+        self.texts[str(file)] = text
+        return text
 
     def find_module(self, name: str) -> ScriptModule | None:
         """A module next to the script or in a folder above, by its full name; None without one."""

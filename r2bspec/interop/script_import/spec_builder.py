@@ -6,6 +6,7 @@ understood becomes a comment in the spec and a finding with the line of the scri
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -175,10 +176,11 @@ class _SpecBuilder:
 
     def _number(self, key: str, default: float) -> float:
         value = self._config(key, default)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            self._lost(key, value)
-            return default
-        return value
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if is_number and math.isfinite(value):
+            return float(value)
+        self._lost(key, value)
+        return default
 
     def _flag(self, key: str) -> bool:
         return self._config(key, False) is True
@@ -431,7 +433,7 @@ class _SpecBuilder:
         upper = self._number("publisher_upper_frequency", 100.0)
         extra = self._config("additional_fixed_publisher_rate_tests", [10.0, 30.0, 60.0])
         if not isinstance(extra, list | tuple) or not all(
-            isinstance(each, int | float) for each in extra
+            isinstance(each, int | float) and math.isfinite(each) for each in extra
         ):
             self._lost("additional_fixed_publisher_rate_tests", extra)
             extra = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from dataclasses import dataclass, field
@@ -70,7 +71,7 @@ class SpecValues:
         if isinstance(value, str):
             plain = _read_as_yaml(value) if isinstance(value, LaunchText) else value
             return self.text(plain) if isinstance(plain, str) else plain
-        if isinstance(value, bool | int | float):
+        if isinstance(value, bool | int | float) and math.isfinite(value):
             return value
         if isinstance(value, list | tuple):
             return [self._converted(each, place) for each in value]

@@ -1,0 +1,366 @@
+"""The text of a first spec, from nodes and a recording.
+
+Which topics the graph reads and answers follows from its wiring, as far as that is known. What is
+not known is a comment: nothing is guessed.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from r2bspec.authoring.draft_nodes import DraftNodes
+from r2bspec.bags.has_header import begins_with_header
+from r2bspec.bags.recording import BagIndex, TopicInfo
+from r2bspec.interop.script_import.spec_values import identifier, unique_name
+from r2bspec.interop.script_import.yaml_writer import Block, document
+from r2bspec.language.load_spec import load_spec
+from r2bspec.language.schema.name_patterns import MESSAGE_TYPE, TOPIC
+from r2bspec.wiring.build_wiring import build_wiring
+from r2bspec.wiring.companion_files import read_companion_files
+from r2bspec.wiring.wiring import PhaseWiring
+
+_COMMON = frozenset({"/rosout", "/parameter_events", "/tf", "/tf_static", "/clock"})
+_LONGEST_WINDOW_S = 10
+_MOST_MONITORS = 10
+_LOADED = "recorded"
+_SAME_RATE = 1.2
+"""Inputs whose rates differ by more than this factor are played at their recorded times."""
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """A recording for a first spec: how the spec names it, and its index."""
+
+    written: str
+    index: BagIndex
+
+
+@dataclass(slots=True)
+class _Draft:
+    """A spec in the making.
+
+    Attributes:
+        namespace: of the benchmark, absolute and without a slash at its end.
+        inputs: topics of the graph that are played, with the recorded topic of each.
+        outputs: topics to monitor, with their types.
+    """
+
+    name: str
+    nodes: DraftNodes
+    recording: Recording | None
+    base_dir: Path
+    namespace: str = ""
+    inputs: dict[str, TopicInfo] = field(default_factory=dict)
+    outputs: dict[str, str] = field(default_factory=dict)
+    unknown: list[str] = field(default_factory=list)
+    has_placeholder: bool = False
+
+
+def draft_text(
+    name: str, sources: list[str], nodes: DraftNodes, recording: Recording | None, base_dir: Path
+) -> str:
+    """A spec with what is known, and comments about what is not.
+
+    Args:
+        name: of the benchmark.
+        sources: what it was made from, for the comment at its head.
+        nodes: the nodes; without any, a relay takes their place if there is a recording.
+        recording: the recording; None for a benchmark of a graph with a source of its own.
+        base_dir: the folder of the spec.
+    """
+    draft = _Draft(name, nodes, recording, base_dir, unknown=list(nodes.unknown))
+    draft.namespace = "" if nodes.is_absolute else "/r2b"
+    if not nodes.nodes:
+        _add_placeholder(draft)
+    measured = _wiring(draft)
+    if recording is not None:
+        _select_inputs(draft, measured)
+    _select_outputs(draft, measured)
+    _add_missing_source(draft, measured)
+    return _text(draft, sources)
+
+
+def _add_placeholder(draft: _Draft) -> None:
+    """Without nodes, a relay of the largest topic shows the recording in use."""
+    draft.has_placeholder = True
+    entry = Block()
+    entry.add("python", "r2bspec.nodes.RelayNode")
+    topics = _data_topics(draft.recording)
+    if topics:
+        main = max(topics, key=lambda each: (each.max_message_bytes or 0, each.count))
+        entry.add("parameters", {"format": main.type})
+        entry.add("remappings", {"input": main.name.lstrip("/"), "output": "relayed"})
+    above = ["A node that copies its input, in place of yours: see 'r2bspec init --list'."]
+    draft.nodes.nodes.add("relay", entry, above)
+    draft.unknown.append("the node under test: 'relay' takes its place")
+
+
+def _add_missing_source(draft: _Draft, measured: PhaseWiring | None) -> None:
+    """What nodes subscribe to and nothing publishes has to come from outside of the benchmark."""
+    wanted = _open_subscriptions(measured)
+    missing = {topic: kind for topic, kind in wanted.items() if kind and topic not in draft.inputs}
+    if not missing or (measured is not None and measured.possible_publishers):
+        return
+    entry = Block()
+    entry.add("external", True)
+    topics = Block()
+    for topic, kind in sorted(missing.items()):
+        topics.add(topic, kind)
+    entry.add("publishes", topics)
+    above = [
+        "What publishes these topics must already run. A recording of them replaces it:",
+        "'r2bspec init --from-bag BAG' with the same sources.",
+    ]
+    draft.nodes.nodes.add(unique_name("source", draft.nodes.keys), entry, above)
+    draft.unknown.append(f"where {', '.join(sorted(missing))} come from")
+
+
+def _wiring(draft: _Draft) -> PhaseWiring | None:
+    """What is known of the nodes, from a spec that has nothing else."""
+    top = _head(draft)
+    top.add("containers", draft.nodes.containers)
+    top.add("playback", {"mode": "live"})
+    top.add("graph", _graph(draft))
+    top.add("monitors", {"any": {"topic": "/rosout", "format": "rcl_interfaces/msg/Log"}})
+    loaded = load_spec(document(top, []), file=str(draft.base_dir / f"{draft.name}.r2b.yaml"))
+    if loaded.spec is None:
+        return None
+    files = read_companion_files(loaded.spec, draft.base_dir)
+    return build_wiring(loaded.spec, companion_files=files).measure
+
+
+def _data_topics(recording: Recording | None) -> list[TopicInfo]:
+    return [
+        each
+        for name, each in (recording.index.topics.items() if recording else ())
+        if f"/{name.lstrip('/')}" not in _COMMON
+        and each.count
+        and re.search(MESSAGE_TYPE.pattern, each.type)
+        and re.search(TOPIC.pattern, each.name)
+    ]
+
+
+def _select_inputs(draft: _Draft, measured: PhaseWiring | None) -> None:
+    recorded = {f"/{each.name.lstrip('/')}": each for each in _data_topics(draft.recording)}
+    wanted = _open_subscriptions(measured)
+    for topic, kind in wanted.items():
+        match = recorded.get(topic) or recorded.get(topic.removeprefix(draft.namespace))
+        if match is not None and kind in {"", match.type}:
+            draft.inputs[topic] = match
+    for topic, kind in wanted.items():
+        if topic not in draft.inputs:
+            _match_by_type(draft, topic, kind, list(recorded.values()))
+    uncertain = measured is None or bool(measured.possible_subscribers)
+    if uncertain:
+        named = {topic: recorded[topic] for topic in draft.nodes.topics if topic in recorded}
+        produced = {each.topic for each in _publishers(measured)}
+        more = {t: i for t, i in named.items() if t not in produced and t not in draft.inputs}
+        draft.inputs |= more
+        if more:
+            shown = ", ".join(more)
+            draft.unknown.append(
+                f"whether the nodes read or write {shown}: they are inputs here, because the "
+                "recording has them"
+            )
+    if not draft.inputs and recorded:
+        draft.inputs = {f"{draft.namespace}{name}": each for name, each in recorded.items()}
+        draft.unknown.append(
+            "which topics the nodes subscribe to: all of the recording are inputs; remove those "
+            "that the graph publishes itself"
+        )
+
+
+def _match_by_type(draft: _Draft, topic: str, kind: str, recorded: list[TopicInfo]) -> None:
+    used = {each.name for each in draft.inputs.values()}
+    same = [each for each in recorded if each.type == kind and each.name not in used]
+    last = topic.rpartition("/")[2]
+    close = [each for each in same if last in each.name] or same
+    if not close:
+        draft.unknown.append(f"what {topic} gets: the recording has no {kind or 'such topic'}")
+        return
+    draft.inputs[topic] = close[0]
+    if len(close) > 1:
+        others = ", ".join(each.name for each in close[1:5])
+        draft.unknown.append(f"whether {topic} is {close[0].name}; as well possible: {others}")
+
+
+def _open_subscriptions(measured: PhaseWiring | None) -> dict[str, str]:
+    """Topics that nodes subscribe to and no node publishes, with their types."""
+    if measured is None:
+        return {}
+    return {
+        each.topic: each.type
+        for each in measured.endpoints
+        if each.is_node
+        and not each.is_publisher
+        and each.topic not in _COMMON
+        and not any(one.is_node for one in measured.publishers(each.topic))
+    }
+
+
+def _publishers(measured: PhaseWiring | None) -> list[_Output]:
+    return [
+        _Output(each.topic, each.type)
+        for each in (measured.endpoints if measured is not None else ())
+        if each.is_node and each.is_publisher and each.topic not in _COMMON
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class _Output:
+    topic: str
+    type: str
+
+
+def _select_outputs(draft: _Draft, measured: PhaseWiring | None) -> None:
+    published = {
+        each.topic: each.type
+        for each in _publishers(measured)
+        if each.type and each.topic not in draft.inputs
+    }
+    last = {
+        topic: kind
+        for topic, kind in published.items()
+        if measured is not None and not any(each.is_node for each in measured.subscriptions(topic))
+    }
+    draft.outputs = dict(list((last or published).items())[:_MOST_MONITORS])
+    left_out = len(last or published) - len(draft.outputs)
+    if left_out > 0:
+        draft.unknown.append(f"{left_out} more topics are published and not monitored here")
+    if not draft.outputs:
+        draft.outputs = {"/rosout": "rcl_interfaces/msg/Log"}
+        draft.unknown.append(
+            "what the nodes publish: the monitor is on /rosout until you name an output; "
+            "'r2bspec interfaces' finds out what nodes publish"
+        )
+
+
+def _head(draft: _Draft) -> Block:
+    top = Block()
+    top.add("r2bspec", 1)
+    top.add("name", draft.name)
+    if draft.nodes.is_absolute:
+        top.add("namespace", "/", ["Names of topics and nodes are those of the running system."])
+    top.add("environment", draft.nodes.environment)
+    variables = Block()
+    for name, value in draft.nodes.variables.items():
+        variables.add(name, value)
+    top.add("variables", variables)
+    return top
+
+
+def _graph(draft: _Draft) -> Block:
+    block = Block()
+    block.add("nodes", draft.nodes.nodes)
+    return block
+
+
+def _own(draft: _Draft, topic: str) -> str:
+    """A topic as the spec writes it: relative where that is the same."""
+    inside = f"{draft.namespace}/"
+    return topic.removeprefix(inside) if topic.startswith(inside) else topic
+
+
+def _text(draft: _Draft, sources: list[str]) -> str:
+    top = _head(draft)
+    if draft.recording is not None:
+        top.add("data_loader", _data_loader(draft, draft.recording))
+    top.add("containers", draft.nodes.containers)
+    top.add("playback", _playback(draft))
+    top.add("graph", _graph(draft))
+    names: set[str] = set()
+    monitors = Block()
+    for topic, kind in draft.outputs.items():
+        entry = Block()
+        entry.add("topic", _own(draft, topic))
+        entry.add("format", kind)
+        if begins_with_header(kind) is False:
+            entry.add("match", "order", after="its messages have no header")
+        name = unique_name(identifier(_own(draft, topic).strip("/~")), names)
+        monitors.add(name if name[0].isalpha() else f"m{name}", entry)
+    top.add("monitors", monitors)
+    top.add("benchmark", _benchmark(draft))
+    top.add("slos", _objectives(draft, [each.key for each in monitors.entries]))
+    if draft.recording is not None and draft.outputs:
+        top.below.append("After a run, 'r2bspec suggest SPEC RUN' proposes limits for latency.")
+    head = [f"Written by 'r2bspec init' from {', '.join(sources)}."]
+    if draft.unknown:
+        head += ["", "Not known:", *(f"- {each}" for each in dict.fromkeys(draft.unknown))]
+    return document(top, head)
+
+
+def _data_loader(draft: _Draft, recording: Recording) -> Block:
+    block = Block()
+    block.add("bag", recording.written)
+    seconds = recording.index.duration_ns / 1e9
+    if seconds > _LONGEST_WINDOW_S:
+        above = [f"The recording has {seconds:.1f} s; messages of the window are in memory."]
+        block.add("window", {"start": "0 s", "end": f"{_LONGEST_WINDOW_S} s"}, above)
+    topics = Block()
+    for each in dict.fromkeys(draft.inputs.values()):
+        topics.add(f"/{each.name.lstrip('/')}", _loaded(each), after=_described(each))
+    used = {each.name for each in draft.inputs.values()}
+    others = [each for each in recording.index.topics.values() if each.name not in used]
+    above = ["Also recorded:", *(f"  {each.name} ({each.type})" for each in others)]
+    block.add("topics", topics, above if others else [])
+    return block
+
+
+def _loaded(topic: TopicInfo) -> str:
+    return f"{_LOADED}/{topic.name.lstrip('/')}"
+
+
+def _described(topic: TopicInfo) -> str:
+    size = topic.max_message_bytes
+    shown = f", at most {size:,} bytes" if size else ""
+    return f"{topic.rate_hz:.4g} Hz, {topic.count} messages{shown}"
+
+
+def _is_timeline(draft: _Draft) -> bool:
+    rates = [each.rate_hz for each in draft.inputs.values()]
+    known = [each for each in rates if each > 0]
+    return len(known) < len(rates) or (bool(known) and max(known) > _SAME_RATE * min(known))
+
+
+def _playback(draft: _Draft) -> Block:
+    block = Block()
+    if draft.recording is None:
+        above = ["Without a recording, the graph has a source of its own (or use --from-bag)."]
+        block.add("mode", "live", above)
+        return block
+    if _is_timeline(draft):
+        block.add("mode", "timeline", ["The inputs have rates of their own."])
+    inputs = Block()
+    for topic, each in draft.inputs.items():
+        inputs.add(_own(draft, topic), {"from": _loaded(each), "format": each.type})
+    block.add("inputs", inputs)
+    return block
+
+
+def _rate(draft: _Draft) -> str:
+    rates = [each.rate_hz for each in draft.inputs.values() if each.rate_hz > 0]
+    return f"{float(f'{min(rates):.3g}'):g} Hz" if rates else "10 Hz"
+
+
+def _benchmark(draft: _Draft) -> Block:
+    block = Block()
+    block.add("duration", "2.5 s")
+    block.add("iterations", 10)
+    if draft.recording is not None and not _is_timeline(draft):
+        block.add("rates", [_rate(draft)], ["The rate of the recording."])
+    return block
+
+
+def _objectives(draft: _Draft, monitors: list[str]) -> Block | None:
+    if draft.recording is None or "/rosout" in draft.outputs:
+        return None
+    entry = Block()
+    if not _is_timeline(draft):
+        entry.add("at", _rate(draft))
+    prefix = f"{monitors[0]}." if len(monitors) > 1 else ""
+    entry.add("require", [f"{prefix}drop_rate <= 1 %"])
+    block = Block()
+    block.add("keeps_up", entry)
+    return block

@@ -1,0 +1,148 @@
+"""First specs of real systems: a running graph, and a launch file with a bag."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import yaml
+
+pytest.importorskip("rclpy")
+
+from r2bspec.api import validate
+from r2bspec.cli.main import main
+from r2bspec.execute.processes.ros_domain import reserved_domain
+from ros_runs import HANG_S, Bench
+from ros_runs import nothing_left as nothing_left
+
+NODE = """#!{python}
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import Image
+
+
+class Answer(Node):
+    def __init__(self, **kwargs):
+        super().__init__("answer", **kwargs)
+        self.declare_parameter("gain", 2.5)
+        self.publisher = self.create_publisher(Image, "answer", 100)
+        self.create_subscription(Image, "question", self.publisher.publish, 100)
+
+
+def main():
+    rclpy.init()
+    try:
+        rclpy.spin(Answer())
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+
+
+if __name__ == "__main__":
+    main()
+"""
+LAUNCH = """
+from launch import LaunchDescription
+from launch_ros.actions import Node
+
+
+def generate_launch_description():
+    return LaunchDescription([Node(
+        package='cell', executable='answer', name='answer', remappings=[('question', '/camera')])])
+"""
+QUICK = (
+    *("--set", "benchmark.starts=1"),
+    *("--set", "benchmark.iterations=3"),
+    *("--set", "benchmark.duration=1 s"),
+    *("--set", "benchmark.warm_up=100 ms"),
+    *("--set", "benchmark.gate.interference=tolerate"),
+    *("--set", "slos.keeps_up.require=[received > 0]"),
+)
+
+
+def write_program(file: Path) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(NODE.format(python=sys.executable))
+    file.chmod(0o755)
+
+
+@contextmanager
+def running(program: Path) -> Iterator[None]:
+    words = [str(program), "--ros-args", "-r", "__ns:=/cell", "-r", "question:=/camera"]
+    process = subprocess.Popen(words)
+    try:
+        yield
+    finally:
+        process.terminate()
+        try:
+            process.wait(timeout=HANG_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def test_a_spec_of_a_running_graph(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench(tmp_path / "bench")
+    monkeypatch.chdir(bench.folder)
+    write_program(Path("answer.py"))
+    with reserved_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        with running(Path("answer.py").absolute()):
+            arguments = ["--from-graph", "--from-bag", "./bag", "--timeout", "60"]
+            assert main(["init", "seen", *arguments]) == 0
+    text = Path("seen.r2b.yaml").read_text()
+    spec = yaml.safe_load(text)
+    assert [each for each in validate(Path("seen.r2b.yaml")) if each.severity == "error"] == []
+    assert spec["graph"]["nodes"] == {
+        "answer": {
+            "external": True,
+            "namespace": "/cell",
+            "subscribes": {"/camera": "sensor_msgs/msg/Image"},
+            "publishes": {"/cell/answer": "sensor_msgs/msg/Image"},
+        }
+    }
+    assert "#   gain: 2.5" in text
+    assert list(spec["playback"]["inputs"]) == ["camera"]
+    assert [each["topic"] for each in spec["monitors"].values()] == ["cell/answer"]
+
+
+def test_without_a_graph(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with reserved_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        assert main(["init", "seen", "--from-graph", "--timeout", "1"]) == 2
+    assert "there are no nodes" in capsys.readouterr().err
+    assert not Path("seen.r2b.yaml").exists()
+
+
+def test_a_launch_file_and_a_bag_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench(tmp_path / "bench")
+    monkeypatch.chdir(bench.folder)
+    prefix = bench.folder / "prefix"
+    write_program(prefix / "lib" / "cell" / "answer")
+    index = prefix / "share" / "ament_index" / "resource_index" / "packages"
+    index.mkdir(parents=True)
+    (index / "cell").touch()
+    (prefix / "share" / "cell").mkdir()
+    paths = filter(None, (str(prefix), os.environ.get("AMENT_PREFIX_PATH", "")))
+    monkeypatch.setenv("AMENT_PREFIX_PATH", ":".join(paths))
+    Path("cell.launch.py").write_text(LAUNCH)
+    assert main(["init", "cell", "--from-launch", "cell.launch.py", "--from-bag", "./bag"]) == 0
+    finished = bench.run(bench.folder / "cell.r2b.yaml", *QUICK)
+    finished.assert_complete()
+    (rate,) = finished.result()["metrics"]["rates"]
+    monitor = rate["pooled"]["monitors"]["answer"]
+    assert monitor["sent"] == monitor["received"] > 0
+    assert main(["suggest", "cell.r2b.yaml", str(finished.folder), "--write", *QUICK]) == 0
+    slos = yaml.safe_load(Path("cell.r2b.yaml").read_text())["slos"]
+    assert any("latency.p" in each for each in slos["measured_at_30_3_hz"]["require"])
+    assert [each for each in validate(Path("cell.r2b.yaml")) if each.severity == "error"] == []

@@ -1,0 +1,284 @@
+"""`r2bspec init --from-...`: what the sources tell is in the spec, and the rest in comments."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from r2bspec.api import compile_plan, load, validate
+from r2bspec.authoring.draft_nodes import DraftNodes
+from r2bspec.authoring.draft_spec import draft_text
+from r2bspec.authoring.graph_nodes import add_graph_nodes
+from r2bspec.cli.main import main
+
+NODE = """
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo, Image
+
+
+class Bright(Node):
+    def __init__(self, **kwargs):
+        super().__init__("bright", **kwargs)
+        self.publisher = self.create_publisher(Image, "bright", 10)
+        self.create_subscription(Image, "hawk_0_left_rgb_image", self.publisher.publish, 10)
+        self.create_subscription(CameraInfo, "camera_info", print, 10)
+"""
+XML = """<?xml version="1.0"?>
+<!-- Two sides. -->
+<launch>
+  <arg name="side" default="left"/>
+  <let name="queue" value="7"/>
+  <node_container pkg="rclcpp_components" exec="component_container_mt" name="vision" namespace="">
+    <composable_node pkg="image_proc" plugin="image_proc::RectifyNode" name="rectify" namespace="">
+      <param name="queue_size" value="$(var queue)"/>
+      <remap from="image" to="/hawk_0_$(var side)_rgb_image"/>
+    </composable_node>
+  </node_container>
+  <group>
+    <push-ros-namespace namespace="cell"/>
+    <node pkg="cell_light" exec="light" name="light" args="--on $(env CELL_PORT)">
+      <param name="lamp"><param name="watts" value="3.5"/></param>
+    </node>
+  </group>
+  <node pkg="cell_light" exec="other" name="other" if="false"/>
+</launch>
+"""
+YAML = """
+launch:
+- arg: {name: side, default: left}
+- node_container:
+    pkg: rclcpp_components
+    exec: component_container_mt
+    name: vision
+    namespace: ''
+    composable_node:
+    - pkg: image_proc
+      plugin: image_proc::RectifyNode
+      name: rectify
+      param: [{name: queue_size, value: 7}]
+      remap: [{from: image, to: /hawk_0_$(var side)_rgb_image}]
+- group:
+  - push-ros-namespace: {namespace: cell}
+  - node:
+      pkg: cell_light
+      exec: light
+      name: light
+      args: --on $(env CELL_PORT)
+      param:
+      - name: lamp
+        param: [{name: watts, value: 3.5}]
+- node: {pkg: cell_light, exec: other, name: other, if: 'false'}
+"""
+PYTHON = """
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, GroupAction
+from launch.conditions import IfCondition
+from launch.substitutions import EnvironmentVariable, LaunchConfiguration
+from launch_ros.actions import ComposableNodeContainer, Node, PushRosNamespace
+from launch_ros.descriptions import ComposableNode
+
+
+def generate_launch_description():
+    side = LaunchConfiguration('side')
+    return LaunchDescription([
+        DeclareLaunchArgument('side', default_value='left'),
+        ComposableNodeContainer(
+            name='vision', package='rclcpp_components', executable='component_container_mt',
+            composable_node_descriptions=[ComposableNode(
+                name='rectify', package='image_proc', plugin='image_proc::RectifyNode',
+                parameters=[{'queue_size': 7}],
+                remappings=[('image', ['/hawk_0_', side, '_rgb_image'])])]),
+        GroupAction([
+            PushRosNamespace('cell'),
+            Node(name='light', package='cell_light', executable='light',
+                 arguments=['--on', EnvironmentVariable('CELL_PORT')],
+                 parameters=[{'lamp': {'watts': 3.5}}])]),
+        Node(name='other', package='cell_light', executable='other',
+             condition=IfCondition('false'))])
+"""
+
+
+@pytest.fixture(autouse=True)
+def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("CELL_PORT", "3")
+
+
+def made(*arguments: str) -> str:
+    """The text of a spec, which is valid and has a plan."""
+    assert main(["init", "made", *arguments]) == 0
+    found = validate(Path("made.r2b.yaml"))
+    assert [each.message for each in found if each.severity == "error"] == []
+    assert compile_plan(Path("made.r2b.yaml")).name == "made"
+    return Path("made.r2b.yaml").read_text()
+
+
+def spec() -> Any:
+    return load(Path("made.r2b.yaml"))
+
+
+def test_a_bag() -> None:
+    text = made("--from-bag", "r2b_storage")
+    assert "# Not known:\n# - the node under test" in text
+    assert "/d455_1_imu (sensor_msgs/msg/Imu)" in text
+    assert list(spec().playback.inputs) == ["hawk_0_left_rgb_image"]
+    assert [str(each) for each in spec().benchmark.rates] == ["30 Hz"]
+
+
+def test_no_template_with_sources() -> None:
+    assert main(["init", "made", "--from-bag", "r2b_storage", "--template", "live"]) == 2
+    assert not Path("made.r2b.yaml").exists()
+
+
+def test_a_node_and_a_bag() -> None:
+    Path("node.py").write_text(NODE)
+    text = made("--from-bag", "r2b_storage", "--node", "./node.py:Bright")
+    inputs = spec().playback.inputs
+    assert inputs["hawk_0_left_rgb_image"].source == "recorded/hawk_0_left_rgb_image"
+    assert "camera_info" in inputs
+    assert "whether /r2b/camera_info is" in text
+    assert spec().monitors["bright"].format == "sensor_msgs/msg/Image"
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("a.launch.xml", XML), ("a.launch.yaml", YAML), ("a.launch.py", PYTHON)],
+)
+def test_a_launch_file(name: str, content: str) -> None:
+    Path(name).write_text(content)
+    made("--from-launch", name)
+    nodes = spec().graph.nodes
+    assert list(nodes) == ["rectify", "light"]
+    assert nodes["rectify"].container == "vision"
+    assert nodes["rectify"].parameters == {"queue_size": 7}
+    assert nodes["rectify"].remappings == {"image": "/hawk_0_left_rgb_image"}
+    assert nodes["light"].namespace == "/cell"
+    assert nodes["light"].parameters == {"lamp.watts": 3.5}
+    assert nodes["light"].arguments == ("--on", "3")
+    assert spec().namespace == "/"
+
+
+def test_what_nothing_publishes_comes_from_outside() -> None:
+    Path("a.launch.xml").write_text(re.sub(r"<group>.*?</group>", "", XML, flags=re.DOTALL))
+    text = made("--from-launch", "a.launch.xml")
+    source = spec().graph.nodes["source"]
+    assert source.external
+    assert sorted(source.publishes) == ["/camera_info", "/hawk_0_left_rgb_image"]
+    assert "# - where /camera_info, /hawk_0_left_rgb_image come from" in text
+
+
+def test_a_launch_file_and_a_bag() -> None:
+    Path("a.launch.xml").write_text(XML)
+    made("--from-launch", "a.launch.xml", "--from-bag", "r2b_storage")
+    assert spec().playback.inputs["hawk_0_left_rgb_image"].source
+    assert spec().monitors["image_rect"].topic == "image_rect"
+    assert spec().playback.mode == "looping"
+
+
+def test_an_included_file_is_expanded() -> None:
+    Path("inner.launch.xml").write_text(XML)
+    Path("outer.launch.xml").write_text(
+        '<launch><include file="$(dirname)/inner.launch.xml"><arg name="side" value="right"/>'
+        "</include></launch>"
+    )
+    made("--from-launch", "outer.launch.xml")
+    assert spec().graph.nodes["rectify"].remappings == {"image": "/hawk_0_right_rgb_image"}
+
+
+def test_a_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    share = Path("prefix/share/cell")
+    (share / "launch").mkdir(parents=True)
+    (share / "launch" / "one.launch.xml").write_text(XML)
+    index = Path("prefix/share/ament_index/resource_index/packages")
+    index.mkdir(parents=True)
+    (index / "cell").touch()
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(Path("prefix").absolute()))
+    made("--from-launch", "cell")
+    Path("made.r2b.yaml").unlink()
+    (share / "launch" / "two.launch.py").write_text(PYTHON)
+    assert main(["init", "made", "--from-launch", "cell"]) == 2
+    made("--from-launch", "cell:two.launch.py")
+
+
+@pytest.mark.parametrize(
+    ("content", "place"),
+    [
+        ("<launch><node></launch>", "a.launch:1:"),
+        ('<!DOCTYPE a [<!ENTITY b "c">]><launch>&b;</launch>', "a.launch:1:1"),
+        ("launch:\n- node: {a: [\n", "a.launch:3:"),
+        ("launch: 3\n", "a.launch:1:1"),
+        ("<launch>" + "<group>" * 300 + "</group>" * 300 + "</launch>", "a.launch:1:1"),
+    ],
+)
+def test_broken_launch_files(content: str, place: str, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("a.launch").write_text(content)
+    assert main(["init", "made", "--from-launch", "a.launch"]) == 2
+    error = capsys.readouterr().err
+    assert place in error
+    assert "R2B702" in error
+    assert not Path("made.r2b.yaml").exists()
+
+
+def test_a_launch_file_that_cannot_be_read(capsys: pytest.CaptureFixture[str]) -> None:
+    os.mkfifo("pipe.launch.py")
+    assert main(["init", "made", "--from-launch", "pipe.launch.py"]) == 2
+    Path("loop.launch.py").write_text("while True: pass")
+    assert main(["init", "made", "--from-launch", "loop.launch.py"]) == 2
+    assert "R2B703" in capsys.readouterr().err
+    Path("self.launch.xml").write_text(
+        '<launch><include file="$(dirname)/self.launch.xml"/></launch>'
+    )
+    assert main(["init", "made", "--from-launch", "self.launch.xml"]) == 0
+
+
+def test_files_that_include_themselves_have_one_limit(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    Path("a.launch.py").write_text(
+        "import os\n"
+        "from launch import LaunchDescription\n"
+        "from launch.actions import IncludeLaunchDescription\n"
+        "for i in range(9000):\n    pass\n"
+        "def generate_launch_description():\n"
+        "    here = os.path.dirname(__file__) + '/a.launch.py'\n"
+        "    return LaunchDescription([IncludeLaunchDescription(here) for i in range(50)])\n"
+    )
+    assert main(["init", "made", "--from-launch", "a.launch.py"]) == 2
+    assert "more than 200,000 steps" in capsys.readouterr().err
+
+
+def graph_node(name: str, namespace: str = "/", **more: Any) -> dict[str, Any]:
+    empty: dict[str, Any] = {
+        key: {} for key in ("subscribes", "publishes", "services", "qos", "parameters")
+    }
+    return {"name": name, "namespace": namespace, **empty, **more}
+
+
+def test_a_graph() -> None:
+    draft = DraftNodes()
+    kind = "sensor_msgs/msg/Image"
+    best = {"reliability": "best_effort", "durability": "volatile"}
+    nodes = [
+        graph_node("camera", publishes={"/image": kind}, qos={"/image": best}),
+        graph_node(
+            "detector",
+            "/cell",
+            subscribes={"/image": kind, "/tf": "tf2_msgs/msg/TFMessage"},
+            publishes={"/cell/found": "std_msgs/msg/String"},
+            parameters={"size": {"type": "double", "default": 0.5}},
+        ),
+        graph_node("detector", "/other"),
+    ]
+    add_graph_nodes(draft, nodes)
+    Path("made.r2b.yaml").write_text(draft_text("made", ["a graph"], draft, None, Path()))
+    assert [each for each in validate(Path("made.r2b.yaml")) if each.severity == "error"] == []
+    text = Path("made.r2b.yaml").read_text()
+    assert "#   size: 0.5" in text
+    assert re.search(r"/other/detector shares its name", text)
+    assert list(spec().graph.nodes) == ["camera", "detector", "detector_2"]
+    assert spec().graph.nodes["camera"].qos["/image"].reliability == "best_effort"
+    assert spec().monitors["cell_found"].match == "order"

@@ -1,0 +1,169 @@
+"""Objectives proposed from a run: they pass on it, and leave alone what the spec states."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from r2bspec.cli.main import main
+from r2bspec.compare.objective_proposals import Proposal, prediction_bound, propose_objectives
+from r2bspec.judge.judge_run import result_of
+from r2bspec.language.load_spec import load_spec
+from r2bspec.record.calibration_file import Calibration, MetricNoise
+from r2bspec.record.run_folder import Run
+from run_simulation import Played, Simulation
+
+SPEC = """\
+r2bspec: 1
+name: simulated
+data_loader: {bag: r2b_storage, topics: {/d455_1_rgb_image: image_raw}}
+playback: {inputs: {image: {from: image_raw, format: sensor_msgs/msg/Image}}}
+graph:
+  nodes:
+    relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}
+# What it answers.
+monitors: {detections: {topic: output, format: sensor_msgs/msg/Image}}
+benchmark: {rates: [30 Hz], iterations: 10, duration: 10 s}
+"""
+
+
+def played(iterations: int = 10, n: int = 300, lost: int = 0) -> list[Played]:
+    random = np.random.default_rng(5)
+    found = []
+    for _ in range(iterations):
+        latency = 0.02 * np.exp(random.normal(0, 0.1, n)) * math.exp(random.normal(0, 0.02))
+        if lost:
+            latency[:: n // lost] = np.nan
+        found.append(Played(rate_hz=30, latency=latency))
+    return found
+
+
+def proposed(run: Run, text: str, calibrations: tuple[Calibration, ...] = ()) -> Proposal:
+    loaded = load_spec(text, file="simulated.r2b.yaml")
+    assert loaded.spec is not None
+    return propose_objectives(
+        loaded, text, result_of(run), lambda slos: result_of(run, slos, "x"), calibrations
+    )
+
+
+def test_the_proposals_pass_on_the_run(tmp_path: Path) -> None:
+    run = Simulation(segments=played()).write(tmp_path / "run")
+    found = proposed(run, SPEC)
+    assert found.text.startswith(SPEC)
+    slos = load_spec(found.text, file="simulated.r2b.yaml").spec
+    assert slos is not None
+    verdict = result_of(run, slos.slos, "x").verdict
+    assert [each.outcome for each in verdict.requirements] == ["pass", "pass"]
+    assert [each.metric for each in verdict.requirements] == ["latency.p95", "drop_rate"]
+    limit, estimate = verdict.requirements[0].limit, verdict.requirements[0].estimate
+    assert limit is not None
+    assert estimate is not None
+    assert estimate < limit < 1.5 * estimate
+
+
+def test_a_short_run_gets_a_lower_percentile(tmp_path: Path) -> None:
+    run = Simulation(segments=played(iterations=4, n=30)).write(tmp_path / "run")
+    found = proposed(run, SPEC)
+    (texts,) = found.added.values()
+    # 120 messages can show a p95, for which 59 without a late one are enough, but no p99.
+    assert texts[0].startswith(("latency.p95", "latency.p90"))
+
+
+def test_one_iteration_shows_no_scatter(tmp_path: Path) -> None:
+    run = Simulation(segments=played(iterations=1, n=3000)).write(tmp_path / "run")
+    found = proposed(run, SPEC)
+    assert any("it takes 3 iterations" in each for each in found.notes)
+    assert all("latency" not in each for texts in found.added.values() for each in texts)
+
+
+def test_losses(tmp_path: Path) -> None:
+    few = Simulation(segments=played(lost=3)).write(tmp_path / "few")
+    (texts,) = proposed(few, SPEC).added.values()
+    assert "drop_rate <= 2 %" in texts
+    many = Simulation(segments=played(lost=50)).write(tmp_path / "many")
+    found = proposed(many, SPEC)
+    assert any("were lost" in each for each in found.notes)
+
+
+def test_what_the_spec_states_is_left_alone(tmp_path: Path) -> None:
+    run = Simulation(segments=played()).write(tmp_path / "run")
+    mine = "slos:\n  mine:\n    at: 30 Hz\n    require: [latency.p50 < 1 s, drop_rate <= 1 %]\n"
+    assert proposed(run, SPEC + mine).text == SPEC + mine
+    other = mine.replace("at: 30 Hz", "at: 10 Hz").replace("rates: [30", "rates: [10, 30")
+    assert proposed(run, SPEC.replace("[30 Hz]", "[10 Hz, 30 Hz]") + other).added
+
+
+def test_the_margin_of_a_calibration_is_added(tmp_path: Path) -> None:
+    run = Simulation(segments=played()).write(tmp_path / "run")
+    noise = MetricNoise(
+        at_hz=30.0,
+        monitor="detections",
+        metric="latency.p50",
+        deviation=0.1,
+        upper=0.2,
+        bias=0.0,
+        biased=False,
+        n=10,
+        margins={"10": math.log(2)},
+    )
+    calibration = msgspec.convert(
+        {"metrics": [msgspec.to_builtins(noise)]} | CALIBRATION, Calibration
+    )
+
+    def limit(text: str) -> float:
+        return float(text.split()[-2])
+
+    (plain,) = proposed(run, SPEC).added.values()
+    (wide,) = proposed(run, SPEC, (calibration,)).added.values()
+    assert limit(wide[0]) == pytest.approx(2 * limit(plain[0]), rel=0.1)
+
+
+def test_a_spec_in_flow_style_is_changed_by_hand(tmp_path: Path) -> None:
+    run = Simulation(segments=played()).write(tmp_path / "run")
+    text = SPEC + "slos: {mine: {require: [peak.rate >= 1 Hz], level: 'off'}}\n"
+    text = text.replace("duration: 10 s}", "duration: 10 s, search: {min: 1 Hz, max: 9 Hz}}")
+    found = proposed(run, text)
+    assert found.text == text
+    assert any(each.startswith("add by hand: measured_at_30_hz:") for each in found.notes)
+
+
+def test_the_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Simulation(segments=played()).write(tmp_path / "run")
+    Path("simulated.r2b.yaml").write_text(SPEC)
+    words = ["suggest", "simulated.r2b.yaml", "run"]
+    assert main(words) != 0
+    assert "is not of this spec" in capsys.readouterr().err
+    assert main([*words, "--force"]) == 0
+    shown = capsys.readouterr()
+    assert "\n+  measured_at_30_hz:\n" in shown.out
+    assert Path("simulated.r2b.yaml").read_text() == SPEC
+    assert main([*words, "--force", "--write"]) == 0
+    assert "measured_at_30_hz" in Path("simulated.r2b.yaml").read_text()
+    assert main([*words, "--force"]) == 0
+    assert "has a requirement for all" in capsys.readouterr().err
+
+
+def test_the_bound_covers_the_next_value() -> None:
+    random, covered = np.random.default_rng(7), 0
+    for _ in range(2000):
+        values = np.exp(random.normal(0, 0.2, 11))
+        bound = prediction_bound(values[:10].tolist())
+        assert bound is not None
+        covered += bool(values[10] <= bound)
+    assert covered / 2000 > 0.94
+
+
+CALIBRATION = {
+    "machine": "one",
+    "run_id": "a",
+    "started_at": "2026-01-01T00:00:00Z",
+    "plan": "b",
+    "confidence": 0.95,
+}
