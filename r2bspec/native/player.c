@@ -25,6 +25,8 @@
 #define STAMP_END 12
 /* A late player never sleeps, so it also looks for commands after so many events. */
 #define EVENTS_PER_LOOK 64
+/* Room that is made before playing: 10 MB. More is made while playing, by doubling. */
+#define MAX_RESERVED_ROWS ((int64_t)1 << 18)
 
 typedef struct input {
   rcl_publisher_t publisher;
@@ -306,7 +308,8 @@ static int play(player_t *player, double rate_hz, int64_t steps)
     }
     memset(player->open_steps, 0, (size_t)head->steps * sizeof(open_step_t));
     cursor_t cursor;
-    if (rows_reserve(&player->rows, (size_t)steps) < 0 ||
+    const int64_t rows = steps < MAX_RESERVED_ROWS ? steps : MAX_RESERVED_ROWS;
+    if (rows_reserve(&player->rows, (size_t)rows) < 0 ||
         cursor_init(&cursor, &player->list, rate_hz, steps, player->next) < 0) {
       return -1;
     }
