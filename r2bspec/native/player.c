@@ -422,7 +422,10 @@ static int configure(player_t *player, char *rest)
   const int64_t static_bytes = next_number(&rest);
   player->planned = next_number(&rest);
   const int64_t inputs = next_number(&rest);
-  player->inputs = calloc(inputs < 0 ? 0 : (size_t)inputs + 1, sizeof(input_t));
+  if (player->planned < 0 || inputs < player->planned) {
+    return fail("R2B630", "", "a player has fewer inputs than are planned");
+  }
+  player->inputs = calloc((size_t)inputs + 1, sizeof(input_t));
   if (player->inputs == NULL) {
     return fail_memory();
   }
@@ -488,6 +491,9 @@ static int execute(player_t *player, char *line)
 
 static void clean_up(player_t *player)
 {
+  if (harness_on_end != NULL) {
+    harness_on_end();
+  }
   end_clock(&player->clock);
   rcl_node_t *node = &player->ros.node;
   for (int64_t i = 0; i < player->input_count; ++i) {
