@@ -7,6 +7,7 @@ import ctypes
 import functools
 import os
 import secrets
+import signal
 import socket
 import subprocess
 import sys
@@ -30,6 +31,7 @@ from r2bspec.ipc.native_protocol import NativeEncoder
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.ipc.sample_files import RowReader
 from r2bspec.ipc.schedule import CyclicSchedule
+from r2bspec.ipc.stall_log import StallLogReader
 from r2bspec.language.spec import QoS
 from r2bspec.native.harness_library import harness_library, harness_program
 from r2bspec.plan.plan import InputPlan, MonitorPlan
@@ -235,6 +237,22 @@ def test_what_is_watched_for_a_while_is_watched_no_more(
     while harness.ask(player, protocol.CountMatches()).counts[TOPIC] != 1:
         assert time.monotonic() < deadline
         harness.children.pump(0.02)
+
+
+def test_a_monitor_that_did_not_run_says_for_how_long(
+    harness: Harness, ends: tuple[ManagedProcess, ManagedProcess]
+) -> None:
+    _, monitor = ends
+    held = StallLogReader(harness.rows)
+    os.kill(monitor.pid, signal.SIGSTOP)
+    began_ns = time.monotonic_ns()
+    time.sleep(0.4)
+    os.kill(monitor.pid, signal.SIGCONT)
+    deadline = time.monotonic() + HANG_S
+    while not held.between(began_ns, time.monotonic_ns()):
+        assert time.monotonic() < deadline
+        harness.children.pump(0.02)
+    assert held.between(began_ns, time.monotonic_ns()) > 0.2e9
 
 
 @pytest.mark.parametrize(
