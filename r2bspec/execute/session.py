@@ -11,6 +11,8 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from r2bspec.execute.bringup.discovery import wait_for_mutual_discovery
 from r2bspec.execute.bringup.early_diagnosis import remapped_topics
 from r2bspec.execute.bringup.external_nodes import wait_for_external
@@ -132,6 +134,7 @@ class Session:
         self._parts = HarnessProcesses(launcher, processes)
         self._segment_player: SegmentPlayer | None = None
         self._monitor: ManagedProcess | None = None
+        self._observer: ManagedProcess | None = None
         self.floor: tuple[FloorRecord, ...] = ()
         self.overhead_ns = 0
         self.silences: tuple[SilenceRecord, ...] = ()
@@ -152,11 +155,11 @@ class Session:
         """Publishers on what is played and watched that are no process's of the run, in words.
 
         Raises:
-            RunError: the monitor does not answer.
+            RunError: the observer does not answer.
         """
-        if self._monitor is None:
+        if self._observer is None:
             return ()
-        return foreign_publishers(self._supervisor, self._monitor)
+        return foreign_publishers(self._supervisor, self._observer)
 
     def record_outputs(self) -> dict[str, int]:
         """Play one more iteration and record its messages; see `output_recording`.
@@ -201,7 +204,9 @@ class Session:
         self._monitor = monitor
         self._reporter.phase("graph", "starting the graph")
         deadline = StartDeadline(self._plan.start_timeout_ns)
-        self._start_graph(player, monitor, deadline)
+        # Not before the harness overhead was measured, which its start would disturb.
+        observer = self._observer = self._launcher.start_observer(guarded_topics(self._plan))
+        self._start_graph(player, monitor, observer, deadline)
         self._segment_player = (SegmentPlayer if player else LiveSegmentWatcher)(
             self._plan,
             self._supervisor,
@@ -216,12 +221,12 @@ class Session:
             start=self.start,
         )
         with deadline.paused():
-            self._wait_until_ready(monitor)
-            self._check_parameters(monitor)
-        self._warm_up(self._segment_player, monitor, deadline)
+            self._wait_until_ready(observer)
+            self._check_parameters(observer)
+        self._warm_up(self._segment_player, deadline)
         segment_player = self._segment_player
         segment_player.on_output_stopped = lambda segment, plan: self._diagnose_stopped_output(
-            segment_player, monitor, segment, plan
+            segment_player, segment, plan
         )
         return segment_player
 
@@ -245,7 +250,6 @@ class Session:
                 protocol.ConfigureMonitor(
                     monitors=(*plan.monitors, *tap_monitors(plan.monitors)),
                     rows_dir=str(self._rows_dir),
-                    guarded=guarded_topics(plan),
                 ),
             )
         ]
@@ -259,12 +263,7 @@ class Session:
             transforms=buffered_transforms(self._buffer_dir),
             clock=plan.clock,
         )
-        if player.process is monitor.process:
-            # Threads of one interpreter: at once they would take no less time.
-            ready = launcher.configure(player, configure)
-            launcher.configure_all(commands)
-        else:
-            ready, *_ = launcher.configure_all([(player, configure), *commands])
+        ready, *_ = launcher.configure_all([(player, configure), *commands])
         self._load_schedule(player, ready)
         if not self._is_later:
             self._measure_overhead(player, monitor)
@@ -281,7 +280,7 @@ class Session:
     def _measure_overhead(self, player: ManagedProcess, monitor: ManagedProcess) -> None:
         began_ns = time.monotonic_ns()
         self._reporter.phase("floor", "measuring the harness overhead")
-        self.floor = measure_harness_overhead(
+        found = measure_harness_overhead(
             self._supervisor,
             player,
             monitor,
@@ -292,10 +291,22 @@ class Session:
             self.schedule,
             self._reporter.host.between,
         )
+        self.floor = tuple(
+            msgspec.structs.replace(
+                each,
+                placement=self._plan.harness.placement,
+                processes=1 if player.process is monitor.process else 2,
+            )
+            for each in found
+        )
         self.overhead_ns = time.monotonic_ns() - began_ns
 
     def _start_graph(
-        self, player: ManagedProcess | None, monitor: ManagedProcess, deadline: StartDeadline
+        self,
+        player: ManagedProcess | None,
+        monitor: ManagedProcess,
+        observer: ManagedProcess,
+        deadline: StartDeadline,
     ) -> None:
         """Start the nodes, then the subscriptions of the monitor; wait until all are matched."""
         plan, supervisor = self._plan, self._supervisor
@@ -309,9 +320,10 @@ class Session:
             running_hosts=self._parts.node_hosts(),
         )
         supervisor.request(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
+        self._launcher.wait_for_observer(observer)
         if plan.external:
             self._launcher.mark_external_nodes()
-            wait_for_external(plan, supervisor, monitor, deadline)
+            wait_for_external(plan, supervisor, observer, deadline)
         watched = [each.topic for each in plan.monitors]
         watched += [each.topic for each in all_taps(plan.monitors)]
         wanted = {monitor: dict.fromkeys(watched, 1)}
@@ -328,25 +340,25 @@ class Session:
         ]
         wait_for_mutual_discovery(supervisor, self._launcher, ends)
 
-    def _wait_until_ready(self, monitor: ManagedProcess) -> None:
+    def _wait_until_ready(self, observer: ManagedProcess) -> None:
         """Wait for the readiness probes, then run the `after_ready` steps."""
         plan = self._plan
         if plan.ready:
             self._reporter.phase("ready", "waiting for the readiness probes")
             for probe in plan.ready:
-                wait_for_probe(probe, self._supervisor, monitor, self._folder, self._base_dir)
+                wait_for_probe(probe, self._supervisor, observer, self._folder, self._base_dir)
         if plan.after_ready:
             self._reporter.phase("after_ready", "running the after_ready steps")
             for step in plan.after_ready:
                 self._launcher.run_step(step)
 
-    def _check_parameters(self, monitor: ManagedProcess) -> None:
+    def _check_parameters(self, observer: ManagedProcess) -> None:
         """Ask nodes that are not in Python hosts for their parameters.
 
         Raises:
             GraphMismatchError: one does not declare a parameter that is certainly misspelt.
         """
-        found = find_undeclared(self._plan, MEASURE_PHASE, self._supervisor, monitor)
+        found = find_undeclared(self._plan, MEASURE_PHASE, self._supervisor, observer)
         wrong = [each for each in found if not each.harmless]
         if wrong:
             message = "; ".join(each.message for each in wrong)
@@ -355,9 +367,7 @@ class Session:
             self._reporter.note(f"{each.message}; ROS ignores it")
         self._launcher.differences += found
 
-    def _warm_up(
-        self, segment_player: SegmentPlayer, monitor: ManagedProcess, deadline: StartDeadline
-    ) -> None:
+    def _warm_up(self, segment_player: SegmentPlayer, deadline: StartDeadline) -> None:
         """Play until every monitor has received a message, and at least for the planned time.
 
         The first messages take ten times the median: pages are touched for the first time, and
@@ -381,12 +391,11 @@ class Session:
             if not silent:
                 return
             if deadline.over or attempt == _DIAGNOSED_ATTEMPT:
-                self._diagnose_no_output(segment_player, monitor, silent, final=deadline.over)
+                self._diagnose_no_output(segment_player, silent, final=deadline.over)
 
     def _diagnose_no_output(
         self,
         segment_player: SegmentPlayer,
-        monitor: ManagedProcess,
         silent: Collection[str],
         *,
         final: bool,
@@ -398,7 +407,6 @@ class Session:
 
         Args:
             segment_player: plays the steps that are traced.
-            monitor: its process.
             silent: the monitors, by name.
             final: whether the time for the start is over.
 
@@ -408,7 +416,7 @@ class Session:
         """
         plan = self._plan
         topics = [each.topic for each in plan.monitors if each.name in silent]
-        facts = self._trace_messages(segment_player, monitor)
+        facts = self._trace_messages(segment_player)
         faults = find_faults(facts, topics)
         remapped = [*remapped_topics(plan, MEASURE_PHASE)]
         certain = certain_topics(facts, [each.topic for each in faults], remapped)
@@ -433,10 +441,17 @@ class Session:
             certain=certain,
         )
 
-    def _trace_messages(self, segment_player: SegmentPlayer, monitor: ManagedProcess) -> GraphFacts:
+    def _trace_messages(self, segment_player: SegmentPlayer) -> GraphFacts:
         """Play some steps and count the messages on each topic."""
         known = self._launcher.endpoints_in(self._plan, MEASURE_PHASE)
-        observer = GraphObserver(self._supervisor, monitor, self._plan, MEASURE_PHASE, known)
+        observer = GraphObserver(
+            self._supervisor,
+            self._supervisor.observer(),
+            self._plan,
+            MEASURE_PHASE,
+            known,
+            self._monitor,
+        )
 
         def play() -> None:
             if self._plan.inputs:
@@ -452,13 +467,12 @@ class Session:
     def _diagnose_stopped_output(
         self,
         segment_player: SegmentPlayer,
-        monitor: ManagedProcess,
         segment: Segment,
         plan: MonitorPlan,
     ) -> None:
         """Find out, once, why an output has stopped during a run."""
         self._reporter.note(f"no more messages on {plan.topic}: tracing the path")
-        facts = self._trace_messages(segment_player, monitor)
+        facts = self._trace_messages(segment_player)
         faults = find_faults(facts, [plan.topic])
         reason = "; ".join(each.sentence for each in faults)
         if not reason:

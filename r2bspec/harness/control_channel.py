@@ -72,9 +72,14 @@ class Channel:
                 raise ChannelClosedError
             self._pending += received
 
-    def wait(self, timeout_s: float) -> bool:
-        """Sleep for at most `timeout_s` seconds; True as soon as a command can be received."""
+    def wait(self, timeout_s: float | None) -> bool:
+        """Sleep for at most `timeout_s` seconds; True as soon as a command can be received.
+
+        None is no limit.
+        """
         if b"\n" in self._pending:
             return True
-        readable, _, _ = select.select([self._socket], [], [], max(timeout_s, 0.0))
+        readable, _, _ = select.select(
+            [self._socket], [], [], None if timeout_s is None else max(timeout_s, 0.0)
+        )
         return bool(readable)

@@ -1,50 +1,44 @@
-"""Player and monitor in one process, each on its own thread, and optionally nodes.
+"""Player and monitor in the process of Python nodes.
 
 Within one process the middleware passes a message from publisher to subscription directly: without
-shared memory, and without waking a thread. This halves the cost of a message, and is the placement
-of ros2_benchmark. The disadvantage is a shared interpreter: while the Python code of one thread
-runs, the others wait. Player and monitor rarely block it, because they publish, take and wait
-without the interpreter lock. Python nodes in this process can delay the player; the run reports
-its lateness.
+shared memory, and without waking a thread. Player and monitor are native threads, which neither
+hold nor wait for the lock of the interpreter; only the nodes use it.
 """
 
 from __future__ import annotations
 
+import ctypes
+import os
 import sys
-import threading
 
 from r2bspec.harness.control_channel import Channel
 from r2bspec.harness.node_host import NodeHost
-from r2bspec.harness.roles import play_role
 from r2bspec.ipc import protocol
+from r2bspec.native.harness_library import harness_library
 
 _SWITCH_INTERVAL_S = 0.0002
 """How long a thread may hold the interpreter lock while others wait. The default of 5 ms would
-delay the player by as much whenever a node computes."""
+delay the nodes by as much whenever one of them computes."""
 
-_JOIN_TIMEOUT_S = 2.0
-"""How long a part may take to end; a blocked one ends with the process."""
+_END_TIMEOUT_NS = 2 * 10**9
+"""How long the parts may take to end; a blocked one ends with the process."""
 
 
 class InProcessHarness:
-    """Player and monitor as threads of one process, and the Python nodes in this process."""
+    """Player and monitor as threads of this process, and its Python nodes."""
 
     def __init__(self, channel: Channel, settings: protocol.ConfigureHarness) -> None:
         self._channel = channel
-        self._channels = {part: Channel.from_environment(part) for part in settings.parts}
-        self._parts = [
-            threading.Thread(target=play_role, args=[own], name=part, daemon=True)
-            for part, own in self._channels.items()
-        ]
+        self._library = ctypes.CDLL(str(harness_library()))
+        self._library.r2bspec_harness_stop.argtypes = [ctypes.c_int64]
+        for part in settings.parts:
+            number = int(os.environ.pop(protocol.control_variable(part)))
+            if status := self._library.r2bspec_harness_serve(number):
+                raise OSError(-status, os.strerror(-status), part)
 
     def serve(self) -> None:
-        """Run the parts and the nodes, if there are any, until told to shut down.
-
-        A part reports errors on its own channel.
-        """
+        """Run the nodes until told to shut down; a part reports errors on its own channel."""
         sys.setswitchinterval(_SWITCH_INTERVAL_S)
-        for part in self._parts:
-            part.start()
         try:
             self._channel.send(protocol.Ready())
             match self._channel.receive():
@@ -53,11 +47,4 @@ class InProcessHarness:
                 case _:
                     return
         finally:
-            self._end_parts()
-
-    def _end_parts(self) -> None:
-        """End the parts by closing their channels."""
-        for own in self._channels.values():
-            own.close()
-        for part in self._parts:
-            part.join(_JOIN_TIMEOUT_S)
+            self._library.r2bspec_harness_stop(_END_TIMEOUT_NS)

@@ -18,11 +18,11 @@ from r2bspec.harness import rclpy_tools
 from r2bspec.harness.adaptive_timeout import AdaptiveTimeout
 from r2bspec.harness.clock_publisher import ClockPublisher
 from r2bspec.harness.control_channel import Channel
-from r2bspec.harness.monitor import discover, survey
-from r2bspec.harness.preloaded_messages import TF_QOS, publish_static_transforms
+from r2bspec.harness.observer import discover, survey
+from r2bspec.harness.static_transforms import publish_static_transforms
 from r2bspec.harness.topic_recorder import TopicRecorder
 from r2bspec.ipc import buffers, protocol
-from r2bspec.ipc.transform_stamps import TF, TF_STATIC
+from r2bspec.ipc.transform_stamps import TF, TF_QOS, TF_STATIC
 from r2bspec.language.spec import QoS
 
 _MAX_IN_FLIGHT = 4

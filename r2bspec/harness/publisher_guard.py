@@ -21,7 +21,7 @@ from r2bspec.ipc.protocol import RUN_ID_VARIABLE, ForeignPublisher
 from r2bspec.middleware.middleware import PROC
 from r2bspec.middleware.rmw_registry import middleware_of
 
-_PERIOD_S = 0.2
+LOOK_PERIOD_S = 0.2
 _UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 """What rmw says of a node whose name has not been discovered yet."""
 _MAX_PROCESSES = 3
@@ -49,7 +49,7 @@ class PublisherGuard:
         """
         if not now and time.monotonic() < self._next_s:
             return
-        self._next_s = time.monotonic() + _PERIOD_S
+        self._next_s = time.monotonic() + LOOK_PERIOD_S
         for topic, before in self._counts.items():
             count = self._node.count_publishers(topic)
             if now or count != before or self._lacks_a_name(topic):

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import importlib
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import rclpy
@@ -24,7 +23,6 @@ from rclpy.qos import (
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import get_rmw_implementation_identifier, ok, try_shutdown
 
-from r2bspec.harness import rcl_calls
 from r2bspec.language.spec import QoS
 
 _to_destroy: list[Node] = []
@@ -115,9 +113,6 @@ class RawSubscription:
             self._class, topic, lambda _message: None, qos, raw=True
         )
         self.handle = self._subscription.handle
-        self._taker: rcl_calls.MessageTaker | None = None
-        with contextlib.suppress(rcl_calls.RclError):
-            self._taker = rcl_calls.MessageTaker(self.handle)
 
     def take(self) -> tuple[bytes, int] | None:
         """The next message and its time of arrival (system clock, ns), or None if there is none."""
@@ -127,25 +122,12 @@ class RawSubscription:
         data, info = taken
         return data, int(info["received_timestamp"])
 
-    def take_head(self) -> tuple[bytes, int, int] | None:
-        """As `take`, but with only the first bytes and the size of the message.
-
-        This avoids a copy of each message if only its time and stamp are needed.
-        """
-        if self._taker is not None:
-            return self._taker.take()
-        taken = self.take()
-        return (
-            None if taken is None else (taken[0][: rcl_calls.HEAD_BYTES], len(taken[0]), taken[1])
-        )
-
     def matches(self) -> int:
         """How many publishers this subscription is matched with."""
         return int(self.handle.get_publisher_count())
 
     def destroy(self) -> None:
         """Unsubscribe; no message may be taken afterwards."""
-        self._taker = None
         self._node.destroy_subscription(self._subscription)
 
 
@@ -163,14 +145,6 @@ class RawPublisher:
         every message whose stamp is changed in place.
         """
         self._handle.publish_raw(message)
-
-    def publication(self, message: bytearray) -> Callable[[], None]:
-        """A function that publishes the content of `message` at the time of the call.
-
-        The message is copied only if rcl cannot be called.
-        """
-        made = rcl_calls.publication(self._handle, message)
-        return made or functools.partial(self._handle.publish_raw, message)
 
     def wait_for_acknowledgements(self, timeout_s: float = 2.0) -> None:
         """Wait until all matched subscriptions have received all messages, or for the timeout."""

@@ -53,14 +53,10 @@ def _make_role(channel: Channel, command: protocol.Command) -> Role:
             from r2bspec.harness.loader import Loader
 
             return Loader(channel, command)
-        case protocol.ConfigurePlayer():
-            from r2bspec.harness.player import Player
+        case protocol.ConfigureObserver():
+            from r2bspec.harness.observer import Observer
 
-            return Player(channel, command)
-        case protocol.ConfigureMonitor():
-            from r2bspec.harness.monitor import Monitor
-
-            return Monitor(channel, command)
+            return Observer(channel, command)
         case protocol.ConfigureHost():
             from r2bspec.harness.node_host import NodeHost
 

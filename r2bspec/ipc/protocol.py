@@ -67,13 +67,18 @@ class Follow(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class ConfigureMonitor(_Message, frozen=True, kw_only=True, tag=True):
-    """Be the monitor: record `monitors` to ``ROWS_DIR/NAME.rows``.
+    """Be the monitor: record `monitors` to ``ROWS_DIR/NAME.rows``."""
+
+    monitors: tuple[MonitorPlan, ...]
+    rows_dir: str
+
+
+class ConfigureObserver(_Message, frozen=True, kw_only=True, tag=True):
+    """Be the observer, which answers what discovery shows.
 
     On the topics of `guarded`, every publisher is examined; see `ForeignPublisher`.
     """
 
-    monitors: tuple[MonitorPlan, ...]
-    rows_dir: str
     guarded: tuple[str, ...] = ()
 
 
@@ -160,7 +165,7 @@ class Survey(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class ListParameters(_Message, frozen=True, kw_only=True, tag=True):
-    """Ask all nodes for the names of their parameters, except for these. For a monitor."""
+    """Ask all nodes for the names of their parameters, except for these."""
 
     exclude: tuple[str, ...]
     timeout_ns: int
@@ -205,6 +210,7 @@ Command = (
     | ConfigurePlayer
     | Follow
     | ConfigureMonitor
+    | ConfigureObserver
     | ConfigureHost
     | Prepare
     | ConfigureHarness
@@ -223,6 +229,14 @@ Command = (
     | Stop
     | Shutdown
 )
+
+
+class Hello(_Message, frozen=True, kw_only=True, tag=True):
+    """The first message of a part that has connected by itself: `r2bspec_harness_start`."""
+
+    pid: int
+    executable: str
+    part: str
 
 
 class Ready(_Message, frozen=True, kw_only=True, tag=True):
@@ -311,7 +325,7 @@ class ForeignPublisher(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ForeignPublishers(_Message, frozen=True, kw_only=True, tag=True):
-    """All that were seen on guarded topics since the monitor was started."""
+    """All that were seen on guarded topics since the observer was started."""
 
     publishers: tuple[ForeignPublisher, ...]
 
@@ -348,7 +362,8 @@ class Failed(_Message, frozen=True, kw_only=True, tag=True):
 
 
 Reply = (
-    Ready
+    Hello
+    | Ready
     | Matched
     | Discovered
     | Surveyed

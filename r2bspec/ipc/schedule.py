@@ -140,7 +140,7 @@ class CyclicSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="cyclic"):
         period_ns = 1e9 / rate_hz
         length = len(self.steps)
         columns = self._inputs()
-        extras = self._without_step()
+        extras = self.without_step()
         starts = [each[0] for each in extras]
         inputs = sum(1 << each for each in columns) if self.between else ALL_INPUTS
         for step in range(steps):
@@ -159,7 +159,7 @@ class CyclicSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="cyclic"):
                 offset_ns = round((step + at - place) * period_ns)
                 yield PlaybackEvent(offset_ns, NO_STEP, (message,), origin_ns=origin_ns)
 
-    def _without_step(self) -> list[tuple[float, tuple[int, int], int]]:
+    def without_step(self) -> list[tuple[float, tuple[int, int], int]]:
         """What belongs to no step, by its due time: the time, the message and its `origin_ns`."""
         transforms = len({*self._inputs(), *(each.input for each in self.between)})
         found = [(each.at, (each.input, each.position), 0) for each in self.between]

@@ -13,9 +13,12 @@ from __future__ import annotations
 
 import struct
 
+from r2bspec.language.spec import QoS
+
 TF = "/tf"
 TF_STATIC = "/tf_static"
 TF_TYPE = "tf2_msgs/msg/TFMessage"
+TF_QOS = QoS(depth=100)
 
 _ENCAPSULATION_BYTES = 4
 _TRANSFORM_BYTES = 7 * 8
@@ -43,6 +46,10 @@ class StampedTransforms:
         """Write the original stamps of the message plus `by_ns`, in place."""
         for offset, stamp_ns in zip(self._offsets, self.stamps_ns, strict=True):
             self._stamp.pack_into(self._message, offset, *divmod(stamp_ns + by_ns, _SECOND_NS))
+
+    def places(self) -> list[tuple[int, int]]:
+        """Where each stamp is in the message, and its original value in ns."""
+        return list(zip(self._offsets, self.stamps_ns, strict=True))
 
     def _read(self, offset: int) -> int:
         seconds, nanoseconds = self._stamp.unpack_from(self._message, offset)

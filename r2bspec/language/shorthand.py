@@ -100,7 +100,7 @@ def _data_loader(loader: Plain) -> Plain:
 
 
 def _harness(written: str | Plain) -> Plain:
-    return {"kind": written} if isinstance(written, str) else written
+    return {"placement": written} if isinstance(written, str) else written
 
 
 def _node(node: Plain) -> Plain:

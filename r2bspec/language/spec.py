@@ -87,28 +87,14 @@ class QoS(_SpecStruct, frozen=True, kw_only=True):
     depth: int = 10
 
 
-class Plugin(_SpecStruct, frozen=True, kw_only=True):
-    """A C++ component that replaces a part of the harness."""
-
-    package: str
-    plugin: str
-    parameters: dict[str, ParameterValue] = {}
-
-
 class Harness(_SpecStruct, frozen=True, kw_only=True):
-    """What plays and monitors.
+    """Where the player and the monitors run.
 
     Attributes:
         placement: `separate` processes for player and monitors, or one `shared` process.
-        data_loader: with `ros2_benchmark`, the component instead of its default; None is the
-            default.
     """
 
-    kind: Literal["r2bspec", "ros2_benchmark"] = "r2bspec"
     placement: Literal["separate", "shared"] = "separate"
-    data_loader: Plugin | None = None
-    playback: Plugin | None = None
-    monitor: Plugin | None = None
 
 
 class Container(_SpecStruct, frozen=True, kw_only=True):
@@ -327,7 +313,6 @@ class Monitor(_SpecStruct, frozen=True, kw_only=True):
             the topic.
         label: how reports call it; its name if empty.
         taps: whether the topics on the path to it are monitored, too, for the latency of each hop.
-        parameters: of the component that monitors, with the harness ros2_benchmark.
     """
 
     topic: str
@@ -338,7 +323,6 @@ class Monitor(_SpecStruct, frozen=True, kw_only=True):
     qos: QoS | None = None
     label: str = ""
     taps: bool = False
-    parameters: dict[str, ParameterValue] = {}
 
 
 class Search(_SpecStruct, frozen=True, kw_only=True):

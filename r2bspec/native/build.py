@@ -36,7 +36,7 @@ _KIND_FLAGS: dict[Kind, tuple[str, ...]] = {
 }
 _LIBRARIES = ("-lrcl", "-lrmw", "-lrcutils", "-pthread", "-ldl")
 _TIMEOUT_S = 120.0
-_SHOWN_LINES = 20
+_SHOWN_LINES = 60
 _PYTHON_SYMBOLS = Path(__file__).with_name("python_symbols.c")
 
 
@@ -156,9 +156,9 @@ def _digest(
         content = path.read_bytes()
         state.update(f"{path.name} {len(content)}\n".encode() + content)
     # The compiler and the headers by what changes whenever they are installed anew.
-    described = [compiler[0], *(each for one in includes for each in sorted(one.rglob("*.h")))]
-    for each in described:
-        found = Path(each).stat()
+    headers = (each for one in includes for each in sorted(one.rglob("*.h")))
+    for each in (Path(compiler[0]), *headers):
+        found = each.stat()
         state.update(f"{each} {found.st_size} {found.st_mtime_ns}\n".encode())
     state.update("\0".join([*compiler, *words]).encode())
     return state.hexdigest()[:40]

@@ -1,12 +1,13 @@
 """The command lines of a plan, which do not use a shell.
 
-Harness processes and hosts of Python nodes run ``$(python) -P -m r2bspec.harness.child`` (with -P,
-files in the folder of the spec cannot shadow modules); they receive their role over the control
+Player and monitor run ``$(harness)``, the program that is built from `r2bspec.native`; other
+harness processes and hosts of Python nodes run ``$(python) -P -m r2bspec.harness.child`` (with -P,
+files in the folder of the spec cannot shadow modules). They receive their role over the control
 channel. An executable is started as by ``ros2 run``, with its node name, namespace, remappings and
 parameters as ROS arguments. A `command` is started exactly as written, unless the spec gives it a
 namespace, parameters, remappings, `publishes` or `subscribes`: it is then a ROS process and also
-receives ROS arguments, but no node name, because it may have several nodes. Its parameter files are
-passed unchanged, because they may be for all of its nodes.
+receives ROS arguments, but no node name, because it may have several nodes. Its parameter files
+are passed unchanged, because they may be for all of its nodes.
 
 A Python function that is a program, such as the ``main`` of an ordinary node, is called by
 `r2bspec.harness.node_main` in its own process, with the same ROS arguments as an executable.
@@ -27,6 +28,8 @@ from r2bspec.language.spec import Container, Launch, ParameterValue
 from r2bspec.wiring.wiring import NodeWiring
 
 HARNESS_ARGV = ("$(python)", "-P", "-m", "r2bspec.harness.child")
+
+NATIVE_ARGV = ("$(harness)",)
 
 _MAIN_ARGV = ("$(python)", "-P", "-m", "r2bspec.harness.node_main")
 

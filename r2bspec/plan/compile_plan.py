@@ -15,11 +15,10 @@ from r2bspec.plan.plan import (
     HarnessPlan,
     Plan,
     PlayPlan,
-    PluginPlan,
     SearchPlan,
     TimelinePlan,
 )
-from r2bspec.plan.process_plans import harness_plugins, plan_external, plan_processes
+from r2bspec.plan.process_plans import plan_external, plan_processes
 from r2bspec.plan.step_plans import plan_after_ready, plan_ready, plan_setup
 from r2bspec.plan.topic_plans import plan_inputs, plan_topics
 from r2bspec.wiring.build_wiring import build_wiring, harness_topic
@@ -200,11 +199,7 @@ def _timeline(spec: Spec) -> TimelinePlan | None:
 
 
 def _harness(spec: Spec) -> HarnessPlan:
-    parts = {
-        part: PluginPlan(package=each.package, plugin=each.plugin, parameters=each.parameters)
-        for part, each in harness_plugins(spec.harness).items()
-    }
-    return HarnessPlan(kind=spec.harness.kind, placement=spec.harness.placement, **parts)
+    return HarnessPlan(placement=spec.harness.placement)
 
 
 def _gate(spec: Spec) -> GatePlan:

@@ -22,7 +22,6 @@ def plan_monitors(spec: Spec, wiring: Wiring) -> tuple[MonitorPlan, ...]:
             label=each.label,
             answers=_answers(each, spec, wiring),
             taps=_taps(each, wiring) if each.taps else (),
-            parameters=each.parameters,
         )
         for name, each in spec.monitors.items()
     )

@@ -79,19 +79,19 @@ class NodePlan(_Value, frozen=True, kw_only=True):
 class ProcessPlan(_Value, frozen=True, kw_only=True):
     """One process. `env` has only the changes to the environment common to all processes.
 
-    In `argv`, ``$(python)`` is the interpreter that runs r2bspec, ``$(executable P E)`` the path of
-    executable E of package P in the ament index, and ``$(included_launch)`` the launch file of
-    r2bspec that includes another one (`r2bspec.harness.included_launch`). The `prefix` of the spec
-    is at the beginning of `argv`. `nodes` of a command has its name in the spec; a command need
-    not be a ROS node.
+    In `argv`, ``$(python)`` is the interpreter that runs r2bspec, ``$(harness)`` the program of
+    player and monitor, which is built on first use (`r2bspec.native`), ``$(executable P E)`` the
+    path of executable E of package P in the ament index, and ``$(included_launch)`` the launch file
+    of r2bspec that includes another one (`r2bspec.harness.included_launch`). The `prefix` of the
+    spec is at the beginning of `argv`. `nodes` of a command has its name in the spec; a command
+    need not be a ROS node.
 
     Roles:
         loader, player, monitor: processes of the harness, configured over the control channel.
         harness: player and monitor in one process, with the Python nodes in `nodes`.
         host: a process of Python nodes, which it spins with `executor` and `threads`.
         container: a C++ component container, into which the `nodes` are loaded in order with its
-            ``_container/load_node`` service. With the harness ``ros2_benchmark``, `nodes` includes
-            the parts of the harness.
+            ``_container/load_node`` service.
         command: any other process, including an executable of a package or a launch file.
 
     Attributes:
@@ -224,7 +224,6 @@ class MonitorPlan(_Value, frozen=True, kw_only=True):
         answers: in a timeline, the topics of the inputs that it answers: a step counts for it if
             it has messages of all of them. Otherwise empty, because each step has all inputs.
         taps: topics whose messages are also matched by stamp; in the order of the plan's topics.
-        parameters: of the monitor component, with the harness ``ros2_benchmark``.
     """
 
     name: str
@@ -237,7 +236,6 @@ class MonitorPlan(_Value, frozen=True, kw_only=True):
     label: str = ""
     answers: tuple[str, ...] = ()
     taps: tuple[TapPlan, ...] = ()
-    parameters: dict[str, Any] = {}
 
 
 class SearchPlan(_Value, frozen=True, kw_only=True):
@@ -283,22 +281,10 @@ class TimelinePlan(_Value, frozen=True, kw_only=True):
     shift_tf: bool
 
 
-class PluginPlan(_Value, frozen=True, kw_only=True):
-    """A C++ component that replaces a part of the harness."""
-
-    package: str
-    plugin: str
-    parameters: dict[str, Any] = {}
-
-
 class HarnessPlan(_Value, frozen=True, kw_only=True):
-    """The harness; the plugins are those of ``ros2_benchmark``, otherwise None."""
+    """Where the player and the monitors run: in separate processes, or in one."""
 
-    kind: Literal["r2bspec", "ros2_benchmark"] = "r2bspec"
     placement: Literal["separate", "shared"] = "separate"
-    data_loader: PluginPlan | None = None
-    playback: PluginPlan | None = None
-    monitor: PluginPlan | None = None
 
 
 class GatePlan(_Value, frozen=True, kw_only=True):

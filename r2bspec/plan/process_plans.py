@@ -11,8 +11,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Literal
 
-from r2bspec.language.spec import Container, Harness, Node, Plugin, Spec
-from r2bspec.plan.command_lines import HARNESS_ARGV, container_argv, host_argv, node_argv
+from r2bspec.language.spec import Container, Node, Spec
+from r2bspec.plan.command_lines import (
+    HARNESS_ARGV,
+    NATIVE_ARGV,
+    container_argv,
+    host_argv,
+    node_argv,
+)
 from r2bspec.plan.plan import ExternalPlan, NodePlan, ProcessPlan
 from r2bspec.wiring.wiring import NodeWiring, Phase, Wiring
 
@@ -27,12 +33,6 @@ SHARED_PROCESS_NAME = "graph"
 
 SHARED_CONTAINER_NAME = "components"
 """Name of the container of all C++ components with ``placement: shared``."""
-
-_ROS2_BENCHMARK_PLUGINS = {
-    "data_loader": Plugin(package="ros2_benchmark", plugin="ros2_benchmark::DataLoaderNode"),
-    "playback": Plugin(package="ros2_benchmark", plugin="ros2_benchmark::PlaybackNode"),
-    "monitor": Plugin(package="ros2_benchmark", plugin="ros2_benchmark::MonitorNode"),
-}
 
 
 def plan_processes(spec: Spec, wiring: Wiring) -> tuple[ProcessPlan, ...]:
@@ -59,11 +59,7 @@ def plan_external(wiring: Wiring) -> tuple[ExternalPlan, ...]:
 
 def has_single_harness(spec: Spec) -> bool:
     """Whether the harness is one process during the measurement."""
-    return (
-        spec.harness.placement == "shared"
-        or spec.harness.kind == "ros2_benchmark"
-        or spec.graph.placement == "harness"
-    )
+    return spec.harness.placement == "shared" or spec.graph.placement == "harness"
 
 
 def reserved_names(spec: Spec) -> tuple[str, ...]:
@@ -105,7 +101,7 @@ def _graph_processes(spec: Spec, wiring: Wiring) -> Iterator[ProcessPlan]:
             together.append(node)
     if spec.graph.placement == "shared":
         yield from _shared(wiring, together)
-    elif spec.harness.kind != "ros2_benchmark":
+    else:
         # The process of the harness can have Python nodes only.
         for node in together:
             if node.role == "container":
@@ -191,7 +187,8 @@ def _env(env: dict[str, str], nodes: Iterable[NodeWiring]) -> dict[str, str]:
 
 
 def _harness_process(role: Literal["loader", "player", "monitor"], phase: Phase) -> ProcessPlan:
-    return ProcessPlan(name=role, role=role, phase=phase, argv=HARNESS_ARGV, env={})
+    argv = HARNESS_ARGV if role == "loader" else NATIVE_ARGV
+    return ProcessPlan(name=role, role=role, phase=phase, argv=argv, env={})
 
 
 def _single_harness(spec: Spec, wiring: Wiring) -> ProcessPlan:
@@ -203,58 +200,16 @@ def _single_harness(spec: Spec, wiring: Wiring) -> ProcessPlan:
         and node.node.container not in spec.containers
         and node.shares_process
     ]
-    if spec.harness.kind == "ros2_benchmark":
-        components = [each for each in placed if each.role == "container"]
-        container = Container(executable="component_container_mt")
-        return ProcessPlan(
-            name=HARNESS_NAME,
-            role="container",
-            phase="measure",
-            argv=container_argv(HARNESS_NAME, container, wiring.namespace),
-            env=_env({}, components),
-            nodes=(
-                *_harness_nodes(spec, wiring.namespace),
-                *(_node(each) for each in components),
-            ),
-        )
     python = [each for each in placed if each.role == "host"]
     return ProcessPlan(
         name=HARNESS_NAME,
         role="harness",
         phase="measure",
-        argv=HARNESS_ARGV,
+        # Python nodes need an interpreter, whose process then hosts the native parts, too.
+        argv=HARNESS_ARGV if python else NATIVE_ARGV,
         env=_env({}, python),
         nodes=tuple(_node(each) for each in python),
     )
-
-
-def harness_plugins(harness: Harness) -> dict[str, Plugin]:
-    """The components of the harness by part; empty for the harness of r2bspec."""
-    if harness.kind != "ros2_benchmark":
-        return {}
-    return {part: getattr(harness, part) or own for part, own in _ROS2_BENCHMARK_PLUGINS.items()}
-
-
-def _harness_nodes(spec: Spec, namespace: str) -> Iterator[NodePlan]:
-    """The components of the harness: loader, player, and one per monitor."""
-    plugins = harness_plugins(spec.harness)
-    parts = [("data_loader", "data_loader", plugins["data_loader"].parameters)]
-    parts.append(("playback", "playback", plugins["playback"].parameters))
-    parts += [
-        ("monitor", f"monitor_{name}", plugins["monitor"].parameters | monitor.parameters)
-        for name, monitor in spec.monitors.items()
-    ]
-    for part, name, parameters in parts[2 if spec.live else 0 :]:
-        yield NodePlan(
-            name=f"{namespace.rstrip('/')}/{name}",
-            node=name,
-            namespace=namespace,
-            target="",
-            parameters=dict(parameters),
-            remappings={},
-            package=plugins[part].package,
-            plugin=plugins[part].plugin,
-        )
 
 
 def _process(node: NodeWiring, name: str, phase: Phase) -> Iterator[ProcessPlan]:

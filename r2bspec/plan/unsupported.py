@@ -25,5 +25,5 @@ def unsupported_features(plan: Plan) -> list[UnsupportedFeature]:
 
 
 def _harness(plan: Plan) -> Iterator[UnsupportedFeature]:
-    if plan.harness.kind != "r2bspec":
-        yield UnsupportedFeature("harness.kind", f"the harness {plan.harness.kind!r}")
+    if plan.harness.placement not in {"separate", "shared"}:
+        yield UnsupportedFeature("harness.placement", f"placement {plan.harness.placement!r}")

@@ -253,7 +253,9 @@ class FloorRecord(msgspec.Struct, frozen=True, kw_only=True):
     It is measured before the nodes are started, from the player to a subscription on the input
     `topic`; `received` of `sent` messages of at most `bytes` bytes arrived. Latency is from
     publication to the arrival in the middleware, lateness from the due time to publication; None
-    without samples. `disturbed` is the host interference meanwhile, in words.
+    without samples. `disturbed` is the host interference meanwhile, in words. `placement` is that
+    of the harness, with which it was measured: ``separate``, ``shared`` or ``graph``; `processes`
+    is in how many processes player and monitor were. Both are unknown in old records.
     """
 
     topic: str
@@ -266,6 +268,8 @@ class FloorRecord(msgspec.Struct, frozen=True, kw_only=True):
     lateness_p50_ns: int | None
     lateness_p99_ns: int | None
     disturbed: tuple[str, ...] = ()
+    placement: str = ""
+    processes: int = 0
 
 
 class SilenceRecord(msgspec.Struct, frozen=True, kw_only=True):

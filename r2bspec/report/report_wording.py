@@ -12,6 +12,7 @@ from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import at_rate, show
 from r2bspec.middleware.rmw_registry import middleware_named
 from r2bspec.record.run_record import Probe, ProfileRecord, SearchRecord, StartRecord
+from r2bspec.report.harness_wording import overhead_notes
 
 OUTCOME_WORDS: dict[OverallOutcome, str] = {
     "pass": "✔ PASS",
@@ -215,6 +216,7 @@ def notes(result: Result) -> Iterator[str]:
     yield from affected_iteration_notes(result.verdict.disturbed)
     yield from unplayed_notes(result)
     yield from _disturbed_probe_notes(result.metrics)
+    yield from overhead_notes(result)
     yield from _disturbed_overhead_notes(result)
     yield from result.left_out
     yield from _live_notes(result)

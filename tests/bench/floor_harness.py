@@ -28,6 +28,7 @@ from r2bspec.ipc.buffers import largest_message_bytes
 from r2bspec.ipc.schedule import CyclicSchedule
 from r2bspec.judge.rate_decision import Criterion, estimate_probe, judge_final, plan_interim_looks
 from r2bspec.language.spec import QoS
+from r2bspec.native.harness_library import harness_program
 from r2bspec.plan.plan import InputPlan, MonitorPlan, Plan
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import Probe
@@ -111,6 +112,8 @@ def floor(
     placement: str,
     changes: Mapping[str, str] = MappingProxyType({}),
     without: Sequence[str] = (),
+    *,
+    native: bool = True,
 ) -> Iterator[Floor]:
     """Bring player and monitor up, warm them up, and end them.
 
@@ -150,7 +153,7 @@ def floor(
         stack.callback(children.close)
         plans = (MonitorPlan(name=MONITOR, topic=TOPIC, type=TYPE, match="stamp", qos=None),)
         watch = protocol.ConfigureMonitor(monitors=plans, rows_dir=str(rows))
-        player, monitor, pids = _start_parts(children, environment, folder, placement)
+        player, monitor, pids = _start_parts(children, environment, folder, placement, native)
         children.request(
             player,
             protocol.ConfigurePlayer(
@@ -185,14 +188,29 @@ def floor(
 
 
 def _start_parts(
-    children: ProcessSupervisor, environment: dict[str, str], folder: Path, placement: str
+    children: ProcessSupervisor,
+    environment: dict[str, str],
+    folder: Path,
+    placement: str,
+    native: bool,
 ) -> tuple[ManagedProcess, ManagedProcess, list[int]]:
     """Player and monitor, not configured yet, and the processes that they are in."""
 
     def start(name: str, parts: Sequence[str] = ()) -> ManagedProcess:
         program = [sys.executable, str(Path(__file__).with_name("floor_child.py"))]
+        if native:
+            program = [str(harness_program())]
         log = folder / "logs" / f"{name}.log"
-        return children.start(name, name, program, environment, cwd=folder, log=log, parts=parts)
+        return children.start(
+            name,
+            name,
+            program,
+            environment,
+            cwd=folder,
+            log=log,
+            parts=parts,
+            native=("", *parts) if native else (),
+        )
 
     if placement == "one process":
         parts = ("player", "monitor")

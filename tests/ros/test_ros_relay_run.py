@@ -92,7 +92,7 @@ def test_the_folder_has_everything_and_nothing_else(done: Finished) -> None:
         "surroundings.npy",
     ]
     logs = sorted(each.name for each in (done.folder / "logs").iterdir())
-    assert logs == ["monitor.log", "player.log", "relay.log"]
+    assert logs == ["harness.observer.log", "monitor.log", "player.log", "relay.log"]
 
 
 def test_the_phases_come_in_the_order_of_the_plan(done: Finished) -> None:
@@ -104,10 +104,9 @@ def test_the_phases_come_in_the_order_of_the_plan(done: Finished) -> None:
 
 def test_every_process_of_the_plan_ran_and_ended_politely(done: Finished) -> None:
     run = done.run()
-    assert {each.name for each in run.record.processes} == {
-        each.name for each in run.plan.processes
-    }
-    assert [each.exit_code for each in run.record.processes] == [0, 0, 0]
+    planned = {each.name for each in run.plan.processes}
+    assert {each.name for each in run.record.processes} == planned | {"harness.observer"}
+    assert [each.exit_code for each in run.record.processes] == [0, 0, 0, 0]
 
 
 def test_progress_goes_to_standard_error_and_the_report_to_standard_output(done: Finished) -> None:
@@ -172,8 +171,8 @@ def test_messages_arrive_as_large_as_they_were_sent(done: Finished) -> None:
 
 def test_every_process_was_sampled_while_it_ran(done: Finished) -> None:
     rows = done.run().resources()
-    assert set(rows["process"]) == {CONTROLLER_INDEX, MACHINE_INDEX, 0, 1, 2}
-    for number in range(3):
+    assert set(rows["process"]) == {CONTROLLER_INDEX, MACHINE_INDEX, 0, 1, 2, 3}
+    for number in range(4):
         used = rows[rows["process"] == number]["cpu_s"]
         assert np.all(np.diff(used) >= 0)
     names = [each.name for each in done.run().record.processes]

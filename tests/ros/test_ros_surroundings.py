@@ -236,13 +236,6 @@ def test_what_is_there_is_not_made_again(bench: Bench, everything: Finished) -> 
             ("process eater uses", "its limit is 400 MiB"),
             id="a node takes more memory than it may",
         ),
-        pytest.param(
-            {"harness": {"kind": "ros2_benchmark"}},
-            2,
-            "R2B619",
-            ("this version cannot run the harness 'ros2_benchmark'",),
-            id="what cannot be run yet is refused",
-        ),
     ],
 )
 def test_what_goes_wrong_is_named(

@@ -12,6 +12,8 @@ from typing import Any
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 
+from r2bspec.native.build import build
+from r2bspec.native.ros_headers import find_ros
 from ros_runs import IMAGE, START_NS, image
 
 TF_TYPE = "tf2_msgs/msg/TFMessage"
@@ -79,7 +81,17 @@ def write_transform_bag(
 
 
 def with_tf2() -> dict[str, str]:
-    """Changes to the environment in which tf2_msgs can be imported."""
+    """Changes to the environment in which tf2_msgs can be imported, and loaded by programs in C."""
     if importlib.util.find_spec("tf2_msgs") is not None:
         return {}
-    return {"PYTHONPATH": os.pathsep.join([str(_STAND_IN), os.environ.get("PYTHONPATH", "")])}
+    library = build(
+        "libtf2_msgs__rosidl_typesupport_c.so",
+        [_STAND_IN / "tf2_msgs_type.c"],
+        find_ros(),
+        kind="library",
+        libraries=("-lgeometry_msgs__rosidl_typesupport_c",),
+    )
+    return {
+        name: os.pathsep.join([str(folder), os.environ.get(name, "")])
+        for name, folder in (("PYTHONPATH", _STAND_IN), ("LD_LIBRARY_PATH", library.parent))
+    }

@@ -14,12 +14,11 @@ from r2bspec.check.rule_api import (
     Rule,
     quote,
 )
-from r2bspec.wiring.name_resolution import node_name
 
 
 def _find(context: Context) -> Findings:
     for phase in context.wiring.phases:
-        first: dict[str, tuple[str, Path]] = dict(_generated_nodes(context, phase))
+        first: dict[str, tuple[str, Path]] = dict(_generated_nodes(phase))
         for node in phase.nodes:
             if node.node.kind.names_own_nodes or not node.is_ros_process:
                 continue
@@ -34,18 +33,11 @@ def _find(context: Context) -> Findings:
                 )
 
 
-def _generated_nodes(
-    context: Context, phase: PhaseWiring
-) -> Iterator[tuple[str, tuple[str, Path]]]:
-    """The nodes that a plan adds to those of the spec: containers and the harness."""
-    namespace = context.wiring.namespace
+def _generated_nodes(phase: PhaseWiring) -> Iterator[tuple[str, tuple[str, Path]]]:
+    """The nodes that a plan adds to those of the spec: the containers."""
     for node in phase.nodes:
         if node.node.kind.role == "container" and not node.node.container:
             yield f"{node.name}_container", (f"the container of {node.key}", node.path)
-    if context.spec.harness.kind == "ros2_benchmark" and phase.phase == "measure":
-        monitors = (f"monitor_{name}" for name in context.spec.monitors)
-        for part in ("data_loader", "playback", *monitors):
-            yield node_name(part, namespace), ("a part of the harness", ("harness",))
 
 
 RULE = Rule(

@@ -58,13 +58,6 @@ def _packages(context: Context) -> Iterator[tuple[Path, str]]:
             yield (*node.path, "package"), node.node.package
         elif node.node.launch is not None and node.node.launch.package:
             yield (*node.path, "launch", "package"), node.node.launch.package
-    harness = context.spec.harness
-    for part in ("data_loader", "playback", "monitor"):
-        plugin = getattr(harness, part)
-        if plugin is not None:
-            yield ("harness", part, "package"), plugin.package
-    if harness.kind == "ros2_benchmark" and not harness.playback:
-        yield ("harness",), "ros2_benchmark"
 
 
 RULE = Rule(

@@ -34,7 +34,7 @@ from r2bspec.execute.processes.middleware_check import check_loaded_rmw
 from r2bspec.execute.processes.shared_memory_check import require_free_shared_memory
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
-from r2bspec.plan.command_lines import container_node_name
+from r2bspec.plan.command_lines import NATIVE_ARGV, container_node_name
 from r2bspec.plan.plan import AfterReadyPlan, Plan, ProcessPlan
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import Difference
@@ -44,6 +44,9 @@ NODE_ROLES = frozenset({"host", "container", "command"})
 
 _COMPONENT_LOADER = "containers.load_node"
 """The process that loads components; no node and no container can have this name."""
+
+_OBSERVER = "harness.observer"
+"""The process that says what discovery shows; no node can have this name."""
 
 _CONFIGURE_TIMEOUT_S = 60.0
 _REPLY_TIMEOUT_S = 10.0
@@ -96,6 +99,7 @@ class Launcher:
         """
         harness = plan.role in {"loader", "player", "monitor", "harness"}
         environment = self._environment
+        parts = tuple(parts)
         child = self._supervisor.start(
             plan.name,
             plan.role,
@@ -104,9 +108,28 @@ class Launcher:
             cwd=self._base_dir,
             log=self._folder.log_path(plan.name),
             parts=parts,
+            native=("", *parts) if plan.argv == NATIVE_ARGV else parts,
         )
         apply_affinity(plan, child.pid)
         return child
+
+    def start_observer(self, guarded: tuple[str, ...]) -> ManagedProcess:
+        """Start the process that says what discovery shows; it is used after `wait_for_observer`.
+
+        Args:
+            guarded: topics on which every publisher is examined.
+        """
+        child = self._start_helper(_OBSERVER, "observer")
+        child.send(protocol.ConfigureObserver(guarded=guarded))
+        return child
+
+    def wait_for_observer(self, child: ManagedProcess) -> None:
+        """Wait until the observer is ready.
+
+        Raises:
+            RunError: it is not ready in time, or exits.
+        """
+        self._checked(self._supervisor.answer(child, protocol.Ready, _CONFIGURE_TIMEOUT_S))
 
     def start_hosts_early(self, plans: Iterable[ProcessPlan]) -> None:
         """Start the processes of Python nodes, and let them import ROS; `start_nodes` adopts them.
@@ -228,7 +251,7 @@ class Launcher:
         )
         if not containers:
             return
-        child = self._start_service_client(_COMPONENT_LOADER)
+        child = self._start_helper(_COMPONENT_LOADER)
         timeout_s = deadline.left_s
         timeout_ns = round(timeout_s * 1e9)
         self.configure(
@@ -238,11 +261,11 @@ class Launcher:
         self._supervisor.end([child])
         self._created_nodes |= {node.name for each in containers for node in each.nodes}
 
-    def _start_service_client(self, name: str) -> ManagedProcess:
-        """Start a harness process that will call services; it then waits for its role."""
+    def _start_helper(self, name: str, role: str = "caller") -> ManagedProcess:
+        """Start a harness process that is not in the plan; it then waits for its role."""
         return self._supervisor.start(
             name,
-            "caller",
+            role,
             [interpreter(), "-P", "-m", "r2bspec.harness.child"],
             self._environment.for_harness(),
             cwd=self._base_dir,
@@ -265,7 +288,7 @@ class Launcher:
             child = self._supervisor.start(name, "command", argv, env, cwd=self._base_dir, log=log)
             wait_for_exit(child, self._supervisor, timeout_s)
             return
-        child = self._start_service_client(name)
+        child = self._start_helper(name)
         self.configure(
             child,
             protocol.ConfigureCaller(

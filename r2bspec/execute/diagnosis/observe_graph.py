@@ -39,27 +39,30 @@ _COMMON_TOPICS = ("/rosout", "/parameter_events")
 
 
 class GraphObserver:
-    """Observes the graph from the process of a monitor.
+    """Observes the graph.
 
     Args:
         supervisor: all processes.
-        monitor: a process with the role of the monitor; for `observe`, a loader suffices.
+        observer: a process that says what discovery shows: the observer or a loader.
         plan: of the run.
         phase: ``preprocess`` or ``measure``.
         known: endpoints that exist for certain, as in `protocol.Ready`: discovery is incomplete
             until it shows all of them.
+        monitor: counts messages for `trace`.
     """
 
     def __init__(
         self,
         supervisor: ProcessSupervisor,
-        monitor: ManagedProcess,
+        observer: ManagedProcess,
         plan: Plan,
         phase: str,
         known: Iterable[tuple[str, str, str, str]] = (),
+        monitor: ManagedProcess | None = None,
     ) -> None:
         self._known_endpoints = [*known]
         self._supervisor = supervisor
+        self._observer = observer
         self._monitor = monitor
         self._plan = plan
         self._phase = phase
@@ -94,7 +97,7 @@ class GraphObserver:
             for number, (topic, publishers) in enumerate(discovered.writers.items())
             if publishers
         )
-        self._ask(protocol.Watch(monitors=watches), protocol.Matched)
+        self._ask_monitor(protocol.Watch(monitors=watches))
         self._wait_for_matches({each.topic for each in watches})
         files = {
             each.topic: RowReader(rows_dir / f"{each.name}.rows", MONITOR_FIELDS)
@@ -107,7 +110,7 @@ class GraphObserver:
         play()
         self._wait_for_quiet(files.values())
         passed = {topic: rows.count() - before[topic] for topic, rows in files.items()}
-        self._ask(protocol.Unwatch(), protocol.Matched)
+        self._ask_monitor(protocol.Unwatch())
         return self._gather(found, discovered, passed)
 
     def _wait_for_discovery(self) -> tuple[protocol.Surveyed, protocol.Discovered]:
@@ -162,12 +165,17 @@ class GraphObserver:
         )
 
     def _ask(self, command: object, kind: type[_Answer]) -> _Answer:
-        return self._supervisor.request(self._monitor, command, kind, _REPLY_TIMEOUT_S)
+        return self._supervisor.request(self._observer, command, kind, _REPLY_TIMEOUT_S)
+
+    def _ask_monitor(self, command: object) -> protocol.Matched:
+        if self._monitor is None:
+            raise ValueError("there is no monitor to trace with")
+        return self._supervisor.request(self._monitor, command, protocol.Matched, _REPLY_TIMEOUT_S)
 
     def _wait_for_matches(self, topics: set[str]) -> None:
         deadline = time.monotonic() + _MAX_MATCH_WAIT_S
         while time.monotonic() < deadline:
-            counts = self._ask(protocol.CountMatches(), protocol.Matched).counts
+            counts = self._ask_monitor(protocol.CountMatches()).counts
             if all(counts.get(topic, 0) for topic in topics):
                 return
             self._supervisor.pump(_POLL_S)

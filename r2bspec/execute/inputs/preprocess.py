@@ -33,7 +33,7 @@ from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervis
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import buffered_transforms
 from r2bspec.ipc.transform_stamps import TF, TF_STATIC, TF_TYPE
-from r2bspec.plan.command_lines import HARNESS_ARGV
+from r2bspec.plan.command_lines import NATIVE_ARGV
 from r2bspec.plan.plan import Plan, ProcessPlan
 
 _PHASE: Final = "preprocess"
@@ -165,16 +165,15 @@ def _trace_messages(
     rows_dir: Path,
 ) -> GraphFacts:
     """Publish some messages again, and count the messages on each topic."""
-    observer_process = launcher.start(
-        ProcessPlan(name="observer", role="monitor", phase=_PHASE, argv=HARNESS_ARGV, env={})
+    monitor = launcher.start(
+        ProcessPlan(name="monitor", role="monitor", phase=_PHASE, argv=NATIVE_ARGV, env={})
     )
-    launcher.configure(
-        observer_process, protocol.ConfigureMonitor(monitors=(), rows_dir=str(rows_dir))
-    )
+    launcher.configure(monitor, protocol.ConfigureMonitor(monitors=(), rows_dir=str(rows_dir)))
 
     def play() -> None:
         command = protocol.Play(rate_hz=TRACE_RATE_HZ, steps=TRACE_STEPS)
         supervisor.request(loader, command, protocol.Played, _PLAY_TIMEOUT_S)
 
     known = launcher.endpoints_in(plan, _PHASE)
-    return GraphObserver(supervisor, observer_process, plan, _PHASE, known).trace(rows_dir, play)
+    observer = GraphObserver(supervisor, loader, plan, _PHASE, known, monitor)
+    return observer.trace(rows_dir, play)

@@ -21,7 +21,7 @@ _REPLY_TIMEOUT_S = 10.0
 def guarded_topics(plan: Plan) -> tuple[str, ...]:
     """The topics on which only processes of the run may publish: what is played and watched.
 
-    None where nodes of others take part, or a process loads another middleware than the monitor,
+    None where nodes of others take part, or a process loads another middleware than the observer,
     so that it cannot be known by its identifiers.
     """
     if plan.external or any(RMW_VARIABLE in each.env for each in plan.processes):
@@ -32,14 +32,14 @@ def guarded_topics(plan: Plan) -> tuple[str, ...]:
     return tuple(dict.fromkeys(topics))
 
 
-def foreign_publishers(supervisor: ProcessSupervisor, monitor: ManagedProcess) -> tuple[str, ...]:
+def foreign_publishers(supervisor: ProcessSupervisor, observer: ManagedProcess) -> tuple[str, ...]:
     """Every publisher that was seen on guarded topics and is no process's of the run, in words."""
     seen = supervisor.request(
-        monitor, protocol.ListForeign(), protocol.ForeignPublishers, _REPLY_TIMEOUT_S
+        observer, protocol.ListForeign(), protocol.ForeignPublishers, _REPLY_TIMEOUT_S
     ).publishers
     if not seen:
         return ()
-    # The monitor knows processes by their environment, which one may have lost or may hide.
+    # The observer knows processes by their environment, which one may have lost or may hide.
     pids = supervisor.pids()
     middleware = middleware_of(os.environ)
     foreign = [

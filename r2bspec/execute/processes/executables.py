@@ -11,6 +11,8 @@ from pathlib import Path
 from r2bspec import harness
 from r2bspec.execute.errors import NotInstalledError
 from r2bspec.execute.host.machine import interpreter
+from r2bspec.native.errors import BuildError
+from r2bspec.native.harness_library import harness_program
 from r2bspec.plan.plan import ProcessPlan
 
 _EXECUTABLE = re.compile(r"\$\(executable (?P<package>\S+) (?P<name>\S+)\)")
@@ -47,6 +49,11 @@ def resolve_command(words: Sequence[str], what: str) -> list[str]:
 def _resolve(word: str) -> str:
     if word == "$(python)":
         return interpreter()
+    if word == "$(harness)":
+        try:
+            return str(harness_program())
+        except BuildError as error:
+            raise NotInstalledError(str(error), hint=error.hint, code=error.code) from error
     if word == "$(included_launch)":
         return str(Path(harness.__file__).with_name("included_launch.py"))
     found = _EXECUTABLE.fullmatch(word)

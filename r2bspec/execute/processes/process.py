@@ -38,6 +38,7 @@ class ManagedProcess:
         log_start: the size of its log, in bytes, when it was started: what an earlier process of
             this name has written.
         signals: those that the run has sent to it.
+        encode: how its commands are written on the channel.
     """
 
     def __init__(
@@ -60,6 +61,7 @@ class ManagedProcess:
         self.log_start = 0
         self.parts: dict[str, ManagedProcess] = {}
         self.signals: list[int] = []
+        self.encode: Callable[[Any], bytes] = protocol.encode
         self._redact = redact
         self._pending = bytearray()
 
@@ -79,11 +81,18 @@ class ManagedProcess:
         return self.process.session
 
     def send(self, message: Any) -> None:
-        """Send a command; errors are ignored, because `pump` detects an exited or blocked child."""
+        """Send a command.
+
+        Errors of the channel are ignored, because `pump` detects an exited or blocked child.
+
+        Raises:
+            OSError: a file that belongs to the command cannot be written.
+        """
         if self.connection is not None:
+            line = self.encode(message)
             with contextlib.suppress(OSError):
                 self.connection.settimeout(_SEND_TIMEOUT_S)
-                self.connection.sendall(protocol.encode(message))
+                self.connection.sendall(line)
 
     def read(self) -> bool:
         """Move received replies to the inbox; False at the end of the channel."""

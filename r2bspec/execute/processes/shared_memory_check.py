@@ -46,7 +46,8 @@ def require_free_shared_memory(
             f"there is no shared memory in {folder}: {error.strerror or error}",
             hint="Mount a tmpfs there, or state transport: udp.",
         ) from error
-    processes = sum(each.phase == phase for each in plan.processes)
+    # The observer, which no plan lists, runs with the measured graph.
+    processes = sum(each.phase == phase for each in plan.processes) + (phase == "measure")
     wanted = middleware.required_shm_bytes(processes, segment_bytes)
     if free < wanted:
         raise SharedMemoryError(

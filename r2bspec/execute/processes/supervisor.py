@@ -13,7 +13,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -24,6 +24,7 @@ from r2bspec.execute.processes.shared_memory_modes import SharedMemoryModes
 from r2bspec.execute.processes.shutdown import MAX_SIGTERM_S, end_sequentially
 from r2bspec.ipc import protocol
 from r2bspec.ipc.disk_errors import is_refusal
+from r2bspec.ipc.native_protocol import NativeEncoder
 from r2bspec.ipc.process_cleanup import clean_up, run_processes
 from r2bspec.ipc.sessions import SessionLeader
 from r2bspec.middleware.rmw_registry import middleware_of
@@ -81,9 +82,8 @@ class ProcessSupervisor:
         return iter(list(self._running.values()))
 
     def observer(self) -> ManagedProcess:
-        """A process that can report what discovery shows: the monitor or the loader."""
-        endpoints = (each for child in self for each in (child, *child.parts.values()))
-        return next(each for each in endpoints if each.role in {"monitor", "loader"})
+        """A process that can report what discovery shows: the observer or the loader."""
+        return next(each for each in self if each.role in {"observer", "loader"})
 
     def start(
         self,
@@ -95,12 +95,15 @@ class ProcessSupervisor:
         cwd: Path,
         log: Path,
         parts: Iterable[str] = (),
+        native: Collection[str] = (),
         umask: int = PRIVATE_UMASK,
     ) -> ManagedProcess:
         """Start a process in its own session, with its output in `log`.
 
         It has a control channel, and one more for each of its `parts`, unless it is not part of
-        r2bspec. By its `umask`, other users cannot read the shared memory of its middleware.
+        r2bspec; those of `native` parts, and of a native process (an empty name), have commands as
+        `NativeEncoder` writes them. By its `umask`, other users cannot read the shared memory of
+        its middleware.
 
         Raises:
             NotInstalledError: the program does not exist, or may not be executed.
@@ -152,6 +155,8 @@ class ProcessSupervisor:
                     part, part, process, log, None, self._redact
                 )
             endpoint.connection = ours
+            if part in native:
+                endpoint.encode = NativeEncoder()
             self._selector.register(ours, selectors.EVENT_READ, endpoint)
         self._running[name] = child
         self._all.append(child)

@@ -15,7 +15,6 @@ _ONE_OF: dict[str, tuple[str, ...]] = {
 }
 _TIMELINE_ONLY = ("timeline", "record_timeline", "tf")
 _PLAYBACK_SECTIONS = ("data_loader", "preprocessors")
-_HARNESS_COMPONENTS = ("data_loader", "playback", "monitor")
 
 
 def section_constraint_errors(root: TreeNode, misspelt: set[Path]) -> Iterator[Diagnostic]:
@@ -30,7 +29,6 @@ def section_constraint_errors(root: TreeNode, misspelt: set[Path]) -> Iterator[D
             if isinstance(launch, MapNode):
                 yield from _launch(launch, (*path, "launch"), misspelt)
     yield from _playback(root)
-    yield from _harness(root)
     yield from _transport(root)
     yield from _benchmark(root)
     yield from _conditions(root)
@@ -142,24 +140,6 @@ def _translations(playback: MapNode) -> Iterator[Diagnostic]:
                 f"unknown playback input '{topic}'",
                 f"did you mean '{close}'? {known}" if close else known,
             )
-
-
-def _harness(root: TreeNode) -> Iterator[Diagnostic]:
-    harness = child(root, "harness")
-    other = isinstance(harness, MapNode) and _word(harness, "kind") not in ("", "r2bspec")
-    if isinstance(harness, MapNode) and not other:
-        for key in _HARNESS_COMPONENTS:
-            if key in harness.entries:
-                message = f"'harness.{key}' has no effect with the harness r2bspec"
-                help_text = "write 'kind: ros2_benchmark', or remove it"
-                yield _at_key(harness, ("harness",), key, message, help_text)
-    if not other:
-        for path, monitor in _map_entries(root, ("monitors",)):
-            if "parameters" in monitor.entries:
-                message = f"'{format_path((*path, 'parameters'))}' has no effect: monitors of the "
-                message += "harness r2bspec have no parameters"
-                help_text = "write 'harness: {kind: ros2_benchmark}', or remove it"
-                yield _at_key(monitor, path, "parameters", message, help_text)
 
 
 def _transport(root: TreeNode) -> Iterator[Diagnostic]:

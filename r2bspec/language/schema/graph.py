@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from r2bspec.language.schema import name_patterns
 from r2bspec.language.schema.node import nodes
-from r2bspec.language.schema.parameters import values
 from r2bspec.language.schema.qos import qos
 from r2bspec.language.schema.reuse import repeat, sibling
 from r2bspec.language.schema.schema_builder import (
@@ -84,9 +83,6 @@ MONITORS: Schema = name_map(
                 "Whether the topics on the path to it are monitored, too, so that reports show the "
                 "latency of each hop. The additional subscriptions cost some time.",
                 default=False,
-            ),
-            "parameters": values(
-                "Parameters of the component that monitors, with the harness ros2_benchmark."
             ),
         },
         required=["topic", "format"],

@@ -1,10 +1,8 @@
-"""`harness` and `transport`: what plays and monitors, and how messages are transported."""
+"""`harness` and `transport`: where player and monitors run, and how messages are transported."""
 
 from __future__ import annotations
 
 from r2bspec.language.quantities import Size
-from r2bspec.language.schema import name_patterns
-from r2bspec.language.schema.parameters import values
 from r2bspec.language.schema.schema_builder import (
     Schema,
     choice,
@@ -12,10 +10,10 @@ from r2bspec.language.schema.schema_builder import (
     or_words,
     quantity,
     record,
-    text,
 )
 
 _KINDS = ["inherit", "shared_memory", "udp"]
+_PLACEMENTS = ["separate", "shared"]
 
 TRANSPORT: Schema = or_words(
     record(
@@ -41,43 +39,19 @@ TRANSPORT: Schema = or_words(
 )
 
 
-def _plugin(what: str, example: str) -> Schema:
-    return record(
-        f"With ros2_benchmark: the component that {what}, instead of its default.",
-        {
-            "package": text(
-                "The ROS package of the component.",
-                form=name_patterns.PACKAGE,
-                examples=["ros2_benchmark"],
-            ),
-            "plugin": text(
-                "The class of the component.", form=name_patterns.PLUGIN, examples=[example]
-            ),
-            "parameters": values("Parameters of the component."),
-        },
-        required=["package", "plugin"],
-        examples=[{"package": "ros2_benchmark", "plugin": example}],
-    )
-
-
 HARNESS: Schema = or_words(
     record(
-        "What plays and monitors: r2bspec itself, or the C++ nodes of ros2_benchmark if they are "
-        "installed.",
+        "Where the player and the monitors run.",
         {
-            "kind": choice("The harness.", ["r2bspec", "ros2_benchmark"], "r2bspec"),
             "placement": choice(
                 "Whether the player and the monitors run in separate processes or share one.",
-                ["separate", "shared"],
+                _PLACEMENTS,
                 "separate",
             ),
-            "data_loader": _plugin("loads the data", "ros2_benchmark::DataLoaderNode"),
-            "playback": _plugin("plays the messages", "ros2_benchmark::PlaybackNode"),
-            "monitor": _plugin("monitors a topic", "ros2_benchmark::MonitorNode"),
         },
-        examples=[{"kind": "ros2_benchmark"}],
+        examples=[{"placement": "shared"}],
         default={},
     ),
-    ["r2bspec"],
-    ["r2bspec"],
+    _PLACEMENTS,
+    ["shared"],
 )

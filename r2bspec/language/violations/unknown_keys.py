@@ -12,6 +12,7 @@ from r2bspec.diagnostics.quote import quote
 from r2bspec.language.diagnostic_collector import MAX_PROBLEMS
 from r2bspec.language.located_tree import MapNode
 from r2bspec.language.schema_validator import schema as strict
+from r2bspec.language.violations.retired_keys import retired_key_help
 from r2bspec.language.violations.schema_words import comma_separated, join_words
 from r2bspec.language.violations.violation import Violation
 
@@ -48,6 +49,10 @@ def unknown_keys(violation: Violation) -> Iterator[tuple[Diagnostic, str]]:
         return
     properties: dict[str, Any] = violation.schema["properties"]
     unknown = [key for key in owner.entries if key not in properties][: MAX_PROBLEMS + 1]
+    for key in tuple(unknown):
+        if gone := retired_key_help(violation.path, key):
+            yield _diagnostic(violation, owner, key, gone), ""
+            unknown.remove(key)
     absent = [key for key in properties if key not in owner.entries]
     meant = _intended_keys(unknown, absent)
     for key in unknown:

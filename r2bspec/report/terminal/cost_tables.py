@@ -8,6 +8,7 @@ from r2bspec.measure.distribution_parts import TAIL_PERCENTILE, part_title, part
 from r2bspec.measure.metrics import RateMetrics, RunMetrics, UseMetrics
 from r2bspec.measure.units import show, show_rate, significant
 from r2bspec.record.run_record import FloorRecord
+from r2bspec.report.harness_wording import overhead_placement
 from r2bspec.report.terminal.style import heading, table
 
 _MEMORY_WIDTH = 9
@@ -46,10 +47,9 @@ def harness_overhead_section(floor: tuple[FloorRecord, ...]) -> RenderableType |
             *(_ns(value) for value in (each.latency_p50_ns, each.latency_p99_ns)),
             f"{each.received} of {each.sent}",
         )
-    return Group(
-        heading("harness overhead", "latency without the graph; included in the latencies above"),
-        made,
-    )
+    where = overhead_placement(floor)
+    what = f"latency without the graph{where and ', '}{where}; included in the latencies above"
+    return Group(heading("harness overhead", what), made)
 
 
 def _ns(value: int | None) -> str:

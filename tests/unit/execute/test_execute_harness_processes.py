@@ -92,12 +92,6 @@ def test_there_is_one_process_in_the_record(
     assert {each.pid for each in whole.parts.values()} == {whole.pid}
 
 
-def test_the_monitor_observes_wherever_it_is(
-    children: ProcessSupervisor, whole: ManagedProcess
-) -> None:
-    assert children.observer() is whole.parts["monitor"]
-
-
 def test_a_part_that_fails_is_named(children: ProcessSupervisor, whole: ManagedProcess) -> None:
     whole.parts["player"].send(play(0))
     with pytest.raises(ProcessFailedError, match="^player: cannot play nothing"):

@@ -21,7 +21,7 @@ from run_simulation import Simulation
 MIB = 1 << 20
 DOCKER = 64 * MIB
 IMAGE = 1280 * 720 * 3
-PROCESSES = 3
+PROCESSES = 4  # with the observer, which no plan lists
 FAST_DDS = middleware_of({})
 
 

@@ -65,6 +65,7 @@ COMMANDS: list[protocol.Command] = [
         )
     ),
     protocol.ConfigureMonitor(monitors=(MONITOR,), rows_dir="/rows"),
+    protocol.ConfigureObserver(guarded=("/a",)),
     protocol.ConfigureHost(nodes=(NODE,), base_dir="/spec"),
     protocol.Prepare(),
     protocol.ConfigureCaller(
@@ -89,6 +90,7 @@ COMMANDS: list[protocol.Command] = [
     protocol.Shutdown(),
 ]
 REPLIES: list[protocol.Reply] = [
+    protocol.Hello(pid=7, executable="/usr/bin/relay", part="player"),
     protocol.Ready(),
     protocol.Ready(
         endpoints=(("/r2b/relay", "/r2b/in", "x/msg/Y", "subscribes"),),

@@ -12,7 +12,6 @@ import pytest
     "module",
     [
         "harness.control_channel",
-        "harness.pacing",
         "harness.watchdog",
         "ipc.buffers",
         "ipc.header_stamps",

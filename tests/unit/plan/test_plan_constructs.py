@@ -101,23 +101,6 @@ def test_placement_harness_puts_python_nodes_beside_player_and_monitor() -> None
     assert [each.node for each in made.processes[0].nodes] == ["b"]
 
 
-def test_the_reference_harness_is_one_container() -> None:
-    made = plan(
-        STRAIGHT,
-        harness={"kind": "ros2_benchmark", "monitor": {"package": "p", "plugin": "p::Monitor"}},
-        graph=graph("harness", a=RECTIFY),
-    )
-    (harness,) = made.processes
-    assert [(each.node, each.plugin) for each in harness.nodes] == [
-        ("data_loader", "ros2_benchmark::DataLoaderNode"),
-        ("playback", "ros2_benchmark::PlaybackNode"),
-        ("monitor_output", "p::Monitor"),
-        ("a", "image_proc::RectifyNode"),
-    ]
-    assert made.harness.monitor is not None
-    assert made.harness.monitor.plugin == "p::Monitor"
-
-
 # Other kinds of nodes
 
 

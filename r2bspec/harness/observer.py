@@ -1,0 +1,94 @@
+"""The observer: says what discovery shows of the graph, on request; it has no topics of its own.
+
+Nothing here is timed. Between requests it only looks, five times a second and for microseconds, for
+publishers that are no process's of the run.
+"""
+
+from __future__ import annotations
+
+from rclpy.node import Node
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+from r2bspec.harness import rclpy_tools
+from r2bspec.harness.control_channel import Channel
+from r2bspec.harness.parameter_lists import list_parameters
+from r2bspec.harness.publisher_guard import LOOK_PERIOD_S, PublisherGuard
+from r2bspec.ipc import protocol
+
+
+class Observer:
+    """Answers questions about nodes, topics and publishers."""
+
+    def __init__(self, channel: Channel, settings: protocol.ConfigureObserver) -> None:
+        self._channel = channel
+        self._node = rclpy_tools.start_node("observer")
+        self._guard = PublisherGuard(self._node, settings.guarded)
+        # Without topics to guard there is nothing to look at.
+        self._period_s = LOOK_PERIOD_S if settings.guarded else None
+
+    def serve(self) -> None:
+        """Answer commands until told to shut down."""
+        self._channel.send(protocol.Ready(rmw=rclpy_tools.loaded_rmw()))
+        while True:
+            if not self._channel.wait(self._period_s):
+                self._guard.look()
+                continue
+            match self._channel.receive():
+                case protocol.Discover(topics=topics):
+                    self._channel.send(discover(self._node, topics))
+                case protocol.Survey():
+                    self._channel.send(survey(self._node))
+                case protocol.ListParameters() as question:
+                    self._channel.send(list_parameters(question))
+                case protocol.ListForeign():
+                    self._channel.send(protocol.ForeignPublishers(publishers=self._guard.foreign()))
+                case protocol.Shutdown():
+                    return
+                case _:
+                    continue
+
+
+def discover(node: Node, topics: tuple[str, ...]) -> protocol.Discovered:
+    """The endpoints that discovery shows on these topics, including those of the harness."""
+    publishers = {each: node.get_publishers_info_by_topic(each) for each in topics}
+    subscriptions = {each: node.get_subscriptions_info_by_topic(each) for each in topics}
+    return protocol.Discovered(
+        writers={topic: tuple(map(_endpoint, infos)) for topic, infos in publishers.items()},
+        readers={topic: tuple(map(_endpoint, infos)) for topic, infos in subscriptions.items()},
+        qos_mismatches=tuple(
+            protocol.QosMismatch(_full_name(publisher), _full_name(subscription), topic, why)
+            for topic in topics
+            for publisher in publishers[topic]
+            for subscription in subscriptions[topic]
+            if (
+                why := rclpy_tools.qos_mismatch_reason(
+                    publisher.qos_profile, subscription.qos_profile
+                )
+            )
+        ),
+    )
+
+
+def _endpoint(info: TopicEndpointInfo) -> protocol.Endpoint:
+    return protocol.Endpoint(
+        node=_full_name(info),
+        type=info.topic_type,
+        reliability=info.qos_profile.reliability.name.lower(),
+        durability=info.qos_profile.durability.name.lower(),
+    )
+
+
+def _full_name(info: TopicEndpointInfo) -> str:
+    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+
+
+def survey(node: Node) -> protocol.Surveyed:
+    """The full names of the nodes, services and topics that discovery shows."""
+    return protocol.Surveyed(
+        nodes=tuple(
+            f"{namespace.rstrip('/')}/{name}"
+            for name, namespace in node.get_node_names_and_namespaces()
+        ),
+        services=tuple(name for name, _ in node.get_service_names_and_types()),
+        topics=tuple(name for name, _ in node.get_topic_names_and_types()),
+    )

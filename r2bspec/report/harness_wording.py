@@ -1,0 +1,27 @@
+"""Where player and monitors ran, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from r2bspec.judge.result import Result
+from r2bspec.measure.units import show
+from r2bspec.record.run_record import FloorRecord
+
+
+def overhead_placement(floor: tuple[FloorRecord, ...]) -> str:
+    """Between how many processes the overhead was measured; empty in records without it."""
+    processes = max((each.processes for each in floor), default=0)
+    return {1: "within one process", 2: "between two processes"}.get(processes, "")
+
+
+def overhead_notes(result: Result) -> Iterator[str]:
+    """With which placement of the harness the overhead was measured, and how large it is."""
+    where = overhead_placement(result.floor)
+    known = [each.latency_p50_ns for each in result.floor if each.latency_p50_ns is not None]
+    if where and known:
+        placement = result.floor[0].placement
+        yield (
+            f"The harness overhead is at most {show(max(known) / 1e9, 's')} at p50, {where} "
+            f"(harness.placement: {placement}); the latencies contain it"
+        )
