@@ -21,6 +21,7 @@ from typing import Any, Literal
 from r2bspec.check.installed_packages import find_module
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.bringup.commands import run_setup_step
+from r2bspec.execute.bringup.graph_joins import build_join_files
 from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.errors import (
     GraphMismatchError,
@@ -43,6 +44,7 @@ from r2bspec.execute.measurement.run_reporter import RunReporter
 from r2bspec.execute.measurement.time_budget import TimeBudget
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.executables import resolve_argv
+from r2bspec.execute.processes.joinable import require_joinable
 from r2bspec.execute.processes.middleware_check import check_middleware
 from r2bspec.execute.processes.redaction import make_redactor
 from r2bspec.execute.processes.ros_domain import reserved_domain
@@ -73,7 +75,6 @@ from r2bspec.measure.samples import RunSamples
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.start_groups import starts_of_iterations
-from r2bspec.plan.unsupported import unsupported_features
 from r2bspec.record.errors import RecordError
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import Difference, ProfileRecord, RunRecord
@@ -222,7 +223,6 @@ class _Controller:
 
     def _execute(self) -> None:
         _require_rclpy()
-        self._check_supported()
         self._check_profiler()
         check_middleware(self._plan, os.environ)
         SecretReferences(self._plan.environment, os.environ).require_set(self._plan)
@@ -248,15 +248,6 @@ class _Controller:
             # Before the domain is released, so that no other run sees these processes.
             self._supervisor.end(list(self._supervisor))
 
-    def _check_supported(self) -> None:
-        missing = unsupported_features(self._plan)
-        if missing:
-            raise UnsupportedError(
-                "this version cannot run "
-                + "; ".join(f"{each.what} ({each.path})" for each in missing),
-                hint="The spec is valid; 'validate' and 'plan' accept it, but 'run' does not yet.",
-            )
-
     def _check_profiler(self) -> None:
         if self.profile:
             profiled_processes(self._plan, self.profile_node)
@@ -265,7 +256,11 @@ class _Controller:
     def _check_programs_installed(self) -> None:
         """Check that every program exists before any is started, but after the setup steps."""
         for process in self._plan.processes:
-            resolve_argv(process)
+            argv = resolve_argv(process)
+            if process.join is not None:
+                require_joinable(process.name, argv)
+        if self._plan.harness.placement == "graph":
+            build_join_files()
 
     def _domain(self) -> contextlib.AbstractContextManager[int]:
         """A reserved domain; the user's own domain if the graph has external nodes."""

@@ -107,6 +107,13 @@ class UnsupportedError(RunError):
     exit_code = ExitStatus.USAGE
 
 
+class NotJoinableError(RunError):
+    """Player and monitors cannot run in a process of the graph; another attempt would not help."""
+
+    code = "R2B674"
+    exit_code = ExitStatus.USAGE
+
+
 class MiddlewareError(UnsupportedError):
     """The plan asks for something that the selected middleware (RMW) cannot be configured for."""
 

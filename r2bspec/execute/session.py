@@ -7,7 +7,7 @@ further sessions, the confirmation run, must also fail (`r2bspec.judge.confirmat
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,8 @@ import msgspec
 from r2bspec.execute.bringup.discovery import wait_for_mutual_discovery
 from r2bspec.execute.bringup.early_diagnosis import remapped_topics
 from r2bspec.execute.bringup.external_nodes import wait_for_external
+from r2bspec.execute.bringup.graph_harness import GraphHarness, overhead_processes
+from r2bspec.execute.bringup.graph_joins import GraphJoins, build_join_files
 from r2bspec.execute.bringup.harness_processes import HarnessProcesses
 from r2bspec.execute.bringup.launcher import (
     NODE_ROLES,
@@ -42,7 +44,11 @@ from r2bspec.execute.diagnosis.observe_graph import (
 from r2bspec.execute.errors import GraphMismatchError, NoOutputError, RunError
 from r2bspec.execute.inputs.build_schedule import build_schedule
 from r2bspec.execute.measurement.foreign_publishers import foreign_publishers, guarded_topics
-from r2bspec.execute.measurement.harness_overhead import measure_harness_overhead, overhead_rate_hz
+from r2bspec.execute.measurement.harness_overhead import (
+    can_be_measured,
+    measure_harness_overhead,
+    overhead_rate_hz,
+)
 from r2bspec.execute.measurement.live_mode import LiveSegmentWatcher
 from r2bspec.execute.measurement.run_reporter import RunReporter
 from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, SegmentPlayer
@@ -51,7 +57,7 @@ from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import buffered_transforms
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
 from r2bspec.measure.samples import SegmentSamples
-from r2bspec.plan.plan import MonitorPlan, Plan
+from r2bspec.plan.plan import MonitorPlan, Plan, ProcessPlan
 from r2bspec.plan.taps import all_taps, tap_monitors
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import (
@@ -200,13 +206,21 @@ class Session:
         again = f" again: start {self.start}" if self._is_later else ""
         self._reporter.phase("start", f"starting player and monitor{again}")
         self._launcher.check_shared_memory(self._plan, MEASURE_PHASE)
-        player, monitor = self._start_harness()
-        self._monitor = monitor
+        player, monitor = None, None
+        if self._is_joined:
+            self._measure_overhead_alone()
+        else:
+            player, monitor = self._start_harness()
         self._reporter.phase("graph", "starting the graph")
         deadline = StartDeadline(self._plan.start_timeout_ns)
         # Not before the harness overhead was measured, which its start would disturb.
         observer = self._observer = self._launcher.start_observer(guarded_topics(self._plan))
-        self._start_graph(player, monitor, observer, deadline)
+        if monitor is None:
+            player, monitor = self._start_joined_nodes(deadline)
+        else:
+            self._start_nodes(deadline)
+        self._monitor = monitor
+        self._connect_graph(player, monitor, observer, deadline)
         self._segment_player = (SegmentPlayer if player else LiveSegmentWatcher)(
             self._plan,
             self._supervisor,
@@ -256,18 +270,65 @@ class Session:
         if player is None:
             launcher.configure_all(commands)
             return player, monitor
-        configure = protocol.ConfigurePlayer(
-            inputs=plan.inputs,
-            buffer_dir=str(self._buffer_dir),
-            rows=str(self._rows_dir / PLAYBACK_ROWS),
-            transforms=buffered_transforms(self._buffer_dir),
-            clock=plan.clock,
+        ready, *_ = launcher.configure_all(
+            [(player, self._player_settings(self._rows_dir)), *commands]
         )
-        ready, *_ = launcher.configure_all([(player, configure), *commands])
         self._load_schedule(player, ready)
         if not self._is_later:
-            self._measure_overhead(player, monitor)
+            self._measure_overhead(player, monitor, self._rows_dir)
         return player, monitor
+
+    def _player_settings(self, rows_dir: Path) -> protocol.ConfigurePlayer:
+        return protocol.ConfigurePlayer(
+            inputs=self._plan.inputs,
+            buffer_dir=str(self._buffer_dir),
+            rows=str(rows_dir / PLAYBACK_ROWS),
+            transforms=buffered_transforms(self._buffer_dir),
+            clock=self._plan.clock,
+        )
+
+    def _measure_overhead_alone(self) -> None:
+        """Measure the overhead of a harness that will run in processes of the graph.
+
+        This is done in processes of its own, which are as far from each other, and end before the
+        graph starts: a graph would answer what is played.
+        """
+        inputs = self._plan.inputs
+        if self._is_later or not inputs or not can_be_measured(inputs):
+            return
+        rows_dir = self._rows_dir / "overhead"
+        rows_dir.mkdir()
+        parts = HarnessProcesses(self._launcher, overhead_processes(self._plan.processes))
+        player, monitor = parts.start("player"), parts.start("monitor")
+        ready, _ = self._launcher.configure_all(
+            [
+                (player, self._player_settings(rows_dir)),
+                (monitor, protocol.ConfigureMonitor(monitors=(), rows_dir=str(rows_dir))),
+            ]
+        )
+        self._load_schedule(player, ready)
+        self._measure_overhead(player, monitor, rows_dir)
+        self._supervisor.end(list(self._supervisor))
+
+    def _start_joined_nodes(
+        self, deadline: StartDeadline
+    ) -> tuple[ManagedProcess | None, ManagedProcess]:
+        """Start the nodes, and the player and the monitors in their processes."""
+
+        def configure_player(player: ManagedProcess) -> None:
+            ready = self._launcher.configure(player, self._player_settings(self._rows_dir))
+            self._load_schedule(player, ready)
+
+        harness = GraphHarness(self._launcher, self._plan, configure_player, self._rows_dir)
+        joins = GraphJoins(self._supervisor, self._rows_dir, build_join_files())
+        self._launcher.joins = joins
+        try:
+            if self._is_later:
+                self._launcher.start_hosts_early(self._node_processes())
+            self._start_nodes(deadline, harness.configure)
+        finally:
+            joins.close()
+        return harness.player, harness.monitor
 
     def _load_schedule(self, player: ManagedProcess, ready: protocol.Ready) -> None:
         """Let the player load all messages that it will play into its memory."""
@@ -275,9 +336,12 @@ class Session:
             self.schedule, self.unplayed = build_schedule(
                 self._plan, self._buffer_dir, ready.headers, self._reporter.note
             )
+            self._has_schedule = True
         self._launcher.configure(player, protocol.Follow(schedule=self.schedule))
 
-    def _measure_overhead(self, player: ManagedProcess, monitor: ManagedProcess) -> None:
+    def _measure_overhead(
+        self, player: ManagedProcess, monitor: ManagedProcess, rows_dir: Path
+    ) -> None:
         began_ns = time.monotonic_ns()
         self._reporter.phase("floor", "measuring the harness overhead")
         found = measure_harness_overhead(
@@ -285,7 +349,7 @@ class Session:
             player,
             monitor,
             self._plan.inputs,
-            self._rows_dir,
+            rows_dir,
             PLAYBACK_ROWS,
             overhead_rate_hz(self._plan),
             self.schedule,
@@ -301,24 +365,39 @@ class Session:
         )
         self.overhead_ns = time.monotonic_ns() - began_ns
 
-    def _start_graph(
+    @property
+    def _is_joined(self) -> bool:
+        """Whether player and monitors run in the processes of the graph."""
+        return self._plan.harness.placement == "graph"
+
+    def _node_processes(self) -> list[ProcessPlan]:
+        return [
+            each
+            for each in self._plan.processes
+            if each.phase == MEASURE_PHASE and each.role in NODE_ROLES
+        ]
+
+    def _start_nodes(
+        self,
+        deadline: StartDeadline,
+        on_joined: Callable[[ManagedProcess, ProcessPlan], None] = lambda _, __: None,
+    ) -> None:
+        self._launcher.start_nodes(
+            self._node_processes(),
+            deadline,
+            running_hosts=self._parts.node_hosts(),
+            on_joined=on_joined,
+        )
+
+    def _connect_graph(
         self,
         player: ManagedProcess | None,
         monitor: ManagedProcess,
         observer: ManagedProcess,
         deadline: StartDeadline,
     ) -> None:
-        """Start the nodes, then the subscriptions of the monitor; wait until all are matched."""
+        """Create the subscriptions of the monitor, after the nodes; wait until all are matched."""
         plan, supervisor = self._plan, self._supervisor
-        self._launcher.start_nodes(
-            (
-                each
-                for each in plan.processes
-                if each.phase == MEASURE_PHASE and each.role in NODE_ROLES
-            ),
-            deadline,
-            running_hosts=self._parts.node_hosts(),
-        )
         supervisor.request(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
         self._launcher.wait_for_observer(observer)
         if plan.external:

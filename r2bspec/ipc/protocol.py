@@ -232,11 +232,17 @@ Command = (
 
 
 class Hello(_Message, frozen=True, kw_only=True, tag=True):
-    """The first message of a part that has connected by itself: `r2bspec_harness_start`."""
+    """The first message of a part that has connected by itself: `r2bspec_harness_start`.
+
+    With an empty `part` it is from a process of the graph that asks whether it gets parts
+    (``join.c``): `process` is the name of the process in the plan that it belongs to.
+    """
 
     pid: int
     executable: str
     part: str
+    process: str = ""
+    arguments: tuple[str, ...] = ()
 
 
 class Ready(_Message, frozen=True, kw_only=True, tag=True):

@@ -91,10 +91,13 @@ class Harness(_SpecStruct, frozen=True, kw_only=True):
     """Where the player and the monitors run.
 
     Attributes:
-        placement: `separate` processes for player and monitors, or one `shared` process.
+        placement: `separate` processes for player and monitors, one `shared` process, or the
+            processes of the `graph`.
+        process: the node or process that gets the player; empty to find it.
     """
 
-    placement: Literal["separate", "shared"] = "separate"
+    placement: Literal["separate", "shared", "graph"] = "separate"
+    process: str = msgspec.field(name="in", default="")
 
 
 class Container(_SpecStruct, frozen=True, kw_only=True):
@@ -313,6 +316,8 @@ class Monitor(_SpecStruct, frozen=True, kw_only=True):
             the topic.
         label: how reports call it; its name if empty.
         taps: whether the topics on the path to it are monitored, too, for the latency of each hop.
+        process: with the harness in the graph, the node or process that gets the monitor; empty to
+            find it.
     """
 
     topic: str
@@ -323,6 +328,7 @@ class Monitor(_SpecStruct, frozen=True, kw_only=True):
     qos: QoS | None = None
     label: str = ""
     taps: bool = False
+    process: str = msgspec.field(name="in", default="")
 
 
 class Search(_SpecStruct, frozen=True, kw_only=True):

@@ -76,6 +76,21 @@ class NodePlan(_Value, frozen=True, kw_only=True):
     plugin: str = ""
 
 
+class JoinPlan(_Value, frozen=True, kw_only=True):
+    """The parts of the harness in a process of the graph.
+
+    Attributes:
+        player: whether the player is one.
+        monitors: the monitors, by name.
+        program: which program or node of a launch file gets them; empty for the first one of the
+            process that is a ROS node.
+    """
+
+    player: bool = False
+    monitors: tuple[str, ...] = ()
+    program: str = ""
+
+
 class ProcessPlan(_Value, frozen=True, kw_only=True):
     """One process. `env` has only the changes to the environment common to all processes.
 
@@ -101,6 +116,7 @@ class ProcessPlan(_Value, frozen=True, kw_only=True):
         nice: the nice value of the process; 0 leaves it unchanged.
         cpus: the CPUs on which it may run; all if empty.
         memory_limit_bytes: the resident memory at which the run fails; 0 for none.
+        join: the parts of the harness that run in it.
     """
 
     name: str
@@ -115,6 +131,7 @@ class ProcessPlan(_Value, frozen=True, kw_only=True):
     nice: int = 0
     cpus: tuple[int, ...] = ()
     memory_limit_bytes: int = 0
+    join: JoinPlan | None = None
 
 
 class ExternalPlan(_Value, frozen=True, kw_only=True):
@@ -282,9 +299,9 @@ class TimelinePlan(_Value, frozen=True, kw_only=True):
 
 
 class HarnessPlan(_Value, frozen=True, kw_only=True):
-    """Where the player and the monitors run: in separate processes, or in one."""
+    """Where the player and the monitors run: in separate processes, in one, or in the graph's."""
 
-    placement: Literal["separate", "shared"] = "separate"
+    placement: Literal["separate", "shared", "graph"] = "separate"
 
 
 class GatePlan(_Value, frozen=True, kw_only=True):

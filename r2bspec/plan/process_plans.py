@@ -19,6 +19,7 @@ from r2bspec.plan.command_lines import (
     host_argv,
     node_argv,
 )
+from r2bspec.plan.graph_placement import join_processes
 from r2bspec.plan.plan import ExternalPlan, NodePlan, ProcessPlan
 from r2bspec.wiring.wiring import NodeWiring, Phase, Wiring
 
@@ -41,10 +42,17 @@ def plan_processes(spec: Spec, wiring: Wiring) -> tuple[ProcessPlan, ...]:
     The process of a preprocessor has the name ``preprocess.KEY``, which no node can have.
     """
     nodes = tuple(_graph_processes(spec, wiring))
+    if spec.harness.placement == "graph":
+        return (*_preprocess(spec, wiring), *join_processes(spec, wiring, nodes))
     if has_single_harness(spec):
         return (*_preprocess(spec, wiring), _single_harness(spec, wiring), *nodes)
     before = () if spec.live else (_harness_process("player", "measure"),)
     return (*_preprocess(spec, wiring), *before, *nodes, _harness_process("monitor", "measure"))
+
+
+def graph_processes(spec: Spec, wiring: Wiring) -> tuple[ProcessPlan, ...]:
+    """The processes of the graph under test, without parts of the harness in them."""
+    return tuple(_graph_processes(spec, wiring))
 
 
 def plan_external(wiring: Wiring) -> tuple[ExternalPlan, ...]:
@@ -59,7 +67,9 @@ def plan_external(wiring: Wiring) -> tuple[ExternalPlan, ...]:
 
 def has_single_harness(spec: Spec) -> bool:
     """Whether the harness is one process during the measurement."""
-    return spec.harness.placement == "shared" or spec.graph.placement == "harness"
+    return spec.harness.placement == "shared" or (
+        spec.graph.placement == "harness" and spec.harness.placement != "graph"
+    )
 
 
 def reserved_names(spec: Spec) -> tuple[str, ...]:

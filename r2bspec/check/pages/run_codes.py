@@ -20,6 +20,16 @@ RUN_PAGES = (
         "Validating, planning and judging do not need it.",
     ),
     error_page(
+        "process-not-joinable",
+        "R2B674",
+        "player and monitors cannot join a process of the graph",
+        "With 'harness: {placement: graph}' player and monitors are loaded into the processes that "
+        "read the inputs and publish the outputs. A program that is linked statically, that runs "
+        "as another user than its caller (setuid), or that uses another C library does not load "
+        "them; neither does a process that is no ROS node, or that its wrapper starts without the "
+        "variables that it got. Use 'harness: {placement: separate}' for such graphs.",
+    ),
+    error_page(
         "run-failed",
         "R2B630",
         "run failed",

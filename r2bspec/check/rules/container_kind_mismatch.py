@@ -40,6 +40,7 @@ RULE = Rule(
     why="A component container loads C++ components, and a Python container loads rclpy nodes. "
     "Neither can load the other kind, or a program.",
     failing=example(
+        harness="{placement: graph}",
         containers="{perception: {executable: component_container}}",
         graph="""
             nodes:

@@ -46,6 +46,7 @@ RULE = Rule(
     why="Nodes of one container run in one process, and so do all Python nodes with 'placement: "
     "shared'. A process has one environment.",
     failing=example(
+        harness="{placement: graph}",
         graph="""
             placement: shared
             nodes:
@@ -57,7 +58,7 @@ RULE = Rule(
                 python: r2bspec.nodes.RelayNode
                 remappings: {input: relayed}
                 env: {OMP_NUM_THREADS: "4"}
-        """
+        """,
     ),
     passing=example(
         graph="""

@@ -8,12 +8,13 @@ deadline, the error names the endpoints that are not.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from r2bspec.execute.bringup.commands import wait_for_exit
 from r2bspec.execute.bringup.early_diagnosis import EarlyDiagnosis, remapped_topics
+from r2bspec.execute.bringup.graph_joins import GraphJoins
 from r2bspec.execute.bringup.spec_mismatches import (
     graph_mismatches,
     require_declared_parameters,
@@ -61,6 +62,7 @@ class Launcher:
         differences: between the nodes and the plan, none of which has failed the run so far.
         hosts: the processes of Python nodes, with the full names of their nodes.
         rmw: the middleware that processes of the harness have loaded; empty until one says so.
+        joins: loads the harness into processes of the graph; None where it runs in its own.
     """
 
     def __init__(
@@ -76,6 +78,7 @@ class Launcher:
         self._base_dir = base_dir
         self.endpoints: list[tuple[str, str, str, str]] = []
         self.rmw = ""
+        self.joins: GraphJoins | None = None
         self.differences: list[Difference] = []
         self._created_nodes: set[str] = set()
         self._has_opaque_nodes = False
@@ -100,11 +103,14 @@ class Launcher:
         harness = plan.role in {"loader", "player", "monitor", "harness"}
         environment = self._environment
         parts = tuple(parts)
+        variables = environment.for_harness(plan.env) if harness else environment.for_node(plan.env)
+        if self.joins is not None and plan.join is not None:
+            variables = self.joins.environment(plan.name, variables)
         child = self._supervisor.start(
             plan.name,
             plan.role,
             environment.secrets.in_words(resolve_argv(plan)),
-            environment.for_harness(plan.env) if harness else environment.for_node(plan.env),
+            variables,
             cwd=self._base_dir,
             log=self._folder.log_path(plan.name),
             parts=parts,
@@ -147,6 +153,7 @@ class Launcher:
         plans: Iterable[ProcessPlan],
         deadline: StartDeadline,
         running_hosts: Iterable[tuple[ManagedProcess, ProcessPlan]] = (),
+        on_joined: Callable[[ManagedProcess, ProcessPlan], None] = lambda _, __: None,
     ) -> list[ManagedProcess]:
         """Start processes with nodes; returns when every Python node has been created.
 
@@ -156,6 +163,7 @@ class Launcher:
             plans: the processes.
             deadline: of the start.
             running_hosts: processes with nodes that already run.
+            on_joined: configures the parts of a process of the graph, whose nodes wait meanwhile.
 
         Returns:
             The processes that were started, in order.
@@ -164,25 +172,26 @@ class Launcher:
             RunError: a node cannot be created, is not created in time, or exits.
             GraphMismatchError: a node does not declare a parameter that the spec sets.
         """
-        plans = list(plans)
+        # The process of the player first: the inputs have publishers before any other node starts.
+        running_hosts = list(running_hosts)
+        plans = sorted(plans, key=lambda plan: plan.join is None or not plan.join.player)
         self._has_opaque_nodes |= any(plan.role != "host" for plan in plans)
-        early, self._early = self._early, {}
-        children = [early.get(plan.name) or self.start(plan) for plan in plans]
-        hosts = [
-            (child, plan)
-            for child, plan in zip(children, plans, strict=True)
-            if plan.role == "host"
-        ]
+        children = []
+        for plan in plans:
+            early = plan.name in self._early
+            children.append(self._early.pop(plan.name) if early else self.start(plan))
+            if plan.join is not None and plan.join.player:
+                self._join(children[-1], plan, deadline, on_joined)
+        started = list(zip(children, plans, strict=True))
+        for child, plan in started:
+            if plan.join is not None and not plan.join.player:
+                self._join(child, plan, deadline, on_joined)
+        if self.joins is not None:
+            self.joins.release()
+        hosts = [(child, plan) for child, plan in started if plan.role == "host"]
+        for child, plan in [*(each for each in hosts if each[1].join is None), *running_hosts]:
+            self._configure_host(child, plan)
         hosts += running_hosts
-        for child, plan in hosts:
-            child.send(
-                protocol.ConfigureHost(
-                    nodes=self._environment.secrets.in_nodes(plan.nodes),
-                    base_dir=str(self._base_dir),
-                    executor=plan.executor,
-                    threads=plan.threads,
-                )
-            )
         self._load_components([plan for plan in plans if plan.role == "container"], deadline)
         for child, plan in hosts:
             ready = self._supervisor.answer(
@@ -194,6 +203,32 @@ class Launcher:
             self.hosts[child] = frozenset(node.name for node in plan.nodes)
             self._created_nodes |= self.hosts[child]
         return children
+
+    def _configure_host(self, child: ManagedProcess, plan: ProcessPlan) -> None:
+        child.send(
+            protocol.ConfigureHost(
+                nodes=self._environment.secrets.in_nodes(plan.nodes),
+                base_dir=str(self._base_dir),
+                executor=plan.executor,
+                threads=plan.threads,
+            )
+        )
+
+    def _join(
+        self,
+        child: ManagedProcess,
+        plan: ProcessPlan,
+        deadline: StartDeadline,
+        on_joined: Callable[[ManagedProcess, ProcessPlan], None],
+    ) -> None:
+        """Load the harness into a process, whose nodes wait until all have it."""
+        if self.joins is None:
+            return
+        if plan.role == "host":
+            # A host initialises ROS when it knows its nodes.
+            self._configure_host(child, plan)
+        self.joins.join(child, plan, deadline.left_s)
+        on_joined(child, plan)
 
     def host_endpoints(self, host: ManagedProcess) -> Iterator[tuple[str, str, str]]:
         """The endpoints of the nodes of a host: topic, type, ``publishes`` or ``subscribes``."""

@@ -17,6 +17,9 @@ from r2bspec.ipc import protocol
 from r2bspec.ipc.sessions import Session, SessionLeader
 
 _SEND_TIMEOUT_S = 10.0
+_PART_EXIT_S = 2.0
+"""How long a part in a process of the graph may take to end; a blocked one ends with it."""
+
 _LOG_TAIL_LINES = 12
 _LOG_TAIL_BYTES = 8192
 _LONGEST_SECRET_BYTES = 1 << 17
@@ -39,6 +42,7 @@ class ManagedProcess:
             this name has written.
         signals: those that the run has sent to it.
         encode: how its commands are written on the channel.
+        has_joined_parts: whether its `parts` were loaded into a process of the graph.
     """
 
     def __init__(
@@ -62,6 +66,7 @@ class ManagedProcess:
         self.parts: dict[str, ManagedProcess] = {}
         self.signals: list[int] = []
         self.encode: Callable[[Any], bytes] = protocol.encode
+        self.has_joined_parts = False
         self._redact = redact
         self._pending = bytearray()
 
@@ -119,6 +124,8 @@ class ManagedProcess:
     def request_shutdown(self) -> None:
         """Ask it to exit: over its channel, or with SIGINT."""
         self.exit_expected = True
+        if self.has_joined_parts:
+            self._end_joined_parts()
         self.send(protocol.Shutdown())
         if self.connection is None:
             self.signal(signal.SIGINT)
@@ -126,6 +133,17 @@ class ManagedProcess:
             # It is still initialising, or blocked in it: it reads no commands yet, and has nothing
             # to clean up.
             self.signal(signal.SIGTERM)
+
+    def _end_joined_parts(self) -> None:
+        """End the parts of the harness, so that the process exits as it does without them."""
+        for part in self.parts.values():
+            part.send(protocol.Shutdown())
+        for part in self.parts.values():
+            with contextlib.suppress(OSError):
+                if part.connection is not None:
+                    part.connection.settimeout(_PART_EXIT_S)
+                    while part.connection.recv(1 << 16):
+                        pass
 
     def signal(self, which: signal.Signals) -> None:
         """Send a signal to its whole process group, unless it has ended and been collected."""

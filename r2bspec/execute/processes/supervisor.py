@@ -164,6 +164,18 @@ class ProcessSupervisor:
             self._on_start(child)
         return child
 
+    def add_joined_part(
+        self, child: ManagedProcess, part: str, connection: socket.socket
+    ) -> ManagedProcess:
+        """A part of the harness that was loaded into a process of the graph."""
+        endpoint = ManagedProcess(part, part, child.process, child.log, None, self._redact)
+        endpoint.connection = connection
+        endpoint.encode = NativeEncoder()
+        child.parts[part] = endpoint
+        child.has_joined_parts = True
+        self._selector.register(connection, selectors.EVENT_READ, endpoint)
+        return endpoint
+
     def pump(self, timeout_s: float = _POLL_S) -> None:
         """Wait for messages for at most `timeout_s` seconds, and check every process.
 

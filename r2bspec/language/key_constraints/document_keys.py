@@ -29,6 +29,7 @@ def section_constraint_errors(root: TreeNode, misspelt: set[Path]) -> Iterator[D
             if isinstance(launch, MapNode):
                 yield from _launch(launch, (*path, "launch"), misspelt)
     yield from _playback(root)
+    yield from _harness(root)
     yield from _transport(root)
     yield from _benchmark(root)
     yield from _conditions(root)
@@ -140,6 +141,23 @@ def _translations(playback: MapNode) -> Iterator[Diagnostic]:
                 f"unknown playback input '{topic}'",
                 f"did you mean '{close}'? {known}" if close else known,
             )
+
+
+def _harness(root: TreeNode) -> Iterator[Diagnostic]:
+    """Processes of the graph are named only where the harness runs in them."""
+    harness = child(root, "harness")
+    placement = harness.value if isinstance(harness, ScalarNode) else ""
+    if isinstance(harness, MapNode):
+        placement = _word(harness, "placement")
+    if placement == "graph":
+        return
+    named = [(("harness",), harness), *_map_entries(root, ("monitors",))]
+    for path, entry in named:
+        if isinstance(entry, MapNode) and "in" in entry.entries:
+            message = f"'{format_path((*path, 'in'))}' has no effect: player and monitors do not "
+            message += "run in the processes of the graph"
+            help_text = "remove it, or write 'harness: {placement: graph}'"
+            yield _at_key(entry, path, "in", message, help_text)
 
 
 def _transport(root: TreeNode) -> Iterator[Diagnostic]:

@@ -84,6 +84,12 @@ MONITORS: Schema = name_map(
                 "latency of each hop. The additional subscriptions cost some time.",
                 default=False,
             ),
+            "in": text(
+                "With 'harness: {placement: graph}': the node or the process that gets the "
+                "monitor; default: the one that publishes the topic.",
+                form=name_patterns.PLACE,
+                examples=["detector"],
+            ),
         },
         required=["topic", "format"],
         examples=[{"topic": "tag_detections", "format": "geometry_msgs/msg/PoseArray"}],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from r2bspec.language.quantities import Size
+from r2bspec.language.schema import name_patterns
 from r2bspec.language.schema.schema_builder import (
     Schema,
     choice,
@@ -10,10 +11,11 @@ from r2bspec.language.schema.schema_builder import (
     or_words,
     quantity,
     record,
+    text,
 )
 
 _KINDS = ["inherit", "shared_memory", "udp"]
-_PLACEMENTS = ["separate", "shared"]
+_PLACEMENTS = ["separate", "shared", "graph"]
 
 TRANSPORT: Schema = or_words(
     record(
@@ -44,14 +46,23 @@ HARNESS: Schema = or_words(
         "Where the player and the monitors run.",
         {
             "placement": choice(
-                "Whether the player and the monitors run in separate processes or share one.",
+                "Whether the player and the monitors run in separate processes, share one, or run "
+                "in the processes of the graph: the player in the one that reads the inputs, each "
+                "monitor in the one that publishes its topic.",
                 _PLACEMENTS,
                 "separate",
             ),
+            "in": text(
+                "With placement graph, and if several processes read the inputs, or it is unknown "
+                "which one does: the node or the process that gets the player. NODE/PROGRAM is the "
+                "program or node of this name that a launch file starts.",
+                form=name_patterns.PLACE,
+                examples=["detector", "stack/detector"],
+            ),
         },
-        examples=[{"placement": "shared"}],
+        examples=[{"placement": "graph", "in": "detector"}],
         default={},
     ),
     _PLACEMENTS,
-    ["shared"],
+    ["graph"],
 )

@@ -105,6 +105,9 @@ PACKAGE = NamePattern(
     "the name of a package consists of letters, digits, underscores and dashes, and begins with a "
     "letter",
 )
+PLACE = NamePattern(
+    "^[^/]+(?:/[^/]+)?$", "process", "it is the name of a node or a process, or NODE/PROGRAM"
+)
 FILE_NAME = NamePattern("^[^/]+$", "executable name", "the name of an executable has no folder")
 DATASET = NamePattern(
     "^[A-Za-z0-9][A-Za-z0-9_.-]*$",

@@ -11,7 +11,6 @@ from r2bspec.plan.command_lines import INCLUDED_LAUNCH
 from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.dot import to_dot
 from r2bspec.plan.plan import Plan, ProcessPlan, TapPlan
-from r2bspec.plan.unsupported import unsupported_features
 from r2bspec.wiring.companion_files import CompanionFiles
 from r2bspec.wiring.parameter_files import ParameterFile
 
@@ -249,12 +248,7 @@ def test_objectives_that_do_not_count_are_left_out() -> None:
     assert made.sustained_hz == ()
 
 
-# What cannot be run yet
-
-
-def test_a_plan_that_can_be_run_lacks_nothing() -> None:
-    assert unsupported_features(plan(PREPROCESSED)) == []
-    assert unsupported_features(plan(STRAIGHT)) == []
+# What does not change
 
 
 @pytest.mark.parametrize("document", [PREPROCESSED, STRAIGHT], ids=["preprocessed", "straight"])

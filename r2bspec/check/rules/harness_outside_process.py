@@ -1,0 +1,56 @@
+"""A graph in one process, with player and monitors in others."""
+
+from __future__ import annotations
+
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
+from r2bspec.plan.plan import ProcessPlan
+from r2bspec.plan.process_plans import graph_processes
+
+
+def _find(context: Context) -> Findings:
+    spec = context.spec
+    if spec.harness.placement == "graph" or spec.graph.placement == "harness":
+        return
+    processes = graph_processes(spec, context.wiring)
+    if len(processes) != 1 or spec.has_external_nodes or not _shared_by_design(processes[0]):
+        return
+    container = processes[0].container
+    yield Finding(
+        message=f"the graph is in one process, {quote(processes[0].name)}, and player and monitors "
+        "run in others: every latency contains the way there and back",
+        path=("containers", container) if container else ("graph",),
+        key=True,
+        help="write 'harness: {placement: graph}' to play and monitor in that process; "
+        "'r2bspec run --scan harness.placement=separate,graph' shows both",
+    )
+
+
+def _shared_by_design(process: ProcessPlan) -> bool:
+    """Whether it is a process for several nodes: one that a robot shares between nodes, too."""
+    return process.role == "container" or len(process.nodes) > 1
+
+
+_CONTAINERS = "{vision: {executable: python}}"
+_NODES = """
+    nodes:
+      first:
+        python: r2bspec.nodes.RelayNode
+        remappings: {input: image, output: middle}
+        container: vision
+      second:
+        python: r2bspec.nodes.RelayNode
+        remappings: {input: middle}
+        container: vision
+"""
+
+RULE = Rule(
+    code="R2B673",
+    title="harness outside the only process of the graph",
+    severity="info",
+    why="Within one process messages are handed over; to another one they are copied and sent, "
+    "which often takes longer than the nodes themselves. Where the nodes run in one process on the "
+    "robot, too, their neighbours do as well, and the way to other processes is not theirs.",
+    failing=example(containers=_CONTAINERS, graph=_NODES),
+    passing=example(harness="{placement: graph}", containers=_CONTAINERS, graph=_NODES),
+    find=_find,
+)

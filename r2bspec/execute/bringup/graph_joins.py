@@ -1,0 +1,240 @@
+"""Loading the harness into processes of the graph, with ``harness: {placement: graph}``.
+
+An object is preloaded into them (``r2bspec/native/join.c``) that asks here, before a process
+initialises ROS for the first time, whether it is the one that is meant. Wrappers such as
+``ros2 run`` hand their environment on, so that several processes may ask for one of the plan.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from r2bspec.execute.errors import NotInstalledError
+from r2bspec.execute.processes.joinable import not_joinable
+from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
+from r2bspec.ipc import protocol
+from r2bspec.native.errors import BuildError
+from r2bspec.native.harness_library import harness_library
+from r2bspec.native.join_object import join_environment, join_object
+from r2bspec.plan.plan import JoinPlan, ProcessPlan
+
+_MAX_SOCKET_PATH: Final = 107
+_BACKLOG: Final = 64
+_HELLO_TIMEOUT_S: Final = 2.0
+_ANSWER_TIMEOUT_S: Final = 20.0
+_POLL_S: Final = 0.005
+_WRAPPERS: Final = ("ros2", "launch")
+"""Programs that initialise ROS for themselves before they start the node."""
+
+
+@dataclass(frozen=True, slots=True)
+class JoinFiles:
+    """What is loaded into processes of the graph."""
+
+    join_object: Path
+    library: Path
+
+
+def build_join_files() -> JoinFiles:
+    """Build what is loaded, unless it was.
+
+    Raises:
+        NotInstalledError: it cannot be built (R2B668).
+    """
+    try:
+        return JoinFiles(join_object(), harness_library())
+    except BuildError as error:
+        raise NotInstalledError(str(error), hint=error.hint, code=error.code) from error
+
+
+@dataclass(slots=True)
+class _Asking:
+    """A process that waits in its initialisation of ROS."""
+
+    hello: protocol.Hello
+    connection: socket.socket
+
+    def say(self, line: str) -> None:
+        with contextlib.suppress(OSError):
+            self.connection.sendall(f"{line}\n".encode())
+
+
+class GraphJoins:
+    """The processes of one start that get parts of the harness.
+
+    Args:
+        supervisor: of the run.
+        folder: for the socket.
+        files: what is loaded.
+    """
+
+    def __init__(self, supervisor: ProcessSupervisor, folder: Path, files: JoinFiles) -> None:
+        self._supervisor = supervisor
+        self._files = files
+        self._listener = socket.socket(socket.AF_UNIX)
+        self._folder_fd = os.open(folder, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
+        path = folder / "join.socket"
+        # A path that is too long for a socket is reached through a descriptor of its folder.
+        self._path = (
+            path
+            if len(os.fsencode(path)) <= _MAX_SOCKET_PATH
+            else Path(f"/proc/{os.getpid()}/fd/{self._folder_fd}/{path.name}")
+        )
+        self._listener.bind(str(self._path))
+        self._listener.listen(_BACKLOG)
+        self._listener.setblocking(False)
+        self._asking: list[_Asking] = []
+        self._connected: dict[tuple[int, str], socket.socket] = {}
+        self._joined: list[_Asking] = []
+
+    def environment(self, process: str, environment: dict[str, str]) -> dict[str, str]:
+        """The environment of a process that gets parts."""
+        preloaded = environment.get("LD_PRELOAD", "")
+        return environment | join_environment(
+            self._files.join_object, self._path, process, preloaded
+        )
+
+    def join(self, child: ManagedProcess, plan: ProcessPlan, timeout_s: float) -> None:
+        """Wait until a process initialises ROS, and start its parts; it waits for `release`.
+
+        Raises:
+            NotJoinableError: it does not ask in time, or cannot load the harness.
+            RunError: it has exited.
+        """
+        join = plan.join or JoinPlan()
+        asking = self._wait_for(child, join, time.monotonic() + timeout_s)
+        self._joined.append(asking)
+        self._command(asking, child, f"library {self._files.library}")
+        for part in ("player", "monitor"):
+            if join.player if part == "player" else join.monitors:
+                self._command(asking, child, f"part {part}")
+                connection = self._connection(child, asking.hello.pid, part)
+                self._supervisor.add_joined_part(child, part, connection)
+
+    def release(self) -> None:
+        """Let all processes go on: the publishers of the harness exist."""
+        for each in (*self._joined, *self._asking):
+            each.say("go")
+            each.connection.close()
+        self._joined.clear()
+        self._asking.clear()
+
+    def poll(self) -> None:
+        """Answer what has connected since the last time; others than those in question go on."""
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                connection, _ = self._listener.accept()
+                hello = _hello(connection)
+                if hello is None:
+                    connection.close()
+                elif hello.part:
+                    self._connected[hello.pid, hello.part] = connection
+                else:
+                    self._asking.append(_Asking(hello, connection))
+
+    def close(self) -> None:
+        """Answer nobody any more; what has asked in the meantime goes on."""
+        self.poll()
+        self.release()
+        self._listener.close()
+        os.close(self._folder_fd)
+
+    def _wait_for(self, child: ManagedProcess, join: JoinPlan, deadline: float) -> _Asking:
+        seen: list[str] = []
+        while time.monotonic() < deadline:
+            self.poll()
+            for each in [one for one in self._asking if one.hello.process == child.name]:
+                self._asking.remove(each)
+                if is_meant(each.hello, join.program):
+                    return each
+                seen.append(" ".join(each.hello.arguments[:3]))
+                each.say("go")
+                each.connection.close()
+            self._supervisor.pump(_POLL_S)
+        others = f" (others did: {'; '.join(seen[:5])})" if seen else ""
+        raise not_joinable(
+            child.name,
+            f"none of its programs {'named ' + join.program if join.program else ''}has "
+            f"initialised ROS with what was preloaded{others}".replace("  ", " "),
+        )
+
+    def _command(self, asking: _Asking, child: ManagedProcess, line: str) -> None:
+        """Say a line to a process that waits.
+
+        Raises:
+            NotJoinableError: it answers that it cannot, or does not answer.
+        """
+        asking.say(line)
+        asking.connection.setblocking(False)
+        received = b""
+        deadline = time.monotonic() + _ANSWER_TIMEOUT_S
+        while not received.endswith(b"\n"):
+            try:
+                more = asking.connection.recv(1 << 16)
+                if not more:
+                    break
+                received += more
+            except BlockingIOError:
+                if time.monotonic() > deadline:
+                    break
+                self._supervisor.pump(_POLL_S)
+            except OSError:
+                break
+        asking.connection.setblocking(True)
+        # A process that has exited is an error of its own.
+        self._supervisor.pump(0.0)
+        try:
+            reply = protocol.decode_reply(received)
+        except msgspec.DecodeError:
+            raise not_joinable(child.name, f"it does not answer {line.split()[0]!r}") from None
+        if isinstance(reply, protocol.Failed):
+            raise not_joinable(child.name, reply.message)
+
+    def _connection(self, child: ManagedProcess, pid: int, part: str) -> socket.socket:
+        deadline = time.monotonic() + _ANSWER_TIMEOUT_S
+        while time.monotonic() < deadline:
+            self.poll()
+            if (pid, part) in self._connected:
+                return self._connected.pop((pid, part))
+            self._supervisor.pump(_POLL_S)
+        raise not_joinable(child.name, f"its {part} did not connect")
+
+
+def is_meant(hello: protocol.Hello, program: str) -> bool:
+    """Whether a process that asks is the node, and no wrapper that will start it.
+
+    Args:
+        hello: what it says of itself.
+        program: of a launch file, the name of the node or of its executable; else empty.
+    """
+    names = [Path(each).name for each in (hello.executable, *hello.arguments[:2])]
+    if program:
+        return program in names or f"__node:={program}" in hello.arguments
+    return not any(each in names for each in _WRAPPERS)
+
+
+def _hello(connection: socket.socket) -> protocol.Hello | None:
+    """The first line of a connection, which every one sends at once."""
+    connection.settimeout(_HELLO_TIMEOUT_S)
+    line = bytearray()
+    with contextlib.suppress(OSError, msgspec.DecodeError):
+        # Byte by byte: what follows is for the reader of the channel.
+        while not line.endswith(b"\n") and (byte := connection.recv(1)):
+            line += byte
+        hello = protocol.decode_reply(bytes(line))
+        return hello if isinstance(hello, protocol.Hello) else None
+    return None
+
+
+def joined_plans(processes: Iterable[ProcessPlan]) -> list[ProcessPlan]:
+    """The processes that get parts."""
+    return [each for each in processes if each.join is not None]
