@@ -35,6 +35,8 @@ _SLOWER = 4
 
 _END_TIMEOUT_S = 120.0
 _POLL_S = 0.05
+_SAMPLE_NS = 100_000_000
+"""How long after the end of a segment its last sample may be taken."""
 
 _SPARE_BYTES = 32 << 20
 """With less space on the disk, the profile is removed, so that the record of the run has room."""
@@ -79,6 +81,22 @@ def profiled_rate(plan: Plan, peak_hz: float | None) -> tuple[float, int]:
         return max(plays)
     lowest = plan.search.min_hz if plan.search is not None else 0.0
     return peak_hz or max(plan.sustained_hz, default=lowest), _DURATION_NS
+
+
+def wait_for_last_sample(starts: StartSequence) -> None:
+    """Wait until the last segment is over, with the sample of CPU use at the end of its period.
+
+    A segment is played when its last answer has come, which is before that.
+
+    Raises:
+        RunError: a process exited or failed; what was measured is then not whole.
+    """
+    ended_ns = max(
+        (each.ended_ns for session in starts.sessions for each in session.segments), default=0
+    )
+    starts.supervisor.pump(0.0)
+    while (left_ns := ended_ns + _SAMPLE_NS - time.monotonic_ns()) > 0:
+        starts.supervisor.pump(min(_POLL_S, left_ns / 1e9))
 
 
 @dataclass
