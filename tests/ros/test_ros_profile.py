@@ -35,6 +35,7 @@ trap : INT
 "$@" &
 while kill -0 $! 2> /dev/null; do wait; done
 echo report > "$output.nsys-rep"
+: > "$output$(printf '\\377')"
 """
 
 
@@ -118,7 +119,10 @@ def test_nsys_starts_the_named_node_anew(
     spec = relay_spec(graph={"nodes": {"node": node, "other": other}})
     done = bench.run(spec, "--profile", "nsys", "--profile-node", "node")
     assert_measured_before(done)
-    assert the_profile(done).files == ("profile/node/node.nsys-rep",)
+    assert the_profile(done).files == (
+        "profile/node/node.nsys-rep",
+        "profile/node/node\N{REPLACEMENT CHARACTER}",
+    )
     first, *options, called = calls.read_text().splitlines()
     assert first == "profile"
     assert "--trace=cuda,nvtx,osrt" in options
