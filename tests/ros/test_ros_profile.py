@@ -92,10 +92,12 @@ def test_py_spy_shows_the_functions_of_a_python_node(bench: Bench) -> None:
     assert {each.kind for each in done.run().record.segments} == {"warm_up", "iteration"}
 
 
-def test_perf_shows_the_functions_of_a_program_in_c(bench: Bench) -> None:
+@pytest.mark.parametrize("placement", ["separate", "graph"])
+def test_perf_shows_the_functions_of_a_program_in_c(bench: Bench, placement: str) -> None:
     require("perf")
     node = c_node_spec("relay", parameters={"service_time_ms": 10.0})
-    done = bench.run(graph(node), "--profile", "perf")
+    spec = graph(node) | {"harness": {"placement": placement}}
+    done = bench.run(spec, "--profile", "perf")
     assert_measured_before(done)
     profile = the_profile(done)
     assert profile.error == ""
