@@ -2,52 +2,27 @@
 
 from __future__ import annotations
 
+import importlib.resources
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import msgspec
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from profiled_runs import MISSING, WHOLE, profiled_run
 from r2bspec.compare.report_input import ReportInput
-from r2bspec.judge.judge_run import from_json, result_of, to_json
-from r2bspec.plan.plan import Plan
+from r2bspec.judge.judge_run import from_json, to_json
 from r2bspec.record.folded_stacks import Stacks, write_stacks
 from r2bspec.record.run_folder import open_run
-from r2bspec.record.run_record import ProfileRecord, RunRecord, Segment
 from r2bspec.report.format_registry import renderer
 from r2bspec.report.html.flame_graph import flame_graph
+from r2bspec.report.html.svg import PALETTE
 from r2bspec.report.terminal import to_text
 from report_runs import HOSTILE
-from run_simulation import Played, Simulation
-
-WHOLE = ProfileRecord(
-    process="relay",
-    profiler="perf",
-    files=("profile/relay/relay.folded", "profile/relay/relay.perf.data"),
-    stacks="profile/relay/relay.folded",
-    rate_hz=30.0,
-    began_ns=1,
-    ended_ns=2,
-)
-MISSING = ProfileRecord(
-    process="camera", profiler="py-spy", began_ns=1, ended_ns=2, error="process camera was killed"
-)
-
-
-@dataclass(frozen=True)
-class Profiled(Simulation):
-    profiles: tuple[ProfileRecord, ...] = ()
-
-    def _record(self, plan: Plan, segments: tuple[Segment, ...]) -> RunRecord:
-        return msgspec.structs.replace(super()._record(plan, segments), profiles=self.profiles)
-
-
-def written(folder: Path, *profiles: ProfileRecord) -> ReportInput:
-    run = Profiled(segments=[Played(30, np.full(90, 0.02))], profiles=profiles).write(folder)
-    return ReportInput(result=result_of(run), run=run)
 
 
 def html(report_input: ReportInput) -> str:
@@ -55,7 +30,7 @@ def html(report_input: ReportInput) -> str:
 
 
 def test_every_report_names_it(tmp_path: Path) -> None:
-    found = written(tmp_path, WHOLE, MISSING)
+    found = profiled_run(tmp_path, WHOLE, MISSING)
     there = "Profile of relay at 30 Hz, with perf: profile/relay/relay.folded, profile/relay/"
     missing = "Profile of camera, with py-spy, is missing: process camera was killed"
     assert there in to_text(found.result, width=300)
@@ -68,7 +43,7 @@ def test_every_report_names_it(tmp_path: Path) -> None:
 
 
 def test_the_page_draws_the_stacks(tmp_path: Path) -> None:
-    found = written(tmp_path, WHOLE, MISSING)
+    found = profiled_run(tmp_path, WHOLE, MISSING)
     assert "<svg" not in html(found).partition('<h2 id="profile">')[2]
     write_stacks(
         tmp_path / WHOLE.stacks, {("relay", "main", "compute_ms"): 3, ("relay", "idle"): 1}
@@ -80,17 +55,17 @@ def test_the_page_draws_the_stacks(tmp_path: Path) -> None:
 
 
 def test_a_page_without_a_profile_says_nothing_of_one(tmp_path: Path) -> None:
-    assert 'id="profile"' not in html(written(tmp_path))
+    assert 'id="profile"' not in html(profiled_run(tmp_path))
 
 
 def test_a_folder_of_a_stranger_draws_nothing_from_elsewhere(tmp_path: Path) -> None:
     (tmp_path / "secret").write_text("secret_words 7\n")
     outside = msgspec.structs.replace(WHOLE, stacks="../secret")
-    assert "secret_words" not in html(written(tmp_path / "run", outside))
+    assert "secret_words" not in html(profiled_run(tmp_path / "run", outside))
 
 
 def test_an_older_record_has_no_profiles(tmp_path: Path) -> None:
-    written(tmp_path)
+    profiled_run(tmp_path)
     record = tmp_path / "record.json"
     content = msgspec.json.decode(record.read_bytes())
     del content["profiles"]
@@ -136,6 +111,38 @@ def test_common_calls_and_narrow_boxes_are_not_drawn() -> None:
     drawn = boxes(flame_graph("a", "T", stacks).svg)  # type: ignore[union-attr]
     assert "rare" not in drawn
     assert {"all", "f0", "f29", "x"} <= drawn.keys()
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_every_name_can_be_read(dark: bool) -> None:
+    colours: dict[str, str] = dict(PALETTE)
+    if dark:
+        style = importlib.resources.files("r2bspec.report.html").joinpath("style.css").read_text()
+        night = style.partition("prefers-color-scheme: dark")[2].partition("}\n}")[0]
+        colours |= dict(re.findall(r"--(\w+): (#\w+)", night))
+    stacks: Stacks = {("main", f"function {number}"): 1 for number in range(200)}
+    chart = flame_graph("a", "T", stacks)
+    assert chart is not None
+    tints = {
+        ((each.get("class") or "").removeprefix("f-"), float(each.get("fill-opacity", "")))
+        for each in ET.fromstring(chart.svg).iter("rect")  # noqa: S314 - our own drawing
+    }
+    assert len(tints) > 15
+    ink, paper = (rgb(colours[name]) for name in ("ink", "paper"))
+    for name, tint in tints:
+        behind = tint * rgb(colours[name]) + (1 - tint) * paper
+        dim, bright = sorted((luminance(ink), luminance(behind)))
+        assert (bright + 0.05) / (dim + 0.05) > 4.5, (name, tint)
+
+
+def rgb(colour: str) -> NDArray[np.float64]:
+    return np.array([int(colour[at : at + 2], 16) / 255 for at in (1, 3, 5)])
+
+
+def luminance(colour: NDArray[np.float64]) -> float:
+    """As WCAG 2 defines it."""
+    linear = np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
 
 
 def test_without_samples_nothing_is_drawn() -> None:
