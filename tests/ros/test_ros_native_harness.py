@@ -20,6 +20,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from native_playlists import SANITIZERS
 from r2bspec.execute.errors import ProcessFailedError, RunError
 from r2bspec.execute.processes.ros_domain import reserved_domain
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
@@ -33,6 +34,7 @@ from r2bspec.ipc.sample_files import RowReader
 from r2bspec.ipc.schedule import CyclicSchedule
 from r2bspec.ipc.stall_log import StallLogReader
 from r2bspec.language.spec import QoS
+from r2bspec.native.errors import BuildError
 from r2bspec.native.harness_library import harness_library, harness_program
 from r2bspec.plan.plan import InputPlan, MonitorPlan
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS
@@ -73,13 +75,17 @@ class Harness:
             writer.append(number, data)
         writer.close()
 
-    def start(self, name: str, parts: tuple[str, ...] = ()) -> ManagedProcess:
+    def start(
+        self, name: str, parts: tuple[str, ...] = (), flags: tuple[str, ...] = ()
+    ) -> ManagedProcess:
         environment = os.environ | {
             RUN_ID_VARIABLE: self.run_id,
             "ROS_DOMAIN_ID": str(self.domain),
+            # What the middleware keeps until the end of its process is not ours.
+            "ASAN_OPTIONS": "detect_leaks=0",
         }
         log = self.folder / f"{name}.log"
-        program = [str(harness_program())]
+        program = [str(harness_program(flags=flags))]
         return self.children.start(
             name,
             name,
@@ -237,6 +243,28 @@ def test_what_is_watched_for_a_while_is_watched_no_more(
     while harness.ask(player, protocol.CountMatches()).counts[TOPIC] != 1:
         assert time.monotonic() < deadline
         harness.children.pump(0.02)
+
+
+def test_sanitizers_find_nothing(harness: Harness) -> None:
+    try:
+        player, monitor = (harness.start(name, flags=SANITIZERS) for name in ("player", "monitor"))
+    except BuildError as error:
+        if "san" in str(error):
+            pytest.skip(f"the compiler has no sanitizers here: {error}")
+        raise
+    harness.configure(player, monitor)
+    harness.match(player, monitor)
+    again = MonitorPlan(name=".again", topic=TOPIC, type=IMAGE, match="order", qos=None)
+    for _ in range(2):
+        harness.ask(monitor, protocol.Watch(monitors=(again,), with_content=True))
+        harness.ask(player, protocol.Play(rate_hz=100.0, steps=7), protocol.Played)
+        harness.ask(monitor, protocol.Unwatch())
+        again = MonitorPlan(name=".twice", topic=TOPIC, type=IMAGE, match="order", qos=None)
+    harness.received("out", 14)
+    harness.children.end([player, monitor])
+    for name, child in (("player", player), ("monitor", monitor)):
+        assert child.process.poll() == 0, child.log_tail()
+        assert (harness.folder / f"{name}.log").read_text() == ""
 
 
 def test_a_monitor_that_did_not_run_says_for_how_long(
