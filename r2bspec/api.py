@@ -272,7 +272,11 @@ def run(
 
         return run_with_baseline(
             lambda target, plan: _run_in_folder(
-                target, replace(prepared, plan=plan), listener, extras
+                target,
+                replace(prepared, plan=plan),
+                listener,
+                # A run that confirms a failure is not profiled again.
+                extras if target is folder else extras | {"profile": ""},
             ),
             prepared.plan,
             folder,

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from r2bspec.doctor.checkup import CheckResult, System
 from r2bspec.doctor.dataset_disk import check_datasets
 from r2bspec.doctor.leftovers import check_leftovers
+from r2bspec.doctor.native_build import check_native
 from r2bspec.doctor.opencv_check import check_vision
 from r2bspec.doctor.processor import check_processor
 from r2bspec.doctor.ros_installation import check_ros
@@ -19,6 +20,7 @@ CHECKS: tuple[Callable[[System], list[CheckResult]], ...] = (
     check_shared_memory,
     check_sockets,
     check_ros,
+    check_native,
     check_vision,
     check_datasets,
     check_leftovers,

@@ -51,7 +51,11 @@ from r2bspec.execute.processes.ros_domain import reserved_domain
 from r2bspec.execute.processes.secret_references import SecretReferences
 from r2bspec.execute.processes.signals import Interrupts
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
-from r2bspec.execute.profile.profiled_iteration import ProfiledIteration, profiled_processes
+from r2bspec.execute.profile.profiled_iteration import (
+    ProfiledIteration,
+    profiled_processes,
+    wait_for_last_sample,
+)
 from r2bspec.execute.profile.profilers import find_profiler
 from r2bspec.execute.profile.usable import require_usable
 from r2bspec.execute.progress import Progress
@@ -369,8 +373,7 @@ class _Controller:
             self._play_with_profiler(starts)
 
     def _play_with_profiler(self, starts: StartSequence) -> None:
-        # Detect a process that exited after the last message, which also fails the run.
-        self._supervisor.pump(0.0)
+        wait_for_last_sample(starts)
         profiler = find_profiler(self.profile)
         self._phase("profile", f"playing one more iteration with {profiler.name}")
         self._profiles = ProfiledIteration(

@@ -14,7 +14,6 @@ import sys
 from r2bspec.harness.control_channel import Channel
 from r2bspec.harness.node_host import NodeHost
 from r2bspec.ipc import protocol
-from r2bspec.native.harness_library import harness_library
 
 _SWITCH_INTERVAL_S = 0.0002
 """How long a thread may hold the interpreter lock while others wait. The default of 5 ms would
@@ -29,7 +28,7 @@ class InProcessHarness:
 
     def __init__(self, channel: Channel, settings: protocol.ConfigureHarness) -> None:
         self._channel = channel
-        self._library = ctypes.CDLL(str(harness_library()))
+        self._library = ctypes.CDLL(os.environ.pop(protocol.NATIVE_LIBRARY_VARIABLE))
         self._library.r2bspec_harness_stop.argtypes = [ctypes.c_int64]
         for part in settings.parts:
             number = int(os.environ.pop(protocol.control_variable(part)))

@@ -1,4 +1,4 @@
-"""Files of whole messages, which one process appends to and another reads when it has ended.
+"""Files of whole messages, which the monitor appends to and the controller reads in the end.
 
 A message is its size (little-endian int64) and its serialised bytes.
 """
@@ -11,26 +11,6 @@ from pathlib import Path
 
 _SIZE = struct.Struct("<q")
 _BUFFER_BYTES = 1 << 20
-
-
-class MessageLogWriter:
-    """Appends messages."""
-
-    def __init__(self, path: Path) -> None:
-        self._file = path.open("xb", buffering=_BUFFER_BYTES)
-
-    def append(self, message: bytes) -> None:
-        """Append one message.
-
-        Raises:
-            OSError: the disk is full.
-        """
-        self._file.write(_SIZE.pack(len(message)))
-        self._file.write(message)
-
-    def close(self) -> None:
-        """Write what is buffered, and close."""
-        self._file.close()
 
 
 def read_messages(path: Path) -> Iterator[bytes]:

@@ -18,6 +18,9 @@ from r2bspec.plan.plan import InputPlan, MonitorPlan, NodePlan
 CONTROL_FD_VARIABLE = "R2BSPEC_CONTROL_FD"
 """Has the control channel of a process; with ``_PART`` appended, that of a part of it."""
 
+NATIVE_LIBRARY_VARIABLE = "R2BSPEC_NATIVE_LIBRARY"
+"""Has the path of the library of players and monitors, for a process of Python nodes."""
+
 RUN_ID_VARIABLE = "R2BSPEC_RUN_ID"
 
 

@@ -9,44 +9,21 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from r2bspec.ipc.sample_files import RowReader, RowWriter
+from r2bspec.ipc.sample_files import RowReader
 
-MIN_STALL_NS = 100_000_000
-"""A round of the monitor's loop that takes this much longer than it waits and computes is a stall.
-Even a busy machine wakes a process within some milliseconds."""
+STALL_FILE = "monitor.held"
+"""A row is a round of the monitor's loop that took 100 ms longer than it waits and computes
+(`r2bspec/native/monitor.c`). Even a busy machine wakes a process within some milliseconds."""
 
-_FILE = "monitor.held"
 _FIELDS = (("began_ns", "<i8"), ("ended_ns", "<i8"))
-
-
-class StallLogWriter:
-    """Records rounds of the monitor's loop in which it did not run for much too long."""
-
-    def __init__(self, rows_dir: Path) -> None:
-        self._rows = RowWriter(rows_dir / _FILE, width=2, capacity=64)
-
-    def record_round(self, began_ns: int, ended_ns: int, active_ns: int) -> None:
-        """Record a round of the loop, between two times.
-
-        Args:
-            began_ns: when it began.
-            ended_ns: when it ended.
-            active_ns: how long the loop was to wait in it, plus the CPU time of its thread.
-        """
-        if ended_ns - began_ns > active_ns + MIN_STALL_NS:
-            self._rows.append(began_ns, ended_ns)
-
-    def close(self) -> None:
-        """Close the file; its rows stay."""
-        self._rows.close()
 
 
 class StallLogReader:
     """Reads how long the monitor was stalled; of several, in folders of their own, the worst."""
 
     def __init__(self, rows_dir: Path) -> None:
-        further = sorted(rows_dir.glob(f"*/{_FILE}"))
-        self._logs = [RowReader(each, _FIELDS) for each in (rows_dir / _FILE, *further)]
+        further = sorted(rows_dir.glob(f"*/{STALL_FILE}"))
+        self._logs = [RowReader(each, _FIELDS) for each in (rows_dir / STALL_FILE, *further)]
 
     def between(self, began_ns: int, ended_ns: int) -> int:
         """The total duration of stalls between two times, in ns."""

@@ -46,12 +46,13 @@ def summarise(samples: RunSamples) -> RunMetrics:
 
 def measure_segment(samples: SegmentSamples) -> SegmentMetrics:
     """The metrics of one segment."""
+    sent = 0 if samples.playback.live else samples.playback.sent
     return SegmentMetrics(
         segment=samples.segment.id,
         index=samples.segment.index,
         playback=_playback(samples.playback),
         monitors={name: _monitor(seen) for name, seen in samples.monitors.items()},
-        processes={name: _use(used) for name, used in samples.processes.items()},
+        processes={name: _use(used, sent) for name, used in samples.processes.items()},
         machine=_use(samples.machine) if samples.machine is not None else None,
         surroundings=samples.surroundings,
         start=samples.segment.start,
@@ -81,6 +82,7 @@ def _measure_rate(
 
 def _pooled(samples: Sequence[SegmentSamples]) -> SegmentMetrics:
     machine = pool_resource_use(one.machine for one in samples)
+    sent = sum(one.playback.sent for one in samples if not one.playback.live)
     processes = {
         name: pool_resource_use(one.processes.get(name) for one in samples)
         for name in process_names(samples)
@@ -93,7 +95,7 @@ def _pooled(samples: Sequence[SegmentSamples]) -> SegmentMetrics:
             name: _monitor(pool_monitor([one.monitors[name] for one in samples]))
             for name in samples[0].monitors
         },
-        processes={name: _use(used) for name, used in processes.items() if used is not None},
+        processes={name: _use(used, sent) for name, used in processes.items() if used is not None},
         machine=_use(machine) if machine is not None else None,
     )
 
@@ -164,9 +166,14 @@ def _playback(played: PlaybackSamples) -> PlaybackMetrics:
     )
 
 
-def _use(used: ResourceUse) -> UseMetrics:
+def _use(used: ResourceUse, sent: int = 0) -> UseMetrics:
+    """The use of a process while this number of steps was played."""
+    known = used.minor_faults is not None and sent > 0
     return UseMetrics(
-        cpu_mean=used.cpu_mean, cpu_max=used.cpu_max, memory_max_bytes=used.memory_max_bytes
+        cpu_mean=used.cpu_mean,
+        cpu_max=used.cpu_max,
+        memory_max_bytes=used.memory_max_bytes,
+        faults_per_message=(used.minor_faults or 0.0) / sent if known else None,
     )
 
 

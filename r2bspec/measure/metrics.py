@@ -90,11 +90,16 @@ class PlaybackMetrics(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class UseMetrics(msgspec.Struct, frozen=True, kw_only=True):
-    """What a process and its descendants used; for the machine, all processes."""
+    """What a process and its descendants used; for the machine, all processes.
+
+    `faults_per_message` is the number of page faults without reading from disk for each step that
+    was played; None if it was not counted, or nothing was played.
+    """
 
     cpu_mean: float | None
     cpu_max: float | None
     memory_max_bytes: int | None
+    faults_per_message: float | None = None
 
 
 class SegmentMetrics(msgspec.Struct, frozen=True, kw_only=True):

@@ -20,12 +20,14 @@ class ResourceUse:
         memory_max_bytes: the largest resident set at a sample, or None without one.
         waited: the run-queue wait of all its threads per time; it exceeds 1 if several wait at
             once. None if the kernel counts none, or too little was sampled.
+        minor_faults: the page faults without reading from disk in the window; None likewise.
     """
 
     cpu_mean: float | None
     cpu_max: float | None
     memory_max_bytes: int | None
     waited: float | None = None
+    minor_faults: float | None = None
 
 
 MACHINE_INDEX = -1
@@ -86,6 +88,7 @@ def resource_use(
         cpu_max=_sum([one.cpu_max for one in found]),
         memory_max_bytes=sum(one.memory_max_bytes or 0 for one in found),
         waited=_sum([one.waited for one in found]),
+        minor_faults=_sum([one.minor_faults for one in found]),
     )
 
 
@@ -107,18 +110,25 @@ def _process_use(resources: Rows, index: int, began_ns: int, ended_ns: int) -> R
     apart = spaced_indices(edges)
     busiest = float(np.max(np.diff(used[apart]) / (np.diff(edges[apart]) / 1e9)))
     mean = float(used[-1] - used[0]) / ((end - start) / 1e9)
-    return ResourceUse(mean, max(busiest, mean), memory_max, _waited(rows, start, end))
+    waited_s = _growth(rows, "waited_s", start, end)
+    return ResourceUse(
+        mean,
+        max(busiest, mean),
+        memory_max,
+        None if waited_s is None else waited_s / ((end - start) / 1e9),
+        _growth(rows, "minor_faults", start, end),
+    )
 
 
-def _waited(rows: Rows, start: int, end: int) -> float | None:
-    """The growth of the run-queue wait per time; None if it is unknown at some sample."""
-    waited_s = rows["waited_s"]
+def _growth(rows: Rows, field: str, start: int, end: int) -> float | None:
+    """By how much a cumulative value has grown; None if it is unknown at some sample."""
+    values = rows[field]
     # -1 in files of versions that did not record it.
-    if not np.all(waited_s >= 0):
+    if not np.all(values >= 0):
         return None
     times_s = (rows["time_ns"] - start) / 1e9
-    first, last = np.interp([0.0, (end - start) / 1e9], times_s, waited_s)
-    return float(last - first) / ((end - start) / 1e9)
+    first, last = np.interp([0.0, (end - start) / 1e9], times_s, values)
+    return float(last - first)
 
 
 def _sum(values: list[float | None]) -> float | None:

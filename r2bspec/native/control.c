@@ -71,9 +71,11 @@ int fail_memory(void)
 
 static int receive(channel_t *channel)
 {
-  memmove(channel->data, channel->data + channel->consumed, channel->length - channel->consumed);
-  channel->length -= channel->consumed;
-  channel->consumed = 0;
+  if (channel->consumed > 0) {
+    channel->length -= channel->consumed;
+    memmove(channel->data, channel->data + channel->consumed, channel->length);
+    channel->consumed = 0;
+  }
   if (channel->length == channel->capacity) {
     const size_t capacity = channel->capacity == 0 ? 4096 : 2 * channel->capacity;
     char *data = capacity > MAX_LINE ? NULL : realloc(channel->data, capacity);
@@ -97,9 +99,8 @@ static int receive(channel_t *channel)
 
 static char *pending_line(channel_t *channel)
 {
-  char *begin = channel->data + channel->consumed;
   const size_t size = channel->length - channel->consumed;
-  return size == 0 ? NULL : memchr(begin, '\n', size);
+  return size == 0 ? NULL : memchr(channel->data + channel->consumed, '\n', size);
 }
 
 int channel_next(channel_t *channel, char **line)

@@ -192,6 +192,9 @@ int ros_publisher(
   ros_t *ros, type_t *type, const char *topic, const rmw_qos_profile_t *qos, rcl_publisher_t *made);
 int ros_publish(rcl_publisher_t *publisher, const void *data, size_t size);
 
+/* Called when a part begins to end, if a process of its own sets it: some middlewares hang then. */
+extern void (*harness_on_end)(void);
+
 /* player.c, monitor.c: each serves a channel until told to end; `rest` are words of the command. */
 int player_serve(channel_t *channel, char *rest);
 int monitor_serve(channel_t *channel, char *rest);

@@ -4,12 +4,15 @@
  */
 #include "harness.h"
 
+#include <pthread.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <unistd.h>
 
 #define CONTROL_FD "R2BSPEC_CONTROL_FD"
 #define USAGE_STATUS 2
+/* How long shutting ROS down may take: less than the controller waits before it sends SIGTERM. */
+#define MAX_END_S 8
 
 /* Serves an inherited channel; the variable is not for programs that this one might start. */
 static bool serve_variable(const char *name)
@@ -23,8 +26,24 @@ static bool serve_variable(const char *name)
   return r2bspec_harness_serve(fd) == 0;
 }
 
+static void *exit_late(void *unused)
+{
+  (void)unused;
+  sleep(MAX_END_S);
+  _exit(0);
+}
+
+static void start_exit_timer(void)
+{
+  pthread_t timer;
+  if (pthread_create(&timer, NULL, exit_late, NULL) == 0) {
+    pthread_detach(timer);
+  }
+}
+
 int main(void)
 {
+  harness_on_end = start_exit_timer;
   /* Ctrl-C goes to the controller, which ends its children in order. */
   signal(SIGINT, SIG_IGN);
   (void)serve_variable(CONTROL_FD "_PLAYER");

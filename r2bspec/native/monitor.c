@@ -500,6 +500,9 @@ static int start_reader(monitor_t *monitor)
 
 static void clean_up(monitor_t *monitor)
 {
+  if (harness_on_end != NULL) {
+    harness_on_end();
+  }
   if (monitor->reads) {
     pthread_mutex_lock(&monitor->lock);
     monitor->closed = true;

@@ -25,6 +25,8 @@
 #define STAMP_END 12
 /* A late player never sleeps, so it also looks for commands after so many events. */
 #define EVENTS_PER_LOOK 64
+/* Room that is made before playing: 10 MB. More is made while playing, by doubling. */
+#define MAX_RESERVED_ROWS ((int64_t)1 << 18)
 
 typedef struct input {
   rcl_publisher_t publisher;
@@ -306,7 +308,8 @@ static int play(player_t *player, double rate_hz, int64_t steps)
     }
     memset(player->open_steps, 0, (size_t)head->steps * sizeof(open_step_t));
     cursor_t cursor;
-    if (rows_reserve(&player->rows, (size_t)steps) < 0 ||
+    const int64_t rows = steps < MAX_RESERVED_ROWS ? steps : MAX_RESERVED_ROWS;
+    if (rows_reserve(&player->rows, (size_t)rows) < 0 ||
         cursor_init(&cursor, &player->list, rate_hz, steps, player->next) < 0) {
       return -1;
     }
@@ -419,7 +422,10 @@ static int configure(player_t *player, char *rest)
   const int64_t static_bytes = next_number(&rest);
   player->planned = next_number(&rest);
   const int64_t inputs = next_number(&rest);
-  player->inputs = calloc(inputs < 0 ? 0 : (size_t)inputs + 1, sizeof(input_t));
+  if (player->planned < 0 || inputs < player->planned) {
+    return fail("R2B630", "", "a player has fewer inputs than are planned");
+  }
+  player->inputs = calloc((size_t)inputs + 1, sizeof(input_t));
   if (player->inputs == NULL) {
     return fail_memory();
   }
@@ -485,6 +491,9 @@ static int execute(player_t *player, char *line)
 
 static void clean_up(player_t *player)
 {
+  if (harness_on_end != NULL) {
+    harness_on_end();
+  }
   end_clock(&player->clock);
   rcl_node_t *node = &player->ros.node;
   for (int64_t i = 0; i < player->input_count; ++i) {

@@ -61,6 +61,8 @@ int ros_init(ros_t *ros, const char *node_name)
   return failed;
 }
 
+void (*harness_on_end)(void) = NULL;
+
 void ros_fini(ros_t *ros)
 {
   pthread_mutex_lock(&init_lock);

@@ -77,7 +77,9 @@ def reserved_names(spec: Spec) -> tuple[str, ...]:
 
     ``system`` is not a process, but the whole machine in the names of metrics.
     """
-    harness = (HARNESS_NAME,) if has_single_harness(spec) else ()
+    # In the graph: of the process in which the overhead is measured.
+    one = has_single_harness(spec) or spec.harness.placement == "graph"
+    harness = (HARNESS_NAME,) if one else ()
     shared = (
         (SHARED_PROCESS_NAME, SHARED_CONTAINER_NAME) if spec.graph.placement == "shared" else ()
     )

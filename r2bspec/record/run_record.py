@@ -52,6 +52,7 @@ RESOURCE_FIELDS = (
     ("cpu_s", "<f8"),
     ("memory_bytes", "<i8"),
     ("waited_s", "<f8"),
+    ("minor_faults", "<f8"),
 )
 """One row per process and sampling time: `process` indexes `RunRecord.processes`, with -1 for the
 whole machine, -2 for the controller, and -3 for processes that carry the id of the run but descend
@@ -59,8 +60,9 @@ from no process of it that is known; `cpu_s` is the cumulative CPU time in secon
 cores, the descendants of the process (for -2: without them), and those of them that have lost
 their parents; `memory_bytes` is the resident set (for -1: memory in use); `waited_s` is the
 cumulative run-queue wait of all threads: the time for which they could have run, but had no
-processor. It is NaN for -1 and -2, and where the kernel does not count it; -1 in files of versions
-that did not record it."""
+processor. It is NaN for -1 and -2, and where the kernel does not count it. `minor_faults` is the
+cumulative number of page faults without reading from disk, of the process and its descendants; NaN
+for -1 and -2. Both are -1 in files of versions that did not record them."""
 
 INTERFERENCE_FIELDS = (
     ("time_ns", "<i8"),
@@ -234,6 +236,7 @@ class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         exit_code: negative for a signal, None if it is unknown.
         signals: those that the run has sent to it, in order.
+        parts: of the harness, if it is a process of the graph that contains some.
     """
 
     name: str
@@ -241,6 +244,7 @@ class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):
     pid: int
     exit_code: int | None
     signals: tuple[int, ...] = ()
+    parts: tuple[str, ...] = ()
 
     @property
     def ended_as_told(self) -> bool:

@@ -15,6 +15,16 @@ def overhead_placement(floor: tuple[FloorRecord, ...]) -> str:
     return {1: "within one process", 2: "between two processes"}.get(processes, "")
 
 
+def joined_notes(result: Result) -> Iterator[str]:
+    """In which processes of the graph player and monitors ran."""
+    seen = dict.fromkeys((each.name, each.parts) for each in result.processes if each.parts)
+    for name, parts in seen:
+        yield (
+            f"Process {name} contains the {' and the '.join(parts)} of the harness: its processor "
+            "time, memory and page faults include theirs"
+        )
+
+
 def overhead_notes(result: Result) -> Iterator[str]:
     """With which placement of the harness the overhead was measured, and how large it is."""
     where = overhead_placement(result.floor)

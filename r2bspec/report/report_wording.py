@@ -12,7 +12,7 @@ from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import at_rate, show
 from r2bspec.middleware.rmw_registry import middleware_named
 from r2bspec.record.run_record import Probe, ProfileRecord, SearchRecord, StartRecord
-from r2bspec.report.harness_wording import overhead_notes
+from r2bspec.report.harness_wording import joined_notes, overhead_notes
 
 OUTCOME_WORDS: dict[OverallOutcome, str] = {
     "pass": "✔ PASS",
@@ -219,6 +219,7 @@ def notes(result: Result) -> Iterator[str]:
     yield from _disturbed_start_notes(result.starts)
     yield from unplayed_notes(result)
     yield from _disturbed_probe_notes(result.metrics)
+    yield from joined_notes(result)
     yield from overhead_notes(result)
     yield from _disturbed_overhead_notes(result)
     yield from result.left_out

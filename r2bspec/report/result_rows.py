@@ -108,3 +108,5 @@ def _use(process: str, use: UseMetrics) -> Iterator[tuple[str, str, float | None
     yield f"cpu.{process}.mean", "share", use.cpu_mean
     yield f"cpu.{process}.max", "share", use.cpu_max
     yield f"memory.{process}.max", "B", use.memory_max_bytes
+    if use.faults_per_message is not None:
+        yield f"minor_faults.{process}.per_message", "count", use.faults_per_message

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,7 +11,6 @@ from pathlib import Path
 from types import MappingProxyType, SimpleNamespace
 from typing import Any, cast
 
-from floor_child import WITHOUT_VARIABLE
 from floor_figures import Figures, cpu_ns, figures
 from floor_workloads import COPIES, TOPIC, TYPE, Workload, write_buffer
 
@@ -34,6 +32,12 @@ from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import Probe
 
 MONITOR = "floor"
+TECHNIQUES = {
+    "allocator": ("MALLOC_MMAP_MAX_", "MALLOC_TRIM_THRESHOLD_", "MALLOC_TOP_PAD_"),
+    "huge-pages": ("GLIBC_TUNABLES",),
+}
+"""Techniques of the harness that can be left out, with their variables."""
+
 _WARM_UP_STEPS = 60
 _MATCH_S = 30.0
 
@@ -58,9 +62,14 @@ class _Silent:
 
 
 class Floor:
-    """A player and a monitor that stand ready for one workload."""
+    """A player and a monitor that are ready for one workload.
 
-    def __init__(self, segment_player: SegmentPlayer, pids: list[int]) -> None:
+    Attributes:
+        start_s: from the start of their processes until both were configured.
+    """
+
+    def __init__(self, segment_player: SegmentPlayer, pids: list[int], start_s: float) -> None:
+        self.start_s = start_s
         self._stage = segment_player
         self._pids = pids
         self._count = 0
@@ -112,8 +121,6 @@ def floor(
     placement: str,
     changes: Mapping[str, str] = MappingProxyType({}),
     without: Sequence[str] = (),
-    *,
-    native: bool = True,
 ) -> Iterator[Floor]:
     """Bring player and monitor up, warm them up, and end them.
 
@@ -122,7 +129,7 @@ def floor(
         transport: as a spec names it.
         placement: ``two processes`` or ``one process``.
         changes: environment variables of both; an empty value removes one.
-        without: techniques of the harness to leave out, as `floor_child` names them.
+        without: techniques of the harness to leave out, of `TECHNIQUES`.
     """
     with (
         tempfile.TemporaryDirectory() as scratch,
@@ -146,14 +153,15 @@ def floor(
                 largest_message_bytes=largest_message_bytes(buffers),
             ).for_harness()
             | dict(changes)
-            | {WITHOUT_VARIABLE: ",".join(without)}
+            | {name: "" for each in without for name in TECHNIQUES[each]}
         )
         environment = {name: value for name, value in environment.items() if value}
         children = ProcessSupervisor(run_id, folder, lambda: None)
         stack.callback(children.close)
         plans = (MonitorPlan(name=MONITOR, topic=TOPIC, type=TYPE, match="stamp", qos=None),)
         watch = protocol.ConfigureMonitor(monitors=plans, rows_dir=str(rows))
-        player, monitor, pids = _start_parts(children, environment, folder, placement, native)
+        began_s = time.monotonic()
+        player, monitor, pids = _start_parts(children, environment, folder, placement)
         children.request(
             player,
             protocol.ConfigurePlayer(
@@ -167,6 +175,7 @@ def floor(
         schedule = CyclicSchedule(steps=tuple((number,) for number in range(COPIES)))
         children.request(player, protocol.Follow(schedule=schedule), protocol.Ready, 60.0)
         children.request(monitor, watch, protocol.Ready, 60.0)
+        start_s = time.monotonic() - began_s
         children.request(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
         _wait_for_match(children, player)
         # All of a plan that playing looks at.
@@ -182,7 +191,7 @@ def floor(
             # Not started: what it is asked for is never sampled.
             resources=ResourceSampler(),
         )
-        made = Floor(segment_player, pids)
+        made = Floor(segment_player, pids, start_s)
         made.measure(workload.rate_hz, _WARM_UP_STEPS / workload.rate_hz)
         yield made
 
@@ -192,24 +201,17 @@ def _start_parts(
     environment: dict[str, str],
     folder: Path,
     placement: str,
-    native: bool,
 ) -> tuple[ManagedProcess, ManagedProcess, list[int]]:
     """Player and monitor, not configured yet, and the processes that they are in."""
 
     def start(name: str, parts: Sequence[str] = ()) -> ManagedProcess:
-        program = [sys.executable, str(Path(__file__).with_name("floor_child.py"))]
-        if native:
-            program = [str(harness_program())]
         log = folder / "logs" / f"{name}.log"
         return children.start(
-            name,
-            name,
-            program,
-            environment,
+            *(name, name, [str(harness_program())], environment),
             cwd=folder,
             log=log,
             parts=parts,
-            native=("", *parts) if native else (),
+            native=("", *parts),
         )
 
     if placement == "one process":

@@ -18,6 +18,7 @@ pytest.importorskip("rclpy")
 
 from r2bspec.execute.processes.environment import inherited_environment
 from r2bspec.middleware.middleware import SHARED_MEMORY
+from r2bspec.native.harness_library import harness_program
 from ros_runs import Bench, Finished, relay_node, relay_spec
 from ros_runs import nothing_left as nothing_left
 
@@ -134,8 +135,9 @@ def test_the_run_went_to_its_end(looked: Looked) -> None:
 def test_every_process_runs_the_command_line_that_the_plan_prints(looked: Looked) -> None:
     planned = processes(looked)
     assert set(planned) == set(looked.seen)
+    programs = {"$(python)": sys.executable, "$(harness)": str(harness_program())}
     for name, seen in looked.seen.items():
-        words = [sys.executable if word == "$(python)" else word for word in planned[name]["argv"]]
+        words = [programs.get(word, word) for word in planned[name]["argv"]]
         assert seen.argv == words, name
 
 

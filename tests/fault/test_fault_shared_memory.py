@@ -68,7 +68,7 @@ def test_what_does_not_fit_is_refused_before_anything_starts(bench: Bench) -> No
         done = running.finish()
     assert done.status == 2, done.stderr
     assert "R2B664" in done.error
-    assert "has 16 MiB free; the 3 processes of the measure phase need" in done.error
+    assert "has 16 MiB free; the 4 processes of the measure phase need" in done.error
     assert "--shm-size=" in done.error
     assert "transport: udp" in done.error
     assert done.run().record.processes == ()

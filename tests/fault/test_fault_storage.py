@@ -189,3 +189,15 @@ def test_a_bag_that_was_overwritten_in_places(tmp_path: Path) -> None:
     done = bench.run(relay_spec())
     assert done.status == 2
     assert storage.name in done.stderr or str(bench.bag) in done.stderr
+
+
+def test_a_disk_that_a_profiler_fills_costs_no_verdict(
+    bench: Bench, small_disk: Callable[[int], Path]
+) -> None:
+    filling = "sh -c 'cat /dev/zero > $(profile).big; exec \"$@\"' sh"
+    done = bench.run(relay_spec(), "--profile", filling, output=small_disk(4096) / "run")
+    done.assert_complete()
+    (profile,) = done.run().record.profiles
+    assert profile.error == "the profile was removed, because the disk is full"
+    assert profile.files == ()
+    assert bench.judge(done.folder).status == done.status

@@ -17,6 +17,7 @@ from r2bspec.ipc.playlist import write_playlist
 from r2bspec.ipc.schedule import (
     BetweenMessage,
     CyclicSchedule,
+    Schedule,
     TimelineMessage,
     TimelineSchedule,
     TimelineStep,
@@ -25,7 +26,7 @@ from r2bspec.native.errors import BuildError
 
 ROUNDS = 2_000
 INTERESTING = (0, 1, -1, 7, 8, 1 << 31, 1 << 62, -(1 << 63), (1 << 63) - 1)
-SCHEDULES = (
+SCHEDULES: tuple[Schedule, ...] = (
     CyclicSchedule(
         steps=((0,), (1,), (2,)),
         columns=(0,),

@@ -88,12 +88,17 @@ def test_player_and_monitors_run_where_their_topics_are(bench: Bench) -> None:
 
 
 def test_every_start_joins_fresh_processes(bench: Bench) -> None:
-    spec = relay_spec(harness=GRAPH, graph=c_relay())
+    first = relay_node(remappings={"output": "middle"})
+    second = c_node_spec("relay", remappings={"input": "middle"})
+    spec = relay_spec(harness=GRAPH, graph={"nodes": {"first": first, "second": second}})
     spec["benchmark"] |= {"starts": 2, "iterations": 4, "duration": "250 ms"}
     done = bench.run(spec)
     assert_every_message_matched(done, steps=4 * 5)
     names = Counter(name for name, _, _ in processes(done))
-    assert names == {"harness.observer": 2, "node": 2}
+    assert names == {"harness.observer": 2, "first": 2, "second": 2}
+    joined = {each.name: each.parts for each in done.run().record.processes if each.parts}
+    assert joined == {"first": ("player",), "second": ("monitor",)}
+    assert "Process first contains the player of the harness" in done.stdout
 
 
 def test_a_wrapper_hands_the_harness_on_to_the_node(bench: Bench) -> None:

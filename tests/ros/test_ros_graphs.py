@@ -168,7 +168,7 @@ def notes(bench: Bench, done: Finished) -> dict[str, dict[int, int]]:
 
 def test_the_run_is_complete(done: Finished) -> None:
     done.assert_complete()
-    assert [each.exit_code for each in done.run().record.processes] == [0] * 6
+    assert [each.exit_code for each in done.run().record.processes] == [0] * 7
 
 
 @pytest.mark.parametrize("monitor", ["stamped", "again", "best_effort", "commanded"])
@@ -242,6 +242,11 @@ def test_nodes_can_share_a_process_and_a_transport_can_be_chosen(bench: Bench) -
     )
     done = bench.run(shared)
     done.assert_complete()
-    assert {each.name for each in done.run().record.processes} == {"player", "graph", "monitor"}
+    assert {each.name for each in done.run().record.processes} == {
+        "harness.observer",
+        "player",
+        "graph",
+        "monitor",
+    }
     out = done.result()["metrics"]["rates"][0]["pooled"]["monitors"]["out"]
     assert out["answered"] == out["sent"] == 20

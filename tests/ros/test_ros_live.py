@@ -87,7 +87,12 @@ def test_the_run_is_complete_without_loader_and_player(done: Finished) -> None:
     assert done.status == 3, done.stderr
     record = done.run().record
     assert record.status == "complete"
-    assert {each.name for each in record.processes} == {"monitor", "source", "relay"}
+    assert {each.name for each in record.processes} == {
+        "harness.observer",
+        "monitor",
+        "source",
+        "relay",
+    }
     assert [each.kind for each in record.segments][-2:] == ["iteration", "iteration"]
 
 

@@ -41,7 +41,8 @@ def test_one_process_plays_watches_and_holds_the_nodes(beside: Finished) -> None
     beside.assert_complete()
     record = beside.run().record
     assert [(each.name, each.role, each.exit_code) for each in record.processes] == [
-        ("harness", "harness", 0)
+        ("harness", "harness", 0),
+        ("harness.observer", "observer", 0),
     ]
     (segment,) = [each for each in record.segments if each.kind == "iteration"]
     out = beside.run().monitor(segment, "out")
@@ -68,6 +69,7 @@ def test_player_and_monitor_share_a_process_apart_from_the_graph(bench: Bench) -
     record = done.run().record
     assert [(each.name, each.exit_code) for each in record.processes] == [
         ("harness", 0),
+        ("harness.observer", 0),
         ("relay", 0),
     ]
     (segment,) = [each for each in record.segments if each.kind == "iteration"]

@@ -165,7 +165,7 @@ def test_a_shortfall_of_a_chain_names_the_topic_and_the_counts(tmp_path: Path) -
     assert numbers == {"0", "2", "4"}
     names = [each.name for each in done.run().record.processes]
     assert set(names[:3]) == {"loader", "preprocess.prepare", "preprocess.first"}
-    assert set(names[3:]) == {"player", "notebook", "monitor"}
+    assert set(names[3:]) == {"harness.observer", "player", "notebook", "monitor"}
 
 
 def test_a_preprocessor_that_publishes_nothing_ends_the_run(tmp_path: Path) -> None:

@@ -217,6 +217,16 @@ RUN_PAGES = (
         "64 MB unless started with --shm-size), or set 'transport: udp'.",
     ),
     error_page(
+        "native-harness-not-built",
+        "R2B668",
+        "player and monitor cannot be built",
+        "Player and monitor are C on rcl, which is compiled when a run first needs it and kept "
+        "in the cache folder of the user. It needs a C compiler ('cc', or the one in $CC) and the "
+        "headers of rcl: Debian and Ubuntu, 'apt install gcc libc6-dev'; the headers are in every "
+        "ROS installation and in the wheels of 'r2bspec[ros]'. 'r2bspec doctor' tries it. Nothing "
+        "is compiled by 'validate' and 'plan'.",
+    ),
+    error_page(
         "component-not-loaded",
         "R2B665",
         "C++ component was not loaded",

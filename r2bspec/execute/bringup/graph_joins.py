@@ -11,7 +11,6 @@ import contextlib
 import os
 import socket
 import time
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -129,7 +128,7 @@ class GraphJoins:
         self._asking.clear()
 
     def poll(self) -> None:
-        """Answer what has connected since the last time; others than those in question go on."""
+        """Accept what has connected since the last time."""
         with contextlib.suppress(BlockingIOError):
             while True:
                 connection, _ = self._listener.accept()
@@ -142,7 +141,7 @@ class GraphJoins:
                     self._asking.append(_Asking(hello, connection))
 
     def close(self) -> None:
-        """Answer nobody any more; what has asked in the meantime goes on."""
+        """Listen no longer; processes that have asked in the meantime go on."""
         self.poll()
         self.release()
         self._listener.close()
@@ -233,8 +232,3 @@ def _hello(connection: socket.socket) -> protocol.Hello | None:
         hello = protocol.decode_reply(bytes(line))
         return hello if isinstance(hello, protocol.Hello) else None
     return None
-
-
-def joined_plans(processes: Iterable[ProcessPlan]) -> list[ProcessPlan]:
-    """The processes that get parts."""
-    return [each for each in processes if each.join is not None]

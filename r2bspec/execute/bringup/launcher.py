@@ -36,7 +36,12 @@ from r2bspec.execute.errors import GraphMismatchError, NotReadyError, RunError
 from r2bspec.execute.host.machine import interpreter
 from r2bspec.execute.processes.affinity import apply_affinity
 from r2bspec.execute.processes.environment import RunEnvironment
-from r2bspec.execute.processes.executables import resolve_argv, resolve_command
+from r2bspec.execute.processes.executables import (
+    hosts_library,
+    native_library,
+    resolve_argv,
+    resolve_command,
+)
 from r2bspec.execute.processes.middleware_check import check_loaded_rmw
 from r2bspec.execute.processes.shared_memory_check import require_free_shared_memory
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
@@ -108,6 +113,9 @@ class Launcher:
         """
         harness = plan.role in {"loader", "player", "monitor", "harness"}
         environment = self._environment
+        variables = environment.for_harness(plan.env) if harness else environment.for_node(plan.env)
+        if hosts_library(plan):
+            variables[protocol.NATIVE_LIBRARY_VARIABLE] = str(native_library())
         parts = tuple(parts)
         variables = environment.for_harness(plan.env) if harness else environment.for_node(plan.env)
         if self.joins is not None and plan.join is not None:

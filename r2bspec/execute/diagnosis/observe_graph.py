@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -19,6 +19,7 @@ from r2bspec.execute.diagnosis.graph_facts import GraphFacts, gather_facts
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.sample_files import RowReader
+from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.record.run_record import MONITOR_FIELDS
 
@@ -33,6 +34,7 @@ _MAX_QUIET_WAIT_S = 5.0
 _MAX_DISCOVERY_S = 10.0
 """Discovery takes a fraction of a second, and much longer on a busy machine."""
 
+_SUBSCRIPTION_DEPTH = 1000
 _POLL_S = 0.02
 _DISCOVERY_INTERVAL_S = 0.3
 _Answer = TypeVar("_Answer")
@@ -93,7 +95,8 @@ class GraphObserver:
                 topic=topic,
                 type=publishers[0].type,
                 match="order",
-                qos=None,
+                # Not left to the monitor, which may have discovered less than the observer.
+                qos=_weakest_offer(publishers),
             )
             for number, (topic, publishers) in enumerate(discovered.writers.items())
             if publishers
@@ -194,6 +197,17 @@ class GraphObserver:
             if counts != last:
                 last, changed = counts, time.monotonic()
             self._supervisor.pump(_POLL_S)
+
+
+def _weakest_offer(publishers: Sequence[protocol.Endpoint]) -> QoS:
+    """A QoS that is compatible with all publishers of a topic."""
+    reliable = all(each.reliability == "reliable" for each in publishers)
+    transient = all(each.durability == "transient_local" for each in publishers)
+    return QoS(
+        reliability="reliable" if reliable else "best_effort",
+        durability="transient_local" if transient else "volatile",
+        depth=_SUBSCRIPTION_DEPTH,
+    )
 
 
 def _endpoints(discovered: protocol.Discovered) -> list[tuple[str, str]]:

@@ -20,6 +20,7 @@ import psutil
 
 from r2bspec.execute.host.interference_counters import InterferenceReader, busy_seconds
 from r2bspec.execute.host.orphaned_processes import OrphanFinder
+from r2bspec.execute.host.page_faults import minor_faults
 from r2bspec.execute.host.run_queue_waits import RunQueueWaits
 from r2bspec.measure.resource_usage import CONTROLLER_INDEX, MACHINE_INDEX, ORPHANS_INDEX
 
@@ -30,7 +31,7 @@ _PERIOD_S = 0.2
 """Samples are cumulative, so a longer period affects only maxima. A sample of three processes of 13
 threads each takes about a millisecond of CPU time, 0.6 % of a core at this period."""
 
-_RESOURCES = struct.Struct("<qidqd")
+_RESOURCES = struct.Struct("<qidqdd")
 _INTERFERENCE = struct.Struct("<qdddd")
 """Rows of `r2bspec.record.run_record.RESOURCE_FIELDS` and `INTERFERENCE_FIELDS`."""
 
@@ -152,12 +153,22 @@ class ResourceSampler:
         busy_s = busy_seconds(psutil.cpu_times())
         memory = psutil.virtual_memory()
         self._append_row(
-            MACHINE_INDEX, time.monotonic_ns(), busy_s, memory.total - memory.available, math.nan
+            MACHINE_INDEX,
+            time.monotonic_ns(),
+            busy_s,
+            memory.total - memory.available,
+            math.nan,
+            math.nan,
         )
         ours = self._self.cpu_times()
         resident = self._self.memory_info().rss
         self._append_row(
-            CONTROLLER_INDEX, time.monotonic_ns(), ours.user + ours.system, resident, math.nan
+            CONTROLLER_INDEX,
+            time.monotonic_ns(),
+            ours.user + ours.system,
+            resident,
+            math.nan,
+            math.nan,
         )
         trees = {
             number: _with_descendants(process)
@@ -198,12 +209,19 @@ class ResourceSampler:
             self._resident[process.pid] = use.resident
             self._update_cores(process.pid, now_ns, use.cpu_s)
         pids = [each.pid for each in (*tree, *orphans)]
-        self._append_row(number, now_ns, use.cpu_s, use.resident, self._waits.update(number, pids))
+        waited_s = self._waits.update(number, pids)
+        self._append_row(number, now_ns, use.cpu_s, use.resident, waited_s, use.minor_faults)
 
     def _append_row(
-        self, process: int, time_ns: int, cpu_s: float, memory_bytes: int, waited_s: float
+        self,
+        process: int,
+        time_ns: int,
+        cpu_s: float,
+        memory_bytes: int,
+        waited_s: float,
+        minor_faults: float,
     ) -> None:
-        self._rows += _RESOURCES.pack(time_ns, process, cpu_s, memory_bytes, waited_s)
+        self._rows += _RESOURCES.pack(time_ns, process, cpu_s, memory_bytes, waited_s, minor_faults)
 
     def _update_cores(self, pid: int, now_ns: int, cpu_s: float) -> None:
         before_ns, before_s = self._last_use.get(pid, (now_ns, cpu_s))
@@ -253,10 +271,12 @@ class _Use:
 
     Attributes:
         resident: of all that run now, in bytes.
+        minor_faults: of the process and its descendants; those of orphans are not counted.
     """
 
     def __init__(self) -> None:
         self.resident = 0
+        self.minor_faults = 0
         self._tree: dict[int, float] = {}
         self._ended_s = 0.0
         self._ended_tree: dict[int, float] = {}
@@ -275,15 +295,18 @@ class _Use:
             psutil.NoSuchProcess: the process has exited.
         """
         found: dict[int, float] = {}
-        resident = 0
+        resident, faults = 0, 0
         for each in tree:
             try:
                 found[each.pid], memory = _read_use(each)
                 resident += memory
+                faults += minor_faults(each.pid)
             except psutil.NoSuchProcess:
                 if each is process:
                     raise
         self._tree, self.resident = found, resident
+        # Descendants that have lost their parents take theirs with them.
+        self.minor_faults = max(self.minor_faults, faults)
 
     def end_tree(self) -> None:
         """The process has exited: what its tree had used stays counted."""

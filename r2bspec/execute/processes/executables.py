@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from r2bspec import harness
 from r2bspec.execute.errors import NotInstalledError
 from r2bspec.execute.host.machine import interpreter
 from r2bspec.native.errors import BuildError
-from r2bspec.native.harness_library import harness_program
+from r2bspec.native.harness_library import harness_library, harness_program
 from r2bspec.plan.plan import ProcessPlan
 
 _EXECUTABLE = re.compile(r"\$\(executable (?P<package>\S+) (?P<name>\S+)\)")
@@ -24,7 +25,33 @@ def resolve_argv(plan: ProcessPlan) -> list[str]:
     Raises:
         NotInstalledError: a package, executable or program is not on this machine.
     """
-    return resolve_command(plan.argv, f"process {plan.name}")
+    argv = resolve_command(plan.argv, f"process {plan.name}")
+    if hosts_library(plan):
+        native_library()
+    return argv
+
+
+def hosts_library(plan: ProcessPlan) -> bool:
+    """Whether player and monitor run in a process of Python nodes."""
+    return plan.role == "harness" and bool(plan.nodes)
+
+
+def native_library() -> Path:
+    """The library of players and monitors.
+
+    Raises:
+        NotInstalledError: it cannot be built on this machine.
+    """
+    with _build_errors():
+        return harness_library()
+
+
+@contextlib.contextmanager
+def _build_errors() -> Iterator[None]:
+    try:
+        yield
+    except BuildError as error:
+        raise NotInstalledError(str(error), hint=error.hint, code=error.code) from error
 
 
 def resolve_command(words: Sequence[str], what: str) -> list[str]:
@@ -50,10 +77,8 @@ def _resolve(word: str) -> str:
     if word == "$(python)":
         return interpreter()
     if word == "$(harness)":
-        try:
+        with _build_errors():
             return str(harness_program())
-        except BuildError as error:
-            raise NotInstalledError(str(error), hint=error.hint, code=error.code) from error
     if word == "$(included_launch)":
         return str(Path(harness.__file__).with_name("included_launch.py"))
     found = _EXECUTABLE.fullmatch(word)

@@ -327,6 +327,7 @@ class ProcessSupervisor:
                 pid=child.pid,
                 exit_code=child.process.poll(),
                 signals=tuple(child.signals),
+                parts=tuple(child.parts) if child.has_joined_parts else (),
             )
             for child in self._all
         )

@@ -67,7 +67,9 @@ def stacks_of(lines: Iterable[str]) -> Iterator[tuple[str, ...]]:
 def _frame(line: str) -> str:
     """The symbol, or the file of a frame that has none."""
     _, _, rest = line.strip().partition(" ")
-    symbol, _, file = rest.rpartition(" (")
+    # Symbols of C++ and paths may have parentheses, too.
+    start = max(rest.rfind(" (/"), rest.rfind(" (["))
+    symbol, file = (rest[:start], rest[start + 2 :]) if start >= 0 else (rest, "")
     if symbol and symbol != _UNKNOWN:
         return symbol
     name = PurePath(file.removesuffix(")")).name

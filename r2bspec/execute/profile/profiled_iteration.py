@@ -15,9 +15,10 @@ from pathlib import Path
 
 import msgspec
 
+from r2bspec.diagnostics.quote import clip, printable
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.execute.bringup.launcher import NODE_ROLES
-from r2bspec.execute.errors import InterruptedRunError
+from r2bspec.execute.errors import InterruptedRunError, RunError
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.execute.profile.attached_profiler import AttachedProfiler
 from r2bspec.execute.profile.profilers import Profiler
@@ -35,6 +36,11 @@ _SLOWER = 4
 
 _END_TIMEOUT_S = 120.0
 _POLL_S = 0.05
+_SAMPLE_NS = 100_000_000
+"""How long after the end of a segment its last sample may be taken."""
+
+_MAX_FILES = 100
+_MAX_ERROR = 500
 
 _SPARE_BYTES = 32 << 20
 """With less space on the disk, the profile is removed, so that the record of the run has room."""
@@ -79,6 +85,22 @@ def profiled_rate(plan: Plan, peak_hz: float | None) -> tuple[float, int]:
         return max(plays)
     lowest = plan.search.min_hz if plan.search is not None else 0.0
     return peak_hz or max(plan.sustained_hz, default=lowest), _DURATION_NS
+
+
+def wait_for_last_sample(starts: StartSequence) -> None:
+    """Wait until the last segment is over, with the sample of CPU use at the end of its period.
+
+    A segment is played when its last answer has come, which is before that.
+
+    Raises:
+        RunError: a process exited or failed; what was measured is then not whole.
+    """
+    ended_ns = max(
+        (each.ended_ns for session in starts.sessions for each in session.segments), default=0
+    )
+    starts.supervisor.pump(0.0)
+    while (left_ns := ended_ns + _SAMPLE_NS - time.monotonic_ns()) > 0:
+        starts.supervisor.pump(min(_POLL_S, left_ns / 1e9))
 
 
 @dataclass
@@ -130,7 +152,7 @@ class ProfiledIteration:
         try:
             for plan in self.processes:
                 try:
-                    attached[plan.name] = self._attach(running[plan.name])
+                    attached[plan.name] = self._attach(plan.name, running)
                 except InterruptedRunError:
                     raise
                 except (R2bspecError, OSError) as failure:
@@ -143,13 +165,15 @@ class ProfiledIteration:
             self._failed(failure)
         return {name: found for name, each in attached.items() if (found := self._fold(name, each))}
 
-    def _attach(self, observed: ManagedProcess) -> AttachedProfiler:
+    def _attach(self, name: str, running: Mapping[str, ManagedProcess]) -> AttachedProfiler:
+        if name not in running:
+            raise RunError(f"process {name} does not run")
         return AttachedProfiler.start(
             self.profiler,
-            observed,
-            self.folder.profile_folder(observed.name) / observed.name,
+            running[name],
+            self.folder.profile_folder(name) / name,
             self.supervisor,
-            self.folder.log_path(f"profile.{observed.name}"),
+            self.folder.log_path(f"profile.{name}"),
         )
 
     def _fold(self, name: str, attached: AttachedProfiler) -> Path | None:
@@ -223,11 +247,13 @@ class ProfiledIteration:
 
     def _files(self, process: str) -> tuple[str, ...]:
         folder = self.folder.path / "profile" / process
-        return tuple(sorted(self._relative(each) for each in folder.rglob("*") if each.is_file()))
+        found = sorted(self._relative(each) for each in folder.rglob("*") if each.is_file())
+        return tuple(found[:_MAX_FILES])
 
     def _relative(self, path: Path) -> str:
-        return path.relative_to(self.folder.path).as_posix()
+        # A profiler may choose names that are no text.
+        return printable(path.relative_to(self.folder.path).as_posix())
 
 
 def _first_line(failure: Exception) -> str:
-    return str(failure).partition("\n")[0].removesuffix("; its last output:")
+    return clip(str(failure).partition("\n")[0].removesuffix("; its last output:"), _MAX_ERROR)

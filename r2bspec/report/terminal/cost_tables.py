@@ -12,8 +12,9 @@ from r2bspec.report.harness_wording import overhead_placement
 from r2bspec.report.terminal.style import heading, table
 
 _MEMORY_WIDTH = 9
+_FAULTS_WIDTH = 9
 _RATE_WIDTH = 17
-"""Columns with their gaps, at their widest: ``1,023 MiB`` and ``251 µs (348 µs)``."""
+"""Columns with their gaps, at their widest: ``1,023 MiB``, ``12,345`` and ``251 µs (348 µs)``."""
 
 _PLAYED_LABEL = "playback rate"
 _LATE_LABEL = f"lateness {part_title(TAIL_PERCENTILE)} (max)"
@@ -27,9 +28,9 @@ def load_section(metrics: RunMetrics, width: int) -> RenderableType | None:
     # Many rates are split into several tables.
     names = [name for rate in rates for name in rate.pooled.processes]
     name_width = max(map(len, (*names, _LATE_LABEL))) + 2
-    across = max(1, (width - name_width - _MEMORY_WIDTH) // _RATE_WIDTH)
+    across = max(1, (width - name_width - _MEMORY_WIDTH - _FAULTS_WIDTH) // _RATE_WIDTH)
     return Group(
-        heading("load", "CPU mean (max); 100 % is one core"),
+        heading("load", "CPU mean (max); 100 % is one core; minor page faults a message"),
         *(_table(rates[start : start + across]) for start in range(0, len(rates), across)),
     )
 
@@ -57,19 +58,20 @@ def _ns(value: int | None) -> str:
 
 
 def _table(rates: tuple[RateMetrics, ...]) -> RenderableType:
-    made = table(["process", *(show_rate(rate.offered_hz, rate.pace) for rate in rates), "memory"])
+    columns = ["process", *(show_rate(rate.offered_hz, rate.pace) for rate in rates), "memory"]
+    made = table([*columns, "faults"])
     names = dict.fromkeys(name for rate in rates for name in rate.pooled.processes)
     for name in names:
         uses = [rate.pooled.processes.get(name) for rate in rates]
-        made.add_row(name, *map(_cpu, uses), _memory(uses))
+        made.add_row(name, *map(_cpu, uses), _memory(uses), _faults(uses))
     machine = [rate.pooled.machine for rate in rates]
     if any(machine):
-        made.add_row("whole machine", *map(_cpu, machine), _memory(machine))
+        made.add_row("whole machine", *map(_cpu, machine), _memory(machine), "")
     if any(rate.pooled.playback.sent is not None for rate in rates):
         made.add_row(
-            _PLAYED_LABEL, *(show(rate.pooled.playback.rate_hz, "Hz") for rate in rates), ""
+            _PLAYED_LABEL, *(show(rate.pooled.playback.rate_hz, "Hz") for rate in rates), "", ""
         )
-        made.add_row(_LATE_LABEL, *map(_lateness, rates), "")
+        made.add_row(_LATE_LABEL, *map(_lateness, rates), "", "")
     return made
 
 
@@ -89,6 +91,15 @@ def _memory(uses: list[UseMetrics | None]) -> str:
         use.memory_max_bytes for use in uses if use is not None and use.memory_max_bytes is not None
     ]
     return show(float(max(known)), "B") if known else "-"
+
+
+def _faults(uses: list[UseMetrics | None]) -> str:
+    known = [
+        use.faults_per_message
+        for use in uses
+        if use is not None and use.faults_per_message is not None
+    ]
+    return significant(max(known), 2) if known else "-"
 
 
 def _lateness(rate: RateMetrics) -> str:

@@ -5,26 +5,17 @@ from __future__ import annotations
 from contextlib import closing
 from pathlib import Path
 
-from r2bspec.ipc.stall_log import MIN_STALL_NS, StallLogReader, StallLogWriter
+from r2bspec.ipc.sample_files import RowWriter
+from r2bspec.ipc.stall_log import STALL_FILE, StallLogReader
 
 MS = 1_000_000
 
 
-def test_only_rounds_that_take_much_too_long_are_recorded(tmp_path: Path) -> None:
-    reader = StallLogReader(tmp_path)
-    with closing(StallLogWriter(tmp_path)) as writer:
-        writer.record_round(0, 50 * MS, 50 * MS)
-        writer.record_round(0, 50 * MS + MIN_STALL_NS, 50 * MS)
-        assert reader.between(0, 10_000 * MS) == 0
-        writer.record_round(1000 * MS, 1700 * MS, 50 * MS)
-    assert reader.between(0, 10_000 * MS) == 700 * MS
-
-
 def test_what_lies_outside_a_stretch_of_time_does_not_count(tmp_path: Path) -> None:
     reader = StallLogReader(tmp_path)
-    with closing(StallLogWriter(tmp_path)) as writer:
+    with closing(RowWriter(tmp_path / STALL_FILE, width=2)) as rows:
         for began, ended in ((1000, 2000), (5000, 6000), (9000, 9500)):
-            writer.record_round(began * MS, ended * MS, 50 * MS)
+            rows.append(began * MS, ended * MS)
     assert reader.between(2000 * MS, 5000 * MS) == 0
     assert reader.between(1500 * MS, 5500 * MS) == 1000 * MS
     assert reader.between(0, 20_000 * MS) == 2500 * MS

@@ -1,0 +1,403 @@
+"""Native players and monitors, commanded without a run: what is published is what arrives."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import functools
+import os
+import secrets
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from native_playlists import SANITIZERS
+from r2bspec.execute.errors import ProcessFailedError, RunError
+from r2bspec.execute.processes.ros_domain import reserved_domain
+from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
+from r2bspec.ipc import protocol
+from r2bspec.ipc.buffers import BufferWriter
+from r2bspec.ipc.header_stamps import read_stamp, write_stamp
+from r2bspec.ipc.message_log import read_messages
+from r2bspec.ipc.native_protocol import NativeEncoder
+from r2bspec.ipc.protocol import RUN_ID_VARIABLE
+from r2bspec.ipc.sample_files import RowReader
+from r2bspec.ipc.schedule import CyclicSchedule
+from r2bspec.ipc.stall_log import StallLogReader
+from r2bspec.language.spec import QoS
+from r2bspec.native.errors import BuildError
+from r2bspec.native.harness_library import harness_library, harness_program
+from r2bspec.plan.plan import InputPlan, MonitorPlan
+from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS
+from ros_runs import Bench, relay_spec
+from ros_runs import nothing_left as nothing_left
+
+IMAGE = "sensor_msgs/msg/Image"
+TOPIC = "/r2b/image"
+HANG_S = 60.0
+SIZES = (0, 1_000_000, 8, 300_000, 4)
+"""In multiples of four bytes, to which messages between processes are filled up."""
+OUT = MonitorPlan(name="out", topic=TOPIC, type=IMAGE, match="stamp", qos=QoS(depth=100))
+
+
+@functools.cache
+def messages() -> list[bytes]:
+    """The same ones each time: what is between their fields is by chance."""
+    from rclpy.serialization import serialize_message
+    from sensor_msgs.msg import Image
+
+    return [bytes(serialize_message(Image(data=bytes([n]) * size))) for n, size in enumerate(SIZES)]
+
+
+class Harness:
+    """A player and a monitor with a supervisor of their own."""
+
+    def __init__(self, folder: Path, domain: int) -> None:
+        self.folder = folder
+        self.run_id = secrets.token_hex(8)
+        self.children = ProcessSupervisor(self.run_id, folder, lambda: None)
+        self.domain = domain
+        self.buffers = folder / "buffers"
+        self.rows = folder / "rows"
+        for each in (self.buffers, self.rows):
+            each.mkdir()
+        writer = BufferWriter(self.buffers, TOPIC, IMAGE, has_header=True)
+        for number, data in enumerate(messages()):
+            writer.append(number, data)
+        writer.close()
+
+    def start(
+        self, name: str, parts: tuple[str, ...] = (), flags: tuple[str, ...] = ()
+    ) -> ManagedProcess:
+        environment = os.environ | {
+            RUN_ID_VARIABLE: self.run_id,
+            "ROS_DOMAIN_ID": str(self.domain),
+            # What the middleware keeps until the end of its process is not ours.
+            "ASAN_OPTIONS": "detect_leaks=0",
+        }
+        log = self.folder / f"{name}.log"
+        program = [str(harness_program(flags=flags))]
+        return self.children.start(
+            name,
+            name,
+            program,
+            environment,
+            cwd=self.folder,
+            log=log,
+            parts=parts,
+            native=("", *parts),
+        )
+
+    def ask(self, child: ManagedProcess, command: Any, kind: Any = protocol.Matched) -> Any:
+        return self.children.request(child, command, kind, HANG_S)
+
+    def configure(self, player: ManagedProcess, monitor: ManagedProcess) -> None:
+        inputs = (
+            InputPlan(topic=TOPIC, type=IMAGE, source=TOPIC, bag_topic="", qos=QoS(depth=100)),
+        )
+        ready = self.ask(
+            player,
+            protocol.ConfigurePlayer(
+                inputs=inputs, buffer_dir=str(self.buffers), rows=str(self.rows / "played")
+            ),
+            protocol.Ready,
+        )
+        assert ready.headers == {TOPIC: True}
+        schedule = CyclicSchedule(steps=tuple((n,) for n in range(len(SIZES))))
+        self.ask(player, protocol.Follow(schedule=schedule), protocol.Ready)
+        watched = protocol.ConfigureMonitor(monitors=(OUT,), rows_dir=str(self.rows))
+        assert self.ask(monitor, watched, protocol.Ready).rmw
+        self.ask(monitor, protocol.Subscribe())
+
+    def match(self, *ends: ManagedProcess, count: int = 1) -> None:
+        deadline = time.monotonic() + HANG_S
+        while any(self.ask(each, protocol.CountMatches()).counts[TOPIC] < count for each in ends):
+            assert time.monotonic() < deadline
+            self.children.pump(0.02)
+
+    def played(self) -> Any:
+        return RowReader(self.rows / "played", PLAYBACK_FIELDS).read()
+
+    def received(self, name: str, count: int) -> Any:
+        rows = RowReader(self.rows / f"{name}.rows", MONITOR_FIELDS)
+        deadline = time.monotonic() + HANG_S
+        while rows.count() < count:
+            assert time.monotonic() < deadline, f"{rows.count()} of {count}"
+            self.children.pump(0.02)
+        return rows.read()
+
+
+@pytest.fixture
+def harness(tmp_path: Path) -> Iterator[Harness]:
+    with reserved_domain() as domain:
+        made = Harness(tmp_path, domain)
+        yield made
+        assert made.children.close() == []
+
+
+@pytest.fixture(params=["two processes", "one process"])
+def ends(harness: Harness, request: pytest.FixtureRequest) -> tuple[ManagedProcess, ManagedProcess]:
+    if request.param == "two processes":
+        player, monitor = harness.start("player"), harness.start("monitor")
+    else:
+        parts = ("player", "monitor")
+        whole = harness.start("harness", parts)
+        harness.ask(whole, protocol.ConfigureHarness(parts=parts), protocol.Ready)
+        player, monitor = whole.parts["player"], whole.parts["monitor"]
+    harness.configure(player, monitor)
+    harness.match(player, monitor)
+    return player, monitor
+
+
+def test_messages_arrive_as_they_were_with_the_stamp_of_their_step(
+    harness: Harness, ends: tuple[ManagedProcess, ManagedProcess]
+) -> None:
+    player, monitor = ends
+    again = MonitorPlan(name=".again", topic=TOPIC, type=IMAGE, match="order", qos=None)
+    harness.ask(monitor, protocol.Watch(monitors=(again,), with_content=True))
+    harness.match(player, count=2)
+    steps = 3 * len(SIZES)
+    done = harness.ask(player, protocol.Play(rate_hz=200.0, steps=steps), protocol.Played)
+    assert done.steps == steps
+    played = harness.played()
+    for name in ("out", ".again"):
+        rows = harness.received(name, steps)
+        assert rows["stamp_ns"].tolist() == played["stamp_ns"].tolist()
+        assert (rows["received_ns"] <= rows["taken_ns"]).all()
+        assert (rows["received_ns"] > played["published_ns"]).all()
+    harness.ask(monitor, protocol.Unwatch())
+    content = list(read_messages(harness.rows / ".again.messages"))
+    assert len(content) == steps
+    for data, stamp_ns, original in zip(content, played["stamp_ns"], 3 * messages(), strict=True):
+        expected = bytearray(original)
+        write_stamp(expected, int(stamp_ns))
+        assert data == bytes(expected)
+        assert read_stamp(data) == stamp_ns
+    # The buffers on the disk are as they were: what is stamped is a copy.
+    assert (harness.buffers / "r2b%image.cdr").read_bytes() == b"".join(messages())
+
+
+def test_steps_follow_the_schedule_and_have_unique_stamps(
+    harness: Harness, ends: tuple[ManagedProcess, ManagedProcess]
+) -> None:
+    player, _ = ends
+    rate_hz, steps = 250.0, 500
+    harness.ask(player, protocol.Play(rate_hz=rate_hz, steps=steps), protocol.Played)
+    harness.ask(player, protocol.Play(rate_hz=rate_hz, steps=3), protocol.Played)
+    played = harness.played()
+    assert played.size == steps + 3
+    begun = played["due_ns"][0]
+    expected = [round(n * 1e9 / rate_hz) for n in range(steps)]
+    assert (played["due_ns"][:steps] - begun).tolist() == expected
+    assert (played["published_ns"] >= played["due_ns"]).all()
+    assert (played["done_ns"] > played["published_ns"]).all()
+    assert (played["stamp_ns"][1:] > played["stamp_ns"][:-1]).all()
+    assert set(played["inputs"]) == {-1}
+
+
+def test_a_command_stops_it_between_two_steps(
+    harness: Harness, ends: tuple[ManagedProcess, ManagedProcess]
+) -> None:
+    player, _ = ends
+    player.send(protocol.Play(rate_hz=50.0, steps=1_000_000))
+    harness.received("out", 5)
+    player.send(protocol.Stop())
+    done = harness.children.answer(player, protocol.Played, HANG_S)
+    assert 5 <= done.steps < 1_000_000
+    assert harness.played().size == done.steps
+    harness.received("out", done.steps)
+    # The next playback goes on with the next message of the round.
+    harness.ask(player, protocol.Play(rate_hz=50.0, steps=1), protocol.Played)
+    rows = harness.received("out", done.steps + 1)
+    sizes = [len(each) for each in messages()]
+    assert rows["bytes"].tolist() == [sizes[n % len(sizes)] for n in range(done.steps + 1)]
+
+
+def test_what_is_watched_for_a_while_is_watched_no_more(
+    harness: Harness, ends: tuple[ManagedProcess, ManagedProcess]
+) -> None:
+    player, monitor = ends
+    plans = tuple(
+        MonitorPlan(name=name, topic=topic, type=kind, match="order", qos=None)
+        for name, topic, kind in (
+            (".there", TOPIC, IMAGE),
+            (".nobody", "/nobody", IMAGE),
+            (".unknown", TOPIC, "no_such_msgs/msg/Thing"),
+        )
+    )
+    counts = harness.ask(monitor, protocol.Watch(monitors=plans)).counts
+    assert set(counts) == {TOPIC}
+    harness.match(player, count=2)
+    assert sorted(each.name for each in harness.rows.glob(".*.rows")) == [".there.rows"]
+    harness.ask(monitor, protocol.Unwatch())
+    deadline = time.monotonic() + HANG_S
+    while harness.ask(player, protocol.CountMatches()).counts[TOPIC] != 1:
+        assert time.monotonic() < deadline
+        harness.children.pump(0.02)
+
+
+def test_sanitizers_find_nothing(harness: Harness) -> None:
+    try:
+        player, monitor = (harness.start(name, flags=SANITIZERS) for name in ("player", "monitor"))
+    except BuildError as error:
+        if "san" in str(error):
+            pytest.skip(f"the compiler has no sanitizers here: {error}")
+        raise
+    harness.configure(player, monitor)
+    harness.match(player, monitor)
+    again = MonitorPlan(name=".again", topic=TOPIC, type=IMAGE, match="order", qos=None)
+    for _ in range(2):
+        harness.ask(monitor, protocol.Watch(monitors=(again,), with_content=True))
+        harness.ask(player, protocol.Play(rate_hz=100.0, steps=7), protocol.Played)
+        harness.ask(monitor, protocol.Unwatch())
+        again = MonitorPlan(name=".twice", topic=TOPIC, type=IMAGE, match="order", qos=None)
+    harness.received("out", 14)
+    harness.children.end([player, monitor])
+    for name, child in (("player", player), ("monitor", monitor)):
+        assert child.process.poll() == 0, child.log_tail()
+        assert (harness.folder / f"{name}.log").read_text() == ""
+
+
+def test_a_monitor_that_did_not_run_says_for_how_long(
+    harness: Harness, ends: tuple[ManagedProcess, ManagedProcess]
+) -> None:
+    _, monitor = ends
+    held = StallLogReader(harness.rows)
+    os.kill(monitor.pid, signal.SIGSTOP)
+    began_ns = time.monotonic_ns()
+    time.sleep(0.4)
+    os.kill(monitor.pid, signal.SIGCONT)
+    deadline = time.monotonic() + HANG_S
+    while not held.between(began_ns, time.monotonic_ns()):
+        assert time.monotonic() < deadline
+        harness.children.pump(0.02)
+    assert held.between(began_ns, time.monotonic_ns()) > 0.2e9
+
+
+@pytest.mark.parametrize(
+    ("command", "message", "code"),
+    [
+        (
+            protocol.ConfigureMonitor(
+                monitors=(
+                    MonitorPlan(
+                        name="x", topic="/x", type="no_such/msg/Thing", match="order", qos=None
+                    ),
+                ),
+                rows_dir="ROWS",
+            ),
+            "message type no_such/msg/Thing is not installed",
+            "R2B681",
+        ),
+        (
+            protocol.ConfigureMonitor(monitors=(), rows_dir="/nowhere/at all"),
+            "/nowhere/at all/monitor.held: No such file or directory",
+            "R2B630",
+        ),
+    ],
+)
+def test_what_fails_is_said_and_the_process_ends(
+    harness: Harness, command: protocol.ConfigureMonitor, message: str, code: str
+) -> None:
+    monitor = harness.start("monitor")
+    if command.rows_dir == "ROWS":
+        command = protocol.ConfigureMonitor(monitors=command.monitors, rows_dir=str(harness.rows))
+    with pytest.raises(RunError, match=message) as caught:
+        harness.ask(monitor, command, protocol.Ready)
+    assert caught.value.code == code
+    assert monitor.process.wait(HANG_S) == 1
+
+
+def test_a_buffer_that_is_shorter_than_its_index_is_refused(
+    harness: Harness, ends: tuple[ManagedProcess, ManagedProcess]
+) -> None:
+    player, _ = ends
+    path = harness.buffers / "r2b%image.cdr"
+    os.truncate(path, path.stat().st_size - 1)
+    schedule = CyclicSchedule(steps=tuple((n,) for n in range(len(SIZES))))
+    with pytest.raises(ProcessFailedError, match="shorter than its index"):
+        harness.ask(player, protocol.Follow(schedule=schedule), protocol.Ready)
+
+
+HOST = """
+import ctypes, os, signal, sys, time
+signal.signal(signal.SIGUSR1, lambda *_: print("signal", flush=True))
+library = ctypes.CDLL(sys.argv[1])
+for part in ("player", "monitor"):
+    assert library.r2bspec_harness_start(sys.argv[2].encode(), part.encode()) == 0
+print("started", flush=True)
+sys.stdin.read()
+print("goes on", flush=True)
+sys.exit(7)
+"""
+
+
+def test_parts_join_a_process_that_keeps_its_signals_and_its_exit_status(
+    harness: Harness, tmp_path: Path
+) -> None:
+    path = str(tmp_path / "joined")
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(path)
+        listener.listen()
+        listener.settimeout(HANG_S)
+        host = subprocess.Popen(
+            [sys.executable, "-c", HOST, str(harness_library()), path],
+            env=os.environ | {"ROS_DOMAIN_ID": str(harness.domain)},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        )
+        assert host.stdin is not None
+        assert host.stdout is not None
+        with contextlib.ExitStack() as stack:
+            stack.callback(host.wait, HANG_S)
+            parts = {}
+            for _ in range(2):
+                connection = stack.enter_context(listener.accept()[0])
+                lines = stack.enter_context(connection.makefile("rb"))
+                hello = protocol.decode_reply(lines.readline())
+                assert isinstance(hello, protocol.Hello)
+                assert (hello.pid, Path(hello.executable).name[:6]) == (host.pid, "python")
+                parts[hello.part] = (connection, lines)
+            assert set(parts) == {"player", "monitor"}
+            connection, lines = parts["monitor"]
+            command = protocol.ConfigureMonitor(monitors=(OUT,), rows_dir=str(harness.rows))
+            connection.sendall(NativeEncoder()(command))
+            assert isinstance(protocol.decode_reply(lines.readline()), protocol.Ready)
+            assert host.stdout.readline() == b"started\n"
+            host.send_signal(10)
+            assert host.stdout.readline() == b"signal\n"
+            for connection, lines in parts.values():
+                connection.sendall(NativeEncoder()(protocol.Shutdown()))
+                assert lines.readline() == b""
+            host.stdin.close()
+            assert host.stdout.readline() == b"goes on\n"
+        host.stdout.close()
+    assert host.returncode == 7
+
+
+def test_a_socket_that_nobody_listens_on_is_an_error(tmp_path: Path) -> None:
+    library = ctypes.CDLL(str(harness_library()))
+    assert library.r2bspec_harness_start(str(tmp_path / "none").encode(), b"player") < 0
+    assert library.r2bspec_harness_start(b"/" + b"x" * 200, b"player") < 0
+
+
+def test_a_run_without_a_compiler_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CC", "no-such-compiler")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    done = Bench(tmp_path).run(relay_spec())
+    assert done.status == 2
+    assert "R2B668" in done.error
+    assert "no-such-compiler is not in PATH" in done.error
+    assert "apt install gcc" in done.error
+    assert done.run().record.processes == ()

@@ -1,0 +1,209 @@
+"""Profilers observe one more iteration, and nothing that counts."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from c_nodes import c_node_spec
+from r2bspec.execute.errors import ProfilerError
+from r2bspec.execute.profile.profilers import find_profiler
+from r2bspec.execute.profile.usable import require_usable
+from r2bspec.record.folded_stacks import read_stacks
+from r2bspec.record.run_record import ProfileRecord
+from ros_runs import Bench, Finished, relay_node, relay_spec
+from ros_runs import nothing_left as nothing_left
+
+STEPS = 20
+"""Of the one iteration of `relay_spec`, and of the one that is observed."""
+
+WARM_UP = 10
+
+NSYS = """#!/bin/sh
+# In place of the program of NVIDIA: takes the same words, and writes its file at the end.
+while [ "$1" != --output ]; do echo "$1" >> {calls}; shift; done
+output=$2
+shift 2
+echo "$@" >> {calls}
+trap : INT
+"$@" &
+while kill -0 $! 2> /dev/null; do wait; done
+echo report > "$output.nsys-rep"
+: > "$output$(printf '\\377')"
+"""
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Bench:
+    return Bench(tmp_path / "bench")
+
+
+def require(name: str) -> None:
+    try:
+        require_usable(find_profiler(name))
+    except ProfilerError as error:
+        pytest.skip(f"{error}; {error.hint}")
+
+
+def graph(node: dict[str, Any]) -> dict[str, Any]:
+    return relay_spec(graph={"nodes": {"node": node}})
+
+
+def the_profile(done: Finished) -> ProfileRecord:
+    (found,) = done.run().record.profiles
+    return found
+
+
+def assert_measured_before(done: Finished) -> None:
+    """See that the run is complete, and that all of it was over before the profiler started."""
+    done.assert_complete()
+    run = done.run()
+    (iteration,) = [each for each in run.record.segments if each.kind == "iteration"]
+    assert run.monitor(iteration, "out").size == STEPS
+    profile = the_profile(done)
+    counting = [each for each in run.record.segments if each.kind != "warm_up" or each.start == 1]
+    assert max(each.ended_ns for each in counting) <= profile.began_ns < profile.ended_ns
+    (phase_ns,) = [at for at, text in run.record.events if text == "phase profile"]
+    assert max(each.ended_ns for each in counting) <= phase_ns
+
+
+def functions(done: Finished) -> set[str]:
+    """The functions in the folded stacks."""
+    stacks = read_stacks(done.folder / the_profile(done).stacks, done.folder)
+    return {frame for stack in stacks for frame in stack}
+
+
+def test_py_spy_shows_the_functions_of_a_python_node(bench: Bench) -> None:
+    require("py-spy")
+    page = bench.folder / "report.html"
+    done = bench.run(graph(relay_node(10.0)), "--profile", "py-spy", "--report", f"html={page}")
+    assert_measured_before(done)
+    assert the_profile(done).error == ""
+    assert any("_on_message" in each for each in functions(done))
+    assert "Profile of node at 20 Hz, with py-spy: profile/node/node.folded" in done.stdout
+    assert "_on_message" in page.read_text().partition('<h2 id="profile">')[2]
+    assert len(done.run().record.starts) == 1
+    # The profile is no segment, and no part of the judgement.
+    assert {each.kind for each in done.run().record.segments} == {"warm_up", "iteration"}
+
+
+@pytest.mark.parametrize("placement", ["separate", "graph"])
+def test_perf_shows_the_functions_of_a_program_in_c(bench: Bench, placement: str) -> None:
+    require("perf")
+    node = c_node_spec("relay", parameters={"service_time_ms": 10.0})
+    spec = graph(node) | {"harness": {"placement": placement}}
+    done = bench.run(spec, "--profile", "perf")
+    assert_measured_before(done)
+    profile = the_profile(done)
+    assert profile.error == ""
+    assert profile.files == ("profile/node/node.folded", "profile/node/node.perf.data")
+    assert "compute_ms" in functions(done)
+
+
+def test_nsys_starts_the_named_node_anew(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = tmp_path / "calls"
+    program = tmp_path / "nsys"
+    program.write_text(NSYS.format(calls=calls))
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    node = c_node_spec("relay", remappings={"output": "middle"})
+    other = relay_node(remappings={"input": "middle"})
+    spec = relay_spec(graph={"nodes": {"node": node, "other": other}})
+    done = bench.run(spec, "--profile", "nsys", "--profile-node", "node")
+    assert_measured_before(done)
+    assert the_profile(done).files == (
+        "profile/node/node.nsys-rep",
+        "profile/node/node\N{REPLACEMENT CHARACTER}",
+    )
+    first, *options, called = calls.read_text().splitlines()
+    assert first == "profile"
+    assert "--trace=cuda,nvtx,osrt" in options
+    assert called.startswith(node["command"][0])
+    assert "-r output:=middle" in called
+    # A start of its own, which is none of those that are measured.
+    assert len(done.run().record.starts) == 1
+    ended = [each for each in done.run().record.processes if each.name in {"node", "other"}]
+    assert sorted((each.name, each.exit_code) for each in ended) == [
+        *(("node", 0), ("node", 0)),
+        *(("other", 0), ("other", 0)),
+    ]
+
+
+def test_a_program_that_writes_no_file_costs_no_verdict(bench: Bench) -> None:
+    done = bench.run(graph(c_node_spec("relay")), "--profile", "env")
+    assert_measured_before(done)
+    assert the_profile(done).error == "env wrote no file in the run folder"
+    assert "Profile of node at 20 Hz, with env, is missing" in done.stdout
+
+
+def test_a_node_that_crashes_with_the_profiler_costs_no_verdict(bench: Bench) -> None:
+    require("perf")
+    node = c_node_spec("crash", parameters={"messages": WARM_UP + STEPS + 2})
+    done = bench.run(graph(node), "--profile", "perf")
+    assert_measured_before(done)
+    assert "process node was killed by SIGSEGV" in the_profile(done).error
+    assert done.run().record.reason == ""
+
+
+def test_a_profiler_that_is_killed_costs_no_verdict(bench: Bench) -> None:
+    require("py-spy")
+    spec = graph(relay_node(1.0))
+    spec["benchmark"]["duration"] = "4 s"
+    with bench.start(spec, "--profile", "py-spy") as running:
+        running.wait_for("20 Hz, with py-spy")
+        running.child("profile.node").kill()
+        done = running.finish()
+    done.assert_complete()
+    assert "py-spy was killed by SIGKILL" in the_profile(done).error
+
+
+def test_runs_at_once_have_profiles_of_their_own(bench: Bench) -> None:
+    require("py-spy")
+    spec = graph(relay_node(5.0))
+    with (
+        bench.start(spec, "--profile", "py-spy") as one,
+        bench.start(spec, "--profile", "py-spy") as other,
+    ):
+        for done in (one.finish(), other.finish()):
+            done.assert_complete()
+            assert the_profile(done).error == ""
+            assert any("_on_message" in each for each in functions(done))
+
+
+def test_an_interruption_ends_the_profiler_too(bench: Bench) -> None:
+    require("py-spy")
+    spec = graph(relay_node(1.0))
+    spec["benchmark"]["duration"] = "4 s"
+    with bench.start(spec, "--profile", "py-spy") as running:
+        running.wait_for("20 Hz, with py-spy")
+        running.process.send_signal(signal.SIGINT)
+        done = running.finish()
+    assert done.status == 130
+    assert done.run().record.status == "incomplete"
+    (iteration,) = [each for each in done.run().record.segments if each.kind == "iteration"]
+    assert iteration.complete
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["--profile", "no-such-profiler"], "R2B652", "'no-such-profiler' is not installed"),
+        (["--profile", "env", "--profile-node", "nod"], "R2B601", "starts no node 'nod'"),
+    ],
+)
+def test_what_cannot_be_observed_is_said_before_anything_is_started(
+    bench: Bench, arguments: list[str], code: str, words: str
+) -> None:
+    done = bench.run(graph(relay_node()), *arguments)
+    assert done.status == 2
+    assert done.error.startswith(f"error[{code}")
+    assert words in done.error
+    assert done.run().record.processes == ()

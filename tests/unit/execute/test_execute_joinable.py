@@ -1,0 +1,127 @@
+"""Which programs the harness can join, told from the program itself."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import struct
+import sys
+from pathlib import Path
+
+import pytest
+
+from r2bspec.execute.bringup.graph_joins import is_meant
+from r2bspec.execute.errors import NotJoinableError
+from r2bspec.execute.processes.joinable import require_joinable, why_not_joinable
+from r2bspec.ipc.protocol import Hello
+
+FOREIGN_USER = 65534
+
+
+def elf(folder: Path, *segments: tuple[int, bytes], machine: bytes | None = None) -> Path:
+    """A program of a header and segments, each a type and its content."""
+    own = Path(sys.executable).resolve().read_bytes()[:20]
+    head = bytearray(64)
+    head[:20] = own
+    if machine is not None:
+        head[18:20] = machine
+    struct.pack_into("<Q", head, 32, 64)
+    struct.pack_into("<HH", head, 54, 56, len(segments))
+    table, content = bytearray(), bytearray()
+    for kind, data in segments:
+        row = bytearray(56)
+        offset = 64 + 56 * len(segments) + len(content)
+        struct.pack_into("<I", row, 0, kind)
+        struct.pack_into("<Q", row, 8, offset)
+        struct.pack_into("<Q", row, 32, len(data))
+        table += row
+        content += data
+    path = folder / "program"
+    path.write_bytes(bytes(head + table + content))
+    path.chmod(0o755)
+    return path
+
+
+GLIBC = (3, b"/lib64/ld-linux-x86-64.so.2\0")
+LOADED = (1, b"code")
+
+
+def test_a_program_with_a_dynamic_linker_can_be_joined(tmp_path: Path) -> None:
+    assert why_not_joinable(elf(tmp_path, LOADED, GLIBC)) == ""
+    assert why_not_joinable(Path(sys.executable)) == ""
+
+
+@pytest.mark.parametrize(
+    ("segments", "reason"),
+    [
+        ([LOADED], "is linked statically"),
+        ([(3, b"/lib/ld-musl-x86_64.so.1\0")], "uses another C library than ROS (musl)"),
+    ],
+)
+def test_one_without_it_or_with_another_cannot(
+    tmp_path: Path, segments: list[tuple[int, bytes]], reason: str
+) -> None:
+    assert why_not_joinable(elf(tmp_path, *segments)) == reason
+
+
+def test_a_program_of_another_processor_cannot(tmp_path: Path) -> None:
+    path = elf(tmp_path, GLIBC, machine=b"\x28\x00")
+    assert why_not_joinable(path) == "is built for another kind of processor"
+
+
+def test_a_script_is_what_its_interpreter_is(tmp_path: Path) -> None:
+    static = elf(tmp_path, LOADED)
+    script = tmp_path / "script"
+    script.write_text(f"#!{static} -x\n")
+    assert why_not_joinable(script) == "is linked statically"
+    script.write_text(f"#!{sys.executable}\n")
+    assert why_not_joinable(script) == ""
+
+
+def test_a_damaged_program_is_left_to_the_kernel(tmp_path: Path) -> None:
+    path = elf(tmp_path, GLIBC)
+    whole = path.read_bytes()
+    for size in range(len(whole)):
+        path.write_bytes(whole[:size])
+        assert isinstance(why_not_joinable(path), str)
+    assert why_not_joinable(tmp_path / "missing") == ""
+
+
+def test_a_static_wrapper_may_start_what_can_be_joined(tmp_path: Path) -> None:
+    static = str(elf(tmp_path, LOADED))
+    require_joinable("node", [static, "--flag", sys.executable])
+    with pytest.raises(NotJoinableError, match="is linked statically") as raised:
+        require_joinable("node", [static, "--flag", "nothing"])
+    assert raised.value.code == "R2B674"
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can give a program to another user")
+def test_a_program_of_another_user_cannot_be_joined_nor_what_it_starts(tmp_path: Path) -> None:
+    program = tmp_path / "setuid"
+    shutil.copy(Path(sys.executable).resolve(), program)
+    os.chown(program, FOREIGN_USER, -1)
+    program.chmod(0o755)
+    require_joinable("node", [str(program), sys.executable])
+    program.chmod(0o4755)
+    with pytest.raises(NotJoinableError, match="another user"):
+        require_joinable("node", [str(program), sys.executable])
+
+
+def hello(*arguments: str, executable: str = "/usr/bin/python3.11") -> Hello:
+    return Hello(pid=1, executable=executable, part="", process="node", arguments=arguments)
+
+
+@pytest.mark.parametrize(
+    ("asking", "program", "meant"),
+    [
+        (hello("/opt/demo/talker", executable="/opt/demo/talker"), "", True),
+        (hello("python3", "node.py"), "", True),
+        (hello("python3", "/opt/ros/jazzy/bin/ros2", "run", "demo", "talker"), "", False),
+        (hello("/usr/bin/python3", "/opt/ros/jazzy/bin/ros2", "launch", "a.py"), "", False),
+        (hello("/opt/demo/talker", executable="/opt/demo/talker"), "talker", True),
+        (hello("/opt/demo/other", executable="/opt/demo/other"), "talker", False),
+        (hello("/opt/demo/other", "--ros-args", "-r", "__node:=talker"), "talker", True),
+    ],
+)
+def test_a_node_is_told_from_what_starts_it(asking: Hello, program: str, meant: bool) -> None:
+    assert is_meant(asking, program) is meant

@@ -1,0 +1,82 @@
+"""Monitors in several processes are commanded as one."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from r2bspec.execute.processes.monitor_group import MonitorGroup
+from r2bspec.execute.processes.process import ManagedProcess
+from r2bspec.ipc import protocol
+
+LOG = Path("log")
+
+
+class Member:
+    """A monitor of which the test is the other end of its channel."""
+
+    def __init__(self, process: Any) -> None:
+        ours, self.theirs = socket.socketpair()
+        self.managed = ManagedProcess("monitor", "monitor", process, LOG, None)
+        self.managed.connection = ours
+        self.theirs.setblocking(False)
+
+    def close(self) -> None:
+        self.theirs.close()
+        assert self.managed.connection is not None
+        self.managed.connection.close()
+
+    def commands(self) -> list[protocol.Command]:
+        try:
+            received = self.theirs.recv(1 << 16)
+        except BlockingIOError:
+            return []
+        return [protocol.decode_command(line) for line in received.splitlines()]
+
+    def reply(self, message: Any) -> None:
+        self.theirs.sendall(protocol.encode(message))
+        self.managed.read()
+
+
+@pytest.fixture
+def members() -> Iterator[list[Member]]:
+    found = [Member(object()) for _ in range(2)]
+    yield found
+    for each in found:
+        each.close()
+
+
+@pytest.fixture
+def group(members: list[Member]) -> MonitorGroup:
+    return MonitorGroup([each.managed for each in members])
+
+
+def test_the_answer_is_complete_with_that_of_the_last(
+    group: MonitorGroup, members: list[Member]
+) -> None:
+    group.send(protocol.CountMatches())
+    assert [each.commands() for each in members] == [[protocol.CountMatches()]] * 2
+    members[1].reply(protocol.Matched(counts={"/b": 2}))
+    assert not group.inbox
+    members[0].reply(protocol.Matched(counts={"/a": 1}))
+    assert [*group.inbox] == [protocol.Matched(counts={"/a": 1, "/b": 2})]
+
+
+def test_what_is_watched_for_a_while_is_watched_by_the_first(
+    group: MonitorGroup, members: list[Member]
+) -> None:
+    group.send(protocol.Watch(monitors=()))
+    assert [len(each.commands()) for each in members] == [1, 0]
+    members[0].reply(protocol.Matched(counts={}))
+    assert len(group.inbox) == 1
+
+
+def test_the_error_of_one_stays_with_it(group: MonitorGroup, members: list[Member]) -> None:
+    failed = protocol.Failed(code="R2B630", message="lost")
+    members[1].reply(failed)
+    assert [*members[1].managed.inbox] == [failed]
+    assert not group.inbox
