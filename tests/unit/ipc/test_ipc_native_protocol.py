@@ -18,7 +18,7 @@ from r2bspec.plan.plan import InputPlan, MonitorPlan
 
 IMAGE = "sensor_msgs/msg/Image"
 OUT = MonitorPlan(name="out", topic="/out", type=IMAGE, match="stamp", qos=None)
-NAMED = msgspec.structs.replace(OUT, name="named", qos=QoS(reliability="best_effort", depth=3))
+NAMED = msgspec.structs.replace(OUT, name="b", qos=QoS(reliability="best_effort", depth=3))
 INPUT = InputPlan(topic="/in", type=IMAGE, source="/loaded", bag_topic="", qos=QoS())
 TRANSFORM = (
     *(b"\0\1\0\0", struct.pack("<I", 1), struct.pack("<iI", 5, 7)),
@@ -62,7 +62,7 @@ def write_buffer(folder: Path, topic: str, kind: str, *messages: bytes) -> None:
         (protocol.Play(rate_hz=29.97, steps=100), "play 29.97 100"),
         (
             protocol.ConfigureMonitor(monitors=(OUT, NAMED), rows_dir="/rows"),
-            f"monitor /rows 2 out /out {IMAGE} - named /out {IMAGE} best_effort,volatile,keep_last,3",
+            f"monitor /rows 2 out /out {IMAGE} - b /out {IMAGE} best_effort,volatile,keep_last,3",
         ),
         (protocol.Watch(monitors=(OUT,), with_content=True), f"watch 1 1 out /out {IMAGE} -"),
         (
