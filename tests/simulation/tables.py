@@ -2,14 +2,22 @@
 
     PYTHONPATH=tests/support python tests/simulation/tables.py [NAME ...]
 
-Seeds are fixed; all of them take some minutes. NAME is that of a function below.
+Seeds are fixed. NAME is that of a function below; without a name, all are printed, in the order of
+`TABLES`, as many at a time as there are processors. Progress goes to standard error. The exit
+status is 1 if a table could not be made.
 """
 
 from __future__ import annotations
 
+import contextlib
+import io
+import os
 import sys
+import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -439,7 +447,56 @@ TABLES = (
     waiting,
 )
 
-if __name__ == "__main__":
-    for table in TABLES:
-        if len(sys.argv) < 2 or table.__name__ in sys.argv[1:]:
+_LONGEST = ("peak_methods", "peak_worlds", "peaks", "sustained", "power", "starts", "shapes")
+"""These begin first, so that none of them is left alone at the end."""
+
+
+def main(names: Sequence[str]) -> int:
+    """Print the tables of these names, or all."""
+    known = {table.__name__: table for table in TABLES}
+    if unknown := sorted(set(names) - set(known)):
+        sys.stderr.write(f"no table is called {', '.join(unknown)}; there are {', '.join(known)}\n")
+        return 2
+    wanted = [name for name in known if not names or name in names]
+    urgent = [name for name in _LONGEST if name in wanted]
+    failed = False
+    with ProcessPoolExecutor(min(len(wanted), len(os.sched_getaffinity(0)))) as pool:
+        made = {
+            name: pool.submit(_made, name)
+            for name in (*urgent, *(each for each in wanted if each not in urgent))
+        }
+        for name, future in made.items():
+            future.add_done_callback(partial(_report, name, time.monotonic(), len(wanted)))
+        for name in wanted:
+            text, problem = made[name].result()
+            sys.stdout.write(text)
+            sys.stdout.flush()
+            if problem:
+                failed = True
+                sys.stderr.write(f"{name} could not be made: {problem}\n")
+    return int(failed)
+
+
+def _made(name: str) -> tuple[str, str]:
+    """What a table prints, and why it ended early; empty if it did not."""
+    table = next(each for each in TABLES if each.__name__ == name)
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        try:
             table()
+        except Exception as error:  # the others are printed all the same
+            return printed.getvalue(), f"{type(error).__name__}: {error}"
+    return printed.getvalue(), ""
+
+
+_done: list[str] = []
+
+
+def _report(name: str, began_s: float, number: int, _: Future[tuple[str, str]]) -> None:
+    _done.append(name)
+    seconds = time.monotonic() - began_s
+    sys.stderr.write(f"{len(_done)} of {number} after {seconds:.0f} s: {name}\n")
+    sys.stderr.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
