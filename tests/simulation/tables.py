@@ -231,7 +231,7 @@ def baselines() -> None:
         + [f"{100 * paired_gate(1, 0.95, pairs=n, runs=RUNS).failed:.1f}" for n in (5, 10, 30)],
         ["pairs, bootstrap of the ratio, no margin"]
         + [f"{100 * bootstrap_gate(1, pairs=n, runs=1000).failed:.1f}" for n in (5, 10, 30)],
-        ["two stored runs, Welch, no margin"]
+        ["two stored runs of one start, Welch, no margin"]
         + [f"{100 * stored_gate(n, runs=RUNS).failed:.1f}" for n in (5, 10, 30)],
         ["history of so many runs, no margin"]
         + [f"{100 * history_gate(1, 1, history=n, runs=RUNS).failed:.1f}" for n in (5, 10, 30)],
