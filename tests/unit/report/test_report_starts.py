@@ -91,6 +91,15 @@ def test_a_requirement_that_rests_on_probes_says_that_they_are_of_one_start(
     for starts, noted in ((1, set()), (3, {"search bracket"})):
         verdict = result_of(run_of(tmp_path / f"{starts}", starts)).verdict
         assert {one.method for one in verdict.requirements if note in one.notes} == noted
+    # In a comparison in pairs, each run has probes of its own.
+    run = run_of(tmp_path / "pairs", 3)
+    probed = [
+        msgspec.structs.replace(run.record.segments[0], id=f"p{start}", kind="probe", start=start)
+        for start in (1, 2, 3)
+    ]
+    segments = (*run.record.segments, *probed)
+    verdict = result_of(replace(run, record=msgspec.structs.replace(run.record, segments=segments)))
+    assert not [one for one in verdict.verdict.requirements if note in one.notes]
 
 
 @pytest.mark.parametrize("name", ["silent", "empty", "hostile"])
