@@ -2,9 +2,9 @@
 
     PYTHONPATH=tests/support python tests/simulation/tables.py [NAME ...]
 
-Seeds are fixed. NAME is that of a function below; without a name, all are printed, in the order of
-`TABLES`, as many at a time as there are processors. Progress goes to standard error. The exit
-status is 1 if a table could not be made.
+Seeds are fixed. NAME is that of a function below; without a name, all are printed. As many are made
+at a time as there are processors, and each is printed when it is made, the longest ones begun
+first. Progress goes to standard error. The exit status is 1 if a table could not be made.
 """
 
 from __future__ import annotations
@@ -16,8 +16,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
-from functools import partial
+from concurrent.futures import ProcessPoolExecutor, as_completed
 
 import numpy as np
 from numpy.typing import NDArray
@@ -459,21 +458,21 @@ def main(names: Sequence[str]) -> int:
         return 2
     wanted = [name for name in known if not names or name in names]
     urgent = [name for name in _LONGEST if name in wanted]
-    failed = False
+    failed, began_s = False, time.monotonic()
     with ProcessPoolExecutor(min(len(wanted), len(os.sched_getaffinity(0)))) as pool:
-        made = {
-            name: pool.submit(_made, name)
-            for name in (*urgent, *(each for each in wanted if each not in urgent))
-        }
-        for name, future in made.items():
-            future.add_done_callback(partial(_report, name, time.monotonic(), len(wanted)))
-        for name in wanted:
-            text, problem = made[name].result()
+        ordered = (*urgent, *(each for each in wanted if each not in urgent))
+        made = {pool.submit(_made, name): name for name in ordered}
+        for number, future in enumerate(as_completed(made), start=1):
+            text, problem = future.result()
             sys.stdout.write(text)
             sys.stdout.flush()
-            if problem:
-                failed = True
-                sys.stderr.write(f"{name} could not be made: {problem}\n")
+            failed |= bool(problem)
+            seconds = time.monotonic() - began_s
+            state = f"could not be made: {problem}" if problem else "made"
+            sys.stderr.write(
+                f"{number} of {len(wanted)} after {seconds:.0f} s: {made[future]} {state}\n"
+            )
+            sys.stderr.flush()
     return int(failed)
 
 
@@ -486,16 +485,6 @@ def _made(name: str) -> tuple[str, str]:
         except Exception as error:  # the others are printed all the same
             return printed.getvalue(), f"{type(error).__name__}: {error}"
     return printed.getvalue(), ""
-
-
-_done: list[str] = []
-
-
-def _report(name: str, began_s: float, number: int, _: Future[tuple[str, str]]) -> None:
-    _done.append(name)
-    seconds = time.monotonic() - began_s
-    sys.stderr.write(f"{len(_done)} of {number} after {seconds:.0f} s: {name}\n")
-    sys.stderr.flush()
 
 
 if __name__ == "__main__":
