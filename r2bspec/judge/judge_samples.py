@@ -86,7 +86,7 @@ def judge(
         outcome=outcome,
         exit_code=EXIT_CODES[outcome],
         reason=reason,
-        requirements=with_limits(requirements, samples.starts) if judged else requirements,
+        requirements=with_limits(requirements, samples) if judged else requirements,
         unusable=unusable,
         disturbed=tuple(disturbed.values()),
         starts=samples.starts if judged else 0,

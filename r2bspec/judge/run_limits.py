@@ -22,6 +22,9 @@ from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.measure.samples import RunSamples
 from r2bspec.measure.units import show
 
+_PROBES: Final = ("probe", "sustained")
+"""Segments of probes. In a comparison in pairs, each run has its own."""
+
 FEW_BURSTS: Final = 5
 LONG_BURST: Final = 20.0
 """Messages; a PASS that allows for bursts of this mean length needs no note on them."""
@@ -47,17 +50,19 @@ def run_limits(requirements: Sequence[RequirementVerdict], samples: RunSamples) 
 
 
 def with_limits(
-    requirements: Sequence[RequirementVerdict], starts: int
+    requirements: Sequence[RequirementVerdict], samples: RunSamples
 ) -> tuple[RequirementVerdict, ...]:
     """The verdicts on requirements, with what each of them cannot know.
 
     Args:
         requirements: the final verdicts on them.
-        starts: of how many starts of the processes the run is.
+        samples: the run.
     """
+    probed = {each.start for each in samples.record.segments if each.kind in _PROBES}
+    first_alone = samples.starts > 1 and probed <= {1}
     return tuple(
         msgspec.structs.replace(one, notes=(*one.notes, *notes))
-        if (notes := (*_few_bursts(one), *_probed_start(one, starts)))
+        if (notes := (*_few_bursts(one), *_probed_start(one, first_alone=first_alone)))
         else one
         for one in requirements
     )
@@ -157,8 +162,8 @@ def _counted(one: RequirementVerdict) -> str:
     return METHODS[one.method].counts
 
 
-def _probed_start(one: RequirementVerdict, starts: int) -> tuple[str, ...]:
-    """That a requirement rests on probes, which are made in the first start alone."""
-    if starts == 1 or METHODS[one.method].rests_on == "iterations":
+def _probed_start(one: RequirementVerdict, *, first_alone: bool) -> tuple[str, ...]:
+    """That a requirement rests on probes that were made in the first start alone."""
+    if not first_alone or METHODS[one.method].rests_on == "iterations":
         return ()
     return ("Probed in the first start of the processes alone.",)

@@ -2,14 +2,21 @@
 
     PYTHONPATH=tests/support python tests/simulation/tables.py [NAME ...]
 
-Seeds are fixed; all of them take some minutes. NAME is that of a function below.
+Seeds are fixed. NAME is that of a function below; without a name, all are printed. As many are made
+at a time as there are processors, and each is printed when it is made, the longest ones begun
+first. Progress goes to standard error. The exit status is 1 if a table could not be made.
 """
 
 from __future__ import annotations
 
+import contextlib
+import io
+import os
 import sys
+import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 
 import numpy as np
 from numpy.typing import NDArray
@@ -223,7 +230,7 @@ def baselines() -> None:
         + [f"{100 * paired_gate(1, 0.95, pairs=n, runs=RUNS).failed:.1f}" for n in (5, 10, 30)],
         ["pairs, bootstrap of the ratio, no margin"]
         + [f"{100 * bootstrap_gate(1, pairs=n, runs=1000).failed:.1f}" for n in (5, 10, 30)],
-        ["two stored runs, Welch, no margin"]
+        ["two stored runs of one start, Welch, no margin"]
         + [f"{100 * stored_gate(n, runs=RUNS).failed:.1f}" for n in (5, 10, 30)],
         ["history of so many runs, no margin"]
         + [f"{100 * history_gate(1, 1, history=n, runs=RUNS).failed:.1f}" for n in (5, 10, 30)],
@@ -439,7 +446,46 @@ TABLES = (
     waiting,
 )
 
-if __name__ == "__main__":
-    for table in TABLES:
-        if len(sys.argv) < 2 or table.__name__ in sys.argv[1:]:
+_LONGEST = ("peak_methods", "peak_worlds", "peaks", "sustained", "power", "starts", "shapes")
+"""These begin first, so that none of them is left alone at the end."""
+
+
+def main(names: Sequence[str]) -> int:
+    """Print the tables of these names, or all."""
+    known = {table.__name__: table for table in TABLES}
+    if unknown := sorted(set(names) - set(known)):
+        sys.stderr.write(f"no table is called {', '.join(unknown)}; there are {', '.join(known)}\n")
+        return 2
+    wanted = [name for name in known if not names or name in names]
+    urgent = [name for name in _LONGEST if name in wanted]
+    failed, began_s = False, time.monotonic()
+    with ProcessPoolExecutor(min(len(wanted), len(os.sched_getaffinity(0)))) as pool:
+        ordered = (*urgent, *(each for each in wanted if each not in urgent))
+        made = {pool.submit(_made, name): name for name in ordered}
+        for number, future in enumerate(as_completed(made), start=1):
+            text, problem = future.result()
+            sys.stdout.write(text)
+            sys.stdout.flush()
+            failed |= bool(problem)
+            seconds = time.monotonic() - began_s
+            state = f"could not be made: {problem}" if problem else "made"
+            sys.stderr.write(
+                f"{number} of {len(wanted)} after {seconds:.0f} s: {made[future]} {state}\n"
+            )
+            sys.stderr.flush()
+    return int(failed)
+
+
+def _made(name: str) -> tuple[str, str]:
+    """What a table prints, and why it ended early; empty if it did not."""
+    table = next(each for each in TABLES if each.__name__ == name)
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        try:
             table()
+        except Exception as error:  # the others are printed all the same
+            return printed.getvalue(), f"{type(error).__name__}: {error}"
+    return printed.getvalue(), ""
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -4,6 +4,11 @@ After a table of which over a third of the cells are figures comes one of these,
 
     Printed by `COMMAND`.
     Not printed again: measured on DATE, on MACHINE; WHY.
+
+On the pages of measurements, a section with figures in its prose has one of these, too, or says in
+a comment which module states the figures, because they are limits or formulas and no results:
+
+    <!-- stated: FILE -->
 """
 
 from __future__ import annotations
@@ -63,6 +68,35 @@ def _has_figures(lines: list[str]) -> bool:
     return bool(cells) and sum(map(bool, map(FIGURE.match, cells))) > LEAST_SHARE * len(cells)
 
 
+MEASURED = ("host_interference.md", "peak_throughput.md", "performance.md", "verdicts.md")
+PROSE_FIGURE = re.compile(r"(?<![\w.])\d[\d.,]*\s*(%|(ms|us|s|Hz|times|MiB|KiB|cores?|minutes)\b)")
+STATED = re.compile(r"<!-- stated: (\S+) -->")
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section of a page, with figures in its prose."""
+
+    page: str
+    heading: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.page}: {self.heading}"
+
+
+def sections(name: str) -> Iterator[Section]:
+    """The sections of a page that have figures outside of tables, code and headings."""
+    for text in re.split(r"(?m)^(?=#)", (ROOT / "docs" / name).read_text()):
+        lines = [each for each in text.splitlines() if not each.startswith(("|", "    ", "#"))]
+        prose = re.sub(r"`[^`]*`", "", "\n".join(lines))
+        if PROSE_FIGURE.search(prose):
+            yield Section(name, text.splitlines()[0].lstrip("# "), text)
+
+
+SECTIONS = [section for name in MEASURED for section in sections(name)]
+
+
 TABLES = [table for page in PAGES for table in tables(page)]
 
 
@@ -115,6 +149,28 @@ def test_a_table_of_figures_names_the_command_that_prints_it(table: Table) -> No
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_command_that_a_page_names_exists(page: Path) -> None:
     assert [why for each in PRINTED.findall(page.read_text()) if (why := problem(each))] == []
+
+
+def test_there_are_sections_with_figures() -> None:
+    assert len(SECTIONS) > 20
+
+
+@pytest.mark.parametrize("section", SECTIONS, ids=str)
+def test_figures_in_prose_are_printed_dated_or_stated(section: Section) -> None:
+    if PRINTED.search(section.text) or ONCE.search(section.text):
+        return
+    stated = STATED.search(section.text)
+    assert stated, "neither printed by a command, nor dated, nor stated by a module"
+    source = ROOT / stated[1]
+    assert source.is_file()
+    # What a module states has figures of its own.
+    assert re.search(r"\d", source.read_text())
+
+
+def test_figures_in_prose_are_found() -> None:
+    assert PROSE_FIGURE.search("it took 15.2 ms") is not None
+    assert PROSE_FIGURE.search("three times as long in 8 % of runs") is not None
+    assert PROSE_FIGURE.search("step 3 of page 7") is None
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from r2bspec.record.run_record import UNPAIRED_HELP, UnplayedMessages
 _MAX_READ_BYTES = 64 << 20
 """Stamps of larger bags are not read; the counts of their messages are compared."""
 
-_COUNTS_ALONE = "; only their numbers were compared: stamps of bags above 64 MiB are not read"
+_COUNTS_ALONE = "; only their numbers were compared, not their stamps"
 
 
 def _find(context: Context) -> Findings:

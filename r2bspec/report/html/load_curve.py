@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -11,7 +12,7 @@ from r2bspec.judge.verdict import Verdict
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import show
 from r2bspec.record.run_folder import Run
-from r2bspec.record.run_record import Segment
+from r2bspec.record.run_record import Probe, Segment
 from r2bspec.report.html.canvas import (
     OUTCOME_COLOURS,
     Chart,
@@ -38,6 +39,7 @@ _PROBE_MARKERS: Final = (
     (False, "x", "probe: not sustained"),
     (None, "D", "probe: undecided"),
 )
+_DISTURBED: Final = "probe: host interference"
 _COLOURS: Final = {True: "good", False: "bad", None: "quiet"}
 
 
@@ -50,6 +52,8 @@ def load_curve_chart(name: str, metrics: RunMetrics, run: Run | None, verdict: V
         "messages were delivered. Hollow marks are probes: circles were sustained, crosses were "
         "not, diamonds were undecided. A band marks the peak found by the search."
     )
+    if any(probe.disturbed for probe in probes):
+        description += " Squares are around probes that other programs disturbed."
 
     def paint(sketch: ChartBuilder) -> None:
         upper, lower = sketch.figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
@@ -146,6 +150,26 @@ def _probes(sketch: ChartBuilder, axes: Axes, metrics: RunMetrics) -> None:
             zorder=3,
         )
         sketch.series(line, name)
+    _disturbed_probes(sketch, axes, probes)
+
+
+def _disturbed_probes(sketch: ChartBuilder, axes: Axes, probes: Sequence[Probe]) -> None:
+    """A square around each probe that other programs disturbed."""
+    found = [probe for probe in probes if probe.disturbed]
+    if not found:
+        return
+    (line,) = axes.plot(
+        [probe.rate_hz for probe in found],
+        [probe.delivered_hz for probe in found],
+        linestyle="none",
+        marker="s",
+        markersize=11,
+        markerfacecolor="none",
+        color=PALETTE["quiet"],
+        label=_DISTURBED,
+        zorder=2,
+    )
+    sketch.series(line, _DISTURBED)
 
 
 def _probe_drops(sketch: ChartBuilder, axes: Axes, metrics: RunMetrics, run: Run) -> None:

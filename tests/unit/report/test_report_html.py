@@ -202,3 +202,18 @@ def test_where_nothing_is_known_of_the_surroundings_nothing_is_drawn(tmp_path: P
     page = page_of(replace(USUAL, surroundings={}), tmp_path)
     assert "CPU and memory over the run" in page.text
     assert "pressure" not in page.text
+
+
+def test_probes_that_others_disturbed_are_marked(tmp_path: Path) -> None:
+    run = USUAL.write(tmp_path / "run")
+    assert run.record.search is not None
+    first, *others = run.record.search.probes
+    busy = msgspec.structs.replace(first, disturbed=("other processes used 1.7 of 2 cores",))
+    search = msgspec.structs.replace(run.record.search, probes=(busy, *others))
+    changed = replace(run, record=msgspec.structs.replace(run.record, search=search))
+    plain, marked = (
+        Page(render(ReportInput(result=result_of(each), run=each))) for each in (run, changed)
+    )
+    assert "probe: host interference" not in plain.text
+    assert "probe: host interference" in marked.text
+    assert "host interference: other processes used 1.7 of 2 cores" in marked.text

@@ -22,10 +22,16 @@ ONE = "f this start of the processes: "
 SEVERAL = "ver 3 starts of the processes: "
 
 
-def started(number: int, cost_s: float, *, overhead_s: float = 0.0, **more: bool) -> StartRecord:
+def started(
+    number: int, cost_s: float, *, overhead_s: float = 0.0, confirms: bool = False
+) -> StartRecord:
     ready_ns = round((cost_s + overhead_s) * 1e9)
     return StartRecord(
-        number=number, began_ns=0, ready_ns=ready_ns, overhead_ns=round(overhead_s * 1e9), **more
+        number=number,
+        began_ns=0,
+        ready_ns=ready_ns,
+        overhead_ns=round(overhead_s * 1e9),
+        confirms=confirms,
     )
 
 
@@ -91,6 +97,15 @@ def test_a_requirement_that_rests_on_probes_says_that_they_are_of_one_start(
     for starts, noted in ((1, set()), (3, {"search bracket"})):
         verdict = result_of(run_of(tmp_path / f"{starts}", starts)).verdict
         assert {one.method for one in verdict.requirements if note in one.notes} == noted
+    # In a comparison in pairs, each run has probes of its own.
+    run = run_of(tmp_path / "pairs", 3)
+    probed = [
+        msgspec.structs.replace(run.record.segments[0], id=f"p{start}", kind="probe", start=start)
+        for start in (1, 2, 3)
+    ]
+    segments = (*run.record.segments, *probed)
+    paired = replace(run, record=msgspec.structs.replace(run.record, segments=segments))
+    assert not [one for one in result_of(paired).verdict.requirements if note in one.notes]
 
 
 @pytest.mark.parametrize("name", ["silent", "empty", "hostile"])

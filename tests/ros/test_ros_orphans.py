@@ -1,0 +1,72 @@
+"""What a launcher leaves behind belongs to the run: an orphaned grandchild is no stranger."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+pytest.importorskip("rclpy")
+
+from ros_runs import IMAGE, Bench, relay_spec
+from ros_runs import nothing_left as nothing_left
+
+NODES = '''
+import subprocess
+import sys
+
+WORKER = """
+import time
+until = time.monotonic() + 120
+with open("worked", "a", buffering=1) as said:
+    while time.monotonic() < until:
+        pause = time.monotonic() + 0.05
+        while time.monotonic() < pause:
+            pass
+        said.write(f"{time.monotonic_ns()} {time.process_time()}\\\\n")
+"""
+LAUNCHER = f"import subprocess, sys; subprocess.Popen([sys.executable, '-c', {WORKER!r}])"
+
+
+class Relay(Node):
+    """Starts a launcher, which starts a worker and ends at once."""
+
+    def __init__(self, **kwargs):
+        super().__init__("relay", **kwargs)
+        subprocess.run([sys.executable, "-c", LAUNCHER], check=True)
+        self.out = self.create_publisher(Image, "output", 100)
+        self.create_subscription(Image, "input", self.out.publish, 100)
+'''
+
+
+def test_the_processor_time_of_an_orphaned_grandchild_is_the_runs_own(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    bench = Bench(tmp_path_factory.mktemp("orphans"))
+    bench.write_node("nodes.py", NODES)
+    endpoints = {"publishes": {"output": IMAGE}, "subscribes": {"input": IMAGE}}
+    spec = relay_spec(graph={"nodes": {"relay": {"python": "./nodes.py:Relay", **endpoints}}})
+    spec["benchmark"] |= {"duration": "3 s", "iterations": 1}
+    done = bench.run(spec)
+    done.assert_complete()
+    run = done.run()
+    (segment,) = [each for each in run.record.segments if each.kind == "iteration"]
+    index = [each.name for each in run.record.processes].index("relay")
+
+    rows = run.resources()
+    rows = rows[rows["process"] == index]
+    worked = np.array([line.split() for line in (bench.folder / "worked").read_text().splitlines()])
+
+    def used_s(times_ns: NDArray[np.float64], seconds: NDArray[np.float64]) -> float:
+        ends = np.interp([segment.began_ns, segment.ended_ns], times_ns, seconds)
+        return float(ends[1] - ends[0])
+
+    by_worker = used_s(worked[:, 0].astype(np.float64), worked[:, 1].astype(np.float64))
+    by_relay = used_s(rows["time_ns"].astype(np.float64), rows["cpu_s"])
+    assert by_worker > 0
+    # The node by itself relays twenty small images a second.
+    assert by_relay >= 0.8 * by_worker
+    (rate,) = done.result()["metrics"]["rates"]
+    own_cores = rate["iterations"][0]["surroundings"]["own_cores"]
+    seconds = (segment.ended_ns - segment.began_ns) / 1e9
+    assert own_cores >= 0.8 * by_worker / seconds
