@@ -77,7 +77,7 @@ _WARM_UP_STEPS = 10
 _WARM_UP_RETRY_NS = 1_000_000_000
 """The length of each further attempt after one without output."""
 
-_DRAINED_S = 1.0
+_IDLE_WINDOW_S = 1.0
 """For how long the nodes are observed while nothing is played."""
 
 _DIAGNOSED_ATTEMPT = 3
@@ -522,7 +522,7 @@ class Session:
         if not self._plan.inputs:
             return False
         idle = IdleNodes(self._plan, MEASURE_PHASE, self._supervisor)
-        self._supervisor.pump_for(_DRAINED_S)
+        self._supervisor.pump_for(_IDLE_WINDOW_S)
         if idle.update() == 0 or not idle.answer(self._supervisor.observer()):
             return False
         self._reporter.note("all nodes are idle and answer: the start is not waited for any longer")

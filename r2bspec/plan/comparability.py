@@ -100,7 +100,7 @@ def difference_lines(differences: list[PlanDifference], max_lines: int = 12) -> 
 
 def brief_difference(each: PlanDifference) -> str:
     """A difference in at most a line: what was added or removed is named, not printed."""
-    path = clip(format_path(each.path), _MAX_PATH)
+    path = _end_of(format_path(each.path))
     if each.before is ABSENT:
         return f"{path}: only in the head{_brief_value(each.after)}"
     if each.after is ABSENT:
@@ -110,6 +110,13 @@ def brief_difference(each: PlanDifference) -> str:
         for value in (each.before, each.after)
     )
     return f"{path}: {before} -> {after}"
+
+
+def _end_of(path: str) -> str:
+    """A path, or its end, which says most."""
+    if len(path) <= _MAX_PATH:
+        return clip(path, _MAX_PATH)
+    return clip("…" + path[1 - _MAX_PATH :], _MAX_PATH)
 
 
 def _brief_value(value: Any) -> str:

@@ -258,6 +258,11 @@ def _no_subscription(facts: GraphFacts, topic: TopicFacts, wanted: list[str]) ->
         sentence += f"; its planned subscriber {owner} " + (
             f"subscribes to {_names(subscribed)}" if subscribed else "has no subscriptions"
         )
+    elif unused := [name for name in others if _is_unused(facts.topics[name])]:
+        by = [each.node for each in facts.topics[unused[0]].subscriptions]
+        sentence += (
+            f"; {unused[0]}, to which {_names(by)} {_verb('subscribe', by)}, has no publisher"
+        )
     return Fault("no subscription", topic.name, owner, sentence)
 
 
@@ -271,6 +276,11 @@ def _closest_name(wrong: str, names: Iterable[str]) -> str:
 def _has_subscription(topic: TopicFacts, nodes: Iterable[str]) -> bool:
     subscribers = {each.node for each in topic.subscriptions}
     return any(each in subscribers for each in nodes)
+
+
+def _is_unused(topic: TopicFacts) -> bool:
+    """Whether a topic that is not in the plan has subscriptions, and nothing publishes it."""
+    return not (topic.publishers or topic.planned_publishers or topic.planned_subscribers)
 
 
 def _has_any_subscription(topic: TopicFacts) -> bool:

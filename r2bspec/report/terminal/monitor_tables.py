@@ -92,7 +92,9 @@ def _section(
                 Text(f"× {len(rate.iterations)}", style=DIM_STYLE),
                 *(Text(_spread(rate, name, column), style=DIM_STYLE) for column in columns),
             )
-    aside = "latency; below each line, the range over the iterations"
+    aside = "latency"
+    if any(len(rate.iterations) > 1 for rate in rates):
+        aside += "; below each line, the range over the iterations"
     return Group(heading(title, aside), made)
 
 

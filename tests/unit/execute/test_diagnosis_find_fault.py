@@ -272,3 +272,14 @@ def test_the_harness_has_its_names_in_plans_and_its_tracing_subscriptions_are_le
     assert [each.node for each in topic_facts.publishers] == ["player"]
     assert [each.node for each in topic_facts.subscriptions] == ["/a"]
     assert topic_facts.passed == 4
+
+
+def test_an_input_that_no_node_subscribes_to_and_a_topic_that_one_waits_for() -> None:
+    played = topic("/in", "player", "", planned=("player", ""), passed=None)
+    other = topic("/camera", "", "/plain", planned=("", ""))
+    found = find_input_fault(graph(played, other, played=None), "/in")
+    assert found is not None
+    assert found.sentence == (
+        "no subscription to /in, which is played; /camera, to which /plain subscribes, has no "
+        "publisher"
+    )
