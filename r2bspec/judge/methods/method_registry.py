@@ -56,7 +56,7 @@ METHODS: Final[dict[Method, MethodTraits]] = {
 }
 
 DECIDERS: Final = (
-    "truth_comparison",
+    "accuracy_bound",
     "peak_bracket",
     "sustained",
     "window_share",
