@@ -77,7 +77,7 @@ def _required_metrics(plan: Plan, samples: RunSamples) -> Iterator[TrackedMetric
                 monitor, info = resolve(requirement.metric, samples.monitors, samples.processes)
             except MetricError:
                 continue
-            if info.scope in {"search", "probe"}:
+            if info.scope in {"search", "probe", "truth"}:
                 continue
             monitors = samples.monitors if info.scope == "monitor" and not monitor else (monitor,)
             yield from ((rate, each, info) for rate in rates for each in monitors)

@@ -126,6 +126,8 @@ def merge_runs(
         differences=records[0].differences if records else (),
         left_out=tuple(dict.fromkeys(each for record in records for each in record.left_out)),
         unplayed=tuple(dict.fromkeys(each for record in records for each in record.unplayed)),
+        # Every run compares the same images; the first one that did so speaks for all.
+        accuracy=next((record.accuracy for record in records if record.accuracy), ()),
     )
     return MergedRun(folder=folder, record=merged, plan=plan, runs=tuple(runs), spec=spec)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import statistics
 from collections.abc import Iterator, Sequence
 
+from r2bspec.judge.methods.method_registry import METHODS
 from r2bspec.judge.methods.peak_bracket import peak_doubts
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import DisturbedIteration, OverallOutcome, RequirementVerdict, Verdict
@@ -62,7 +63,8 @@ def estimate_text(one: RequirementVerdict) -> str:
 def bounds_text(one: RequirementVerdict) -> str:
     """The confidence interval, one-sided where only one side is bounded."""
     if one.lower is None and one.upper is None:
-        return "observed" if one.method in {"observation", "comparison with truth"} else ""
+        compared = one.method == "observation" or METHODS[one.method].rests_on == "truth"
+        return "observed" if compared else ""
     if one.lower is None:
         return f"≤ {show(one.upper, one.unit)}"
     if one.upper is None:

@@ -48,6 +48,14 @@ RULE = Rule(
     why="Accuracy is the difference between messages and the ground truth of the recording. Which "
     "part of it a monitor is compared with is not guessed.",
     failing=example(
+        data_loader=_LOADER,
+        playback=_PLAYBACK,
+        graph=_GRAPH,
+        monitors="""
+            output:
+              topic: output
+              format: geometry_msgs/msg/PoseArray
+        """,
         slos="{right: {require: [accuracy.tag_missed == 0 %]}}",
     ),
     passing=example(

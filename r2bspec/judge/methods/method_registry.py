@@ -58,7 +58,7 @@ METHODS: Final[dict[Method, MethodTraits]] = {
 }
 
 DECIDERS: Final = (
-    "truth_comparison",
+    "accuracy_bound",
     "peak_bracket",
     "sustained",
     "window_share",

@@ -14,6 +14,7 @@ from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples
+from r2bspec.record.merged_run import merge_runs
 from r2bspec.record.run_record import AccuracyRecord
 from run_simulation import Played, Simulation, objective
 
@@ -139,3 +140,16 @@ def test_an_objective_needs_no_rate(tmp_path: Path) -> None:
     asked = {"slo": objective("accuracy.tag_false == 0 %", at="")}
     (found,) = judge(asked, samples(tmp_path, compared())).requirements
     assert found.outcome == "pass"
+
+
+def test_runs_that_are_merged_keep_what_was_compared(tmp_path: Path) -> None:
+    """Those of a comparison, which compares base and head in pairs of runs."""
+    runs = []
+    for number in range(2):
+        simulation = Simulation(segments=(Played(30, np.full(300, 0.02)),))
+        run = simulation.write(tmp_path / str(number))
+        record = msgspec.structs.replace(run.record, accuracy=(compared(),))
+        runs.append(type(run)(run.folder, record, run.plan))
+    whole = msgspec.structs.replace(runs[0].record, accuracy=())
+    merged = merge_runs(runs, folder=tmp_path, plan=runs[0].plan, whole=whole)
+    assert merged.record.accuracy == (compared(),)

@@ -14,7 +14,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-cv2 = pytest.importorskip("cv2")
+pytest.importorskip("cv2")
+
+import cv2
 
 from data_bags import typestore
 from r2bspec.bags.bag_reader import read_messages
@@ -46,8 +48,8 @@ class Pair:
     def gray(self, side: str) -> Gray:
         image = self._messages[f"/hawk_0_{side}_rgb_image"]
         gray = images.gray(images.view(image), image.encoding)
-        resized: Gray = cv2.resize(gray, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
-        return resized
+        resized = cv2.resize(gray, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
+        return np.asarray(resized, np.uint8)
 
     def rectified(self, side: str) -> Gray:
         name = f"/hawk_0_{side}_rgb_camera_info"
