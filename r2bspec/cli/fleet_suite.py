@@ -16,6 +16,7 @@ from r2bspec.errors import R2bspecError
 if TYPE_CHECKING:
     from r2bspec.cli.run_options import RunOptions
     from r2bspec.cli.run_suite import Suite
+    from r2bspec.fleet.bundle import SentSide
     from r2bspec.fleet.client import FleetClient
     from r2bspec.fleet.fleet_runs import Ended, FleetRun
     from r2bspec.fleet.journal import Journal
@@ -64,6 +65,7 @@ class FleetExecutor:
         self._client = client
         self._journal = journal
         self._allowed: dict[int, frozenset[str]] = {}
+        self._heads: dict[int, SentSide] = {}
 
     def place(self, entries: Sequence[SuiteEntry]) -> list[SuiteEntry]:
         """An entry for each run: with ``--hosts all`` one on every host that fits."""
@@ -173,10 +175,14 @@ class FleetExecutor:
         if self._options.compares:
             base, more = self._base(entry)
             fields |= more
+        # One for all hosts: its files are read once.
+        head = self._heads.setdefault(
+            id(prepared), SentSide(prepared.plan, prepared.base_dir, prepared.spec_text)
+        )
         return FleetRun(
             name=entry.name,
             folder=entry.folder,
-            head=SentSide(prepared.plan, prepared.base_dir, prepared.spec_text),
+            head=head,
             base=base,
             hosts=self._allowed[id(entry)],
             options=fields,

@@ -19,7 +19,7 @@ from typing import Any, Final, NamedTuple
 
 from r2bspec._version import __version__
 from r2bspec.errors import R2bspecError
-from r2bspec.fleet.bundle import Bundle, SentSide, make_bundle
+from r2bspec.fleet.bundle import Bundle, SentSide, make_bundle, needs_of
 from r2bspec.fleet.client import FleetClient, Host
 from r2bspec.fleet.errors import HostFullError, HostLostError, NoHostError, TransferError
 from r2bspec.fleet.host_messages import Job, Played, Request, error_of
@@ -28,6 +28,8 @@ from r2bspec.fleet.run_transfer import fetch, offer
 from r2bspec.plan.canonical_json import plan_hash
 
 _POLL_S: Final = 1.0
+_POLLS_A_SECOND: Final = 50.0
+"""Hosts whose state is asked for in a second: the answer of the scheduler has all of them."""
 _MAX_TRANSFERS: Final = 3
 _INVALID: Final = "invalid"
 
@@ -86,6 +88,7 @@ class _Entry:
 
     run: FleetRun
     bundle: Bundle
+    needs: tuple[str, ...]
     attempt: int = 1
     refused: dict[str, R2bspecError] = field(default_factory=dict)
     since: float = field(default_factory=time.monotonic)
@@ -129,7 +132,7 @@ class FleetRuns:
         self._changed = threading.Condition()
         self._ended: queue.Queue[Ended] = queue.Queue()
         self._closing = False
-        self._open = False
+        self._looked = 0.0
         self._threads: dict[str, tuple[str, threading.Thread]] = {}
         self._status: dict[int, tuple[str, str]] = {}
 
@@ -147,19 +150,19 @@ class FleetRuns:
                 failure = error if isinstance(error, R2bspecError) else TransferError(str(error))
                 yield Ended(run, "", failure)
                 continue
-            self._entries.append(_Entry(run, bundle))
+            needs = tuple(needs_of(each.plan, bundle.digest) for each in _sides(run))
+            self._entries.append(_Entry(run, bundle, needs))
         left = len(self._entries)
         try:
             self._offer_all()
             with self._changed:
                 self._waiting = [each for each in self._entries if not each.ended]
-                self._open = True
                 self._changed.notify_all()
             while left:
+                self._look_after_hosts()
                 try:
                     found = self._ended.get(timeout=_POLL_S)
                 except queue.Empty:
-                    self._look_after_hosts()
                     continue
                 left -= 1
                 yield found
@@ -178,7 +181,10 @@ class FleetRuns:
         return rows
 
     def _offer_all(self) -> None:
-        """Offer every run to every host that may make it, all hosts at the same time."""
+        """Offer every run to every host that may make it, all hosts at the same time.
+
+        Of runs that need the same of a host, one is offered.
+        """
         offering = []
         for host in list(self._client.hosts.values()):
             thread = threading.Thread(target=self._offer_to, args=(host,), daemon=True)
@@ -191,17 +197,23 @@ class FleetRuns:
         self._end_impossible()
 
     def _offer_to(self, host: Host) -> None:
+        answers: dict[tuple[str, ...], R2bspecError | None] = {}
         for entry in self._entries:
-            if host.name in entry.hosts:
+            if host.name not in entry.hosts:
+                continue
+            if entry.needs not in answers:
                 self._show(entry, host, "being checked there")
                 try:
                     self._offer(host, entry)
+                    answers[entry.needs] = None
                 except HostLostError:
                     return
                 except R2bspecError as error:
-                    entry.refused[host.name] = error
+                    answers[entry.needs] = error
                 finally:
                     self._status.pop(id(entry), None)
+            if (refusal := answers[entry.needs]) is not None:
+                entry.refused[host.name] = refusal
 
     def _offer(self, host: Host, entry: _Entry) -> Job:
         """Send a run to a host.
@@ -242,6 +254,10 @@ class FleetRuns:
 
     def _look_after_hosts(self) -> None:
         """Start threads for hosts that came, and give up runs whose hosts stay away."""
+        now = time.monotonic()
+        if now - self._looked < len(self._client.hosts) / _POLLS_A_SECOND:
+            return
+        self._looked = now
         self._client.refresh()
         hosts = self._client.hosts
         for name, host in hosts.items():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import hashlib
 import os
 import subprocess
 import sys
@@ -21,7 +20,7 @@ import msgspec
 from r2bspec.check.this_machine import LABELS_VARIABLE
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
-from r2bspec.fleet.bundle import digest_of
+from r2bspec.fleet.bundle import digest_of, needs_of
 from r2bspec.fleet.errors import HostFullError, HostLostError, TransferError, VersionDiffersError
 from r2bspec.fleet.host_facts import HostFacts
 from r2bspec.fleet.host_messages import (
@@ -192,11 +191,11 @@ class HostService:
 
     def _findings(self, job: Job, side: Side, tree: Path) -> Iterator[Problem]:
         """The errors that `validate` finds here, in a process that sees what is installed now."""
-        name = hashlib.sha256(f"{job.bundle} {side.spec_text}".encode()).hexdigest()[:16]
+        name = needs_of(parse_plan(side.plan.encode(), "the plan of the client"), job.bundle)
         if time.monotonic() - self._valid.get(name, -_VALID_S) < _VALID_S:
             return
         folder = tree if side.base_dir == "." else inside(tree, side.base_dir)
-        file = folder / f".{name}.r2b.yaml"
+        file = folder / f".{name[:16]}.r2b.yaml"
         file.write_text(side.spec_text)
         try:
             done = subprocess.run(
