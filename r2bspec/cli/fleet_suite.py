@@ -119,6 +119,8 @@ class FleetExecutor:
     ) -> Generator[tuple[SuiteEntry, SuiteRun], None, None]:
         """Every run when it has ended: first those that need not be made."""
         from r2bspec.cli.fleet_table import shown_table
+        from r2bspec.cli.history import history_file
+        from r2bspec.fleet.fleet_history import FleetHistory
         from r2bspec.fleet.fleet_runs import FleetLimits, FleetRuns
 
         by_folder: dict[Path, SuiteEntry] = {}
@@ -133,12 +135,15 @@ class FleetExecutor:
                 yield entry, self._suite.failed(entry, error)
                 continue
             by_folder[entry.folder] = entry
+        history = None
+        if self._options.history is not None:
+            history = FleetHistory(history_file(self._options.history))
         limits = FleetLimits(
             lost_s=self._options.host_timeout, retry_invalid=self._options.retry_invalid
         )
         with shown_table(len(runs), quiet=self._options.quiet) as table:
             making = FleetRuns(
-                self._client, self._root, self._journal, limits, table.note, table.show
+                self._client, self._root, self._journal, limits, table.note, table.show, history
             )
             with contextlib.closing(making.play(runs)) as playing:
                 for ended in playing:

@@ -106,7 +106,6 @@ class RunOptions:
             click.UsageError: there are some.
         """
         without = {
-            "--history": self.history is not None,
             "--baseline": self.baseline is not None,
             "--no-lock": self.no_lock,
             "--no-wait": self.no_wait,

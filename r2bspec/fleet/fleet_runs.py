@@ -17,15 +17,19 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+import msgspec
+
 from r2bspec._version import __version__
 from r2bspec.errors import R2bspecError
 from r2bspec.fleet.bundle import Bundle, SentSide, make_bundle, needs_of
 from r2bspec.fleet.client import FleetClient, Host
 from r2bspec.fleet.errors import HostFullError, HostLostError, NoHostError, TransferError
+from r2bspec.fleet.fleet_history import FleetHistory
 from r2bspec.fleet.host_messages import Job, Played, Request, error_of
 from r2bspec.fleet.journal import Journal
 from r2bspec.fleet.run_transfer import fetch, offer
-from r2bspec.plan.canonical_json import plan_hash
+from r2bspec.plan.canonical_json import canonical_json, plan_hash
+from r2bspec.record.baseline_file import CONFIRMATION_FOLDER
 
 _POLL_S: Final = 1.0
 _POLLS_A_SECOND: Final = 50.0
@@ -110,6 +114,7 @@ class FleetRuns:
         limits: FleetLimits,
         on_note: Callable[[str], None],
         on_tick: Callable[[list[RunStatus], Mapping[str, Host]], None],
+        history: FleetHistory | None = None,
     ) -> None:
         """Begin.
 
@@ -120,6 +125,7 @@ class FleetRuns:
             limits: of patience.
             on_note: is told of losses and repetitions, in a line.
             on_tick: is told every second what runs and hosts do.
+            history: judges runs, too.
         """
         self._client = client
         self._root = root
@@ -127,6 +133,7 @@ class FleetRuns:
         self._limits = limits
         self._on_note = on_note
         self._on_tick = on_tick
+        self._history = history
         self._entries: list[_Entry] = []
         self._waiting: list[_Entry] = []
         self._changed = threading.Condition()
@@ -332,6 +339,8 @@ class FleetRuns:
                 target = target.with_name(f"{target.name}.invalid-{entry.attempt}")
             if played.size:
                 self._fetch(host, played, target)
+            if self._history is not None and error is None and not again:
+                self._judge_by_history(host, entry, self._history)
             state = "invalid" if again else "failed" if error is not None else "done"
             self._write(entry, host, job, state, str(error or played.outcome))
             self._client.ask(host, Request(what="drop", identity=job.identity), dict)
@@ -339,6 +348,24 @@ class FleetRuns:
                 return error
             self._on_note(f"{entry.run.name} on {host.name} is invalid and made again")
             entry.attempt += 1
+
+    def _judge_by_history(self, host: Host, entry: _Entry, history: FleetHistory) -> None:
+        """Judge a run by earlier ones of its host; a failure is confirmed there by a second run."""
+        folder = entry.run.folder
+        plan = history.confirmation(folder, entry.run.head.plan)
+        if plan is not None:
+            self._show(entry, host, "being confirmed")
+            job = self._job(entry, host.name)
+            head = msgspec.structs.replace(job.head, plan=canonical_json(plan).decode())
+            identity = f"{job.identity}-confirm"
+            job = msgspec.structs.replace(job, head=head, identity=identity)
+            request = Request(what="play", job=job)
+            played = self._client.ask(host, request, Played, check=self._check)
+            if played.problem is not None:
+                raise error_of(played.problem)
+            self._fetch(host, played, folder / CONFIRMATION_FOLDER)
+            self._client.ask(host, Request(what="drop", identity=identity), dict)
+        history.add(folder)
 
     def _fetch(self, host: Host, played: Played, target: Path) -> None:
         for number in range(_MAX_TRANSFERS):
