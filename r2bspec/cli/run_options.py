@@ -66,6 +66,13 @@ class RunOptions:
             raise click.UsageError(
                 "--control cannot be combined with --against: it compares SPEC with itself"
             )
+        for_fleet = {
+            "--hosts": self.hosts != ("all",),
+            **{f"--{name}": bool(value) for name, value in self.connection.items()},
+        }
+        if self.on is None and any(for_fleet.values()):
+            name = next(name for name, given in for_fleet.items() if given)
+            raise click.UsageError(f"{name} needs --on")
         comparisons = {
             "--against": bool(self.against),
             "--control": self.control,

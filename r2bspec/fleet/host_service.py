@@ -48,6 +48,7 @@ from r2bspec.fleet.play_run import (
 )
 from r2bspec.plan.canonical_json import parse_plan
 from r2bspec.plan.host_match import unmet
+from r2bspec.private_files import user_umask
 from r2bspec.record.atomic_files import write_atomically
 
 _PLAYED_FILE: Final = "played.json"
@@ -199,7 +200,7 @@ class HostService:
         file.write_text(side.spec_text)
         try:
             done = subprocess.run(
-                [sys.executable, "-m", "r2bspec", "validate", "--format", "json", str(file)],
+                [sys.executable, "-P", "-m", "r2bspec", "validate", "--format", "json", str(file)],
                 stdin=subprocess.DEVNULL,
                 capture_output=True,
                 env=self.environment,
@@ -268,7 +269,7 @@ class HostService:
             with (spool / "output.log").open("wb") as log:
                 self._child = subprocess.Popen(
                     [
-                        *(sys.executable, "-m", "r2bspec.fleet.play_run"),
+                        *(sys.executable, "-P", "-m", "r2bspec.fleet.play_run"),
                         *(str(spool), str(tree), str(reader)),
                     ],
                     stdin=subprocess.DEVNULL,
@@ -277,6 +278,7 @@ class HostService:
                     env=self.environment,
                     pass_fds=(reader,),
                     start_new_session=True,
+                    umask=user_umask(),
                 )
             return self._child.wait()
         finally:

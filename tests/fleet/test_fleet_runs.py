@@ -17,9 +17,11 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("distributed")
 
-from fleet_hosts import RUNS, Fleet, fleet, overlapping, wait_until
+from fleet_hosts import HANG_S, RUNS, Fleet, fleet, overlapping, wait_until
 from ros_runs import Bench, relay_spec
 from ros_runs import nothing_left as nothing_left
+
+pytestmark = pytest.mark.timeout(HANG_S)
 
 HOSTS = ("a", "b", "c")
 SLOS = {"received": {"at": "20 Hz", "require": ["received > 0"]}}

@@ -13,9 +13,11 @@ pytest.importorskip("rclpy")
 pytest.importorskip("distributed")
 pytest.importorskip("cryptography")
 
-from fleet_hosts import fleet
+from fleet_hosts import HANG_S, fleet
 from r2bspec.fleet.certificates import make_certificates
 from ros_runs import Bench, relay_spec
+
+pytestmark = pytest.mark.timeout(HANG_S)
 
 
 def test_a_fleet_with_certificates_runs_and_refuses_those_without(tmp_path: Path) -> None:
