@@ -197,10 +197,10 @@ class FleetRuns:
             thread = threading.Thread(target=self._offer_to, args=(host,), daemon=True)
             thread.start()
             offering.append(thread)
-        while any(each.is_alive() for each in offering):
-            time.sleep(0.05)
-            if not int(time.monotonic() * 20) % 20:
-                self._client.refresh()
+        for thread in offering:
+            while thread.is_alive():
+                thread.join(_POLL_S)
+                self._look_after_hosts()
         self._end_impossible()
 
     def _offer_to(self, host: Host) -> None:

@@ -194,7 +194,7 @@ def test_a_spec_chooses_its_host_and_one_that_no_host_fits_is_said_at_once(
 
 def test_a_pair_stays_on_its_host(hosts: Fleet, bench: Bench, tmp_path: Path) -> None:
     spec = bench.write(quick(), "relay")
-    base = "set:graph.nodes.relay.parameters.service_time_ms=2"
+    base = "set:graph.nodes.relay.parameters.service_time_ms=2.0"
     done = hosts.run(
         spec, "--against", base, "--pairs", "1", "--hosts", "c", output=tmp_path / "out"
     )
