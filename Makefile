@@ -57,11 +57,11 @@ imports: install-dev
 
 # On all processors.
 unit: install-dev
-	$(BIN)/pytest -n logical tests --ignore=tests/ros --ignore=tests/fault
+	$(BIN)/pytest -n logical tests --ignore=tests/ros --ignore=tests/fault --ignore=tests/fleet
 
 # Apart from `unit`, which it would make half as long again.
 coverage: install-dev
-	$(BIN)/pytest tests --ignore=tests/ros --ignore=tests/fault --cov --cov-report=term:skip-covered
+	$(BIN)/pytest tests --ignore=tests/ros --ignore=tests/fault --ignore=tests/fleet --cov --cov-report=term:skip-covered
 
 # Two files of tests at a time: they assert what is true on a busy machine, too. Faults one by one:
 # they fill disks and shared memory, and end processes. A shared machine can stop for seconds, so a
@@ -70,7 +70,7 @@ RERUN := --reruns 1 -rfER
 
 ros: install-dev
 	$(BIN)/pytest $(RERUN) -n 2 --dist loadfile tests/ros
-	$(BIN)/pytest $(RERUN) tests/fault
+	$(BIN)/pytest $(RERUN) tests/fault tests/fleet
 
 # BENCH=--quick prints a short one and writes nothing; BENCH=--ablate leaves out techniques in turn.
 BENCH ?=

@@ -16,6 +16,7 @@ from r2bspec.errors import R2bspecError
 if TYPE_CHECKING:
     from r2bspec.cli.run_options import RunOptions
     from r2bspec.cli.run_suite import Suite
+    from r2bspec.fleet.bundle import SentSide
     from r2bspec.fleet.client import FleetClient
     from r2bspec.fleet.fleet_runs import Ended, FleetRun
     from r2bspec.fleet.journal import Journal
@@ -64,6 +65,7 @@ class FleetExecutor:
         self._client = client
         self._journal = journal
         self._allowed: dict[int, frozenset[str]] = {}
+        self._heads: dict[int, SentSide] = {}
 
     def place(self, entries: Sequence[SuiteEntry]) -> list[SuiteEntry]:
         """An entry for each run: with ``--hosts all`` one on every host that fits."""
@@ -117,6 +119,8 @@ class FleetExecutor:
     ) -> Generator[tuple[SuiteEntry, SuiteRun], None, None]:
         """Every run when it has ended: first those that need not be made."""
         from r2bspec.cli.fleet_table import shown_table
+        from r2bspec.cli.history import history_file
+        from r2bspec.fleet.fleet_history import FleetHistory
         from r2bspec.fleet.fleet_runs import FleetLimits, FleetRuns
 
         by_folder: dict[Path, SuiteEntry] = {}
@@ -131,12 +135,15 @@ class FleetExecutor:
                 yield entry, self._suite.failed(entry, error)
                 continue
             by_folder[entry.folder] = entry
+        history = None
+        if self._options.history is not None:
+            history = FleetHistory(history_file(self._options.history))
         limits = FleetLimits(
             lost_s=self._options.host_timeout, retry_invalid=self._options.retry_invalid
         )
         with shown_table(len(runs), quiet=self._options.quiet) as table:
             making = FleetRuns(
-                self._client, self._root, self._journal, limits, table.note, table.show
+                self._client, self._root, self._journal, limits, table.note, table.show, history
             )
             with contextlib.closing(making.play(runs)) as playing:
                 for ended in playing:
@@ -173,10 +180,14 @@ class FleetExecutor:
         if self._options.compares:
             base, more = self._base(entry)
             fields |= more
+        # One for all hosts: its files are read once.
+        head = self._heads.setdefault(
+            id(prepared), SentSide(prepared.plan, prepared.base_dir, prepared.spec_text)
+        )
         return FleetRun(
             name=entry.name,
             folder=entry.folder,
-            head=SentSide(prepared.plan, prepared.base_dir, prepared.spec_text),
+            head=head,
             base=base,
             hosts=self._allowed[id(entry)],
             options=fields,

@@ -68,6 +68,13 @@ class RunOptions:
             raise click.UsageError(
                 "--control cannot be combined with --against: it compares SPEC with itself"
             )
+        for_fleet = {
+            "--hosts": self.hosts != ("all",),
+            **{f"--{name}": bool(value) for name, value in self.connection.items()},
+        }
+        if self.on is None and any(for_fleet.values()):
+            name = next(name for name, given in for_fleet.items() if given)
+            raise click.UsageError(f"{name} needs --on")
         comparisons = {
             "--against": bool(self.against),
             "--control": self.control,
@@ -112,7 +119,6 @@ class RunOptions:
             click.UsageError: there are some.
         """
         without = {
-            "--history": self.history is not None,
             "--baseline": self.baseline is not None,
             "--no-lock": self.no_lock,
             "--no-wait": self.no_wait,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import time
 from collections.abc import Generator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +28,10 @@ if TYPE_CHECKING:
 
 SUMMARY_FILE = "suite.json"
 """The summary in the folder of the suite; complete after each run."""
+
+_SUMMARY_SHARE = 10.0
+"""Of ten thousand runs, writing the summary after each would take longer than the runs: it is
+written again when ten times as long has passed as it took."""
 
 _NAME_FIELD = "{name}"
 """In the path of a report: one file for each run."""
@@ -113,6 +118,7 @@ class Suite:
         self._started_at = _now()
         self._runs: dict[int, SuiteRun] = {}
         self._results: dict[str, Result] = {}
+        self._written = self._writing = 0.0
 
     def enter(self, entries: Sequence[SuiteEntry], root: Path) -> None:
         """Take the runs that are to be made, each with its folder."""
@@ -146,7 +152,12 @@ class Suite:
     def add(self, number: int, run: SuiteRun) -> None:
         """Take a run into the summary, and write it."""
         self._runs[number] = run
+        began = time.monotonic()
+        if began - self._written < _SUMMARY_SHARE * self._writing:
+            return
         self._write_summary()
+        self._written = time.monotonic()
+        self._writing = self._written - began
 
     def settled(self, entry: SuiteEntry) -> SuiteRun | None:
         """An entry that need not be played: one with an error, or with an earlier run."""

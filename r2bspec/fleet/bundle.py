@@ -113,6 +113,18 @@ def named_files(side: SentSide) -> Iterator[Path]:
                 yield record
 
 
+def needs_of(plan: Plan, bundle: str) -> str:
+    """Identifies what a plan needs of a host: plans with the same needs run there or do not.
+
+    Rates, durations, objectives and titles were checked where the plan was made.
+    """
+    found = [
+        *(bundle, plan.requires or None, plan.environment, plan.transport, plan.segment_bytes),
+        *(plan.datasets or plan.dataset, plan.topics, _parts(plan)),
+    ]
+    return hashlib.sha256(msgspec.json.encode(found, enc_hook=str)).hexdigest()
+
+
 def _parts(plan: Plan) -> list[Any]:
     """What a run starts, loads and calls; topics and labels name no files."""
     return [

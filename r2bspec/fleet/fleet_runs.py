@@ -17,17 +17,23 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+import msgspec
+
 from r2bspec._version import __version__
 from r2bspec.errors import R2bspecError
-from r2bspec.fleet.bundle import Bundle, SentSide, make_bundle
+from r2bspec.fleet.bundle import Bundle, SentSide, make_bundle, needs_of
 from r2bspec.fleet.client import FleetClient, Host
 from r2bspec.fleet.errors import HostFullError, HostLostError, NoHostError, TransferError
+from r2bspec.fleet.fleet_history import FleetHistory
 from r2bspec.fleet.host_messages import Job, Played, Request, error_of
 from r2bspec.fleet.journal import Journal
 from r2bspec.fleet.run_transfer import fetch, offer
-from r2bspec.plan.canonical_json import plan_hash
+from r2bspec.plan.canonical_json import canonical_json, plan_hash
+from r2bspec.record.baseline_file import CONFIRMATION_FOLDER
 
 _POLL_S: Final = 1.0
+_POLLS_A_SECOND: Final = 50.0
+"""Hosts whose state is asked for in a second: the answer of the scheduler has all of them."""
 _MAX_TRANSFERS: Final = 3
 _INVALID: Final = "invalid"
 
@@ -86,6 +92,7 @@ class _Entry:
 
     run: FleetRun
     bundle: Bundle
+    needs: tuple[str, ...]
     attempt: int = 1
     refused: dict[str, R2bspecError] = field(default_factory=dict)
     since: float = field(default_factory=time.monotonic)
@@ -107,6 +114,7 @@ class FleetRuns:
         limits: FleetLimits,
         on_note: Callable[[str], None],
         on_tick: Callable[[list[RunStatus], Mapping[str, Host]], None],
+        history: FleetHistory | None = None,
     ) -> None:
         """Begin.
 
@@ -117,6 +125,7 @@ class FleetRuns:
             limits: of patience.
             on_note: is told of losses and repetitions, in a line.
             on_tick: is told every second what runs and hosts do.
+            history: judges runs, too.
         """
         self._client = client
         self._root = root
@@ -124,12 +133,13 @@ class FleetRuns:
         self._limits = limits
         self._on_note = on_note
         self._on_tick = on_tick
+        self._history = history
         self._entries: list[_Entry] = []
         self._waiting: list[_Entry] = []
         self._changed = threading.Condition()
         self._ended: queue.Queue[Ended] = queue.Queue()
         self._closing = False
-        self._open = False
+        self._looked = 0.0
         self._threads: dict[str, tuple[str, threading.Thread]] = {}
         self._status: dict[int, tuple[str, str]] = {}
 
@@ -147,19 +157,19 @@ class FleetRuns:
                 failure = error if isinstance(error, R2bspecError) else TransferError(str(error))
                 yield Ended(run, "", failure)
                 continue
-            self._entries.append(_Entry(run, bundle))
+            needs = tuple(needs_of(each.plan, bundle.digest) for each in _sides(run))
+            self._entries.append(_Entry(run, bundle, needs))
         left = len(self._entries)
         try:
             self._offer_all()
             with self._changed:
                 self._waiting = [each for each in self._entries if not each.ended]
-                self._open = True
                 self._changed.notify_all()
             while left:
+                self._look_after_hosts()
                 try:
                     found = self._ended.get(timeout=_POLL_S)
                 except queue.Empty:
-                    self._look_after_hosts()
                     continue
                 left -= 1
                 yield found
@@ -178,30 +188,39 @@ class FleetRuns:
         return rows
 
     def _offer_all(self) -> None:
-        """Offer every run to every host that may make it, all hosts at the same time."""
+        """Offer every run to every host that may make it, all hosts at the same time.
+
+        Of runs that need the same of a host, one is offered.
+        """
         offering = []
         for host in list(self._client.hosts.values()):
             thread = threading.Thread(target=self._offer_to, args=(host,), daemon=True)
             thread.start()
             offering.append(thread)
-        while any(each.is_alive() for each in offering):
-            time.sleep(0.05)
-            if not int(time.monotonic() * 20) % 20:
-                self._client.refresh()
+        for thread in offering:
+            while thread.is_alive():
+                thread.join(_POLL_S)
+                self._look_after_hosts()
         self._end_impossible()
 
     def _offer_to(self, host: Host) -> None:
+        answers: dict[tuple[str, ...], R2bspecError | None] = {}
         for entry in self._entries:
-            if host.name in entry.hosts:
+            if host.name not in entry.hosts:
+                continue
+            if entry.needs not in answers:
                 self._show(entry, host, "being checked there")
                 try:
                     self._offer(host, entry)
+                    answers[entry.needs] = None
                 except HostLostError:
                     return
                 except R2bspecError as error:
-                    entry.refused[host.name] = error
+                    answers[entry.needs] = error
                 finally:
                     self._status.pop(id(entry), None)
+            if (refusal := answers[entry.needs]) is not None:
+                entry.refused[host.name] = refusal
 
     def _offer(self, host: Host, entry: _Entry) -> Job:
         """Send a run to a host.
@@ -242,6 +261,10 @@ class FleetRuns:
 
     def _look_after_hosts(self) -> None:
         """Start threads for hosts that came, and give up runs whose hosts stay away."""
+        now = time.monotonic()
+        if now - self._looked < len(self._client.hosts) / _POLLS_A_SECOND:
+            return
+        self._looked = now
         self._client.refresh()
         hosts = self._client.hosts
         for name, host in hosts.items():
@@ -316,6 +339,8 @@ class FleetRuns:
                 target = target.with_name(f"{target.name}.invalid-{entry.attempt}")
             if played.size:
                 self._fetch(host, played, target)
+            if self._history is not None and error is None and not again:
+                self._judge_by_history(host, entry, self._history)
             state = "invalid" if again else "failed" if error is not None else "done"
             self._write(entry, host, job, state, str(error or played.outcome))
             self._client.ask(host, Request(what="drop", identity=job.identity), dict)
@@ -323,6 +348,24 @@ class FleetRuns:
                 return error
             self._on_note(f"{entry.run.name} on {host.name} is invalid and made again")
             entry.attempt += 1
+
+    def _judge_by_history(self, host: Host, entry: _Entry, history: FleetHistory) -> None:
+        """Judge a run by earlier ones of its host; a failure is confirmed there by a second run."""
+        folder = entry.run.folder
+        plan = history.confirmation(folder, entry.run.head.plan)
+        if plan is not None:
+            self._show(entry, host, "being confirmed")
+            job = self._job(entry, host.name)
+            head = msgspec.structs.replace(job.head, plan=canonical_json(plan).decode())
+            identity = f"{job.identity}-confirm"
+            job = msgspec.structs.replace(job, head=head, identity=identity)
+            request = Request(what="play", job=job)
+            played = self._client.ask(host, request, Played, check=self._check)
+            if played.problem is not None:
+                raise error_of(played.problem)
+            self._fetch(host, played, folder / CONFIRMATION_FOLDER)
+            self._client.ask(host, Request(what="drop", identity=identity), dict)
+        history.add(folder)
 
     def _fetch(self, host: Host, played: Played, target: Path) -> None:
         for number in range(_MAX_TRANSFERS):

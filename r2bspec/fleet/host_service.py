@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import hashlib
 import os
 import subprocess
 import sys
@@ -21,7 +20,7 @@ import msgspec
 from r2bspec.check.this_machine import LABELS_VARIABLE
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
-from r2bspec.fleet.bundle import digest_of
+from r2bspec.fleet.bundle import digest_of, needs_of
 from r2bspec.fleet.errors import HostFullError, HostLostError, TransferError, VersionDiffersError
 from r2bspec.fleet.host_facts import HostFacts
 from r2bspec.fleet.host_messages import (
@@ -49,6 +48,7 @@ from r2bspec.fleet.play_run import (
 )
 from r2bspec.plan.canonical_json import parse_plan
 from r2bspec.plan.host_match import unmet
+from r2bspec.private_files import user_umask
 from r2bspec.record.atomic_files import write_atomically
 
 _PLAYED_FILE: Final = "played.json"
@@ -192,15 +192,15 @@ class HostService:
 
     def _findings(self, job: Job, side: Side, tree: Path) -> Iterator[Problem]:
         """The errors that `validate` finds here, in a process that sees what is installed now."""
-        name = hashlib.sha256(f"{job.bundle} {side.spec_text}".encode()).hexdigest()[:16]
+        name = needs_of(parse_plan(side.plan.encode(), "the plan of the client"), job.bundle)
         if time.monotonic() - self._valid.get(name, -_VALID_S) < _VALID_S:
             return
         folder = tree if side.base_dir == "." else inside(tree, side.base_dir)
-        file = folder / f".{name}.r2b.yaml"
+        file = folder / f".{name[:16]}.r2b.yaml"
         file.write_text(side.spec_text)
         try:
             done = subprocess.run(
-                [sys.executable, "-m", "r2bspec", "validate", "--format", "json", str(file)],
+                [sys.executable, "-P", "-m", "r2bspec", "validate", "--format", "json", str(file)],
                 stdin=subprocess.DEVNULL,
                 capture_output=True,
                 env=self.environment,
@@ -269,7 +269,7 @@ class HostService:
             with (spool / "output.log").open("wb") as log:
                 self._child = subprocess.Popen(
                     [
-                        *(sys.executable, "-m", "r2bspec.fleet.play_run"),
+                        *(sys.executable, "-P", "-m", "r2bspec.fleet.play_run"),
                         *(str(spool), str(tree), str(reader)),
                     ],
                     stdin=subprocess.DEVNULL,
@@ -278,6 +278,7 @@ class HostService:
                     env=self.environment,
                     pass_fds=(reader,),
                     start_new_session=True,
+                    umask=user_umask(),
                 )
             return self._child.wait()
         finally:

@@ -27,7 +27,7 @@ _QUIET: Final[dict[str, Any]] = {
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,
     "distributed.worker.memory.terminate": False,
-    "distributed.worker.daemon": False,
+    "distributed.worker.http.routes": [],
     "distributed.diagnostics.nvml": False,
     "distributed.admin.tick.interval": "1h",
     "distributed.admin.tick.limit": "2h",

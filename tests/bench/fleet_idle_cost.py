@@ -134,7 +134,7 @@ def _floor_us(place: Path) -> float:
     try:
         subprocess.run(
             [
-                *(sys.executable, "-m", "r2bspec", "run", str(spec), "--quiet"),
+                *(sys.executable, "-m", "r2bspec", "run", str(spec), "--quiet", "--no-lock"),
                 *("--output", str(place / "run")),
             ],
             check=False,
@@ -152,9 +152,11 @@ def _scheduler() -> Iterator[str]:
         found.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{found.getsockname()[1]}"
     words = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard"]
-    with tempfile.TemporaryDirectory() as folder:
-        with _started([*words, "--host", address], Path(folder)):
-            yield address
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        _started([*words, "--host", address], Path(folder)),
+    ):
+        yield address
 
 
 @contextlib.contextmanager

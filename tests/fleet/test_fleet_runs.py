@@ -17,9 +17,11 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("distributed")
 
-from fleet_hosts import RUNS, Fleet, fleet, overlapping, wait_until
+from fleet_hosts import HANG_S, RUNS, Fleet, fleet, overlapping, wait_until
 from ros_runs import Bench, relay_spec
 from ros_runs import nothing_left as nothing_left
+
+pytestmark = pytest.mark.timeout(HANG_S)
 
 HOSTS = ("a", "b", "c")
 SLOS = {"received": {"at": "20 Hz", "require": ["received > 0"]}}
@@ -192,7 +194,7 @@ def test_a_spec_chooses_its_host_and_one_that_no_host_fits_is_said_at_once(
 
 def test_a_pair_stays_on_its_host(hosts: Fleet, bench: Bench, tmp_path: Path) -> None:
     spec = bench.write(quick(), "relay")
-    base = "set:graph.nodes.relay.parameters.service_time_ms=2"
+    base = "set:graph.nodes.relay.parameters.service_time_ms=2.0"
     done = hosts.run(
         spec, "--against", base, "--pairs", "1", "--hosts", "c", output=tmp_path / "out"
     )

@@ -1,0 +1,68 @@
+"""The files that people copy for a fleet are what their systems read."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from r2bspec.cli.fleet import command as fleet_verb
+from r2bspec.cli.run import command as run_verb
+
+CI = Path(__file__).parents[3] / "ci"
+FILES = (
+    "github/fleet-nightly.yml",
+    "gitlab/fleet-nightly.gitlab-ci.yml",
+    "kubernetes/fleet.yaml",
+    "slurm/fleet.sbatch",
+)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_every_option_that_a_file_uses_exists(name: str) -> None:
+    words = re.findall(r"(?<![\w-])--[a-z][a-z-]+", (CI / name).read_text())
+    helps = [CliRunner().invoke(run_verb, ["--help"]).output]
+    helps += [CliRunner().invoke(each, ["--help"]).output for each in fleet_verb.commands.values()]
+    ours = set(re.findall(r"--[a-z][a-z-]+", "".join(helps)))
+    others = {"--protocol", "--port", "--no-dashboard", "--tls-ca-file", "--tls-cert", "--tls-key"}
+    others |= {"--job-name", "--nodes", "--ntasks-per-node", "--exclusive", "--time"}
+    assert set(words) <= ours | others
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_every_file_says_what_was_not_tried(name: str) -> None:
+    head = "\n".join((CI / name).read_text().splitlines()[:4])
+    assert re.search(r"Not (tried|applied|submitted)", head)
+
+
+def test_kubernetes_selects_the_pods_that_it_makes() -> None:
+    documents: list[Any] = list(yaml.safe_load_all((CI / "kubernetes/fleet.yaml").read_text()))
+    assert [each["kind"] for each in documents] == ["Deployment", "Service", "DaemonSet"]
+    for each in documents:
+        assert {"apiVersion", "kind", "metadata", "spec"} <= set(each)
+        if each["kind"] == "Service":
+            continue
+        pod = each["spec"]["template"]
+        assert each["spec"]["selector"]["matchLabels"] == pod["metadata"]["labels"]
+        volumes = {volume["name"] for volume in pod["spec"]["volumes"]}
+        for container in pod["spec"]["containers"]:
+            assert {mount["name"] for mount in container["volumeMounts"]} == volumes
+    service, scheduler = documents[1], documents[0]
+    assert service["spec"]["selector"] == scheduler["spec"]["selector"]["matchLabels"]
+
+
+def test_the_job_of_slurm_is_a_script() -> None:
+    subprocess.run(["bash", "-n", str(CI / "slurm/fleet.sbatch")], check=True)  # noqa: S607
+
+
+def test_the_jobs_of_github_and_gitlab_have_steps() -> None:
+    github = yaml.safe_load((CI / "github/fleet-nightly.yml").read_text())
+    assert {"name", "jobs"} <= set(github)
+    assert all("uses" in each or "run" in each for each in github["jobs"]["suite"]["steps"])
+    gitlab = yaml.safe_load((CI / "gitlab/fleet-nightly.gitlab-ci.yml").read_text())
+    assert all(isinstance(each, str) for each in gitlab["fleet-nightly"]["script"])
