@@ -18,6 +18,7 @@ from typing import Any, Final
 import msgspec
 
 from r2bspec.errors import R2bspecError
+from r2bspec.exit_status import ExitStatus
 from r2bspec.fleet.host_messages import Job, Played, Problem, Side, encode, problem_of
 from r2bspec.fleet.host_store import inside
 from r2bspec.record.atomic_files import write_atomically
@@ -112,7 +113,9 @@ def main(spool: Path, tree: Path, pipe: int) -> None:
         problem = problem_of(error)
     except Exception as error:
         problem = Problem(
-            code="R2B682", message=f"r2bspec itself failed: {type(error).__name__}: {error}"
+            code="R2B690",
+            message=f"r2bspec itself failed: {type(error).__name__}: {error}",
+            exit_status=ExitStatus.INTERNAL_ERROR,
         )
     ended = Played(
         identity=job.identity,
