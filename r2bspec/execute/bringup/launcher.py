@@ -117,7 +117,6 @@ class Launcher:
         if hosts_library(plan):
             variables[protocol.NATIVE_LIBRARY_VARIABLE] = str(native_library())
         parts = tuple(parts)
-        variables = environment.for_harness(plan.env) if harness else environment.for_node(plan.env)
         if self.joins is not None and plan.join is not None:
             variables = self.joins.environment(plan.name, variables)
         child = self._supervisor.start(
