@@ -39,7 +39,7 @@ class NotInstalledError(RunError):
 class OtherMachineError(RunError):
     """This machine is not what the spec requires."""
 
-    code = "R2B673"
+    code = "R2B677"
     exit_code = ExitStatus.USAGE
 
 

@@ -1,4 +1,4 @@
-"""R2B673 and R2B682 to R2B689: machines that do not fit, and errors of a fleet."""
+"""R2B677 and R2B682 to R2B689: machines that do not fit, and errors of a fleet."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from r2bspec.check.pages._page import error_page
 FLEET_PAGES = (
     error_page(
         "other-machine-required",
-        "R2B673",
+        "R2B677",
         "run is refused on this machine",
         "The spec requires another architecture, more cores, a GPU, another ROS distribution or a "
-        "label. R2B668 says so before a run. R2BSPEC_LABELS has the labels of this machine; "
+        "label. R2B676 says so before a run. R2BSPEC_LABELS has the labels of this machine; "
         "'run --on' finds a host that fits.",
     ),
     error_page(

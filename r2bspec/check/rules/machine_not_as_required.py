@@ -33,7 +33,7 @@ def _known(requires: Requires | None) -> Requires | None:
 
 
 RULE = Rule(
-    code="R2B668",
+    code="R2B676",
     title="machine is not what the spec requires",
     severity="warning",
     why="A run on this machine is refused.",
