@@ -99,10 +99,10 @@ class DisparityNode(Node):
             speckle_range_px=declare(
                 self, "speckle_range", 4, "largest difference inside a patch, pixels", at_least(0)
             ),
-            p1=declare(
+            small_step_cost=declare(
                 self, "P1", 200, "cost of a difference of 1 to a neighbour", greater_than(0)
             ),
-            p2=declare(
+            large_step_cost=declare(
                 self, "P2", 400, "cost of a larger difference to a neighbour", greater_than(0)
             ),
         )

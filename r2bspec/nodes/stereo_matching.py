@@ -34,8 +34,8 @@ class MatcherParameters:
         uniqueness_percent: by how much the best match must be better than the second.
         speckle_px: patches of fewer pixels are left out.
         speckle_range_px: within which disparities belong to one patch.
-        p1: cost of a disparity that differs by one from its neighbour's (semi-global).
-        p2: cost of one that differs by more.
+        small_step_cost: of a disparity that differs by one from its neighbour's (semi-global).
+        large_step_cost: of one that differs by more.
     """
 
     algorithm: int = BLOCK_MATCHING
@@ -47,8 +47,8 @@ class MatcherParameters:
     uniqueness_percent: float = 15.0
     speckle_px: int = 100
     speckle_range_px: int = 4
-    p1: int = 200
-    p2: int = 400
+    small_step_cost: int = 200
+    large_step_cost: int = 400
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +69,8 @@ def make_matcher(parameters: MatcherParameters) -> Any:
         matcher.setTextureThreshold(parameters.texture_threshold)
     else:
         matcher = cv2.StereoSGBM.create(blockSize=parameters.window_px)
-        matcher.setP1(parameters.p1)
-        matcher.setP2(parameters.p2)
+        matcher.setP1(parameters.small_step_cost)
+        matcher.setP2(parameters.large_step_cost)
     matcher.setMinDisparity(parameters.min_disparity_px)
     matcher.setNumDisparities(parameters.range_px)
     matcher.setPreFilterCap(parameters.prefilter_cap)
