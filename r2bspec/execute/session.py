@@ -41,7 +41,12 @@ from r2bspec.execute.diagnosis.observe_graph import (
     fault_report,
     find_faults,
 )
-from r2bspec.execute.errors import GraphMismatchError, NoOutputError, RunError
+from r2bspec.execute.errors import (
+    GraphMismatchError,
+    NoOutputError,
+    ProcessFailedError,
+    RunError,
+)
 from r2bspec.execute.inputs.build_schedule import build_schedule
 from r2bspec.execute.measurement.foreign_publishers import foreign_publishers, guarded_topics
 from r2bspec.execute.measurement.harness_overhead import (
@@ -331,13 +336,21 @@ class Session:
         return harness.player, harness.monitor
 
     def _load_schedule(self, player: ManagedProcess, ready: protocol.Ready) -> None:
-        """Let the player load all messages that it will play into its memory."""
+        """Let the player load all messages that it will play into its memory.
+
+        Raises:
+            ProcessFailedError: a recorded message on /tf is damaged.
+        """
         if not self._has_schedule:
             self.schedule, self.unplayed = build_schedule(
                 self._plan, self._buffer_dir, ready.headers, self._reporter.note
             )
             self._has_schedule = True
-        self._launcher.configure(player, protocol.Follow(schedule=self.schedule))
+        try:
+            self._launcher.configure(player, protocol.Follow(schedule=self.schedule))
+        except ValueError as error:
+            # The stamps of transforms are looked up in the recorded messages.
+            raise ProcessFailedError(f"player: {error}") from error
 
     def _measure_overhead(
         self, player: ManagedProcess, monitor: ManagedProcess, rows_dir: Path

@@ -135,7 +135,10 @@ def test_the_run_went_to_its_end(looked: Looked) -> None:
 def test_every_process_runs_the_command_line_that_the_plan_prints(looked: Looked) -> None:
     planned = processes(looked)
     assert set(planned) == set(looked.seen)
-    programs = {"$(python)": sys.executable, "$(harness)": str(harness_program())}
+    # Kept below the home of the run, which is another one here.
+    kept = Path(*harness_program().parts[-3:])
+    home = looked.seen["player"].environ["HOME"]
+    programs = {"$(python)": sys.executable, "$(harness)": f"{home}/.cache/r2bspec/{kept}"}
     for name, seen in looked.seen.items():
         words = [programs.get(word, word) for word in planned[name]["argv"]]
         assert seen.argv == words, name

@@ -1,0 +1,117 @@
+"""Commands for native parts are lines of words; a schedule goes into a file."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from r2bspec.ipc import protocol
+from r2bspec.ipc.buffers import BufferWriter
+from r2bspec.ipc.native_protocol import NativeEncoder
+from r2bspec.ipc.schedule import CyclicSchedule, CyclicTransform
+from r2bspec.ipc.transform_stamps import TF, TF_STATIC, TF_TYPE
+from r2bspec.language.spec import QoS
+from r2bspec.plan.plan import InputPlan, MonitorPlan
+
+IMAGE = "sensor_msgs/msg/Image"
+OUT = MonitorPlan(name="out", topic="/out", type=IMAGE, match="stamp", qos=None)
+NAMED = msgspec.structs.replace(OUT, name="b", qos=QoS(reliability="best_effort", depth=3))
+INPUT = InputPlan(topic="/in", type=IMAGE, source="/loaded", bag_topic="", qos=QoS())
+TRANSFORM = (
+    *(b"\0\1\0\0", struct.pack("<I", 1), struct.pack("<iI", 5, 7)),
+    *(2 * (struct.pack("<I", 2) + b"m\0\0\0"), bytes(4), bytes(56)),
+)
+
+
+def line(command: object, encoder: NativeEncoder | None = None) -> str:
+    text = (encoder or NativeEncoder())(command).decode("ascii")
+    assert text.endswith("\n")
+    assert text.count("\n") == 1
+    return text[:-1]
+
+
+def player(folder: Path, transforms: tuple[str, ...] = ()) -> protocol.ConfigurePlayer:
+    return protocol.ConfigurePlayer(
+        inputs=(INPUT,),
+        buffer_dir=str(folder),
+        rows=str(folder / "played"),
+        transforms=transforms,
+        clock=bool(transforms),
+    )
+
+
+def write_buffer(folder: Path, topic: str, kind: str, *messages: bytes) -> None:
+    writer = BufferWriter(folder, topic, kind, has_header=True)
+    for number, data in enumerate(messages):
+        writer.append(number, data)
+    writer.close()
+
+
+@pytest.mark.parametrize(
+    ("command", "expected"),
+    [
+        (protocol.Subscribe(), "subscribe"),
+        (protocol.Unwatch(), "unwatch"),
+        (protocol.CountMatches(), "count"),
+        (protocol.Stop(), "stop"),
+        (protocol.Shutdown(), "shutdown"),
+        (protocol.ConfigureHarness(parts=("player", "monitor")), "harness"),
+        (protocol.Play(rate_hz=29.97, steps=100), "play 29.97 100"),
+        (
+            protocol.ConfigureMonitor(monitors=(OUT, NAMED), rows_dir="/rows"),
+            f"monitor /rows 2 out /out {IMAGE} - b /out {IMAGE} best_effort,volatile,keep_last,3",
+        ),
+        (protocol.Watch(monitors=(OUT,), with_content=True), f"watch 1 1 out /out {IMAGE} -"),
+        (
+            protocol.ConfigureMonitor(monitors=(), rows_dir="/a b\n%c/\N{SNOWMAN}"),
+            "monitor /a%20b%0A%25c/%E2%98%83 0",
+        ),
+    ],
+)
+def test_a_command_is_one_line_of_words(command: object, expected: str) -> None:
+    assert line(command) == expected
+
+
+def test_a_player_has_its_inputs_and_transforms_after_them(tmp_path: Path) -> None:
+    write_buffer(tmp_path, TF_STATIC, TF_TYPE, b"latched")
+    qos = "reliable,volatile,keep_last"
+    assert line(player(tmp_path)) == (f"player {tmp_path}/played 0  0 1 1 /in {IMAGE} {qos},10 1")
+    assert line(player(tmp_path, (TF, TF_STATIC))) == (
+        f"player {tmp_path}/played 1 {tmp_path}/tf_static.cdr 7 1 2 "
+        f"/in {IMAGE} {qos},10 1 /tf {TF_TYPE} {qos},100 0"
+    )
+
+
+def test_each_schedule_has_a_playlist_of_its_own(tmp_path: Path) -> None:
+    write_buffer(tmp_path, "/loaded", IMAGE, bytes(20))
+    encoder = NativeEncoder()
+    encoder(player(tmp_path))
+    schedule = CyclicSchedule(steps=((0,),))
+    for number in (1, 2):
+        path = tmp_path / f"played.playlist-{number}"
+        assert line(protocol.Follow(schedule=schedule), encoder) == f"follow {path}"
+        assert path.read_bytes().startswith(b"R2BPLAY1")
+
+
+def test_damaged_transforms_are_an_error(tmp_path: Path) -> None:
+    whole = b"".join(TRANSFORM)
+    write_buffer(tmp_path, "/loaded", IMAGE, bytes(20))
+    schedule = CyclicSchedule(steps=((0,),), transforms=(CyclicTransform(0.5, 0, 0),))
+    encoder = NativeEncoder()
+    encoder(player(tmp_path, (TF,)))
+    write_buffer(tmp_path, TF, TF_TYPE, whole)
+    encoder(protocol.Follow(schedule=schedule))
+    for size in range(8, len(whole), 7):
+        write_buffer(tmp_path, TF, TF_TYPE, whole[:size])
+        with pytest.raises(ValueError, match="/tf is truncated"):
+            encoder(protocol.Follow(schedule=schedule))
+
+
+def test_what_a_native_part_does_not_know_is_an_error() -> None:
+    with pytest.raises(ValueError, match="no command of a native part: Survey"):
+        line(protocol.Survey())
+    with pytest.raises(ValueError, match="configured before"):
+        line(protocol.Follow(schedule=CyclicSchedule(steps=((0,),))))
