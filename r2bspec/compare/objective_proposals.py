@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 from r2bspec.compare.margin_proposals import insert_objective
 from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.prediction_interval import predicted_ratio
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.spec import Objective, Spec
 from r2bspec.measure.distribution_parts import part_value
@@ -154,7 +155,7 @@ def _latency_texts(rate: RateMetrics, monitor: str, prefix: str, margin: float) 
             yield f"{prefix}latency.{part} < {_ceiling(1e3 * limit * math.exp(margin))} ms"
 
 
-def prediction_bound(values: Sequence[float], confidence: float = 0.95) -> float | None:
+def prediction_bound(values: Sequence[float], confidence: float = CONFIDENCE) -> float | None:
     """The bound that one more value exceeds with probability 1 - `confidence`.
 
     Args:
