@@ -22,14 +22,14 @@ from r2bspec.judge.statistics.prediction_interval import predicted_ratio
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.spec import Objective, Spec
-from r2bspec.measure.distribution_parts import part_value
+from r2bspec.measure.distribution_parts import PROPOSED_PERCENTILES, part_value
 from r2bspec.measure.metrics import RateMetrics
 from r2bspec.record.calibration_file import Calibration
 
 MIN_ITERATIONS = 3
 """With fewer, the scatter of the iterations says nothing about the next one."""
 
-_PARTS = ("p99", "p95", "p90", "p50")
+_PARTS = tuple(reversed(PROPOSED_PERCENTILES))
 _SHARES = (0.001, 0.005, 0.01, 0.02, 0.05)
 """Shares of lost messages that are proposed, the smallest that the run passes."""
 

@@ -290,7 +290,7 @@ def weaken_ended(
         else one
         for one in verdict.requirements
     )
-    outcome, reason = outcome_of(requirements, policy.inconclusive)
+    outcome, reason = outcome_of(requirements, policy.inconclusive, verdict.starts)
     return msgspec.structs.replace(
         verdict,
         outcome=outcome,

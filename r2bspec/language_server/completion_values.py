@@ -17,6 +17,7 @@ from typing import Any, Final
 from lsprotocol import types
 
 from r2bspec.diagnostics import Path
+from r2bspec.language.bag_formats import BAG_FORMATS
 from r2bspec.language.located_tree import ScalarNode, lookup
 from r2bspec.language.schema_validator import schema_at
 from r2bspec.language_server.analysis import Analysis
@@ -329,7 +330,8 @@ def _datasets(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
             yield Proposal(name, "dataset", kind=types.CompletionItemKind.Module, order=5)
     except DataError:
         pass
-    yield from _files(analysis, context, ("", ".mcap", ".db3", ".bag"))
+    suffixes = tuple(each.suffix for each in BAG_FORMATS)
+    yield from _files(analysis, context, suffixes)
 
 
 def _spec_files(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:

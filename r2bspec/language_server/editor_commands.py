@@ -67,7 +67,7 @@ class SpecCommand:
                 *case,
             ],
         }
-        return [sys.executable, "-m", "r2bspec", *verbs[name]]
+        return [sys.executable, "-P", "-m", "r2bspec", *verbs[name]]
 
 
 async def run_command(

@@ -64,6 +64,9 @@ MAIN_PERCENTILES: Final = ("p50", "p90", "p99")
 SHORT_PERCENTILES: Final = ("p50", "p99")
 """Where there is little room: narrow terminals, hops, single iterations, lateness."""
 
+PROPOSED_PERCENTILES: Final = ("p50", "p90", "p95", "p99")
+"""Of which an objective can be proposed from one run; a higher one would need more messages."""
+
 TAIL_PERCENTILE: Final = "p99"
 """Where there is room for one number."""
 

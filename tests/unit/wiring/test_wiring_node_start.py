@@ -172,4 +172,5 @@ def test_a_container_cannot_hold_it_with_others(
     tmp_path: Path, name: str, codes: list[str]
 ) -> None:
     found = findings(spec(tmp_path, name, keys=", container: box"))
-    assert [each.code for each in found] == codes
+    # That the harness is in other processes is an advice about every container.
+    assert [each.code for each in found if each.severity != "info"] == codes
