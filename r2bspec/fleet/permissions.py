@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from r2bspec.fleet.errors import NotAllowedError
+from r2bspec.plan.command_lines import is_own_program
 from r2bspec.plan.plan import Plan, ProcessPlan
 
 COMMANDS: Final = "commands"
@@ -53,7 +54,7 @@ def _commands(plan: Plan) -> Iterator[str]:
 def _command_of(process: ProcessPlan) -> str | None:
     """The program of a process, if the spec names it as a command or before one."""
     first = process.argv[0] if process.argv else ""
-    if first in ("", "$(python)") or first.startswith("$(executable "):
+    if is_own_program(process.argv) or first == "" or first.startswith("$(executable "):
         return None
     if process.argv[:2] == ("ros2", "launch"):
         return None

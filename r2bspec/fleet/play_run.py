@@ -168,6 +168,7 @@ def _play(job: Job, spool: Path, tree: Path) -> str:
                 progress,
                 abort_on_fail=job.abort_on_fail,
                 record_outputs=job.record_outputs,
+                lock="off",  # it is held here: waiting for it again would never end
             )
     return str(result.verdict.outcome)
 

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from r2bspec.language.node_kinds import NodeKindName
 from r2bspec.language.secret_variables import quoted_secret_references
@@ -42,6 +42,15 @@ CONTAINER_PACKAGE = "rclcpp_components"
 def host_argv() -> tuple[str, ...]:
     """The command line of a host of Python nodes."""
     return HARNESS_ARGV
+
+
+def is_own_program(argv: Sequence[str]) -> bool:
+    """Whether a command line starts a program of r2bspec, and nothing that a spec names.
+
+    The words count, not the first one alone: a command of a spec may begin with ``$(python)``.
+    """
+    words = tuple(argv)
+    return words in (HARNESS_ARGV, NATIVE_ARGV) or words[: len(_MAIN_ARGV)] == _MAIN_ARGV
 
 
 def container_argv(name: str, container: Container, namespace: str) -> tuple[str, ...]:
