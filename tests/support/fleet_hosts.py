@@ -96,6 +96,10 @@ class Client:
             found[str(each.parent.relative_to(self.folder))] = run
         return found
 
+    def kept(self) -> dict[str, Run]:
+        """The same without invalid runs, which a busy machine may cause, and which are repeated."""
+        return {path: run for path, run in self.runs().items() if ".invalid-" not in path}
+
 
 @dataclass
 class Fleet:
