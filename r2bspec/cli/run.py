@@ -159,7 +159,8 @@ def command(
 
     Two specs are compared in interleaved runs, the first being the base. More of them, a folder, a
     pattern such as 'specs/*.r2b.yaml', '--case all' and --scan are run one after the other, with
-    one summary and the worst exit status.
+    one summary and the worst exit status. With --on, specs run on the hosts of a
+    fleet ('r2bspec fleet').
 
     Requirements 'of baseline' are judged by interleaved runs of a base and of SPEC (--against), or
     by earlier runs (--history). Without either they are inconclusive.

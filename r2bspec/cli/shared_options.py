@@ -95,23 +95,24 @@ def connection_options(command: Callable[..., int]) -> Callable[..., int]:
         click.option(
             "--insecure",
             is_flag=True,
-            help="Connect without TLS beyond this machine; every machine of the network is "
-            "trusted then.",
+            help="Connect to a scheduler on another machine without TLS; every machine of the "
+            "network is trusted then.",
         ),
         click.option(
             "--key",
             type=click.Path(path_type=Path, dir_okay=False),
-            help="The private key of --certificate.",
+            help="Of a tls:// scheduler: the private key of --certificate.",
         ),
         click.option(
             "--certificate",
             type=click.Path(path_type=Path, dir_okay=False),
-            help="The certificate of this program.",
+            help="Of a tls:// scheduler: the certificate that this command shows, such as "
+            "client.pem.",
         ),
         click.option(
             "--ca",
             type=click.Path(path_type=Path, dir_okay=False),
-            help="The certificate that signs those of the fleet.",
+            help="Of a tls:// scheduler: the certificate of the fleet's authority, ca.pem.",
         ),
     ):
         command = option(command)

@@ -12,6 +12,7 @@ import msgspec
 
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
+from r2bspec.fleet.errors import HostFullError, HostLostError, TransferError
 
 PROTOCOL: Final = 1
 """The version of these messages."""
@@ -196,9 +197,15 @@ def problem_of(error: R2bspecError) -> Problem:
     )
 
 
+_HANDLED: Final[dict[str, type[R2bspecError]]] = {
+    each.code: each for each in (HostFullError, HostLostError, TransferError)
+}
+
+
 def error_of(problem: Problem) -> R2bspecError:
-    """An error that has travelled."""
-    error = R2bspecError(problem.message, hint=problem.hint, code=problem.code)
+    """An error that has travelled; those that a client handles have their class again."""
+    kind = _HANDLED.get(problem.code, R2bspecError)
+    error = kind(problem.message, hint=problem.hint, code=problem.code)
     known = {each.value: each for each in ExitStatus}
     error.exit_code = known.get(problem.exit_status, ExitStatus.RUN_FAILED)
     return error

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import html
+import importlib.resources
+import importlib.util
 import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final
@@ -74,38 +76,58 @@ def to_markdown(summary: SuiteSummary, _results: Results) -> bytes:
     return harmless("\n".join([*lines, "", *reasons]).rstrip() + "\n").encode()
 
 
-def to_html(summary: SuiteSummary, _results: Results) -> bytes:
-    """One self-contained page."""
+def to_html(summary: SuiteSummary, results: Results) -> bytes:
+    """One self-contained page; runs on several hosts are drawn, too."""
     rows = "\n".join(
         "<tr>" + "".join(map(_html_cell, _header(summary), cells)) + "</tr>"
         for cells in _table(summary)
     )
-    header = "".join(f"<th>{html.escape(each)}</th>" for each in _header(summary))
+    header = "".join(
+        f'<th scope="col"{_class_of(each)}>{html.escape(each)}</th>' for each in _header(summary)
+    )
     reasons = "\n".join(
         f"<p><b>{html.escape(_called(run))}</b>: {html.escape(printable_lines(run.reason))}</p>"
         for run in _not_passed(summary)
     )
     title = html.escape(_count_text(summary))
+    style = importlib.resources.files("r2bspec.report.html").joinpath("style.css")
     page = (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f"<title>{title}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n<h1>{title}</h1>\n"
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{title}</title>\n<style>\n{style.read_text('utf-8')}</style>\n</head>\n"
+        f"<body>\n<header>\n<h1>{title}</h1>\n</header>\n<main>\n"
+        '<div class="wide" tabindex="0" role="region" aria-label="Table of runs">\n'
         f"<table>\n<thead><tr>{header}</tr></thead>\n<tbody>\n{rows}\n</tbody>\n</table>\n"
-        f"{reasons}\n<p>{html.escape(summary.started_at)} to {html.escape(summary.ended_at)}</p>\n"
-        "</body>\n</html>\n"
+        f"</div>\n{reasons}\n{''.join(_figures(summary, results))}"
+        f"<p>{html.escape(summary.started_at)} to {html.escape(summary.ended_at)}</p>\n"
+        "</main>\n</body>\n</html>\n"
     )
     return harmless(page).encode()
 
 
-_STYLE: Final = (
-    "body{font:15px system-ui,sans-serif;margin:2em;color-scheme:light dark}"
-    "table{border-collapse:collapse}th,td{padding:.3em .8em;border-bottom:1px solid #8885;"
-    "text-align:left;font-variant-numeric:tabular-nums}.n{text-align:right}"
-)
+def _figures(summary: SuiteSummary, results: Results) -> Iterator[str]:
+    """The charts of benchmarks that ran on several hosts."""
+    if not _has_hosts(summary):
+        return
+    if importlib.util.find_spec("matplotlib") is None:
+        yield "<p>Hosts are drawn where r2bspec[report] is installed.</p>\n"
+        return
+    from r2bspec.report.html.host_charts import host_charts
+
+    for chart in host_charts(summary, results):
+        note = f'<p class="note">{html.escape(chart.note)}</p>\n' if chart.note else ""
+        yield (
+            f"<figure>\n<figcaption>{html.escape(chart.title)}</figcaption>\n{chart.svg}\n"
+            f"{note}</figure>\n"
+        )
 
 
 def _html_cell(title: str, cell: str) -> str:
-    kind = ' class="n"' if title in _NUMBERS else ""
-    return f"<td{kind}>{html.escape(printable(cell))}</td>"
+    return f"<td{_class_of(title)}>{html.escape(printable(cell))}</td>"
+
+
+def _class_of(title: str) -> str:
+    return ' class="n"' if title in _NUMBERS else ""
 
 
 def to_junit(summary: SuiteSummary, results: Results) -> bytes:

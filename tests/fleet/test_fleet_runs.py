@@ -63,9 +63,9 @@ def test_every_host_plays_the_spec_and_the_table_is_that_of_a_local_run(
     local = [each for each in rows(json_of(here.folder)) for _ in HOSTS]
     assert rows(done.summary()) == local
     assert [run["host"] for run in done.summary()["runs"]] == list(HOSTS)
-    found = done.runs()
+    found = done.kept()
     assert list(found) == [f"{name}/relay" for name in HOSTS]
-    assert overlapping(list(found.values())) == []
+    assert overlapping(list(done.runs().values())) == []
     assert len({run.record.run_id for run in found.values()}) == len(HOSTS)
     assert [run.record.plan_hash for run in found.values()] == [
         bench_plan(here.folder) for _ in HOSTS
@@ -74,9 +74,11 @@ def test_every_host_plays_the_spec_and_the_table_is_that_of_a_local_run(
     assert hosts.spools() == []
     text = (tmp_path / "r.xml").read_text()
     assert all(f"relay on {name}" in text for name in HOSTS)
+    sent = done.events("sent")
     again = hosts.run(spec, "--resume", output=tmp_path / "out")
     assert all(run["resumed"] for run in again.summary()["runs"])
-    assert len(again.events("sent")) == len(HOSTS)
+    assert again.events("sent") == sent
+    assert {each.host for each in sent} == set(HOSTS)
 
 
 def json_of(folder: Path) -> Any:
@@ -119,8 +121,7 @@ def test_no_run_is_lost_or_counted_twice_while_workers_are_killed(
     assert set(done.values()) == {1}
     assert len(done) == RUNS
     found = client.runs()
-    kept = {path: run for path, run in found.items() if ".invalid-" not in path}
-    assert set(kept) == set(done)
+    assert set(client.kept()) == set(done)
     assert len({run.record.run_id for run in found.values()}) == len(found)
     assert overlapping(list(found.values())) == []
     assert kills >= 1
@@ -138,8 +139,7 @@ def test_a_client_that_was_killed_is_resumed(hosts: Fleet, bench: Bench, tmp_pat
     again = hosts.run(*words, "--resume", output=tmp_path / "out")
     found = again.runs()
     assert {path: run.record.run_id for path, run in found.items() if path in before} == before
-    kept = [path for path in found if ".invalid-" not in path]
-    assert len(kept) == len(again.summary()["runs"]) == 3
+    assert len(again.kept()) == len(again.summary()["runs"]) == 3
     done = Counter(each.run for each in again.events("done"))
     assert all(count == 1 for path, count in done.items() if path in before)
     assert [run["outcome"] for run in again.summary()["runs"] if not run["rows"]] == []
@@ -184,7 +184,7 @@ def test_a_spec_chooses_its_host_and_one_that_no_host_fits_is_said_at_once(
     done = hosts.run(bench.folder, output=tmp_path / "out")
     runs = {run["name"]: run for run in done.summary()["runs"]}
     assert runs["here"]["host"] == "b"
-    assert list(done.runs()) == ["b/here"]
+    assert list(done.kept()) == ["b/here"]
     assert runs["nowhere"]["outcome"] == "error"
     assert "R2B683" in runs["nowhere"]["reason"]
     assert all(f"{name}: it has" in runs["nowhere"]["reason"] for name in HOSTS)
@@ -229,7 +229,7 @@ def test_files_of_a_spec_need_the_permission_of_the_host(
     hosts.kill_worker("a")
     hosts.start_worker("a", "--label", "robot=a", "--allow-python")
     done = hosts.run(path, "--hosts", "a", output=tmp_path / "out2")
-    assert list(done.runs()) == ["a/relay"], done.stderr
+    assert list(done.kept()) == ["a/relay"], done.stderr
     sent = {each.name for each in hosts.folder.glob("host-a/work/*/*")}
     assert {"own.py", "helper.py"} <= sent
     assert "other.py" not in sent

@@ -96,6 +96,10 @@ class Client:
             found[str(each.parent.relative_to(self.folder))] = run
         return found
 
+    def kept(self) -> dict[str, Run]:
+        """The same without invalid runs, which a busy machine may cause, and which are repeated."""
+        return {path: run for path, run in self.runs().items() if ".invalid-" not in path}
+
 
 @dataclass
 class Fleet:
@@ -138,10 +142,19 @@ class Fleet:
         self.scheduler.kill()
         self.scheduler.wait()
 
-    def start_worker(self, name: str, *options: str, program: Sequence[str] = ()) -> None:
-        """Start a worker, with its options of the last time if there are none."""
+    def start_worker(
+        self, name: str, *options: str, program: Sequence[str] = (), at: str = ""
+    ) -> None:
+        """Start a worker, with its options of the last time if there are none.
+
+        Args:
+            name: of its host.
+            options: of its command line.
+            program: its command line until then.
+            at: where it connects instead of at `address`.
+        """
         self.worker_options[name] = options or self.worker_options.get(name, ())
-        words = [*(program or _PROGRAM), "fleet", "worker", self.address, "--name", name]
+        words = [*(program or _PROGRAM), "fleet", "worker", at or self.address, "--name", name]
         words += ["--folder", str(self.folder / f"host-{name}"), "--no-doctor"]
         words += [*self.worker_options[name]]
         log = self.folder / f"{name}.log"

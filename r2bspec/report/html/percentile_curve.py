@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _MAX_POINTS = 300
-_MIN_LOG_RATIO = 20.0
+MIN_LOG_RATIO = 20.0
 """From this ratio of the largest latency to the median on, the latency axis is logarithmic."""
 
 
@@ -60,8 +60,8 @@ def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verd
         ]
         for one in limits:
             _bar(axes, one, rates.index(one.at_hz or 0.0))
-        _axes(axes, total)
-        if median and largest > _MIN_LOG_RATIO * min(median):
+        percentile_axes(axes, total)
+        if median and largest > MIN_LOG_RATIO * min(median):
             axes.set_yscale("log")
             plain_numbers(axes.yaxis)
         else:
@@ -157,7 +157,8 @@ def _label(axes: Axes, one: RequirementVerdict) -> None:
     inside_label(axes, x, y, text, _ink(one), above=above)
 
 
-def _axes(axes: Axes, total: int) -> None:
+def percentile_axes(axes: Axes, total: int) -> None:
+    """An axis of shares up to one of `total` messages, which expands the tail; latency in ms."""
     axes.set_xscale("log")
     axes.set_xlim(1, max(total * 1.8, 20))
     shown = {1: "0 %", 2: "50 %", 10: "90 %", 20: "95 %", 100: "99 %", 1000: "99.9 %"}

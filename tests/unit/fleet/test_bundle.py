@@ -13,7 +13,7 @@ import yaml
 
 from r2bspec import api
 from r2bspec.fleet.bundle import Bundle, SentSide, make_bundle
-from r2bspec.fleet.errors import NotAllowedError, TransferError
+from r2bspec.fleet.errors import HostFullError, HostLostError, NotAllowedError, TransferError
 from r2bspec.fleet.host_messages import Job, Missing, SentFile, Side, error_of, problem_of
 from r2bspec.fleet.host_store import HostStore, inside
 from r2bspec.fleet.permissions import check_allowed
@@ -258,5 +258,7 @@ def test_an_error_travels_with_its_code_and_exit_status() -> None:
     sent = NotAllowedError("no", hint="ask")
     found = error_of(problem_of(sent))
     assert (found.code, str(found), found.hint) == (sent.code, "no", "ask")
+    for kind in (HostFullError, HostLostError, TransferError):
+        assert type(error_of(problem_of(kind("no")))) is kind
     assert found.exit_code is sent.exit_code
     assert Side(plan="", spec_text="", base_dir=".")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ def test_every_option_that_a_file_uses_exists(name: str) -> None:
     helps += [CliRunner().invoke(each, ["--help"]).output for each in fleet_verb.commands.values()]
     ours = set(re.findall(r"--[a-z][a-z-]+", "".join(helps)))
     others = {"--protocol", "--port", "--no-dashboard", "--tls-ca-file", "--tls-cert", "--tls-key"}
-    others |= {"--job-name", "--nodes", "--ntasks-per-node", "--exclusive", "--time"}
+    others |= {"--job-name", "--nodes", "--ntasks-per-node", "--exclusive", "--time", "--signal"}
     assert set(words) <= ours | others
 
 
@@ -54,6 +55,36 @@ def test_kubernetes_selects_the_pods_that_it_makes() -> None:
             assert {mount["name"] for mount in container["volumeMounts"]} == volumes
     service, scheduler = documents[1], documents[0]
     assert service["spec"]["selector"] == scheduler["spec"]["selector"]["matchLabels"]
+
+
+def test_kubernetes_reads_every_field_by_its_published_schemas() -> None:
+    kubernetes = pytest.importorskip("kubernetes_validate", reason="needs kubernetes-validate")
+    newest = kubernetes.latest_version()
+    for each in yaml.safe_load_all((CI / "kubernetes/fleet.yaml").read_text()):
+        kubernetes.validate(each, newest, strict=True)
+        each["spec"]["no_such_field"] = 1
+        with pytest.raises(kubernetes.ValidationError, match="no_such_field"):
+            kubernetes.validate(each, newest, strict=True)
+
+
+@pytest.mark.parametrize(
+    ("schema", "name"),
+    [("vendor.github-workflows", FILES[0]), ("vendor.gitlab-ci", FILES[1])],
+)
+def test_a_pipeline_follows_the_published_schema_of_its_system(
+    schema: str, name: str, tmp_path: Path
+) -> None:
+    words = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", schema]
+    done = subprocess.run([*words, str(CI / name)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    broken = tmp_path / Path(name).name
+    text, count = re.subn(
+        r"^( +)(runs-on|tags): .*$", r"\1\2: 7", (CI / name).read_text(), flags=re.MULTILINE
+    )
+    assert count == 1
+    broken.write_text(text)
+    done = subprocess.run([*words, str(broken)], capture_output=True, text=True)
+    assert done.returncode == 1, done.stdout + done.stderr
 
 
 def test_the_job_of_slurm_is_a_script() -> None:

@@ -1,0 +1,77 @@
+"""Recordings over a slow link that breaks or changes bytes: the rest follows, and is verified."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("distributed")
+
+from fleet_hosts import HANG_S, Client, Fleet, fleet
+from r2bspec.bags.digest import hash_files
+from r2bspec.fleet.run_transfer import PIECE_BYTES
+from ros_runs import Bench, relay_spec
+from ros_runs import nothing_left as nothing_left
+from slow_link import SlowLink
+
+pytestmark = pytest.mark.timeout(HANG_S)
+
+BYTES_PER_S = 16 << 20
+"""A recording takes two seconds: several pieces, of which each takes a quarter of a second."""
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Bench:
+    """A spec whose recording has five to six pieces."""
+    topics = {"/camera": range(0, 330, 33), "/other": range(2400)}
+    return Bench(tmp_path / "bench", topics)
+
+
+def recording_bytes(bench: Bench) -> int:
+    return sum(each.stat().st_size for each in bench.bag.iterdir())
+
+
+def run_over(link: SlowLink, hosts: Fleet, bench: Bench) -> Client:
+    """Run a spec on one host that reaches the scheduler over the link."""
+    hosts.start_worker("far", at=link.address)
+    benchmark = {**relay_spec()["benchmark"], "duration": "200 ms", "warm_up": "0 s"}
+    slos = {"received": {"at": "20 Hz", "require": ["received > 0"]}}
+    spec = bench.write(relay_spec(benchmark=benchmark, slos=slos), "relay")
+    return hosts.run(spec, output=hosts.folder / "out")
+
+
+def assert_played_with_the_recording(done: Client, hosts: Fleet, bench: Bench) -> None:
+    assert list(done.kept()) == ["far/relay"], done.stderr
+    (kept,) = (hosts.folder / "host-far" / "recordings").iterdir()
+    assert kept.name == hash_files(kept) == hash_files(bench.bag)
+
+
+def test_a_recording_goes_on_where_a_slow_link_broke(bench: Bench, tmp_path: Path) -> None:
+    size = recording_bytes(bench)
+    assert size > 5 * PIECE_BYTES
+    with (
+        fleet(tmp_path / "fleet") as hosts,
+        SlowLink(hosts.port, bytes_per_s=BYTES_PER_S, cut_at=size * 3 // 4) as link,
+    ):
+        done = run_over(link, hosts, bench)
+    assert link.cuts == 1
+    assert_played_with_the_recording(done, hosts, bench)
+    # From the beginning it would be three quarters of a recording more; so it is one piece.
+    assert size < link.passed < size + 2 * PIECE_BYTES
+
+
+def test_a_recording_that_was_changed_on_its_way_is_sent_again(
+    bench: Bench, tmp_path: Path
+) -> None:
+    size = recording_bytes(bench)
+    pixels = bytes([200]) * 1024
+    with (
+        fleet(tmp_path / "fleet") as hosts,
+        SlowLink(hosts.port, bytes_per_s=BYTES_PER_S, spoil=pixels) as link,
+    ):
+        done = run_over(link, hosts, bench)
+    assert link.spoilt == 1
+    assert_played_with_the_recording(done, hosts, bench)
+    assert 2 * size - PIECE_BYTES < link.passed < 3 * size
