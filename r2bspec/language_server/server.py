@@ -34,6 +34,8 @@ from r2bspec.language_server.navigation import (
 from r2bspec.language_server.open_specs import OpenSpecs
 from r2bspec.language_server.outline import document_symbols, folding_ranges, selection_range
 from r2bspec.language_server.publish_diagnostics import diagnostics_by_file, uri
+from r2bspec.language_server.spec_cases import REQUEST as CASES
+from r2bspec.language_server.spec_cases import SpecCase, spec_cases
 from r2bspec.language_server.text_positions import TextPositions
 from r2bspec.untrusted.errors import RefusedFileError
 from r2bspec.untrusted.safe_file import read_text
@@ -57,13 +59,17 @@ class SpecLanguageServer(LanguageServer):
         self._published: dict[str, frozenset[str]] = {}
         self._running: set[asyncio.Task[None]] = set()
 
-    def positions_of(self, file: str) -> TextPositions:
-        """The positions in a file: of its open text, or of what is on disk."""
-        text = self.specs.text(Path(file))
+    def text_of(self, path: Path) -> str:
+        """The text of a file: as it is open, or what is on disk; empty if there is none."""
+        text = self.specs.text(path)
         if not text:
             with contextlib.suppress(OSError, RefusedFileError):
-                text = read_text(Path(file), max_bytes=_MAX_FILE_BYTES)
-        return TextPositions(text, self._encoding())
+                text = read_text(path, max_bytes=_MAX_FILE_BYTES)
+        return text
+
+    def positions_of(self, file: str) -> TextPositions:
+        """The positions in a file: of its open text, or of what is on disk."""
+        return TextPositions(self.text_of(Path(file)), self._encoding())
 
     def _encoding(self) -> str:
         encoding = self.workspace.position_encoding
@@ -406,6 +412,12 @@ def _add_commands(server: SpecLanguageServer) -> None:
             return []
         positions = server.positions_of(str(analysis.path))
         return list(code_lenses(analysis, positions, server.folder))
+
+    @server.feature(CASES)
+    async def listed_cases(params: Any) -> list[SpecCase]:
+        path = _path(str(params.uri))
+        text, unsaved = server.text_of(path), server.specs.unsaved()
+        return await asyncio.to_thread(spec_cases, path, text, unsaved)
 
     for name in commands.COMMANDS:
         server.command(name)(_starter(server, name))

@@ -416,6 +416,28 @@ async def test_a_command_runs_the_command_line(document: Document) -> None:
 
 
 @in_module
+async def test_the_cases_of_a_spec_are_told_of_a_file_that_is_not_open(
+    client: LanguageClient, tmp_path: Path
+) -> None:
+    path = tmp_path / "relay.r2b.yaml"
+    matrix = "matrix: {axes: {rate: [10 Hz, 20 Hz]}}\n"
+    path.write_text(SPEC.replace("r2bspec: 1\n", "# a comment\nr2bspec: 1\n" + matrix))
+    found = await client.protocol.send_request_async("r2bspec/cases", {"uri": path.as_uri()})
+    assert found == [
+        {"name": "relay[rate=10 Hz]", "case": "rate=10 Hz", "line": 3},
+        {"name": "relay[rate=20 Hz]", "case": "rate=20 Hz", "line": 3},
+    ]
+
+
+@in_module
+async def test_the_cases_of_an_open_spec_are_those_of_its_text(document: Document) -> None:
+    await document.write(changed("name: relay", "name: other"))
+    request = {"uri": document.uri}
+    found = await document.client.protocol.send_request_async("r2bspec/cases", request)
+    assert found == [{"name": "other", "case": "", "line": 1}]
+
+
+@in_module
 async def test_a_command_without_a_file_is_refused(client: LanguageClient) -> None:
     with pytest.raises(JsonRpcException, match="absolute path"):
         await client.workspace_execute_command_async(

@@ -38,7 +38,8 @@ def test_or_to_a_file_that_is_a_plan_again(
 
 
 @pytest.mark.parametrize(
-    ("form", "begins"), [("mermaid", "flowchart LR"), ("dot", "digraph"), ("html", "<!DOCTYPE html>")]
+    ("form", "begins"),
+    [("mermaid", "flowchart LR"), ("dot", "digraph"), ("html", "<!DOCTYPE html>")],
 )
 def test_it_can_be_drawn(form: str, begins: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["plan", str(RELAY), "--graph", form]) == 0

@@ -1,0 +1,57 @@
+/** The commands of the lenses: what the language server would run in silence gets a place to be seen. */
+
+import { basename } from "node:path";
+import * as vscode from "vscode";
+import { argumentsOf, type SpecCommand } from "./commandLine";
+import type { Pages } from "./pages";
+import { run, task } from "./processes";
+
+/** Carry out a command of the server; false for one that is not of r2bspec. */
+export async function carryOut(
+  name: string,
+  given: readonly unknown[],
+  pages: Pages,
+): Promise<boolean> {
+  const about = (given[0] as SpecCommand | undefined) ?? openSpec();
+  const words = about && argumentsOf(name, about);
+  if (about === undefined || words === undefined) {
+    return false;
+  }
+  // The command line reads files.
+  await vscode.workspace.saveAll(false);
+  const title = [basename(about.file), about.case].filter(Boolean).join(" ");
+  switch (name) {
+    case "r2bspec.drawGraph":
+      await pages.show(`Graph of ${title}`, words, { live: true });
+      break;
+    case "r2bspec.plan":
+      await showPlan(words);
+      break;
+    default:
+      await vscode.tasks.executeTask(await task(`${words[0]} ${title}`, words));
+  }
+  return true;
+}
+
+/** Show the report of a run folder. */
+export async function showResult(folder: string, pages: Pages): Promise<void> {
+  await pages.show(`Result of ${basename(folder)}`, ["report", folder, "--report", "html=-"]);
+}
+
+function openSpec(): SpecCommand | undefined {
+  const document = vscode.window.activeTextEditor?.document;
+  return document?.languageId === "r2bspec" ? { file: document.uri.fsPath } : undefined;
+}
+
+async function showPlan(words: readonly string[]): Promise<void> {
+  const finished = await run(words);
+  if (finished.status !== 0) {
+    void vscode.window.showErrorMessage(`r2bspec: ${finished.errors.trim() || finished.output}`);
+    return;
+  }
+  const plan = await vscode.workspace.openTextDocument({
+    language: "json",
+    content: `${JSON.stringify(JSON.parse(finished.output), undefined, 2)}\n`,
+  });
+  await vscode.window.showTextDocument(plan, { viewColumn: vscode.ViewColumn.Beside });
+}
