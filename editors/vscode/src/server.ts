@@ -4,7 +4,7 @@ import * as vscode from "vscode";
 import { LanguageClient, type LanguageClientOptions } from "vscode-languageclient/node";
 import type { Pages } from "./pages";
 import { commandLine, folder } from "./processes";
-import { carryOut } from "./specCommands";
+import { carryOut, type CasesOf } from "./specCommands";
 
 /** One case of a spec, as the server tells it. */
 export interface SpecCase {
@@ -28,7 +28,7 @@ export class Server implements vscode.Disposable {
       "r2bspec",
       "r2bspec",
       { command: command ?? "r2bspec", args, options: { cwd: folder() } },
-      options(this.pages),
+      options(this.pages, (uri) => this.cases(uri)),
     );
     try {
       await this.client.start();
@@ -51,7 +51,7 @@ export class Server implements vscode.Disposable {
   }
 }
 
-function options(pages: Pages): LanguageClientOptions {
+function options(pages: Pages, casesOf: CasesOf): LanguageClientOptions {
   return {
     documentSelector: [
       { scheme: "file", language: "r2bspec" },
@@ -65,11 +65,8 @@ function options(pages: Pages): LanguageClientOptions {
       ],
     },
     middleware: {
-      executeCommand: async (name, given, next) => {
-        if (!(await carryOut(name, given, pages))) {
-          await next(name, given);
-        }
-      },
+      // The server would run them, too, in silence: here there are terminals and panels.
+      executeCommand: (name, given) => carryOut(name, given, pages, casesOf),
     },
   };
 }

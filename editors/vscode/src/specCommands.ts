@@ -5,17 +5,22 @@ import * as vscode from "vscode";
 import { argumentsOf, type SpecCommand } from "./commandLine";
 import type { Pages } from "./pages";
 import { run, task } from "./processes";
+import type { SpecCase } from "./server";
 
-/** Carry out a command of the server; false for one that is not of r2bspec. */
+/** Tells the cases of a spec. */
+export type CasesOf = (uri: vscode.Uri) => Promise<readonly SpecCase[]>;
+
+/** Carry out a command of the server, if it is one about a spec; nothing is done without a spec. */
 export async function carryOut(
   name: string,
   given: readonly unknown[],
   pages: Pages,
-): Promise<boolean> {
-  const about = (given[0] as SpecCommand | undefined) ?? openSpec();
+  casesOf: CasesOf,
+): Promise<void> {
+  const about = (given[0] as SpecCommand | undefined) ?? (await openSpec(casesOf));
   const words = about && argumentsOf(name, about);
   if (about === undefined || words === undefined) {
-    return false;
+    return;
   }
   // The command line reads files.
   await vscode.workspace.saveAll(false);
@@ -30,7 +35,6 @@ export async function carryOut(
     default:
       await vscode.tasks.executeTask(await task(`${words[0]} ${title}`, words));
   }
-  return true;
 }
 
 /** Show the report of a run folder. */
@@ -38,9 +42,15 @@ export async function showResult(folder: string, pages: Pages): Promise<void> {
   await pages.show(`Result of ${basename(folder)}`, ["report", folder, "--report", "html=-"]);
 }
 
-function openSpec(): SpecCommand | undefined {
+/** The spec in the editor, for a command of the palette; of several cases the one that is picked. */
+async function openSpec(casesOf: CasesOf): Promise<SpecCommand | undefined> {
   const document = vscode.window.activeTextEditor?.document;
-  return document?.languageId === "r2bspec" ? { file: document.uri.fsPath } : undefined;
+  if (document?.languageId !== "r2bspec") {
+    return undefined;
+  }
+  const names = (await casesOf(document.uri)).map((each) => each.case);
+  const picked = names.length > 1 ? await vscode.window.showQuickPick(names) : names[0];
+  return picked === undefined ? undefined : { file: document.uri.fsPath, case: picked };
 }
 
 async function showPlan(words: readonly string[]): Promise<void> {
