@@ -170,13 +170,14 @@ class SpecLanguageServer(LanguageServer):
             self.window_show_message(types.ShowMessageParams(kind, f"r2bspec: {verdict}"))
         self.specs.touch()
         self.analyse_soon()
-        if self._can_refresh_lenses():
-            self.workspace_code_lens_refresh(None)
+        self.refresh_lenses()
 
-    def _can_refresh_lenses(self) -> bool:
+    def refresh_lenses(self) -> None:
+        """Let an editor that can do so ask for the lenses again: there may be a newer result."""
         workspace = self.client_capabilities.workspace
         lens = workspace.code_lens if workspace is not None else None
-        return bool(lens is not None and lens.refresh_support)
+        if lens is not None and lens.refresh_support:
+            self.workspace_code_lens_refresh(None)
 
     def _log(self, kind: types.MessageType, text: str) -> None:
         self.window_log_message(types.LogMessageParams(kind, text))
@@ -243,9 +244,10 @@ def _add_documents(server: SpecLanguageServer) -> None:
 
     @server.feature(types.WORKSPACE_DID_CHANGE_WATCHED_FILES)
     def files_changed(params: types.DidChangeWatchedFilesParams) -> None:
-        del params
         server.specs.touch()
         server.analyse_soon()
+        if any(each.uri.endswith("/result.json") for each in params.changes):
+            server.refresh_lenses()
 
     @server.feature(types.SHUTDOWN)
     def shut_down(params: None) -> None:

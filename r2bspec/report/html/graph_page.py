@@ -11,7 +11,6 @@ from r2bspec.report.html.graph_drawing import lay_out
 from r2bspec.report.html.svg import PALETTE
 from r2bspec.report.html.templates import own_text, render_template
 
-
 _WIDE = "header,main{max-width:none}\n"
 """The drawing has the whole width of the window, or of the panel of an editor."""
 

@@ -50,6 +50,9 @@ slos:
 """
 
 
+refreshes: list[None] = []
+
+
 @pytest_lsp.fixture(  # type: ignore[untyped-decorator]
     config=ClientServerConfig(server_command=[sys.executable, "-m", "r2bspec", "lsp"]),
     scope="module",
@@ -62,6 +65,7 @@ async def client(
     @lsp_client.feature(types.WORKSPACE_CODE_LENS_REFRESH)  # type: ignore[untyped-decorator]
     def refresh(params: None) -> None:
         """An editor would ask for the lenses again."""
+        refreshes.append(params)
 
     await lsp_client.initialize_session(
         types.InitializeParams(
@@ -402,6 +406,16 @@ async def test_hints_and_lenses(document: Document) -> None:
     lenses = await document.client.text_document_code_lens_async(types.CodeLensParams(document.id))
     titles = [each.command.title for each in lenses or () if each.command is not None]
     assert titles[:3] == ["run", "smoke", "plan"]
+
+
+@in_module
+async def test_a_new_result_on_disk_refreshes_the_lenses(document: Document) -> None:
+    before = len(refreshes)
+    result = document.path.parent / "runs" / "relay-1" / "result.json"
+    created = types.FileEvent(result.as_uri(), types.FileChangeType.Created)
+    document.client.workspace_did_change_watched_files(types.DidChangeWatchedFilesParams([created]))
+    while len(refreshes) == before:
+        await asyncio.sleep(0.02)
 
 
 @in_module
