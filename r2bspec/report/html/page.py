@@ -24,8 +24,8 @@ from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import ProfileRecord
 from r2bspec.report.html.canvas import Chart
 from r2bspec.report.html.number_links import Numbers
+from r2bspec.report.html.page_templates import own_text, render_template
 from r2bspec.report.html.svg import PALETTE
-from r2bspec.report.html.templates import own_text, render_template
 from r2bspec.report.report_wording import (
     OUTCOME_WORDS,
     PROBE_PURPOSES,

@@ -429,6 +429,11 @@ async def test_a_command_runs_the_command_line(document: Document) -> None:
         await asyncio.sleep(0.02)
 
 
+async def cases_of(client: LanguageClient, uri: str) -> object:
+    send = client.protocol.send_request_async
+    return await send("r2bspec/cases", {"uri": uri})  # type: ignore[no-untyped-call]
+
+
 @in_module
 async def test_the_cases_of_a_spec_are_told_of_a_file_that_is_not_open(
     client: LanguageClient, tmp_path: Path
@@ -436,7 +441,7 @@ async def test_the_cases_of_a_spec_are_told_of_a_file_that_is_not_open(
     path = tmp_path / "relay.r2b.yaml"
     matrix = "matrix: {axes: {rate: [10 Hz, 20 Hz]}}\n"
     path.write_text(SPEC.replace("r2bspec: 1\n", "# a comment\nr2bspec: 1\n" + matrix))
-    found = await client.protocol.send_request_async("r2bspec/cases", {"uri": path.as_uri()})
+    found = await cases_of(client, path.as_uri())
     assert found == [
         {"name": "relay[rate=10 Hz]", "case": "rate=10 Hz", "line": 3},
         {"name": "relay[rate=20 Hz]", "case": "rate=20 Hz", "line": 3},
@@ -446,8 +451,7 @@ async def test_the_cases_of_a_spec_are_told_of_a_file_that_is_not_open(
 @in_module
 async def test_the_cases_of_an_open_spec_are_those_of_its_text(document: Document) -> None:
     await document.write(changed("name: relay", "name: other"))
-    request = {"uri": document.uri}
-    found = await document.client.protocol.send_request_async("r2bspec/cases", request)
+    found = await cases_of(document.client, document.uri)
     assert found == [{"name": "other", "case": "", "line": 1}]
 
 
