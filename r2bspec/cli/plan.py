@@ -23,8 +23,8 @@ _SPEC = click.Path(path_type=Path, dir_okay=False)
 @click.argument("spec", type=_SPEC)
 @click.option(
     "--graph",
-    type=click.Choice(["mermaid", "dot"]),
-    help="Print a diagram instead, for Markdown (mermaid) or Graphviz (dot).",
+    type=click.Choice(["mermaid", "dot", "html"]),
+    help="Print a drawing instead, for Markdown (mermaid), Graphviz (dot) or a browser (html).",
 )
 @click.option(
     "--diff",
@@ -113,6 +113,12 @@ def _render(plan: Plan, graph: str | None) -> bytes:
         from r2bspec.plan.dot import to_dot
 
         return to_dot(plan).encode()
+    if graph == "html":
+        from r2bspec.report.format_registry import check_installed
+        from r2bspec.report.html.graph_page import render_graph
+
+        check_installed("html")
+        return render_graph(plan)
     from r2bspec.plan.canonical_json import canonical_json
 
     return canonical_json(plan)

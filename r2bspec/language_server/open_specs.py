@@ -50,7 +50,7 @@ class OpenSpecs:
 
     def analyse(self, path: Path) -> Analysis:
         """Analyse the newest text of a document; takes time, and keeps nothing."""
-        return analyse(path, self._texts.get(path, ""), dict(self._unsaved()))
+        return analyse(path, self._texts.get(path, ""), self.unsaved())
 
     def keep(self, analysis: Analysis) -> None:
         """Keep an analysis as the newest one of its document."""
@@ -90,5 +90,6 @@ class OpenSpecs:
             self.keep(latest)
         return latest
 
-    def _unsaved(self) -> Mapping[Path, str]:
+    def unsaved(self) -> Mapping[Path, str]:
+        """The texts of all open files, by their resolved paths."""
         return {path.resolve(): text for path, text in self._texts.items()}

@@ -34,6 +34,8 @@ from r2bspec.language_server.navigation import (
 from r2bspec.language_server.open_specs import OpenSpecs
 from r2bspec.language_server.outline import document_symbols, folding_ranges, selection_range
 from r2bspec.language_server.publish_diagnostics import diagnostics_by_file, uri
+from r2bspec.language_server.spec_cases import REQUEST as CASES
+from r2bspec.language_server.spec_cases import SpecCase, spec_cases
 from r2bspec.language_server.text_positions import TextPositions
 from r2bspec.untrusted.errors import RefusedFileError
 from r2bspec.untrusted.safe_file import read_text
@@ -57,13 +59,17 @@ class SpecLanguageServer(LanguageServer):
         self._published: dict[str, frozenset[str]] = {}
         self._running: set[asyncio.Task[None]] = set()
 
-    def positions_of(self, file: str) -> TextPositions:
-        """The positions in a file: of its open text, or of what is on disk."""
-        text = self.specs.text(Path(file))
+    def text_of(self, path: Path) -> str:
+        """The text of a file: as it is open, or what is on disk; empty if there is none."""
+        text = self.specs.text(path)
         if not text:
             with contextlib.suppress(OSError, RefusedFileError):
-                text = read_text(Path(file), max_bytes=_MAX_FILE_BYTES)
-        return TextPositions(text, self._encoding())
+                text = read_text(path, max_bytes=_MAX_FILE_BYTES)
+        return text
+
+    def positions_of(self, file: str) -> TextPositions:
+        """The positions in a file: of its open text, or of what is on disk."""
+        return TextPositions(self.text_of(Path(file)), self._encoding())
 
     def _encoding(self) -> str:
         encoding = self.workspace.position_encoding
@@ -164,13 +170,14 @@ class SpecLanguageServer(LanguageServer):
             self.window_show_message(types.ShowMessageParams(kind, f"r2bspec: {verdict}"))
         self.specs.touch()
         self.analyse_soon()
-        if self._can_refresh_lenses():
-            self.workspace_code_lens_refresh(None)
+        self.refresh_lenses()
 
-    def _can_refresh_lenses(self) -> bool:
+    def refresh_lenses(self) -> None:
+        """Let an editor that can do so ask for the lenses again: there may be a newer result."""
         workspace = self.client_capabilities.workspace
         lens = workspace.code_lens if workspace is not None else None
-        return bool(lens is not None and lens.refresh_support)
+        if lens is not None and lens.refresh_support:
+            self.workspace_code_lens_refresh(None)
 
     def _log(self, kind: types.MessageType, text: str) -> None:
         self.window_log_message(types.LogMessageParams(kind, text))
@@ -237,9 +244,10 @@ def _add_documents(server: SpecLanguageServer) -> None:
 
     @server.feature(types.WORKSPACE_DID_CHANGE_WATCHED_FILES)
     def files_changed(params: types.DidChangeWatchedFilesParams) -> None:
-        del params
         server.specs.touch()
         server.analyse_soon()
+        if any(each.uri.endswith("/result.json") for each in params.changes):
+            server.refresh_lenses()
 
     @server.feature(types.SHUTDOWN)
     def shut_down(params: None) -> None:
@@ -406,6 +414,12 @@ def _add_commands(server: SpecLanguageServer) -> None:
             return []
         positions = server.positions_of(str(analysis.path))
         return list(code_lenses(analysis, positions, server.folder))
+
+    @server.feature(CASES)
+    async def listed_cases(params: Any) -> list[SpecCase]:
+        path = _path(str(params.uri))
+        text, unsaved = server.text_of(path), server.specs.unsaved()
+        return await asyncio.to_thread(spec_cases, path, text, unsaved)
 
     for name in commands.COMMANDS:
         server.command(name)(_starter(server, name))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.resources
-import re
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
@@ -25,7 +23,8 @@ from r2bspec.measure.units import at_rate, show, show_rate
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import ProfileRecord
 from r2bspec.report.html.canvas import Chart
-from r2bspec.report.html.number_links import Numbers, pointer
+from r2bspec.report.html.number_links import Numbers
+from r2bspec.report.html.page_templates import own_text, render_template
 from r2bspec.report.html.svg import PALETTE
 from r2bspec.report.report_wording import (
     OUTCOME_WORDS,
@@ -50,36 +49,17 @@ if TYPE_CHECKING:
 
 _ORDER = ("fail", "inconclusive", "pass")
 
-_CONTROL_CHARACTERS = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
-
 _MAX_SHOWN_RATES = 4
 """Rates whose numbers are written into the drawing of the graph."""
 
 
 def render(report_input: ReportInput) -> bytes:
     """The page, UTF-8. The same run gives the same bytes."""
-    import jinja2
-
-    files = importlib.resources.files("r2bspec.report.html")
-    environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(lambda name: files.joinpath(name).read_text("utf-8")),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["pointer"] = pointer
-    page = environment.get_template("page.html.j2")
-    # HTML cannot contain control characters and the lone surrogates of broken file names.
-    text = _CONTROL_CHARACTERS.sub("\N{REPLACEMENT CHARACTER}", page.render(_context(report_input)))
-    return text.encode("utf-8", errors="replace") + b"\n"
+    return render_template("page.html.j2", _context(report_input))
 
 
 def _context(report_input: ReportInput) -> dict[str, Any]:
-    from markupsafe import Markup
-
     result = report_input.result
-    files = importlib.resources.files("r2bspec.report.html")
     metrics = result.metrics
     several = several_monitors(result.verdict)
     indices = {id(one): number for number, one in enumerate(result.verdict.requirements)}
@@ -143,8 +123,8 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "outcome": outcome_heading(result.verdict),
         "dataset": {key: _plain(value) for key, value in result.dataset.items()},
         "palette": PALETTE,
-        "style": Markup(files.joinpath("style.css").read_text("utf-8")),  # noqa: S704 - our file
-        "script": Markup(files.joinpath("script.js").read_text("utf-8")),  # noqa: S704 - our file
+        "style": own_text("style.css"),
+        "script": own_text("script.js"),
     }
 
 

@@ -110,6 +110,7 @@ VERBS = (
     ["validate", "--diff"],
     ["plan"],
     ["plan", "--graph=mermaid"],
+    ["plan", "--graph=html"],
     *(
         ["plan", f"--explain={path}"]
         for path in ("variables.words", "labels.x", "benchmark.duration", "data_loader.bag")

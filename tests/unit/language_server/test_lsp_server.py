@@ -50,6 +50,9 @@ slos:
 """
 
 
+refreshes: list[None] = []
+
+
 @pytest_lsp.fixture(  # type: ignore[untyped-decorator]
     config=ClientServerConfig(server_command=[sys.executable, "-m", "r2bspec", "lsp"]),
     scope="module",
@@ -62,6 +65,7 @@ async def client(
     @lsp_client.feature(types.WORKSPACE_CODE_LENS_REFRESH)  # type: ignore[untyped-decorator]
     def refresh(params: None) -> None:
         """An editor would ask for the lenses again."""
+        refreshes.append(params)
 
     await lsp_client.initialize_session(
         types.InitializeParams(
@@ -405,6 +409,16 @@ async def test_hints_and_lenses(document: Document) -> None:
 
 
 @in_module
+async def test_a_new_result_on_disk_refreshes_the_lenses(document: Document) -> None:
+    before = len(refreshes)
+    result = document.path.parent / "runs" / "relay-1" / "result.json"
+    created = types.FileEvent(result.as_uri(), types.FileChangeType.Created)
+    document.client.workspace_did_change_watched_files(types.DidChangeWatchedFilesParams([created]))
+    while len(refreshes) == before:
+        await asyncio.sleep(0.02)
+
+
+@in_module
 async def test_a_command_runs_the_command_line(document: Document) -> None:
     document.path.write_text(SPEC)
     await document.write(SPEC)
@@ -413,6 +427,32 @@ async def test_a_command_runs_the_command_line(document: Document) -> None:
     )
     while "flowchart" not in shown_text(document.client):
         await asyncio.sleep(0.02)
+
+
+async def cases_of(client: LanguageClient, uri: str) -> object:
+    send = client.protocol.send_request_async
+    return await send("r2bspec/cases", {"uri": uri})  # type: ignore[no-untyped-call]
+
+
+@in_module
+async def test_the_cases_of_a_spec_are_told_of_a_file_that_is_not_open(
+    client: LanguageClient, tmp_path: Path
+) -> None:
+    path = tmp_path / "relay.r2b.yaml"
+    matrix = "matrix: {axes: {rate: [10 Hz, 20 Hz]}}\n"
+    path.write_text(SPEC.replace("r2bspec: 1\n", "# a comment\nr2bspec: 1\n" + matrix))
+    found = await cases_of(client, path.as_uri())
+    assert found == [
+        {"name": "relay[rate=10 Hz]", "case": "rate=10 Hz", "line": 3},
+        {"name": "relay[rate=20 Hz]", "case": "rate=20 Hz", "line": 3},
+    ]
+
+
+@in_module
+async def test_the_cases_of_an_open_spec_are_those_of_its_text(document: Document) -> None:
+    await document.write(changed("name: relay", "name: other"))
+    found = await cases_of(document.client, document.uri)
+    assert found == [{"name": "other", "case": "", "line": 1}]
 
 
 @in_module

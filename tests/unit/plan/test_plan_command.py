@@ -37,7 +37,10 @@ def test_or_to_a_file_that_is_a_plan_again(
     assert capsys.readouterr().out == file.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(("form", "begins"), [("mermaid", "flowchart LR"), ("dot", "digraph")])
+@pytest.mark.parametrize(
+    ("form", "begins"),
+    [("mermaid", "flowchart LR"), ("dot", "digraph"), ("html", "<!DOCTYPE html>")],
+)
 def test_it_can_be_drawn(form: str, begins: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["plan", str(RELAY), "--graph", form]) == 0
     said = capsys.readouterr().out

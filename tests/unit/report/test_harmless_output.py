@@ -276,7 +276,8 @@ def test_a_plan_has_no_control_characters_wherever_it_goes(
     assert printed == file.read_text(encoding="utf-8")
     assert not CONTROL.search(printed)
     assert "\\u202e" in printed
-    for options in (["--graph", "mermaid"], ["--graph", "dot"], ["--explain", "labels.a"]):
+    drawings = (["--graph", each] for each in ("mermaid", "dot", "html"))
+    for options in (*drawings, ["--explain", "labels.a"]):
         assert main(["plan", str(spec), *options, "-o", str(file)]) == 0
         assert not CONTROL.search(file.read_text(encoding="utf-8"))
     plain_spec = tmp_path / "plain.r2b.yaml"

@@ -1,0 +1,47 @@
+/** The extension: the language server, its commands, the test explorer and the task. */
+
+import * as vscode from "vscode";
+import { Pages } from "./pages";
+import { task } from "./processes";
+import { Server } from "./server";
+import { showResult } from "./specCommands";
+import { TestExplorer } from "./testExplorer";
+
+export async function activate(context: vscode.ExtensionContext): Promise<void> {
+  const pages = new Pages();
+  const server = new Server(pages);
+  const tests = new TestExplorer(server);
+  const restart = async (): Promise<void> => {
+    await server.start();
+    await tests.discover();
+  };
+  context.subscriptions.push(
+    server,
+    tests,
+    vscode.commands.registerCommand("r2bspec.showResult", (at: string) => showResult(at, pages)),
+    vscode.commands.registerCommand("r2bspec.restartServer", restart),
+    vscode.tasks.registerTaskProvider("r2bspec", {
+      provideTasks: async () => [await task("validate all specs", ["validate", "."])],
+      resolveTask: (given) => resolved(given),
+    }),
+    vscode.workspace.onDidSaveTextDocument((document) =>
+      document.languageId === "r2bspec" ? pages.refresh() : undefined,
+    ),
+    vscode.workspace.onDidChangeConfiguration((change) =>
+      change.affectsConfiguration("r2bspec") ? restart() : undefined,
+    ),
+  );
+  await restart();
+}
+
+/** A task of a tasks.json, with the command line of this workspace. */
+async function resolved(given: vscode.Task): Promise<vscode.Task | undefined> {
+  const words: unknown = given.definition["arguments"];
+  if (!Array.isArray(words)) {
+    return undefined;
+  }
+  const made = await task(given.name, words.map(String));
+  // The editor compares the definitions by identity.
+  made.definition = given.definition;
+  return made;
+}

@@ -1,0 +1,28 @@
+"""The page of `r2bspec plan --graph html` in a real browser, under its own policy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from chromium import Chromium, find_chromium
+
+from r2bspec.cli.main import main
+
+PROGRAM = find_chromium()
+pytestmark = pytest.mark.skipif(PROGRAM is None, reason="no Chromium is installed")
+RELAY = Path(__file__).parents[2] / "specs" / "relay.r2b.yaml"
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_the_policy_blocks_nothing_of_the_page(tmp_path: Path, dark: bool) -> None:
+    file = tmp_path / "graph.html"
+    assert main(["plan", str(RELAY), "--graph", "html", "-o", str(file)]) == 0
+    assert PROGRAM is not None
+    with Chromium(PROGRAM) as browser, browser.page(file.as_uri(), dark=dark) as page:
+        assert page.console() == []
+        assert page.requests() == [file.as_uri()]
+        # The colours of boxes are in the style, in a light and in a dark one.
+        paper = page.evaluate("getComputedStyle(document.querySelector('svg .f-paper')).fill")
+        assert paper == ("rgb(26, 32, 41)" if dark else "rgb(255, 255, 255)")
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
