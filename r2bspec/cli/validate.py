@@ -7,7 +7,7 @@ the exit status says whether one of them is an error.
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import click
 
@@ -17,7 +17,7 @@ from r2bspec.report.findings.finding_formats import FORMATS
 from r2bspec.report.output import echo, echo_document
 
 if TYPE_CHECKING:
-    from r2bspec.cli.check_files import FileReport
+    from r2bspec.cli.check_files import CheckOptions, FileReport
     from r2bspec.diagnostics import Diagnostic
     from r2bspec.errors import R2bspecError
 
@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 @click.option(
     "--quiet", "-q", is_flag=True, help="Print nothing but findings: no summary at the end."
 )
+@click.option("--watch", is_flag=True, help="Check again whenever a file changes; end with Ctrl-C.")
 def command(
     paths: tuple[str, ...],
     output_format: str,
@@ -57,6 +58,7 @@ def command(
     diff: bool,
     strict: bool,
     quiet: bool,
+    watch: bool,
 ) -> int:
     """Check specs and report problems.
 
@@ -68,6 +70,13 @@ def command(
     from r2bspec.cli.spec_files import spec_files
 
     check_options = CheckOptions(*values, offline=offline, resolved=resolved)
+    if watch:
+        if fix or diff or resolved or output_format != "text" or "-" in paths:
+            raise click.UsageError(
+                "--watch prints findings as text; it cannot be combined with --fix, --diff, "
+                "--resolved, another --format or '-'"
+            )
+        _watch(paths, check_options, quiet=quiet)
     files = spec_files(paths)
     if fix and (diff or "-" in files):
         raise click.UsageError("--fix cannot be combined with --diff or with '-'")
@@ -93,6 +102,20 @@ def command(
         # One file that r2bspec cannot check does not hide what is wrong with the others.
         raise crash
     return ExitStatus.FINDINGS_OR_FAILED if failed else ExitStatus.OK
+
+
+def _watch(paths: tuple[str, ...], options: CheckOptions, *, quiet: bool) -> NoReturn:
+    """Print the findings of all files, now and after each change, until Ctrl-C."""
+    from functools import partial
+
+    from r2bspec.cli.check_files import check_file, naming_the_file
+    from r2bspec.cli.spec_files import spec_files
+    from r2bspec.cli.spec_watch import SpecWatch
+
+    check = partial(naming_the_file, partial(check_file, options=options))
+    for checked in SpecWatch(partial(spec_files, paths), check).updates():
+        _print_findings(checked, "text", offline=options.offline, quiet=quiet)
+    raise AssertionError("updates end with an exception only")
 
 
 def _print_findings(

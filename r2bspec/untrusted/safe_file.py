@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 from r2bspec.untrusted.errors import OutsideFolderError, RefusedFileError, TooLargeError
+from r2bspec.untrusted.looked_up_files import note_lookup
 from r2bspec.untrusted.unsaved_files import unsaved_content
 
 KERNEL_FOLDERS: Final = (Path("/proc"), Path("/sys"))
@@ -127,6 +128,7 @@ def read_text(
 
 def is_regular(path: Path) -> bool:
     """Whether a path leads to a regular file; a name that no file can have does not."""
+    note_lookup(path)
     try:
         return stat.S_ISREG(path.stat().st_mode)
     except (OSError, ValueError):
@@ -135,6 +137,7 @@ def is_regular(path: Path) -> bool:
 
 def is_there(path: Path) -> bool:
     """Whether a path leads to anything; a name that nothing can have does not."""
+    note_lookup(path)
     try:
         path.stat()
     except (OSError, ValueError):
@@ -144,6 +147,7 @@ def is_there(path: Path) -> bool:
 
 def is_folder(path: Path) -> bool:
     """Whether a path leads to a folder; a name that no folder can have does not."""
+    note_lookup(path)
     try:
         return stat.S_ISDIR(path.stat().st_mode)
     except (OSError, ValueError):
@@ -151,6 +155,7 @@ def is_folder(path: Path) -> bool:
 
 
 def _open_place(path: Path) -> int:
+    note_lookup(path)
     try:
         return os.open(path, os.O_PATH | os.O_CLOEXEC)
     except ValueError:
