@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import subprocess
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -64,8 +65,7 @@ def small_disk(bench: Bench) -> Iterator[Callable[[int], Path]]:
     mounted: list[Path] = []
 
     def mount(kibibytes: int) -> Path:
-        folder = bench.folder / f"disk{kibibytes}"
-        folder.mkdir()
+        folder = Path(tempfile.mkdtemp(prefix=f"disk{kibibytes}-", dir=bench.folder))
         command = ["mount", "-t", "tmpfs", "-o", f"size={kibibytes}k", "tmpfs", str(folder)]
         try:
             subprocess.run(command, check=True, capture_output=True)
