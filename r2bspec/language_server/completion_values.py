@@ -22,12 +22,10 @@ from r2bspec.language.located_tree import ScalarNode, lookup
 from r2bspec.language.schema_validator import schema_at
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.cursor_context import CursorContext
+from r2bspec.language_server.python_files import definitions_in
 from r2bspec.language_server.symbols import names_of
-from r2bspec.untrusted.errors import RefusedFileError
-from r2bspec.untrusted.safe_file import read_text
 from r2bspec.wiring.wiring import NodeWiring
 
-_MAX_PYTHON_BYTES: Final = 2_000_000
 _MAX_FILES: Final = 200
 
 
@@ -375,17 +373,10 @@ def _python_classes(analysis: Analysis, context: CursorContext) -> Iterator[Prop
     home = analysis.path.parent
     files = [*sorted(home.glob("*.py")), *sorted(home.glob("nodes/*.py"))][:_MAX_FILES]
     for file in files:
-        for name in _class_names(file):
-            place = f"./{file.relative_to(home).as_posix()}"
-            yield Proposal(f"{place}:{name}", kind=types.CompletionItemKind.Class, order=5)
-
-
-def _class_names(file: FilePath) -> Iterator[str]:
-    try:
-        module = ast.parse(read_text(file, max_bytes=_MAX_PYTHON_BYTES))
-    except (OSError, RefusedFileError, SyntaxError, ValueError, RecursionError, MemoryError):
-        return
-    yield from (each.name for each in module.body if isinstance(each, ast.ClassDef))
+        place = f"./{file.relative_to(home).as_posix()}"
+        classes = (each for each in definitions_in(file) or () if isinstance(each, ast.ClassDef))
+        for each in classes:
+            yield Proposal(f"{place}:{each.name}", kind=types.CompletionItemKind.Class, order=5)
 
 
 def _packages(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:

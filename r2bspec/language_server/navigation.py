@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import posixpath
 import re
 from collections.abc import Iterator
@@ -16,17 +15,15 @@ from r2bspec.exit_status import ExitStatus
 from r2bspec.language.located_tree import ScalarNode, lookup
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.places import place_at
+from r2bspec.language_server.python_files import definitions_in
 from r2bspec.language_server.symbols import (
     Occurrence,
     Symbol,
     occurrence_at,
     places_of,
 )
-from r2bspec.untrusted.errors import RefusedFileError
-from r2bspec.untrusted.safe_file import read_text
 from r2bspec.wiring.name_resolution import expand
 
-_MAX_PYTHON_BYTES: Final = 2_000_000
 _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 _TOPIC: Final = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z_][A-Za-z0-9_]*)*\Z")
 
@@ -140,12 +137,11 @@ def _class_definition(analysis: Analysis, text: str) -> Iterator[Span]:
     if target.module or not target.readable:
         return
     file = str(FilePath(posixpath.normpath(target.file.as_posix())))
-    try:
-        module = ast.parse(read_text(target.file, max_bytes=_MAX_PYTHON_BYTES))
-    except (OSError, RefusedFileError, SyntaxError, ValueError, RecursionError, MemoryError):
+    found = definitions_in(target.file)
+    if found is None:
         return
-    for each in module.body:
-        if isinstance(each, ast.ClassDef | ast.FunctionDef) and each.name == target.name:
+    for each in found:
+        if each.name == target.name:
             column = each.col_offset + 1
             yield Span(file, each.lineno, column, each.lineno, column + len(each.name))
             return
