@@ -185,7 +185,7 @@ def _files_below(folder: Path) -> Iterator[Path]:
 
 
 def _imported(file: Path) -> Iterator[Path]:
-    """The modules beside a Python file that it imports, and those that they import."""
+    """The modules in the folder of a Python file that it imports, directly or indirectly."""
     seen = {file}
     pending = [file]
     while pending:

@@ -18,7 +18,7 @@ def render_template(name: str, context: dict[str, Any]) -> bytes:
     """A page, UTF-8. The same context gives the same bytes.
 
     Args:
-        name: of the file beside this module.
+        name: of a file in the folder of this module.
         context: the names that the template uses; every text is escaped.
     """
     import jinja2
@@ -39,7 +39,7 @@ def render_template(name: str, context: dict[str, Any]) -> bytes:
 
 
 def own_text(name: str) -> Markup:
-    """A file beside this module, which a template contains without escapes."""
+    """A file in the folder of this module, which a template contains without escapes."""
     from markupsafe import Markup
 
     files = importlib.resources.files("r2bspec.report.html")
