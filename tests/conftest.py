@@ -8,9 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from hypothesis import settings
 
 if TYPE_CHECKING:
     from r2bspec.bags.recording import SyntheticDataset
+
+
+# A first example that imports or compiles something, on a busy machine, is no failure. The rest is
+# as Hypothesis has it, which in a CI job draws the same examples each time.
+settings.register_profile("without deadline", settings(), deadline=None)
+settings.load_profile("without deadline")
 
 
 def pytest_configure() -> None:
