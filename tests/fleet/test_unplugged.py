@@ -24,12 +24,15 @@ pytestmark = pytest.mark.timeout(HANG_S)
 SILENT = {"DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "5s"}
 """Dask gives a host up after five minutes."""
 
-HASTY = [
-    *(sys.executable, "-c"),
-    "import sys; from r2bspec.fleet.worker import WorkerSettings; "
-    "WorkerSettings.__init__.__kwdefaults__['heartbeat_s'] = 1.0; "
-    "from r2bspec.cli.main import main; sys.exit(main())",
-]
+_PROGRAM = """
+import sys
+from r2bspec.fleet.worker import WorkerSettings
+WorkerSettings.__init__.__kwdefaults__["heartbeat_s"] = 1.0
+from r2bspec.cli.main import main
+sys.exit(main())
+"""
+
+HASTY = (sys.executable, "-c", _PROGRAM)
 """A worker with ten times as many heartbeats as usual, so that its silence is noticed sooner."""
 
 
