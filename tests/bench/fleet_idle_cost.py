@@ -3,8 +3,8 @@
     python tests/bench/fleet_idle_cost.py [--rounds 24] [--seconds 2.5] [--idle 30]
 
 Takes about five minutes, and needs a machine that does nothing else. A worker of
-`r2bspec fleet worker` and one with the settings of Dask (`dask worker`, with its nanny) wait for the
-same scheduler.
+`r2bspec fleet worker` and one with the settings of Dask (`dask worker`, with its nanny) wait for
+the same scheduler.
 
 First their CPU time and wake-ups are counted for `--idle` seconds. Then player and monitor play to
 each other, with nothing between them, in slots of `--seconds`. In every round each condition has
@@ -12,10 +12,10 @@ one slot, in random order: no worker, no worker once more, and each of the two. 
 it is not is stopped by a signal, and has no wake-ups then; when it goes on, what is overdue comes
 first. So each slot of r2bspec has a heartbeat, which is four times as many as usual.
 
-A ratio is that of a slot to the slot without a worker of the same round. Its interval is one of the
-median, from the ranks of the ratios: it has at least 95 % confidence whatever their distribution, as
-in the sign test. "within noise" says that it contains 1; the second slot without a worker shows how
-wide noise is here.
+A ratio is that of a slot to the slot without a worker of the same round. Its interval is one of
+the median, from the ranks of the ratios: it has at least 95 % confidence whatever their
+distribution, as in the sign test. "within noise" says that it contains 1; the second slot without
+a worker shows how wide noise is here.
 
 Prints a Markdown table. Asserts nothing.
 """
