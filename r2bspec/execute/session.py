@@ -310,7 +310,7 @@ class Session:
             [(player, self._player_settings(self._rows_dir)), *commands]
         )
         self._load_schedule(player, ready)
-        if not self._is_later:
+        if not self._is_later and "floor" in plan.phases:
             self._measure_overhead(player, monitor, self._rows_dir)
         return player, monitor
 
@@ -330,7 +330,7 @@ class Session:
         graph starts: a graph would answer what is played.
         """
         inputs = self._plan.inputs
-        if self._is_later or not inputs or not can_be_measured(inputs):
+        if self._is_later or "floor" not in self._plan.phases or not can_be_measured(inputs):
             return
         rows_dir = self._rows_dir / "overhead"
         rows_dir.mkdir()

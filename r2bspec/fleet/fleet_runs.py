@@ -36,6 +36,8 @@ _POLLS_A_SECOND: Final = 50.0
 """Hosts whose state is asked for in a second: the answer of the scheduler has all of them."""
 _MAX_TRANSFERS: Final = 3
 _INVALID: Final = "invalid"
+_CONFIRM: Final = "-confirm"
+"""Ends the identity of a run that confirms another one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -211,7 +213,7 @@ class FleetRuns:
             if entry.needs not in answers:
                 self._show(entry, host, "being checked there")
                 try:
-                    self._offer(host, entry)
+                    self._offer(host, entry, self._job(entry, host.name))
                     answers[entry.needs] = None
                 except HostLostError:
                     return
@@ -222,17 +224,15 @@ class FleetRuns:
             if (refusal := answers[entry.needs]) is not None:
                 entry.refused[host.name] = refusal
 
-    def _offer(self, host: Host, entry: _Entry) -> Job:
-        """Send a run to a host.
+    def _offer(self, host: Host, entry: _Entry, job: Job) -> None:
+        """Send a run to a host, with what the host lacks.
 
         Raises:
             R2bspecError: the host cannot make it.
         """
-        job = self._job(entry, host.name)
         prepared = offer(self._client, host, job, entry.bundle, self._check)
         if prepared.problems:
             raise error_of(prepared.problems[0])
-        return job
 
     def _end_impossible(self) -> None:
         """End the runs that every host has refused."""
@@ -326,11 +326,8 @@ class FleetRuns:
             HostFullError: the host has no room.
         """
         while True:
-            job = self._offer(host, entry)
-            self._write(entry, host, job, "sent")
-            self._show(entry, host, "playing")
-            request = Request(what="play", job=job)
-            played = self._client.ask(host, request, Played, check=self._check)
+            job = self._job(entry, host.name)
+            played = self._send_and_play(host, entry, job)
             self._show(entry, host, "being fetched")
             error = error_of(played.problem) if played.problem is not None else None
             again = played.outcome == _INVALID and entry.attempt <= self._limits.retry_invalid
@@ -349,18 +346,36 @@ class FleetRuns:
             self._on_note(f"{entry.run.name} on {host.name} is invalid and made again")
             entry.attempt += 1
 
+    def _send_and_play(self, host: Host, entry: _Entry, job: Job) -> Played:
+        """Play a job on a host; what it lacks is sent before, and again if it was removed there.
+
+        Raises:
+            R2bspecError: as `_play_on`.
+        """
+        number = 0
+        while True:
+            number += 1
+            self._offer(host, entry, job)
+            self._write(entry, host, job, "sent")
+            is_first = not job.identity.endswith(_CONFIRM)
+            self._show(entry, host, "playing" if is_first else "being confirmed")
+            try:
+                request = Request(what="play", job=job)
+                return self._client.ask(host, request, Played, check=self._check)
+            except TransferError:
+                if number == _MAX_TRANSFERS:
+                    raise
+
     def _judge_by_history(self, host: Host, entry: _Entry, history: FleetHistory) -> None:
         """Judge a run by earlier ones of its host; a failure is confirmed there by a second run."""
         folder = entry.run.folder
         plan = history.confirmation(folder, entry.run.head.plan)
         if plan is not None:
-            self._show(entry, host, "being confirmed")
             job = self._job(entry, host.name)
             head = msgspec.structs.replace(job.head, plan=canonical_json(plan).decode())
-            identity = f"{job.identity}-confirm"
+            identity = f"{job.identity}{_CONFIRM}"
             job = msgspec.structs.replace(job, head=head, identity=identity)
-            request = Request(what="play", job=job)
-            played = self._client.ask(host, request, Played, check=self._check)
+            played = self._send_and_play(host, entry, job)
             if played.problem is not None:
                 raise error_of(played.problem)
             self._fetch(host, played, folder / CONFIRMATION_FOLDER)

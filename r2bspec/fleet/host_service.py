@@ -241,6 +241,11 @@ class HostService:
         for side in _sides(job):
             plan = parse_plan(side.plan.encode(), "the plan of the client")
             check_allowed(plan, self.facts.allows, self.facts.name)
+        if next(self.store.missing(job), None) is not None:
+            raise TransferError(
+                f"the host {self.facts.name} has removed files of {job.name} for those of others",
+                hint="Start its worker with a larger --cache-limit.",
+            )
         _wait_for(spool / LOCK_FILE)
         remove(spool)
         spool.mkdir(mode=0o700, parents=True)
