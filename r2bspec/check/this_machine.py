@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import os
 import platform
+import sys
 from pathlib import Path
 from typing import Final
 
 from r2bspec.plan.host_match import MachineFacts
+from r2bspec.untrusted.looked_up_files import environment_variable, note_lookup, shared_lookup
 
 LABELS_VARIABLE: Final = "R2BSPEC_LABELS"
 """The labels of this machine, as ``robot=carter,floor=2``."""
@@ -24,6 +25,7 @@ _NVIDIA: Final = Path("/proc/driver/nvidia/gpus")
 _OTHER_GPUS: Final = {"/dev/nvhost-gpu": "NVIDIA Tegra", "/dev/kfd": "AMD"}
 
 
+@shared_lookup
 def this_machine() -> MachineFacts:
     """Architecture, CPUs, GPUs, ROS distribution and labels of this machine."""
     return MachineFacts(
@@ -31,7 +33,7 @@ def this_machine() -> MachineFacts:
         cores=len(os.sched_getaffinity(0)),
         gpus=gpus(),
         ros_distro=ros_distro(),
-        labels=labels_of(os.environ.get(LABELS_VARIABLE, "")),
+        labels=labels_of(environment_variable(LABELS_VARIABLE) or ""),
     )
 
 
@@ -46,14 +48,18 @@ def gpus() -> tuple[str, ...]:
 
 def ros_distro() -> str:
     """The ROS distribution: a sourced one, or that of the wheels; empty if there is none."""
-    if distribution := os.environ.get("ROS_DISTRO"):
+    if distribution := environment_variable("ROS_DISTRO"):
         return distribution
-    for each in ROS_DISTROS:
+    from importlib.metadata import PackageNotFoundError, version
+
+    for each in sys.path:
+        note_lookup(Path(each))
+    for distro in ROS_DISTROS:
         try:
-            importlib.metadata.version(f"ros-{each}-rclpy")
-        except importlib.metadata.PackageNotFoundError:
+            version(f"ros-{distro}-rclpy")
+        except PackageNotFoundError:
             continue
-        return each
+        return distro
     return ""
 
 

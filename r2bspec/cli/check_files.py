@@ -22,6 +22,7 @@ from r2bspec.diagnostics.waivers import may_contain_waiver
 from r2bspec.errors import R2bspecError
 from r2bspec.language.case_findings import merge_case_findings
 from r2bspec.language.load_spec import LoadedSpec, load_cases
+from r2bspec.untrusted.looked_up_files import shared_lookups
 
 if TYPE_CHECKING:
     from r2bspec.language.untrusted_environment import UntrustedSpecs
@@ -80,6 +81,11 @@ def check_files(files: Sequence[str], options: CheckOptions) -> Iterator[FileRep
     # Documents are trees: frequent collection of cycles takes time and frees nothing.
     gc.set_threshold(50_000, 20, 20)
     check_one = partial(check_file, options=options)
+    with shared_lookups():
+        yield from _checked(check_one, files)
+
+
+def _checked(check_one: Callable[[str], FileReport], files: Sequence[str]) -> Iterator[FileReport]:
     workers = min(len(os.sched_getaffinity(0)), len(files) // _MIN_FILES_PER_WORKER)
     if len(files) < MIN_PARALLEL_FILES or workers < 2 or "-" in files:
         yield from _one_after_another(check_one, files)

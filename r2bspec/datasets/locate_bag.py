@@ -11,6 +11,8 @@ from r2bspec.bags.errors import BAG_NOT_FOUND, DataError
 from r2bspec.bags.recording import BagIndex, BagLocation
 from r2bspec.datasets.sequences import SEQUENCES, describe, unknown_dataset_error
 from r2bspec.diagnostics.quote import clip
+from r2bspec.untrusted.looked_up_files import environment_variable
+from r2bspec.untrusted.safe_file import is_folder, is_there, names_in
 
 _MAX_NAME_LENGTH = 4095  # that of Linux
 DATASETS_VARIABLE = "R2B_DATASETS"
@@ -38,7 +40,7 @@ def locate(bag: str, base_dir: Path) -> BagLocation:
         )
     # Unlike those of pathlib, these take a name that cannot be for one that is not there.
     path = base_dir / os.path.expanduser(bag)  # noqa: PTH111
-    if bag and os.path.exists(path):  # noqa: PTH110
+    if bag and is_there(path):
         return BagLocation(kind="recorded", path=path)
     if "/" in bag:
         raise DataError(
@@ -56,7 +58,7 @@ def locate_dataset(name: str) -> BagLocation:
         DataError: R2B307; R2B301 where ``$R2B_DATASETS`` is no folder.
     """
     real = _datasets_folder()
-    if real is not None and name and os.path.exists(real / name):  # noqa: PTH110
+    if real is not None and name and is_there(real / name):
         return BagLocation(kind="recorded", path=real / name, dataset=name)
     if name not in SEQUENCES:
         raise unknown_dataset_error(name, known_datasets())
@@ -86,17 +88,17 @@ def known_datasets() -> tuple[str, ...]:
         DataError: ``$R2B_DATASETS`` is no folder (R2B301).
     """
     real = _datasets_folder()
-    recorded = [each.name for each in real.iterdir() if each.is_dir()] if real else []
+    recorded = [each for each in names_in(real) if is_folder(real / each)] if real else []
     return tuple(sorted({*SEQUENCES, *recorded}))
 
 
 def _datasets_folder() -> Path | None:
     """The folder of recorded datasets; None if the variable is not set."""
-    value = os.environ.get(DATASETS_VARIABLE, "")
+    value = environment_variable(DATASETS_VARIABLE) or ""
     if not value:
         return None
     folder = Path(os.path.expanduser(value))  # noqa: PTH111
-    if not os.path.isdir(folder):  # noqa: PTH112
+    if not is_folder(folder):
         # The synthetic data would be another measurement than the one requested.
         raise DataError(
             f"${DATASETS_VARIABLE} is {folder}, which is not a folder",

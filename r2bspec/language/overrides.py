@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+
+from msgspec.structs import replace
 
 from r2bspec.diagnostics import Path, Span, did_you_mean, format_path
 from r2bspec.diagnostics.quote import quote

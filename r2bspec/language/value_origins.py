@@ -7,7 +7,9 @@ written. Without the places that led there, a finding would be hard to understan
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+
+from msgspec.structs import replace
 
 from r2bspec.diagnostics import Diagnostic, Path, Related, Span
 

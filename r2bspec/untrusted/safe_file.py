@@ -154,6 +154,16 @@ def is_folder(path: Path) -> bool:
         return False
 
 
+def names_in(folder: Path) -> list[str]:
+    """The names of everything in a folder, sorted.
+
+    Raises:
+        OSError: there is no such folder, or the system refuses.
+    """
+    note_lookup(folder)
+    return sorted(os.listdir(folder))  # noqa: PTH208 - names alone are asked for
+
+
 def _open_place(path: Path) -> int:
     note_lookup(path)
     try:

@@ -22,7 +22,7 @@ from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNod
 from r2bspec.language.source_text import MAX_DOCUMENT_BYTES, Source, read_file
 from r2bspec.language.variable_references import OPENING
 from r2bspec.language.yaml_composer import compose
-from r2bspec.untrusted.safe_file import ByteBudget
+from r2bspec.untrusted.safe_file import ByteBudget, is_regular, names_in
 
 KEY = "extends"
 MAX_EXTENDS_DEPTH = 20
@@ -150,7 +150,7 @@ class _FileMerger:
         try:
             real = path.resolve()
             inside = any(real.is_relative_to(folder) for folder in self._folders)
-            there = inside and real.is_file()
+            there = inside and is_regular(real)
         except (OSError, ValueError, RuntimeError):
             inside, there, real = True, False, path
         if not inside:
@@ -205,7 +205,7 @@ def extended_names(root: MapNode) -> Iterator[ScalarNode]:
 
 def _suggest_file(path: FilePath) -> str:
     try:
-        names = sorted(each.name for each in path.parent.iterdir() if each.suffix == ".yaml")[:100]
+        names = [each for each in names_in(path.parent) if each.endswith(".yaml")][:100]
     except (OSError, ValueError):
         return f"folder not found: {quote(str(path.parent))}"
     close = did_you_mean(path.name, names)
