@@ -7,7 +7,6 @@ import contextlib
 import importlib.util
 import os
 import re
-import shutil
 import sys
 from collections.abc import Iterator
 from importlib.machinery import ModuleSpec, PathFinder
@@ -108,6 +107,8 @@ def is_on_path(program: str) -> bool:
     """Whether the folders of ``$PATH`` have a program of that name."""
     for each in (environment_variable("PATH") or os.defpath).split(os.pathsep):
         note_lookup(Path(each, program))
+    import shutil
+
     return shutil.which(program) is not None
 
 

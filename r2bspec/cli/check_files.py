@@ -10,12 +10,12 @@ from __future__ import annotations
 import gc
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import click
+import msgspec
 
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.diagnostics.waivers import may_contain_waiver
@@ -36,8 +36,7 @@ long as checking ten files."""
 _MIN_FILES_PER_WORKER = 16
 
 
-@dataclass(frozen=True, slots=True)
-class CheckOptions:
+class CheckOptions(msgspec.Struct, frozen=True):
     """The options for every file."""
 
     sets: tuple[str, ...] = ()
@@ -49,8 +48,7 @@ class CheckOptions:
     resolved: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class FileReport:
+class FileReport(msgspec.Struct, frozen=True):
     """One file after its check.
 
     Attributes:
@@ -68,7 +66,7 @@ class FileReport:
     complete: bool
     findings: tuple[Diagnostic, ...]
     texts: Mapping[str, str]
-    resolved: Mapping[str, str] = field(default_factory=dict)
+    resolved: Mapping[str, str] = msgspec.field(default_factory=dict)
 
 
 def check_files(files: Sequence[str], options: CheckOptions) -> Iterator[FileReport]:

@@ -6,7 +6,6 @@ import os
 from functools import cache
 from pathlib import Path
 
-from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.errors import BAG_NOT_FOUND, DataError
 from r2bspec.bags.recording import BagIndex, BagLocation
 from r2bspec.datasets.sequences import SEQUENCES, describe, unknown_dataset_error
@@ -72,6 +71,8 @@ def index(location: BagLocation) -> BagIndex:
         DataError: as `index_bag`.
     """
     if location.path is not None:
+        from r2bspec.bags.bag_index import index_bag
+
         return index_bag(location.path)
     return _index_synthetic(location.dataset or "")
 

@@ -19,9 +19,9 @@ The rules:
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 from msgspec.structs import replace
 
 from r2bspec.diagnostics import Certainty, Diagnostic, Related, Span, did_you_mean
@@ -57,8 +57,7 @@ from r2bspec.untrusted.looked_up_files import note_variable
 _DECLARATIONS = frozenset({"variables", "environment", "r2bspec"})
 
 
-@dataclass(frozen=True, slots=True)
-class SubstitutionResult:
+class SubstitutionResult(msgspec.Struct, frozen=True):
     """The tree after substitution, the problems, and the variables that were used.
 
     Attributes:

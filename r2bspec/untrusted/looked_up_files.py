@@ -11,10 +11,11 @@ import contextlib
 import os
 from collections.abc import Callable, Iterator
 from contextvars import ContextVar
-from dataclasses import dataclass, field
 from functools import wraps
 from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeVar
+
+import msgspec
 
 Stamp = tuple[int, int, int, int] | None
 """Modification time in nanoseconds, size in bytes, inode and change time in nanoseconds of a file
@@ -24,8 +25,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-@dataclass(slots=True)
-class Lookups:
+class Lookups(msgspec.Struct):
     """What was looked up.
 
     Attributes:
@@ -33,13 +33,16 @@ class Lookups:
         variables: variables of the environment by name; None if not set.
     """
 
-    files: dict[str, Stamp] = field(default_factory=dict)
-    variables: dict[str, str | None] = field(default_factory=dict)
+    files: dict[str, Stamp] = msgspec.field(default_factory=dict)
+    variables: dict[str, str | None] = msgspec.field(default_factory=dict)
+    _added: dict[int, Lookups] = msgspec.field(default_factory=dict)
 
     def add(self, other: Lookups) -> None:
-        """Add what was looked up elsewhere; what is known here already is older, and stays."""
-        self.files = other.files | self.files
-        self.variables = other.variables | self.variables
+        """Add what was looked up elsewhere; what is known here already stays."""
+        if id(other) not in self._added:
+            self._added[id(other)] = other
+            self.files = other.files | self.files
+            self.variables = other.variables | self.variables
 
 
 _LOOKED_UP: Final[ContextVar[Lookups | None]] = ContextVar("looked_up", default=None)

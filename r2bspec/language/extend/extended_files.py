@@ -9,9 +9,10 @@ from __future__ import annotations
 import os
 import posixpath
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
 from pathlib import Path as FilePath
 from typing import Any
+
+import msgspec
 
 from r2bspec.diagnostics import Diagnostic, Related, Span, did_you_mean
 from r2bspec.diagnostics.quote import quote
@@ -33,8 +34,7 @@ MAX_EXTENDED_BYTES = MAX_DOCUMENT_BYTES
 """Bytes that they may have together."""
 
 
-@dataclass(slots=True)
-class ExtendResult:
+class ExtendResult(msgspec.Struct):
     """The merged tree, the problems, and the files that were read.
 
     Attributes:
@@ -43,14 +43,13 @@ class ExtendResult:
     """
 
     tree: TreeNode
-    problems: DiagnosticCollector = field(default_factory=DiagnosticCollector)
-    sources: dict[str, Source] = field(default_factory=dict)
-    origins: dict[str, tuple[Related, ...]] = field(default_factory=dict)
+    problems: DiagnosticCollector = msgspec.field(default_factory=DiagnosticCollector)
+    sources: dict[str, Source] = msgspec.field(default_factory=dict)
+    origins: dict[str, tuple[Related, ...]] = msgspec.field(default_factory=dict)
     complete: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class _FileContext:
+class _FileContext(msgspec.Struct, frozen=True):
     """A document that is being read: its file name, its real path, and the places leading to it."""
 
     file: str
