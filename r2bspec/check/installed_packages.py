@@ -33,6 +33,7 @@ def find_module(name: str) -> ModuleSpec | None:
         found = PathFinder.find_spec(top, _unseen_folders()) or importlib.util.find_spec(top)
     except (ImportError, ValueError):
         found = None
+    _note_origin(found)
     path = top
     for part in below:
         if found is None or found.submodule_search_locations is None:
@@ -41,6 +42,7 @@ def find_module(name: str) -> ModuleSpec | None:
         folders = list(found.submodule_search_locations)
         _note_search(part, folders)
         found = PathFinder.find_spec(path, folders)
+        _note_origin(found)
     return found
 
 
@@ -50,6 +52,11 @@ def _note_search(name: str, folders: list[str]) -> None:
         # The times of a folder change when a file comes or goes.
         note_lookup(Path(each))
         note_lookup(Path(each, name))
+
+
+def _note_origin(found: ModuleSpec | None) -> None:
+    if found is not None and found.has_location and found.origin:
+        note_lookup(Path(found.origin))
 
 
 def _unseen_folders() -> list[str]:

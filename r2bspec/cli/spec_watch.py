@@ -8,7 +8,7 @@ from typing import Final
 
 import click
 
-from r2bspec.cli.check_files import FileReport
+from r2bspec.cli.file_report import FileReport
 from r2bspec.untrusted.looked_up_files import Lookups, looked_up_files, shared_lookups, stamp
 
 POLL_S: Final = 0.2

@@ -10,11 +10,12 @@ from r2bspec.bags.errors import BAG_NOT_FOUND, DataError
 from r2bspec.bags.recording import BagIndex, BagLocation
 from r2bspec.datasets.sequences import SEQUENCES, describe, unknown_dataset_error
 from r2bspec.diagnostics.quote import clip
-from r2bspec.untrusted.looked_up_files import environment_variable
+from r2bspec.untrusted.looked_up_files import environment_variable, note_lookup
 from r2bspec.untrusted.safe_file import is_folder, is_there, names_in
 
 _MAX_NAME_LENGTH = 4095  # that of Linux
 DATASETS_VARIABLE = "R2B_DATASETS"
+_USERS = Path("/etc/passwd")
 
 
 def locate(bag: str, base_dir: Path) -> BagLocation:
@@ -37,8 +38,7 @@ def locate(bag: str, base_dir: Path) -> BagLocation:
             code=BAG_NOT_FOUND,
             hint=f"a path has at most {_MAX_NAME_LENGTH:,}",
         )
-    # Unlike those of pathlib, these take a name that cannot be for one that is not there.
-    path = base_dir / os.path.expanduser(bag)  # noqa: PTH111
+    path = base_dir / _expanded(bag)
     if bag and is_there(path):
         return BagLocation(kind="recorded", path=path)
     if "/" in bag:
@@ -93,12 +93,20 @@ def known_datasets() -> tuple[str, ...]:
     return tuple(sorted({*SEQUENCES, *recorded}))
 
 
+def _expanded(path: str) -> str:
+    """A path with the home folder in place of ``~``."""
+    if path.startswith("~"):
+        note_lookup(_USERS)
+        environment_variable("HOME")
+    return os.path.expanduser(path)  # noqa: PTH111 - that of pathlib raises for unknown users
+
+
 def _datasets_folder() -> Path | None:
     """The folder of recorded datasets; None if the variable is not set."""
     value = environment_variable(DATASETS_VARIABLE) or ""
     if not value:
         return None
-    folder = Path(os.path.expanduser(value))  # noqa: PTH111
+    folder = Path(_expanded(value))
     if not is_folder(folder):
         # The synthetic data would be another measurement than the one requested.
         raise DataError(

@@ -31,10 +31,14 @@ class Lookups(msgspec.Struct):
     Attributes:
         files: files and folders by their absolute paths, as they were at the first time.
         variables: variables of the environment by name; None if not set.
+        read: the paths of files of which the content was read.
+        complete: whether that is all that the result depends on.
     """
 
     files: dict[str, Stamp] = msgspec.field(default_factory=dict)
     variables: dict[str, str | None] = msgspec.field(default_factory=dict)
+    read: set[str] = msgspec.field(default_factory=set)
+    complete: bool = True
     _added: dict[int, Lookups] = msgspec.field(default_factory=dict)
 
     def add(self, other: Lookups) -> None:
@@ -43,6 +47,8 @@ class Lookups(msgspec.Struct):
             self._added[id(other)] = other
             self.files = other.files | self.files
             self.variables = other.variables | self.variables
+            self.read |= other.read
+            self.complete = self.complete and other.complete
 
 
 _LOOKED_UP: Final[ContextVar[Lookups | None]] = ContextVar("looked_up", default=None)
@@ -55,11 +61,8 @@ _SHARED: Final[ContextVar[dict[Any, tuple[Any, Lookups]] | None]] = ContextVar(
 def looked_up_files() -> Iterator[Lookups]:
     """Within this context, everything that is looked up is added."""
     found = Lookups()
-    token = _LOOKED_UP.set(found)
-    try:
+    with _noting(found):
         yield found
-    finally:
-        _LOOKED_UP.reset(token)
 
 
 @contextlib.contextmanager
@@ -86,11 +89,12 @@ def shared_lookup(function: Callable[P, R]) -> Callable[P, R]:
         question = (function, args, *kwargs.items())
         known = answers.get(question)
         if known is None:
-            with looked_up_files() as seen:
-                try:
+            seen = Lookups()
+            try:
+                with _noting(seen):
                     known = answers[question] = function(*args, **kwargs), seen
-                finally:
-                    _note_all(seen)
+            finally:
+                _note_all(seen)
         else:
             _note_all(known[1])
         value: R = known[0]
@@ -103,9 +107,31 @@ def note_lookup(path: Path) -> None:
     """Take notice of a file or a folder before it is opened or looked for."""
     found = _LOOKED_UP.get()
     if found is not None:
-        place = os.path.join(os.getcwd(), path)  # noqa: PTH109, PTH118 - as Path.absolute, faster
+        place = str(path.absolute())
         if place not in found.files:
             found.files[place] = stamp(place)
+
+
+def note_folder(folder: Path, max_files: int = 10_000) -> None:
+    """Take notice of everything below a folder, or of a file; of too much, of not all."""
+    found = _LOOKED_UP.get()
+    if found is None:
+        return
+    note_lookup(folder)
+    for parent, folders, files in os.walk(folder):
+        max_files -= len(folders) + len(files)
+        if max_files < 0:
+            found.complete = False
+            return
+        for name in (*folders, *files):
+            note_lookup(Path(parent, name))
+
+
+def note_read(path: Path) -> None:
+    """Take notice that the content of a file is read, which was looked up before."""
+    found = _LOOKED_UP.get()
+    if found is not None:
+        found.read.add(str(path.absolute()))
 
 
 def environment_variable(name: str) -> str | None:
@@ -129,6 +155,15 @@ def stamp(path: str | Path) -> Stamp:
     except (OSError, ValueError):
         return None
     return status.st_mtime_ns, status.st_size, status.st_ino, status.st_ctime_ns
+
+
+@contextlib.contextmanager
+def _noting(found: Lookups) -> Iterator[None]:
+    token = _LOOKED_UP.set(found)
+    try:
+        yield
+    finally:
+        _LOOKED_UP.reset(token)
 
 
 def _note_all(seen: Lookups) -> None:
