@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
+from collections.abc import Callable, Iterator
 from typing import Final
 
 import click
 
-from r2bspec.cli.check_files import FileReport
-from r2bspec.untrusted.looked_up_files import Stamp, looked_up_files, stamp
+from r2bspec.cli.file_report import FileReport
+from r2bspec.untrusted.looked_up_files import Lookups, looked_up_files, shared_lookups, stamp
 
 POLL_S: Final = 0.2
 """Time between two looks at the files: a few system calls for each."""
@@ -27,7 +26,7 @@ class SpecWatch:
     def __init__(self, find: Callable[[], list[str]], check: Callable[[str], FileReport]) -> None:
         self._find = find
         self._check = check
-        self._known: dict[str, tuple[FileReport, Mapping[Path, Stamp]]] = {}
+        self._known: dict[str, tuple[FileReport, Lookups]] = {}
 
     def updates(self) -> Iterator[list[FileReport]]:
         """All reports, now and whenever one of them has been made again; never ends.
@@ -38,10 +37,11 @@ class SpecWatch:
         files = self._find()
         while True:
             stale = [file for file in files if self._is_stale(file)]
-            for file in stale:
-                with looked_up_files() as seen:
-                    report = self._check(file)
-                self._known[file] = report, seen
+            with shared_lookups():
+                for file in stale:
+                    with looked_up_files() as seen:
+                        report = self._check(file)
+                    self._known[file] = report, seen
             if stale or self._known.keys() - set(files):
                 self._known = {file: self._known[file] for file in files}
                 yield [report for report, _ in self._known.values()]
@@ -56,4 +56,4 @@ class SpecWatch:
         if file not in self._known:
             return True
         _, seen = self._known[file]
-        return any(stamp(path) != before for path, before in seen.items())
+        return any(stamp(path) != before for path, before in seen.files.items())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 from itertools import islice
 
@@ -20,5 +19,7 @@ def did_you_mean(wrong: str, known: Iterable[str]) -> str:
     if len(wrong) > _MAX_NAME_LENGTH:
         return ""
     by_fold = {name.casefold(): name for name in islice(known, _MAX_CANDIDATES)}
+    import difflib
+
     close = difflib.get_close_matches(wrong.casefold(), by_fold, n=1, cutoff=0.6)
     return by_fold[close[0]] if close else ""

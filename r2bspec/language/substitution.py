@@ -19,8 +19,10 @@ The rules:
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from typing import Any
+
+import msgspec
+from msgspec.structs import replace
 
 from r2bspec.diagnostics import Certainty, Diagnostic, Related, Span, did_you_mean
 from r2bspec.diagnostics import Path as TreePath
@@ -50,12 +52,12 @@ from r2bspec.language.variable_declarations import (
 from r2bspec.language.variable_references import OPENING, MalformedReference, Reference, references
 from r2bspec.language.yaml_composer import MAX_EXPANDED_VALUES
 from r2bspec.language.yaml_scalars import ScalarError, ScalarValue, resolve
+from r2bspec.untrusted.looked_up_files import note_variable
 
 _DECLARATIONS = frozenset({"variables", "environment", "r2bspec"})
 
 
-@dataclass(frozen=True, slots=True)
-class SubstitutionResult:
+class SubstitutionResult(msgspec.Struct, frozen=True):
     """The tree after substitution, the problems, and the variables that were used.
 
     Attributes:
@@ -369,6 +371,7 @@ class _Substitution:
         if name in self._refused:
             return None
         text = self._environ.get(name)
+        note_variable(name, text)
         if text is None:
             span = self._inner(node, found.name_start, len(name))
             self.problems.error(

@@ -108,5 +108,5 @@ def test_lookups_are_noted_with_the_state_before_the_file_was_read(tmp_path: Pat
         read_text(there, max_bytes=10)
         assert not is_there(missing)
     read_text(there, max_bytes=10)
-    stamp = (before.st_mtime_ns, before.st_size, before.st_ino)
-    assert seen == {there: stamp, missing: None}
+    stamp = (before.st_mtime_ns, before.st_size, before.st_ino, before.st_ctime_ns)
+    assert seen.files == {str(there): stamp, str(missing): None}
