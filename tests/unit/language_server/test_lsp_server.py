@@ -256,6 +256,29 @@ async def test_what_is_accepted_replaces_the_word(document: Document) -> None:
 
 
 @in_module
+async def test_a_map_has_room_for_its_keys(document: Document) -> None:
+    """The lines of a snippet are indented by the editor, like the line in which it begins."""
+    await document.write(SPEC)
+    found = await document.labels(SPEC.replace("    image: {from", "    ¦\n    image: {from"))
+    item = found["d455_1_rgb_image"]
+    assert isinstance(item.text_edit, types.TextEdit)
+    assert item.text_edit.new_text == "d455_1_rgb_image:\n  from: $1\n  format: $2"
+    assert item.insert_text_format is types.InsertTextFormat.Snippet
+    assert item.insert_text_mode is types.InsertTextMode.AdjustIndentation
+
+
+@in_module
+async def test_keys_that_begin_on_the_line_of_their_map(document: Document) -> None:
+    """They are written below it, as YAML needs it."""
+    await document.write(SPEC)
+    found = await document.labels(f"{SPEC}transport: ¦\n")
+    item = found["segment"]
+    assert isinstance(item.text_edit, types.TextEdit)
+    assert item.text_edit.new_text.startswith("\n  segment:")
+    assert "inherit" in found
+
+
+@in_module
 async def test_a_whole_spec_is_written_with_completion_alone(document: Document) -> None:
     """From an empty text, with what is offered at each place, to a spec without errors."""
     text = "r2bspec: 1\nname: written\n"
@@ -510,8 +533,7 @@ WRITTEN = (
     ("camera/image\ngraph:\n  nodes:\n    relay:\n      ", "python"),
     ("", "r2bspec.nodes.RelayNode"),
     ("\n      remappings:\n        ", "output"),
-    ("copied\nplayback:\n  inputs:\n    ", "input"),
-    ("\n      ", "from"),
+    ("copied\nplayback:\n  inputs:\n    input:\n      ", "from"),
     ("", "camera/image"),
     ("\n      ", "format"),
     ("", "sensor_msgs/msg/Image"),
