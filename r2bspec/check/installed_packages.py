@@ -21,7 +21,8 @@ from r2bspec.untrusted.safe_file import is_there, names_in, read_bytes
 
 _MAX_SOURCE_BYTES = 1_000_000
 _VERSION = re.compile(r"<version[^>]*>([^<]{1,100})</version>")
-_PACKAGE_INDEX = "share/ament_index/resource_index/packages"
+_INDEX = "share/ament_index/resource_index"
+_PACKAGE_INDEX = f"{_INDEX}/packages"
 
 
 @shared_lookup
@@ -149,6 +150,38 @@ def package_executables(package: str) -> frozenset[str]:
 def _is_executable(file: Path) -> bool:
     note_lookup(file)
     return os.access(file, os.X_OK)
+
+
+def package_plugins(package: str) -> set[str]:
+    """The composable nodes that a ROS package registers."""
+    found: set[str] = set()
+    for prefix in ament_prefixes():
+        entries = _index_text(prefix / _INDEX / "rclcpp_components" / package).splitlines()
+        found.update(each.partition(";")[0].strip() for each in entries)
+    return found - {""}
+
+
+def installed_message_types() -> set[str]:
+    """The message types of the installed ROS packages."""
+    found: set[str] = set()
+    for prefix in ament_prefixes():
+        try:
+            packages = list((prefix / _INDEX / "rosidl_interfaces").iterdir())
+        except OSError:
+            continue
+        for package in packages:
+            entries = _index_text(package).splitlines()
+            names = (each.removesuffix(".msg") for each in entries if each.endswith(".msg"))
+            found.update(f"{package.name}/{each}" for each in names if each.startswith("msg/"))
+    return found
+
+
+def _index_text(entry: Path) -> str:
+    """The text of an entry of the index; empty without one."""
+    try:
+        return read_bytes(entry, max_bytes=_MAX_SOURCE_BYTES).decode("utf-8")
+    except (OSError, ValueError):
+        return ""
 
 
 @shared_lookup

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from lsprotocol import types
 
 from r2bspec.language.schema_validator import schema_at
 from r2bspec.language_server.analysis import Analysis
-from r2bspec.language_server.completion_values import (
-    Proposal,
-    names_as_keys,
-    proposed_values,
-    variable_value,
-)
+from r2bspec.language_server.completion_values import names_as_keys, proposed_values
 from r2bspec.language_server.cursor_context import CursorContext, cursor_context
-from r2bspec.language_server.snippets import snippet_text
+from r2bspec.language_server.proposals import Proposal
+from r2bspec.language_server.proposed_names import environment_names, variable_value
+from r2bspec.language_server.snippets import key_snippet, snippet_text
 from r2bspec.language_server.symbols import names_of
 from r2bspec.language_server.text_positions import TextPositions
 
@@ -26,14 +24,29 @@ TRIGGERS: Final = (" ", ".", "/", "(", "[", ":", "-")
 
 _REFERENCE: Final = re.compile(r"\$\(\s*(?P<kind>var|env)?\s*(?P<name>\w*)\Z")
 _WAIVER: Final = re.compile(r"#\s*r2bspec\s*:\s*ignore\s*\[(?:[^\]]*,)?\s*(?P<code>[\w-]*)\Z")
+_BLOCK: Final = re.compile(r"(?P<indent>\s*)(?P<items>(?:-\s+)*)\Z")
+_AFTER_KEY: Final = re.compile(r"(?P<indent>\s*)(?P<items>(?:-\s+)*)[^\s\[{][^\[{]*:\s*\Z")
+_STEP: Final = "  "
+
+
+@dataclass(frozen=True, slots=True)
+class ClientAbilities:
+    """What the client does with a text that it inserts.
+
+    Attributes:
+        snippets: whether it understands placeholders.
+        adjusts: whether it indents the lines after the first one like the first one.
+    """
+
+    snippets: bool = True
+    adjusts: bool = True
 
 
 def complete(
     analysis: Analysis | None,
     positions: TextPositions,
     position: types.Position,
-    *,
-    snippets: bool = True,
+    client: ClientAbilities,
 ) -> list[types.CompletionItem]:
     """What can be written at a position.
 
@@ -41,38 +54,67 @@ def complete(
         analysis: of the latest version that was valid; it may be older than the text.
         positions: of the text.
         position: of the cursor.
-        snippets: whether the editor understands placeholders.
+        client: what the editor can do.
     """
     offset = positions.offset(position)
     line_start, _ = positions.line_at(offset)
     before = positions.text[line_start:offset]
     waiver = _WAIVER.search(before)
     if waiver is not None:
-        return _items(_codes(), positions, offset - len(waiver["code"]), offset)
+        return _items(_codes(), _Insertion(positions, offset - len(waiver["code"]), offset))
     context = cursor_context(positions.text, offset)
     if context is None:
         return []
     reference = _REFERENCE.search(before)
     if reference is not None:
-        start = offset - len(
-            reference["name"] if reference["kind"] else before[reference.start() :]
-        )
-        proposals = _references(analysis, has_kind=bool(reference["kind"]))
-        return _items(proposals, positions, start, offset)
+        written = reference["name"] if reference["kind"] else before[reference.start() :]
+        proposals = _references(analysis, reference["kind"] or "")
+        return _items(proposals, _Insertion(positions, offset - len(written), offset))
+    written = positions.text[line_start : context.start]
+    where = _Insertion(positions, context.start, max(context.end, offset), written, client)
     if context.is_key:
-        return [*_key_items(analysis, context, positions, snippets=snippets)]
-    values = _items(
-        proposed_values(analysis, context),
-        positions,
-        context.start,
-        max(context.end, offset),
-        snippets=snippets,
-    )
+        return _items(_keys(analysis, context, where), where)
+    values = _items(proposed_values(analysis, context), where)
     part = schema_at(context.path) or {}
     if "object" in _kinds(part) and not context.before.strip():
         # A map that has no key yet: the word will be its first key.
-        values += _key_items(analysis, context, positions, snippets=snippets)
+        values += _items(_first_keys(analysis, context, where), where)
     return values
+
+
+@dataclass(frozen=True, slots=True)
+class _Insertion:
+    """Where something is inserted.
+
+    Attributes:
+        start: the offset at which the word begins that is replaced.
+        end: the offset at which it ends.
+        before: the line before the word.
+    """
+
+    positions: TextPositions
+    start: int
+    end: int
+    before: str = ""
+    client: ClientAbilities = ClientAbilities()
+
+    @property
+    def is_block(self) -> bool:
+        """Whether the word begins an entry on a line of its own."""
+        return _BLOCK.match(self.before) is not None
+
+    @property
+    def is_after_key(self) -> bool:
+        """Whether the word is on the line of the key whose value it is."""
+        return _AFTER_KEY.match(self.before) is not None
+
+    def indented(self, text: str) -> str:
+        """A text with the indentation of the place in the lines after its first."""
+        match = _BLOCK.match(self.before) or _AFTER_KEY.match(self.before)
+        if match is None:
+            return text
+        own = "" if self.client.adjusts else match["indent"]
+        return text.replace("\n", f"\n{own}{' ' * len(match['items'])}")
 
 
 def _kinds(part: dict[str, Any]) -> Sequence[str]:
@@ -80,21 +122,41 @@ def _kinds(part: dict[str, Any]) -> Sequence[str]:
     return (kind,) if isinstance(kind, str) else kind
 
 
-def _key_items(
-    analysis: Analysis | None, context: CursorContext, positions: TextPositions, *, snippets: bool
-) -> Iterator[types.CompletionItem]:
-    proposals = [*_schema_keys(context), *names_as_keys(analysis, context)]
-    if snippets and not context.has_colon:
-        proposals += _schema_snippets(context, _indent(positions, context))
-    known = {each.label for each in proposals if each.label in context.siblings}
-    kept = [each for each in proposals if each.label not in known]
-    start, end = context.start, context.end
-    yield from _items(kept, positions, start, end, snippets=snippets)
+def _keys(
+    analysis: Analysis | None, context: CursorContext, where: _Insertion
+) -> Iterator[Proposal]:
+    found = [*_schema_keys(context), *names_as_keys(analysis, context)]
+    if not context.has_colon:
+        found += _schema_snippets(context)
+    is_block = where.client.snippets and where.is_block and not context.has_colon
+    for each in found:
+        if each.label not in context.siblings:
+            yield _with_room(each, context) if is_block else each
 
 
-def _indent(positions: TextPositions, context: CursorContext) -> str:
-    line_start, _ = positions.line_at(context.start)
-    return " " * (context.start - line_start)
+def _first_keys(
+    analysis: Analysis | None, context: CursorContext, where: _Insertion
+) -> Iterator[Proposal]:
+    """The keys of a map that has none yet; on a line of their own, as YAML needs it."""
+    if not where.is_after_key:
+        yield from _keys(analysis, context, where)
+    elif where.client.snippets:
+        own_line = replace(where, before="")
+        for each in _keys(analysis, context, own_line):
+            text = f"\n{each.insert or each.label}".replace("\n", f"\n{_STEP}")
+            yield replace(each, insert=text if each.is_snippet else _plain(text), is_snippet=True)
+
+
+def _plain(text: str) -> str:
+    """A text without placeholders, as one with them."""
+    return re.sub(r"[\\$}]", r"\\\g<0>", text)
+
+
+def _with_room(each: Proposal, context: CursorContext) -> Proposal:
+    """A key with room for its map or its list below it."""
+    part = schema_at((*context.path, each.label))
+    text = key_snippet(each.label, part) if part is not None and not each.is_snippet else ""
+    return replace(each, insert=text, is_snippet=True) if text else each
 
 
 def _schema_keys(context: CursorContext) -> Iterator[Proposal]:
@@ -117,29 +179,38 @@ def _type_text(part: dict[str, Any]) -> str:
     return kind if default in (None, {}, [], "") else f"{kind}, default {default}"
 
 
-def _schema_snippets(context: CursorContext, indent: str) -> Iterator[Proposal]:
+def _schema_snippets(context: CursorContext) -> Iterator[Proposal]:
     part = schema_at(context.path) or {}
     for each in part.get("defaultSnippets", ()):
         if isinstance(each.get("body"), dict):
             yield Proposal(
                 each["label"],
                 detail="snippet",
-                insert=snippet_text(each["body"], indent),
+                insert=snippet_text(each["body"]),
                 kind=types.CompletionItemKind.Snippet,
                 is_snippet=True,
                 order=900,
             )
 
 
-def _references(analysis: Analysis | None, *, has_kind: bool) -> Iterator[Proposal]:
+def _references(analysis: Analysis | None, kind: str) -> Iterator[Proposal]:
+    """The variables, and the names of the environment that the spec lists."""
     if analysis is None:
         return
-    for name in names_of(analysis, "variable"):
-        yield Proposal(
-            name if has_kind else f"$(var {name})",
-            detail=variable_value(analysis, name),
-            kind=types.CompletionItemKind.Variable,
-        )
+    if kind != "env":
+        for name in names_of(analysis, "variable"):
+            yield Proposal(
+                name if kind else f"$(var {name})",
+                detail=variable_value(analysis, name),
+                kind=types.CompletionItemKind.Variable,
+            )
+    if kind != "var":
+        for name in environment_names(analysis):
+            yield Proposal(
+                name if kind else f"$(env {name})",
+                detail="of the environment",
+                kind=types.CompletionItemKind.Constant,
+            )
 
 
 def _codes() -> Iterator[Proposal]:
@@ -150,18 +221,11 @@ def _codes() -> Iterator[Proposal]:
         yield Proposal(code, detail=page.slug, documentation=page.why)
 
 
-def _items(
-    proposals: Iterable[Proposal],
-    positions: TextPositions,
-    start: int,
-    end: int,
-    *,
-    snippets: bool = True,
-) -> list[types.CompletionItem]:
+def _items(proposals: Iterable[Proposal], where: _Insertion) -> list[types.CompletionItem]:
     found: dict[str, types.CompletionItem] = {}
-    replaced = positions.range_of_offsets(start, end)
+    replaced = where.positions.range_of_offsets(where.start, where.end)
     for each in proposals:
-        if each.label in found or (each.is_snippet and not snippets):
+        if each.label in found or (each.is_snippet and not where.client.snippets):
             continue
         found[each.label] = types.CompletionItem(
             label=each.label,
@@ -172,9 +236,15 @@ def _items(
             else None,
             sort_text=f"{each.order:05d}{each.label}",
             filter_text=each.label,
-            text_edit=types.TextEdit(replaced, each.insert or each.label),
+            text_edit=types.TextEdit(replaced, where.indented(each.insert or each.label)),
             insert_text_format=types.InsertTextFormat.Snippet
             if each.is_snippet
             else types.InsertTextFormat.PlainText,
+            insert_text_mode=_mode(where.client) if "\n" in each.insert else None,
         )
     return list(found.values())
+
+
+def _mode(client: ClientAbilities) -> types.InsertTextMode:
+    modes = types.InsertTextMode
+    return modes.AdjustIndentation if client.adjusts else modes.AsIs

@@ -90,6 +90,11 @@ class OpenSpecs:
             self.keep(latest)
         return latest
 
+    def is_analysed(self, path: Path) -> bool:
+        """Whether the newest text of a document is the one that was analysed."""
+        latest = self._latest.get(path)
+        return latest is not None and latest.text == self.text(path)
+
     def unsaved(self) -> Mapping[Path, str]:
         """The texts of all open files, by their resolved paths."""
         return {path.resolve(): text for path, text in self._texts.items()}

@@ -21,7 +21,7 @@ from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.code_actions import code_actions
 from r2bspec.language_server.code_lenses import code_lenses
 from r2bspec.language_server.code_page_files import remove_pages
-from r2bspec.language_server.completion_items import TRIGGERS, complete
+from r2bspec.language_server.completion_items import TRIGGERS, ClientAbilities, complete
 from r2bspec.language_server.hover import hover
 from r2bspec.language_server.inlay_hints import inlay_hints
 from r2bspec.language_server.navigation import (
@@ -42,6 +42,9 @@ from r2bspec.untrusted.safe_file import read_text
 
 DEBOUNCE_S: Final = 0.02
 """Time without a change after which a text is analysed: less than between two key presses."""
+
+MAX_WAIT_S: Final = 0.5
+"""Time that a completion waits for the analysis of the text; then an older one must do."""
 
 _MAX_FILE_BYTES: Final = 10_000_000
 
@@ -98,6 +101,19 @@ class SpecLanguageServer(LanguageServer):
             self._task.cancel()
         self._waiting.update(self.specs.specs() if path is None else self.specs.affected_by(path))
         self._task = asyncio.ensure_future(self._analyse_waiting())
+
+    async def settled(self, path: Path) -> None:
+        """Wait until the newest text of a spec is analysed, but not longer than a user would.
+
+        What has just been accepted, such as a recording, decides what is proposed next.
+        """
+        deadline = asyncio.get_running_loop().time() + MAX_WAIT_S
+        while self._task is not None and not self.specs.is_analysed(path):
+            left = deadline - asyncio.get_running_loop().time()
+            if left <= 0 or self._task.done():
+                return
+            # Not awaited: a newer change cancels it.
+            await asyncio.wait({self._task}, timeout=left)
 
     async def _analyse_waiting(self) -> None:
         await asyncio.sleep(DEBOUNCE_S)
@@ -266,13 +282,14 @@ def _add_reading(server: SpecLanguageServer) -> None:
         types.TEXT_DOCUMENT_COMPLETION,
         types.CompletionOptions(trigger_characters=list(TRIGGERS)),
     )
-    def completed(params: types.CompletionParams) -> types.CompletionList:
+    async def completed(params: types.CompletionParams) -> types.CompletionList:
         path = _path(params.text_document.uri)
+        await server.settled(path)
         items = complete(
             server.specs.latest_known(path),
             server.positions_of(str(path)),
             params.position,
-            snippets=_has_snippets(server),
+            _abilities(server),
         )
         return types.CompletionList(is_incomplete=False, items=items)
 
@@ -291,11 +308,15 @@ def _add_reading(server: SpecLanguageServer) -> None:
         return list(inlay_hints(analysis, server.positions_of(str(analysis.path))))
 
 
-def _has_snippets(server: SpecLanguageServer) -> bool:
+def _abilities(server: SpecLanguageServer) -> ClientAbilities:
     document = server.client_capabilities.text_document
     completion = document.completion if document is not None else None
     item = completion.completion_item if completion is not None else None
-    return bool(item is not None and item.snippet_support)
+    return ClientAbilities(
+        snippets=bool(item is not None and item.snippet_support),
+        # Editors whose snippets are not adjusted say so; most do it without a word.
+        adjusts=completion is None or completion.insert_text_mode is not types.InsertTextMode.AsIs,
+    )
 
 
 def _place(

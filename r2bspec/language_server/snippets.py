@@ -8,15 +8,39 @@ from typing import Any
 _STEP = "  "
 
 
-def snippet_text(body: Mapping[str, Any], indent: str = "") -> str:
-    """The lines of a snippet; the first one begins at the cursor.
+def snippet_text(body: Mapping[str, Any]) -> str:
+    """The lines of a snippet, not indented.
 
     Args:
         body: the map that is inserted, with placeholders as ``${1:name}``.
-        indent: of the cursor, for the lines after the first.
     """
-    lines = list(_lines(body))
-    return f"\n{indent}".join(lines)
+    return "\n".join(_lines(body))
+
+
+def key_snippet(key: str, part: Mapping[str, Any]) -> str:
+    """A key with room for its value below it; empty where the value is written beside the key.
+
+    Args:
+        key: the key.
+        part: of the schema, of its value. Required keys of a map are there already, with room for
+            their values, unless these are maps or lists.
+    """
+    kind, items = part.get("type"), part.get("items", {})
+    if kind == "array" and ("r2b-kind" in items or items.get("type") == "object"):
+        return f"{key}:\n{_STEP}- $0"
+    if kind != "object":
+        return ""
+    properties = part.get("properties", {})
+    required = part.get("required", ())
+    if not required or any(_is_collection(properties[each]) for each in required):
+        return f"{key}:\n{_STEP}$0"
+    stops = (f"{_STEP}{each}: ${index}" for index, each in enumerate(required, 1))
+    return "\n".join([f"{key}:", *stops])
+
+
+def _is_collection(part: Mapping[str, Any]) -> bool:
+    kind = part.get("type", ())
+    return bool({"object", "array"} & set((kind,) if isinstance(kind, str) else kind))
 
 
 def _lines(value: Any) -> Iterator[str]:

@@ -47,7 +47,8 @@ class BenchmarkScript:
     Attributes:
         config: the call of ``ROS2BenchmarkConfig``.
         preparation: what it does before the launch, such as building a model.
-        hooks: what its hooks do.
+        hooks: what its hooks do before the benchmark.
+        late_hooks: what they do after it.
         sizes: the resolutions at its top level, by name.
         notes: what was not followed.
         texts: the text of every file that places refer to.
@@ -59,6 +60,7 @@ class BenchmarkScript:
     parts: LaunchParts
     preparation: list[Construct]
     hooks: list[Construct]
+    late_hooks: list[Construct]
     sizes: dict[str, ImageSize]
     comments: ScriptComments
     notes: list[Note]
@@ -109,7 +111,8 @@ class _ScriptEvaluation:
         actions = self._actions(place)
         preparation = list(self.evaluator.trace.effects)
         self.evaluator.trace.effects.clear()
-        self._run_hooks(kind, place)
+        hooks = self._run_hooks(kind, place, late=False)
+        late_hooks = self._run_hooks(kind, place, late=True)
         parts = collect_actions(actions, self._expand)
         return BenchmarkScript(
             module=self.module,
@@ -117,7 +120,8 @@ class _ScriptEvaluation:
             config=config,
             parts=parts,
             preparation=preparation,
-            hooks=list(self.evaluator.trace.effects),
+            hooks=hooks,
+            late_hooks=late_hooks,
             sizes=_sizes(self.module),
             comments=read_comments(self.module.text),
             notes=[*self.evaluator.trace.notes, *self.notes],
@@ -169,12 +173,16 @@ class _ScriptEvaluation:
         context = Construct(_CONTEXT, [], {}, place)
         return [*([context] if number > 2 else []), "", "5"][:number]
 
-    def _run_hooks(self, kind: ScriptClass, place: Place) -> None:
+    def _run_hooks(self, kind: ScriptClass, place: Place, *, late: bool) -> list[Construct]:
+        """What the hooks do, of those before or after the benchmark."""
         instance = Instance(kind)
+        self.evaluator.trace.effects.clear()
         for name, each in list(kind.names.items()):
-            if isinstance(each, ScriptFunction) and (name.endswith("_hook") or "test_" in name):
+            is_hook = name.endswith("_hook") or "test_" in name
+            if isinstance(each, ScriptFunction) and is_hook and name.startswith("post_") is late:
                 method = self.evaluator.attribute(instance, name, kind.node, self.module.scope)
                 self.evaluator.call(method, place=place)
+        return list(self.evaluator.trace.effects)
 
     def _expand(self, include: IncludeAction, namespace: str) -> list[Any] | None:
         """The actions of an included file that loads nodes into a container of the script."""

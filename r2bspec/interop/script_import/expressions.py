@@ -149,7 +149,11 @@ class ExpressionEvaluator:
             case Construct():
                 if name in owner.keywords:
                     return owner.keywords[name]
+                if owner.is_message:
+                    return owner.field_of_message(name)
                 return ConstructMethod(owner, name)
+            case ForeignMethod(owner=kind, name=outer):
+                return ForeignMethod(kind, f"{outer}.{name}")
         if plain_calls.has_method(owner, name):
             return PlainMethod(owner, name)
         return self.unknown(f"the attribute {name!r} is not known", node, scope)

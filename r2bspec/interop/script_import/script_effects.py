@@ -8,7 +8,13 @@ from r2bspec.interop.script_import.benchmark_script import BenchmarkScript
 from r2bspec.interop.script_import.evaluator import Note
 from r2bspec.interop.script_import.foreign_calls import is_file_test
 from r2bspec.interop.script_import.script_values import Construct, Unknown, unknown_in
-from r2bspec.interop.script_import.spec_values import SpecValues, identifier, unique_name
+from r2bspec.interop.script_import.service_calls import is_service_call, service_step
+from r2bspec.interop.script_import.spec_values import (
+    NoValueError,
+    SpecValues,
+    identifier,
+    unique_name,
+)
 from r2bspec.interop.script_import.yaml_writer import Block
 
 _CONVERTERS = {
@@ -19,7 +25,16 @@ _CONVERTERS = {
 
 _COPIES = frozenset({"shutil.copy", "shutil.copyfile", "shutil.copy2", "shutil.copytree"})
 _PROGRAMS = frozenset({"subprocess.run", "subprocess.check_call", "subprocess.check_output"})
-_NO_EFFECT = frozenset({"info", "warning", "warn", "error", "debug", "log", "write", "flush"})
+_GENERATORS = {"ESSEngineGenerator.generate": (".onnx", ".engine")}
+"""Classes of other packages that make a file next to one that they are given."""
+_NO_EFFECT = frozenset(
+    {
+        *("info", "warning", "warn", "error", "debug", "log", "write", "flush"),
+        # r2bspec itself waits for the service and its answer.
+        *("wait_for_service", "get_service_response_from_future_blocking"),
+        "spin_until_future_complete",
+    }
+)
 _SETUP_TIMEOUT = "30 min"
 
 
@@ -30,7 +45,7 @@ def add_steps(
     notes: list[Note],
     changes: list[Note],
 ) -> None:
-    """Add ``setup`` and ``ready`` to the keys of a spec.
+    """Add ``setup``, ``ready`` and ``after_ready`` to the keys of a spec.
 
     Args:
         body: the keys so far.
@@ -39,18 +54,51 @@ def add_steps(
         notes: is extended by what has no form in a spec.
         changes: is extended by what the spec says in another way.
     """
-    setup, ready = Block(), Block()
+    setup, ready, after_ready = Block(), Block(), Block()
     names: set[str] = set()
     for each in (*script.preparation, *script.hooks):
         above = script.comments.at(each.place.line) if each.place.file == script.module.file else []
         if each.name == "wait_for_file":
             _add_wait(ready, each, values, notes, above)
+        elif is_service_call(each):
+            client = each.owner.place.line if each.owner is not None else 0
+            told = above or script.comments.at(client)
+            _add_service_call(after_ready, each, values, notes, told)
         elif each.name == "time.sleep":
             changes.append(Note(_sleep_text(each), each.place))
         else:
             _add_step(setup, each, values, notes, above, names)
     body.add("setup", setup)
     body.add("ready", ready)
+    body.add("after_ready", after_ready)
+    for each in script.late_hooks:
+        if is_service_call(each) or _command(each)[0]:
+            _leave_out(setup, each, "it runs after the benchmark", notes)
+
+
+def _add_service_call(
+    after_ready: Block,
+    effect: Construct,
+    values: SpecValues,
+    notes: list[Note],
+    above: list[str],
+) -> None:
+    try:
+        service = service_step(effect, values)
+    except NoValueError as error:
+        _leave_out(after_ready, effect, error.note.message, notes)
+        return
+    step = Block()
+    step.add("service", service)
+    used = {each.key for each in after_ready.entries}
+    name = identifier(service["name"].rpartition("/")[2])
+    after_ready.add(unique_name(name, used), step, above)
+
+
+def _leave_out(block: Block, effect: Construct, reason: str, notes: list[Note]) -> None:
+    shown = ".".join(effect.name.split(".")[-2:])
+    block.below.append(f"not imported: {shown} (line {effect.place.line}: {reason})")
+    notes.append(Note(f"the call of {shown} is left out: {reason}", effect.place))
 
 
 def _add_wait(
@@ -77,16 +125,15 @@ def _add_step(
     above: list[str],
     names: set[str],
 ) -> None:
-    missing = unknown_in(effect.arguments)
+    given = [effect.owner.arguments, effect.owner.keywords] if effect.owner is not None else []
+    missing = unknown_in([effect.arguments, *given])
     command, creates, name = _command(effect) if missing is None else ([], "", "")
     if not command:
         last = effect.name.rpartition(".")[2]
         if last in _NO_EFFECT or effect.name.startswith(("super", "run_benchmark")):
             return
         reason = missing.reason if isinstance(missing, Unknown) else "it has no form in a spec"
-        shown = ".".join(effect.name.split(".")[-2:])
-        setup.below.append(f"not imported: {shown} (line {effect.place.line}: {reason})")
-        notes.append(Note(f"the call of {shown} is left out: {reason}", effect.place))
+        _leave_out(setup, effect, reason, notes)
         return
     step = Block()
     step.add("command", [values.text(each) for each in command])
@@ -99,6 +146,9 @@ def _add_step(
 
 def _command(effect: Construct) -> tuple[list[str], str, str]:
     """The command of an effect, the file that it creates, and a name for the step."""
+    for last, suffixes in _GENERATORS.items():
+        if effect.name.endswith(f".{last}") and effect.owner is not None:
+            return _generator(effect.owner, last.rpartition(".")[2], suffixes)
     first = effect.arguments[0] if effect.arguments else None
     program = _CONVERTERS.get(effect.name.rpartition(".")[2].removesuffix("()") + "()")
     if program and isinstance(first, list) and effect.name.endswith("()"):
@@ -115,6 +165,25 @@ def _command(effect: Construct) -> tuple[list[str], str, str]:
         words = [str(each) for each in first]
         return words, "", identifier(words[0].rpartition("/")[2])
     return [], "", ""
+
+
+def _generator(
+    made: Construct, method: str, suffixes: tuple[str, str]
+) -> tuple[list[str], str, str]:
+    """Python with the call of the script, because the command is a matter of the other package."""
+    module, _, name = made.name.rpartition(".")
+    given = {str(index): each for index, each in enumerate(made.arguments)} | made.keywords
+    if not module or not all(isinstance(each, str | int | float) for each in given.values()):
+        return [], "", ""
+    words = [
+        *map(repr, made.arguments),
+        *(f"{key}={each!r}" for key, each in made.keywords.items()),
+    ]
+    program = f"from {module} import {name}; {name}({', '.join(words)}).{method}()"
+    source = next((each for each in given.values() if str(each).endswith(suffixes[0])), "")
+    file = str(source).removesuffix(suffixes[0]) + suffixes[1] if source else ""
+    step = "make_" + identifier(file.rpartition("/")[2].partition(".")[0])
+    return ["python3", "-c", program], file, step if file else identifier(name)
 
 
 def _created_by(options: list[str]) -> str:

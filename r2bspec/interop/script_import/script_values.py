@@ -7,9 +7,12 @@ place. What has no known value is an `Unknown`, with the reason and the place wh
 from __future__ import annotations
 
 import ast
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+_MESSAGE = re.compile(r"\.(?:msg|srv)\.\w+")
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +74,17 @@ class Construct:
     def short_name(self) -> str:
         """The last part of the name: ``ComposableNode``."""
         return self.name.rpartition(".")[2]
+
+    @property
+    def is_message(self) -> bool:
+        """Whether it is a message of ROS, or a part of one: its attributes are fields."""
+        return _MESSAGE.search(self.name) is not None
+
+    def field_of_message(self, name: str) -> Construct:
+        """The field that the script sets parts of; it is added where it is not set yet."""
+        made = Construct(f"{self.name}.{name}", [], {}, self.place)
+        self.keywords[name] = made
+        return made
 
     def get(self, keyword: str, position: int | None = None, default: Any = None) -> Any:
         """An argument by its name, or by its position."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import sys
-from collections.abc import AsyncIterator, Iterator, Sequence
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
@@ -13,6 +13,8 @@ import pytest_lsp
 from lsprotocol import types
 from pygls.exceptions import JsonRpcException
 from pytest_lsp import ClientServerConfig, LanguageClient, client_capabilities
+
+from open_document import OpenDocument, edited
 
 SPEC = """\
 r2bspec: 1
@@ -77,64 +79,9 @@ async def client(
     await lsp_client.shutdown_session()
 
 
-class Document:
-    """A spec that is open in the editor; `¦` in a text is the cursor."""
-
-    def __init__(self, client: LanguageClient, path: Path) -> None:
-        self.client = client
-        self.path = path
-        self.uri = path.as_uri()
-        self.id = types.TextDocumentIdentifier(self.uri)
-        self.version = 0
-        self.text = ""
-
-    async def write(self, text: str) -> types.Position:
-        """Open or change the document, wait for its diagnostics, and return the cursor."""
-        cursor = text.find("¦")
-        self.text = text.replace("¦", "")
-        self.version += 1
-        self.client.diagnostics.pop(self.uri, None)
-        if self.version == 1:
-            item = types.TextDocumentItem(self.uri, "yaml", self.version, self.text)
-            self.client.text_document_did_open(types.DidOpenTextDocumentParams(item))
-        else:
-            document = types.VersionedTextDocumentIdentifier(self.version, self.uri)
-            change = types.TextDocumentContentChangeWholeDocument(self.text)
-            self.client.text_document_did_change(
-                types.DidChangeTextDocumentParams(document, [change])
-            )
-        await self.published()
-        before = text[: max(cursor, 0)]
-        return types.Position(before.count("\n"), len(before) - before.rfind("\n") - 1)
-
-    async def published(self) -> None:
-        """Wait until diagnostics of this document were published since it was written."""
-        while self.uri not in self.client.diagnostics:
-            await self.client.wait_for_notification(types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS)
-
-    def close(self) -> None:
-        self.client.text_document_did_close(types.DidCloseTextDocumentParams(self.id))
-
-    def found(self) -> dict[str, types.Diagnostic]:
-        return {str(each.code): each for each in self.client.diagnostics[self.uri]}
-
-    def range_text(self, where: types.Range) -> str:
-        lines = self.text.split("\n")
-        assert where.start.line == where.end.line
-        return lines[where.start.line][where.start.character : where.end.character]
-
-    async def labels(self, text: str) -> dict[str, types.CompletionItem]:
-        position = await self.write(text)
-        answer = await self.client.text_document_completion_async(
-            types.CompletionParams(self.id, position)
-        )
-        assert isinstance(answer, types.CompletionList)
-        return {each.label: each for each in answer.items}
-
-
 @pytest.fixture
-def document(client: LanguageClient, tmp_path: Path) -> Iterator[Document]:
-    document = Document(client, tmp_path / "robot.r2b.yaml")
+def document(client: LanguageClient, tmp_path: Path) -> Iterator[OpenDocument]:
+    document = OpenDocument(client, tmp_path / "robot.r2b.yaml")
     yield document
     document.close()
 
@@ -148,7 +95,7 @@ in_module = pytest.mark.asyncio(loop_scope="module")
 
 
 @in_module
-async def test_findings_are_diagnostics_with_a_link_and_a_tag(document: Document) -> None:
+async def test_findings_are_diagnostics_with_a_link_and_a_tag(document: OpenDocument) -> None:
     await document.write(changed("  rate: 10 Hz\n", "  rate: 10 Hz\n  unused: 3\n"))
     found = document.found()
     unused = found["R2B616"]
@@ -164,7 +111,9 @@ async def test_findings_are_diagnostics_with_a_link_and_a_tag(document: Document
 
 
 @in_module
-async def test_the_unsaved_text_counts_and_what_is_mended_disappears(document: Document) -> None:
+async def test_the_unsaved_text_counts_and_what_is_mended_is_gone(
+    document: OpenDocument,
+) -> None:
     document.path.write_text("no spec at all")
     await document.write(changed("mode: looping", "mode: loping"))
     assert "R2B104" in document.found() or "R2B103" in document.found() or document.found()
@@ -174,7 +123,7 @@ async def test_the_unsaved_text_counts_and_what_is_mended_disappears(document: D
 
 
 @in_module
-async def test_columns_are_those_of_the_editor(document: Document) -> None:
+async def test_columns_are_those_of_the_editor(document: OpenDocument) -> None:
     """A character outside of the basic plane is one column for us, and two for the protocol."""
     await document.write(changed("name: relay", 'name: relay\ntitle: "🤖🤖", x: 1'))
     assert document.found()
@@ -185,7 +134,7 @@ async def test_columns_are_those_of_the_editor(document: Document) -> None:
     assert [document_text(document, each.range) for each in wrong] == ["form"]
 
 
-def document_text(document: Document, where: types.Range) -> str:
+def document_text(document: OpenDocument, where: types.Range) -> str:
     line = document.text.split("\n")[where.start.line].encode("utf-16-le")
     return line[2 * where.start.character : 2 * where.end.character].decode("utf-16-le")
 
@@ -196,11 +145,11 @@ async def test_a_parent_counts_as_it_is_in_the_editor(
 ) -> None:
     base, child = tmp_path / "base.yaml", tmp_path / "child.r2b.yaml"
     base.write_text("variables: {rate: 10 Hz}\n")
-    document = Document(client, child)
+    document = OpenDocument(client, child)
     text = changed("variables:\n  rate: 10 Hz\n", "extends: base.yaml\n")
     await document.write(text)
     assert document.found() == {}
-    parent = Document(client, base)
+    parent = OpenDocument(client, base)
     parent.version = 1
     item = types.TextDocumentItem(parent.uri, "yaml", 1, "variables: {rate: 10 Hz, rate: 5 Hz}\n")
     client.text_document_did_open(types.DidOpenTextDocumentParams(item))
@@ -240,13 +189,13 @@ async def test_a_parent_counts_as_it_is_in_the_editor(
         ("monitors:\n", "monitors:\n  ¦\n", {"a monitor"}),
     ],
 )
-async def test_completion(document: Document, old: str, new: str, wanted: set[str]) -> None:
+async def test_completion(document: OpenDocument, old: str, new: str, wanted: set[str]) -> None:
     await document.write(SPEC)
     assert wanted <= set(await document.labels(changed(old, new)))
 
 
 @in_module
-async def test_what_is_accepted_replaces_the_word(document: Document) -> None:
+async def test_what_is_accepted_replaces_the_word(document: OpenDocument) -> None:
     await document.write(SPEC)
     found = await document.labels(changed("mode: looping", "mo¦"))
     edit = found["mode"].text_edit
@@ -256,7 +205,30 @@ async def test_what_is_accepted_replaces_the_word(document: Document) -> None:
 
 
 @in_module
-async def test_a_whole_spec_is_written_with_completion_alone(document: Document) -> None:
+async def test_a_map_has_room_for_its_keys(document: OpenDocument) -> None:
+    """The lines of a snippet are indented by the editor, like the line in which it begins."""
+    await document.write(SPEC)
+    found = await document.labels(SPEC.replace("    image: {from", "    ¦\n    image: {from"))
+    item = found["d455_1_rgb_image"]
+    assert isinstance(item.text_edit, types.TextEdit)
+    assert item.text_edit.new_text == "d455_1_rgb_image:\n  from: $1\n  format: $2"
+    assert item.insert_text_format is types.InsertTextFormat.Snippet
+    assert item.insert_text_mode is types.InsertTextMode.AdjustIndentation
+
+
+@in_module
+async def test_keys_that_begin_on_the_line_of_their_map(document: OpenDocument) -> None:
+    """They are written below it, as YAML needs it."""
+    await document.write(SPEC)
+    found = await document.labels(f"{SPEC}transport: ¦\n")
+    item = found["segment"]
+    assert isinstance(item.text_edit, types.TextEdit)
+    assert item.text_edit.new_text.startswith("\n  segment:")
+    assert "inherit" in found
+
+
+@in_module
+async def test_a_whole_spec_is_written_with_completion_alone(document: OpenDocument) -> None:
     """From an empty text, with what is offered at each place, to a spec without errors."""
     text = "r2bspec: 1\nname: written\n"
     for typed, label in WRITTEN:
@@ -270,7 +242,7 @@ async def test_a_whole_spec_is_written_with_completion_alone(document: Document)
 
 
 @in_module
-async def test_hover(document: Document) -> None:
+async def test_hover(document: OpenDocument) -> None:
     async def said(old: str, new: str) -> str:
         position = await document.write(changed(old, new))
         answer = await document.client.text_document_hover_async(
@@ -293,7 +265,7 @@ async def test_hover(document: Document) -> None:
 
 
 @in_module
-async def test_definition_references_and_rename_of_a_topic(document: Document) -> None:
+async def test_definition_references_and_rename_of_a_topic(document: OpenDocument) -> None:
     position = await document.write(changed("topic: copied", "topic: cop¦ied"))
     where = types.TextDocumentPositionParams(document.id, position)
     defined = await document.client.text_document_definition_async(
@@ -320,7 +292,7 @@ async def test_rename_reaches_the_files_that_are_extended(
 ) -> None:
     base, child = tmp_path / "base.yaml", tmp_path / "child.r2b.yaml"
     base.write_text("variables: {rate: 10 Hz}\n")
-    document = Document(client, child)
+    document = OpenDocument(client, child)
     text = changed("variables:\n  rate: 10 Hz\n", "extends: base.yaml\n")
     position = await document.write(text.replace("[$(var rate)]", "[$(var ra¦te)]"))
     edit = await client.text_document_rename_async(
@@ -335,7 +307,9 @@ async def test_rename_reaches_the_files_that_are_extended(
 
 
 @in_module
-async def test_a_name_that_the_code_of_a_node_decides_is_not_renamed(document: Document) -> None:
+async def test_a_name_that_the_code_of_a_node_has_is_not_renamed(
+    document: OpenDocument,
+) -> None:
     text = changed("        input: image\n", "").replace("    image: {from", "    in¦put: {from")
     position = await document.write(text)
     with pytest.raises(JsonRpcException, match="by the name in its code"):
@@ -345,7 +319,7 @@ async def test_a_name_that_the_code_of_a_node_decides_is_not_renamed(document: D
 
 
 @in_module
-async def test_a_safe_fix_and_a_waiver_are_offered(document: Document) -> None:
+async def test_a_safe_fix_and_a_waiver_are_offered(document: OpenDocument) -> None:
     await document.write(changed("mode: looping", "mode: Looping"))
     wrong = next(iter(document.found().values()))
     actions = await document.client.text_document_code_action_async(
@@ -372,7 +346,7 @@ async def test_a_safe_fix_and_a_waiver_are_offered(document: Document) -> None:
 
 
 @in_module
-async def test_the_outline_folds_and_selections(document: Document) -> None:
+async def test_the_outline_folds_and_selections(document: OpenDocument) -> None:
     position = await document.write(changed("duration: 2 s", "duration: 2¦ s"))
     symbols = await document.client.text_document_document_symbol_async(
         types.DocumentSymbolParams(document.id)
@@ -394,7 +368,7 @@ async def test_the_outline_folds_and_selections(document: Document) -> None:
 
 
 @in_module
-async def test_hints_and_lenses(document: Document) -> None:
+async def test_hints_and_lenses(document: OpenDocument) -> None:
     await document.write(SPEC)
     everything = types.Range(types.Position(0, 0), types.Position(100, 0))
     hints = await document.client.text_document_inlay_hint_async(
@@ -409,7 +383,7 @@ async def test_hints_and_lenses(document: Document) -> None:
 
 
 @in_module
-async def test_a_new_result_on_disk_refreshes_the_lenses(document: Document) -> None:
+async def test_a_new_result_on_disk_refreshes_the_lenses(document: OpenDocument) -> None:
     before = len(refreshes)
     result = document.path.parent / "runs" / "relay-1" / "result.json"
     created = types.FileEvent(result.as_uri(), types.FileChangeType.Created)
@@ -419,7 +393,7 @@ async def test_a_new_result_on_disk_refreshes_the_lenses(document: Document) -> 
 
 
 @in_module
-async def test_a_command_runs_the_command_line(document: Document) -> None:
+async def test_a_command_runs_the_command_line(document: OpenDocument) -> None:
     document.path.write_text(SPEC)
     await document.write(SPEC)
     await document.client.workspace_execute_command_async(
@@ -449,7 +423,7 @@ async def test_the_cases_of_a_spec_are_told_of_a_file_that_is_not_open(
 
 
 @in_module
-async def test_the_cases_of_an_open_spec_are_those_of_its_text(document: Document) -> None:
+async def test_the_cases_of_an_open_spec_are_those_of_its_text(document: OpenDocument) -> None:
     await document.write(changed("name: relay", "name: other"))
     found = await cases_of(document.client, document.uri)
     assert found == [{"name": "other", "case": "", "line": 1}]
@@ -489,20 +463,6 @@ def shown_text(client: LanguageClient) -> str:
     return "\n".join([*said, *(each.read_text() for each in files)])
 
 
-def edited(text: str, edits: Sequence[types.TextEdit | object]) -> str:
-    """The text after the edits of one document."""
-    lines = text.split("\n")
-    starts = [0]
-    for line in lines:
-        starts.append(starts[-1] + len(line) + 1)
-    changes = [each for each in edits if isinstance(each, types.TextEdit)]
-    for each in sorted(changes, key=lambda one: one.range.start.line, reverse=True):
-        first = starts[each.range.start.line] + each.range.start.character
-        last = starts[each.range.end.line] + each.range.end.character
-        text = text[:first] + each.new_text + text[last:]
-    return text
-
-
 WRITTEN = (
     ("data_loader:\n  ", "bag"),
     ("", "r2b_storage"),
@@ -510,8 +470,7 @@ WRITTEN = (
     ("camera/image\ngraph:\n  nodes:\n    relay:\n      ", "python"),
     ("", "r2bspec.nodes.RelayNode"),
     ("\n      remappings:\n        ", "output"),
-    ("copied\nplayback:\n  inputs:\n    ", "input"),
-    ("\n      ", "from"),
+    ("copied\nplayback:\n  inputs:\n    input:\n      ", "from"),
     ("", "camera/image"),
     ("\n      ", "format"),
     ("", "sensor_msgs/msg/Image"),

@@ -1,0 +1,202 @@
+"""Names of a spec, of its bag and of its nodes that can be written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+from lsprotocol import types
+
+from r2bspec.diagnostics import Path
+from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode, lookup
+from r2bspec.language_server.analysis import Analysis
+from r2bspec.language_server.cursor_context import CursorContext
+from r2bspec.language_server.proposals import Proposal
+from r2bspec.language_server.symbols import names_of
+from r2bspec.wiring.wiring import NodeWiring
+
+
+def variable_value(analysis: Analysis, name: str) -> str:
+    """The value of a variable as it is written; empty if it is unknown."""
+    tree = analysis.loaded.tree
+    node = lookup(tree, ("variables", name)) if tree is not None else None
+    return node.text if isinstance(node, ScalarNode) else ""
+
+
+def environment_names(analysis: Analysis) -> list[str]:
+    """The names of the environment that the spec may use."""
+    listed = (lookup(tree, ("environment",)) for tree in analysis.written.values())
+    return list(dict.fromkeys(name for each in listed for name in _texts(each)))
+
+
+def bag_topics(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+    """The topics of the recordings, with their types."""
+    del context
+    spec_context = analysis.known
+    bag = spec_context.bag if spec_context is not None else None
+    for name, info in (bag.topics if bag is not None else {}).items():
+        yield Proposal(name, info.type, kind=types.CompletionItemKind.Field, order=5)
+
+
+def graph_topics(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+    """The topics of the spec, relative to its namespace, with their types."""
+    del context
+    spec_context = analysis.known
+    if spec_context is None:
+        return
+    for phase in reversed(spec_context.wiring.phases):
+        for topic in phase.topics:
+            ends = (*phase.publishers(topic), *phase.subscriptions(topic))
+            known = next((each.type for each in ends if each.type), "")
+            yield Proposal(
+                spec_context.relative_name(topic),
+                known,
+                documentation="\n".join(_owners(topic, ends)),
+                kind=types.CompletionItemKind.Field,
+                order=5,
+            )
+
+
+def _owners(topic: str, ends: Iterable[Any]) -> Iterator[str]:
+    yield f"`{topic}`"
+    for each in ends:
+        yield f"- {'published' if each.is_publisher else 'subscribed to'} by {each.owner}"
+
+
+def input_topics(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+    """The topics that the graph needs and does not publish; then those that are loaded."""
+    del context
+    spec_context = analysis.known
+    if spec_context is None:
+        return
+    phase = spec_context.wiring.measure
+    for topic in phase.topics:
+        readers = [each for each in phase.subscriptions(topic) if each.is_node]
+        publishers = [each for each in phase.publishers(topic) if each.is_node]
+        if readers and not publishers:
+            known = next((each.type for each in readers if each.type), "")
+            yield Proposal(
+                spec_context.relative_name(topic),
+                known,
+                kind=types.CompletionItemKind.Field,
+                order=1,
+            )
+    # Before the graph is written, the recorded names are the best that is known.
+    for name, info in (spec_context.bag.topics if spec_context.bag is not None else {}).items():
+        if name in spec_context.spec.data_loader.topics:
+            yield Proposal(
+                name.removeprefix("/"),
+                info.type,
+                documentation="The name in the recording.",
+                kind=types.CompletionItemKind.Field,
+                order=2,
+            )
+
+
+def _node_at(analysis: Analysis, path: Path) -> NodeWiring | None:
+    spec_context = analysis.known
+    if spec_context is None:
+        return None
+    return next(
+        (node for _, node in spec_context.nodes if path[: len(node.path)] == node.path), None
+    )
+
+
+def own_topics(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+    """The topics of a node by their names in its code."""
+    node = _node_at(analysis, context.path)
+    if node is None:
+        return
+    found = {**(node.interface.publishes or {}), **(node.interface.subscribes or {})}
+    for name, type_name in found.items():
+        yield Proposal(name, type_name, kind=types.CompletionItemKind.Field, order=5)
+
+
+def parameters(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+    """The declared parameters of a node, with their types and defaults."""
+    node = _node_at(analysis, context.path)
+    for name, info in ((node.interface.parameters or {}) if node is not None else {}).items():
+        default = "" if info.default is None else f", default {info.default}"
+        yield Proposal(
+            name,
+            f"{info.type or 'parameter'}{default}",
+            kind=types.CompletionItemKind.Property,
+            order=5,
+        )
+
+
+def containers(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+    """The containers of the spec."""
+    del context
+    for name in names_of(analysis, "container"):
+        yield Proposal(name, "container", kind=types.CompletionItemKind.Module, order=5)
+
+
+def variables(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+    """The variables of the spec, with their values."""
+    del context
+    for name in names_of(analysis, "variable"):
+        value = variable_value(analysis, name)
+        yield Proposal(name, value, kind=types.CompletionItemKind.Variable, order=5)
+
+
+def inputs(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+    """The inputs of the player."""
+    del context
+    known = analysis.known
+    for name in known.spec.playback.inputs if known is not None else ():
+        yield Proposal(name, "input", kind=types.CompletionItemKind.Field, order=5)
+
+
+def rates(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+    """The rates of the benchmark."""
+    del context
+    known = analysis.known
+    for rate in known.spec.benchmark.rates if known is not None else ():
+        yield Proposal(str(rate), "a rate of the benchmark", order=5)
+
+
+def parameter_values(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+    """The default of the parameter that is written."""
+    node = _node_at(analysis, context.path)
+    known = (node.interface.parameters or {}) if node is not None else {}
+    info = known.get(str(context.path[-1]))
+    if info is not None and info.default is not None and not isinstance(info.default, list):
+        default = info.default
+        text = str(default).lower() if isinstance(default, bool) else str(default)
+        yield Proposal(text, f"default, {info.type or 'parameter'}", order=1)
+
+
+def axes(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+    """The variables of the matrix: those that cases differ in."""
+    del context
+    for name in _axes(analysis):
+        detail = ", ".join(_texts(_axes(analysis)[name]))
+        yield Proposal(name, detail, kind=types.CompletionItemKind.Variable, order=3)
+
+
+def axis_values(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+    """The values of the variable that is written, in the cases of the matrix."""
+    for text in _texts(_axes(analysis).get(str(context.path[-1]))):
+        yield Proposal(text, "of a case", kind=types.CompletionItemKind.EnumMember, order=3)
+
+
+def case_variables(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+    """The variables in which a case can differ: those of the matrix, then all others."""
+    yield from axes(analysis, context)
+    yield from variables(analysis, context)
+
+
+def _axes(analysis: Analysis) -> dict[str, TreeNode]:
+    """The axes of the matrix as they are written, in this file or one that it extends."""
+    found: dict[str, TreeNode] = {}
+    for tree in analysis.written.values():
+        node = lookup(tree, ("matrix", "axes"))
+        if isinstance(node, MapNode):
+            found.update((name, entry.value) for name, entry in node.entries.items())
+    return found
+
+
+def _texts(axis: TreeNode | None) -> list[str]:
+    items = axis.items if isinstance(axis, ListNode) else ()
+    return [each.text for each in items if isinstance(each, ScalarNode)]
