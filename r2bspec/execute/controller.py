@@ -42,6 +42,7 @@ from r2bspec.execute.inputs.preprocess import preprocess
 from r2bspec.execute.measurement.measurement import Measurement
 from r2bspec.execute.measurement.run_reporter import RunReporter
 from r2bspec.execute.measurement.time_budget import TimeBudget
+from r2bspec.execute.phase_clock import PhaseClock
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.executables import resolve_argv
 from r2bspec.execute.processes.joinable import require_joinable
@@ -158,6 +159,7 @@ class _Controller:
         self._machine = describe_machine()
         self._versions = describe_versions()
         self._events: list[tuple[int, str]] = []
+        self._clock = PhaseClock()
         self._clocks = ClockOffsetTracker()
         self._datasets: tuple[ResolvedDataset, ...] = ()
         # Checked several times a second, and empty for most plans.
@@ -171,6 +173,7 @@ class _Controller:
             self._check,
             lambda child: self._resources.add(child.pid),
             make_redactor(plan.environment, os.environ),
+            self._clock,
         )
         self._launchers: list[Launcher] = []
         self._starts: StartSequence | None = None
@@ -254,12 +257,13 @@ class _Controller:
 
     def _check_programs_installed(self) -> None:
         """Check that every program exists before any is started, but after the setup steps."""
-        for process in self._plan.processes:
-            argv = resolve_argv(process)
-            if process.join is not None:
-                require_joinable(process.name, argv)
-        if self._plan.harness.placement == "graph":
-            build_join_files()
+        with self._clock.waiting("programs: found, or built"):
+            for process in self._plan.processes:
+                argv = resolve_argv(process)
+                if process.join is not None:
+                    require_joinable(process.name, argv)
+            if self._plan.harness.placement == "graph":
+                build_join_files()
 
     def _domain(self) -> contextlib.AbstractContextManager[int]:
         """A reserved domain; the user's own domain if the graph has external nodes."""
@@ -488,6 +492,7 @@ class _Controller:
         self._folder.write_record(self._record(RunError("the run was killed", code="R2B671")))
 
     def _phase(self, name: str, text: str) -> None:
+        self._clock.begin(name)
         self._events.append((time.monotonic_ns(), f"phase {name}"))
         self._progress.phase(name, text)
 
@@ -548,6 +553,7 @@ class _Controller:
             unplayed=sessions[0].unplayed if sessions else (),
             profiles=self._profiles,
             accuracy=self._accuracy,
+            phases=self._clock.phases(),
         )
 
 

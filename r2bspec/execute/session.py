@@ -455,15 +455,16 @@ class Session:
                 each.topic: expected_subscriptions(plan, each.topic, MEASURE_PHASE)
                 for each in plan.inputs
             } | subscription_counts(self._launcher, buffered_transforms(self._buffer_dir))
-        wait_until_matched(
-            supervisor,
-            self._launcher,
-            wanted,
-            plan,
-            MEASURE_PHASE,
-            deadline,
-            self._reporter.note,
-        )
+        with supervisor.waiting("endpoints: matched"):
+            wait_until_matched(
+                supervisor,
+                self._launcher,
+                wanted,
+                plan,
+                MEASURE_PHASE,
+                deadline,
+                self._reporter.note,
+            )
         ends = [(each.topic, each.type, "publishes") for each in plan.inputs]
         ends += [
             (each.topic, each.type, "subscribes")
