@@ -25,6 +25,7 @@ from r2bspec.execute.bringup.launcher import (
     Launcher,
     expected_subscriptions,
     graph_error,
+    message_packages,
     subscription_counts,
     wait_until_matched,
 )
@@ -283,15 +284,12 @@ class Session:
     def _start_harness(self) -> tuple[ManagedProcess | None, ManagedProcess]:
         """Start the player and the monitor, and measure the overhead of the harness.
 
-        A live run has no player. A later start does not measure the overhead, which other
-        processes would disturb; so those of Python nodes are started with these, and all import
-        ROS at the same time. Their nodes are created as late as in the first start.
+        A live run has no player. The processes of Python nodes are started with these, and all
+        import ROS at the same time. They are idle before the overhead is measured, which they
+        would disturb; their nodes are created after it.
         """
         plan, launcher = self._plan, self._launcher
-        if self._is_later:
-            launcher.start_hosts_early(
-                each for each in plan.processes if each.phase == MEASURE_PHASE
-            )
+        launcher.start_early(self._node_processes(), message_packages(plan))
         player = self._parts.start("player") if plan.inputs else None
         monitor = self._parts.start("monitor")
         commands: list[tuple[ManagedProcess, Any]] = [
@@ -344,7 +342,8 @@ class Session:
         )
         self._load_schedule(player, ready)
         self._measure_overhead(player, monitor, rows_dir)
-        self._supervisor.end(list(self._supervisor))
+        alone = {player.pid, monitor.pid}
+        self._supervisor.end([each for each in self._supervisor if each.pid in alone])
 
     def _start_joined_nodes(
         self, deadline: StartDeadline
@@ -360,7 +359,7 @@ class Session:
         self._launcher.joins = joins
         try:
             if self._is_later:
-                self._launcher.start_hosts_early(self._node_processes())
+                self._launcher.start_early(self._node_processes(), message_packages(self._plan))
             self._start_nodes(deadline, harness.configure)
         finally:
             joins.close()
@@ -386,6 +385,8 @@ class Session:
     def _measure_overhead(
         self, player: ManagedProcess, monitor: ManagedProcess, rows_dir: Path
     ) -> None:
+        if can_be_measured(self._plan.inputs):
+            self._launcher.wait_until_imported()
         began_ns = time.monotonic_ns()
         self._reporter.phase("floor", "measuring the harness overhead")
         found = measure_harness_overhead(
