@@ -58,6 +58,7 @@ from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervis
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import buffered_transforms
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
+from r2bspec.judge.statistics.load_scipy import load_scipy
 from r2bspec.measure.samples import SegmentSamples
 from r2bspec.plan.plan import MonitorPlan, Plan, ProcessPlan
 from r2bspec.plan.taps import all_taps, tap_monitors
@@ -242,6 +243,8 @@ class Session:
         else:
             player, monitor = self._start_harness()
         self._reporter.phase("graph", "starting the graph")
+        # While nodes start, and before anything is played; a later start finds it imported.
+        scipy = load_scipy()
         deadline = StartDeadline(self._plan.start_timeout_ns)
         # Not before the harness overhead was measured, which its start would disturb.
         observer = self._observer = self._launcher.start_observer(guarded_topics(self._plan))
@@ -274,6 +277,8 @@ class Session:
                 self._launcher.differences,
                 self._reporter.note,
             )
+        with self._supervisor.waiting("SciPy: imported"):
+            scipy.join()
         self._warm_up(self._segment_player, deadline)
         segment_player = self._segment_player
         segment_player.on_output_stopped = lambda segment, plan: self._diagnose_stopped_output(
