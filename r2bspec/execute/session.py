@@ -25,6 +25,7 @@ from r2bspec.execute.bringup.launcher import (
     Launcher,
     expected_subscriptions,
     graph_error,
+    message_packages,
     subscription_counts,
     wait_until_matched,
 )
@@ -57,6 +58,7 @@ from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervis
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import buffered_transforms
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
+from r2bspec.judge.statistics.load_scipy import load_scipy
 from r2bspec.measure.samples import SegmentSamples
 from r2bspec.plan.plan import MonitorPlan, Plan, ProcessPlan
 from r2bspec.plan.taps import all_taps, tap_monitors
@@ -241,6 +243,8 @@ class Session:
         else:
             player, monitor = self._start_harness()
         self._reporter.phase("graph", "starting the graph")
+        # While nodes start, and before anything is played; a later start finds it imported.
+        scipy = load_scipy()
         deadline = StartDeadline(self._plan.start_timeout_ns)
         # Not before the harness overhead was measured, which its start would disturb.
         observer = self._observer = self._launcher.start_observer(guarded_topics(self._plan))
@@ -273,6 +277,8 @@ class Session:
                 self._launcher.differences,
                 self._reporter.note,
             )
+        with self._supervisor.waiting("SciPy: imported"):
+            scipy.join()
         self._warm_up(self._segment_player, deadline)
         segment_player = self._segment_player
         segment_player.on_output_stopped = lambda segment, plan: self._diagnose_stopped_output(
@@ -283,15 +289,12 @@ class Session:
     def _start_harness(self) -> tuple[ManagedProcess | None, ManagedProcess]:
         """Start the player and the monitor, and measure the overhead of the harness.
 
-        A live run has no player. A later start does not measure the overhead, which other
-        processes would disturb; so those of Python nodes are started with these, and all import
-        ROS at the same time. Their nodes are created as late as in the first start.
+        A live run has no player. The processes of Python nodes are started with these, and all
+        import ROS at the same time. They are idle before the overhead is measured, which they
+        would disturb; their nodes are created after it.
         """
         plan, launcher = self._plan, self._launcher
-        if self._is_later:
-            launcher.start_hosts_early(
-                each for each in plan.processes if each.phase == MEASURE_PHASE
-            )
+        launcher.start_early(self._node_processes(), message_packages(plan))
         player = self._parts.start("player") if plan.inputs else None
         monitor = self._parts.start("monitor")
         commands: list[tuple[ManagedProcess, Any]] = [
@@ -344,7 +347,8 @@ class Session:
         )
         self._load_schedule(player, ready)
         self._measure_overhead(player, monitor, rows_dir)
-        self._supervisor.end(list(self._supervisor))
+        alone = {player.pid, monitor.pid}
+        self._supervisor.end([each for each in self._supervisor if each.pid in alone])
 
     def _start_joined_nodes(
         self, deadline: StartDeadline
@@ -360,7 +364,7 @@ class Session:
         self._launcher.joins = joins
         try:
             if self._is_later:
-                self._launcher.start_hosts_early(self._node_processes())
+                self._launcher.start_early(self._node_processes(), message_packages(self._plan))
             self._start_nodes(deadline, harness.configure)
         finally:
             joins.close()
@@ -386,6 +390,8 @@ class Session:
     def _measure_overhead(
         self, player: ManagedProcess, monitor: ManagedProcess, rows_dir: Path
     ) -> None:
+        if can_be_measured(self._plan.inputs):
+            self._launcher.wait_until_imported()
         began_ns = time.monotonic_ns()
         self._reporter.phase("floor", "measuring the harness overhead")
         found = measure_harness_overhead(
@@ -455,15 +461,16 @@ class Session:
                 each.topic: expected_subscriptions(plan, each.topic, MEASURE_PHASE)
                 for each in plan.inputs
             } | subscription_counts(self._launcher, buffered_transforms(self._buffer_dir))
-        wait_until_matched(
-            supervisor,
-            self._launcher,
-            wanted,
-            plan,
-            MEASURE_PHASE,
-            deadline,
-            self._reporter.note,
-        )
+        with supervisor.waiting("endpoints: matched"):
+            wait_until_matched(
+                supervisor,
+                self._launcher,
+                wanted,
+                plan,
+                MEASURE_PHASE,
+                deadline,
+                self._reporter.note,
+            )
         ends = [(each.topic, each.type, "publishes") for each in plan.inputs]
         ends += [
             (each.topic, each.type, "subscribes")

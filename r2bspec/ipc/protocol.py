@@ -95,7 +95,9 @@ class ConfigureHost(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class Prepare(_Message, frozen=True, kw_only=True, tag=True):
-    """Import what a host of nodes needs; `ConfigureHost` follows. There is no reply."""
+    """Import rclpy and these packages of messages; the role follows. The reply is `Prepared`."""
+
+    packages: tuple[str, ...] = ()
 
 
 class ConfigureHarness(_Message, frozen=True, kw_only=True, tag=True):
@@ -248,6 +250,10 @@ class Hello(_Message, frozen=True, kw_only=True, tag=True):
     arguments: tuple[str, ...] = ()
 
 
+class Prepared(_Message, frozen=True, kw_only=True, tag=True):
+    """Everything is imported: until its role follows, the process waits and uses no processor."""
+
+
 class Ready(_Message, frozen=True, kw_only=True, tag=True):
     """The child is configured. Except for two fields, all are from a host.
 
@@ -372,6 +378,7 @@ class Failed(_Message, frozen=True, kw_only=True, tag=True):
 
 Reply = (
     Hello
+    | Prepared
     | Ready
     | Matched
     | Discovered

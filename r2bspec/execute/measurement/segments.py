@@ -147,8 +147,10 @@ class SegmentPlayer:
         first = self._first_rows()
         complete = False
         try:
-            self._play(rate_hz, steps, first, stop_condition)
-            self._drain(heading.kind, first)
+            with self._supervisor.waiting(f"{heading.kind.replace('_', '-')}: playing"):
+                self._play(rate_hz, steps, first, stop_condition)
+            with self._supervisor.waiting("answers after the last input"):
+                self._drain(heading.kind, first)
             complete = True
         finally:
             observation = self._observe(first)

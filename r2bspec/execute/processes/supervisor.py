@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from r2bspec.execute.errors import NotInstalledError, ProcessDiedError, ProcessFailedError, RunError
+from r2bspec.execute.phase_clock import PhaseClock
 from r2bspec.execute.processes.process import ManagedProcess, describe_exit
 from r2bspec.execute.processes.process_logs import LogLimiter, open_log
 from r2bspec.execute.processes.shared_memory_modes import SharedMemoryModes
@@ -57,8 +58,10 @@ class ProcessSupervisor:
         check_interrupt: Callable[[], None],
         on_start: Callable[[ManagedProcess], None] | None = None,
         redact: Callable[[str], str] = str,
+        clock: PhaseClock | None = None,
     ) -> None:
         self._redact = redact
+        self._clock = clock or PhaseClock()
         self._run_id = run_id
         self._check_interrupt = check_interrupt
         self._on_start = on_start
@@ -268,25 +271,31 @@ class ProcessSupervisor:
             RunError: none was received in time, or from `pump`.
         """
         deadline = time.monotonic() + timeout_s
-        while True:
-            while child.inbox:
-                message = child.inbox.popleft()
-                if isinstance(message, kind):
-                    return message
-            if time.monotonic() > deadline:
-                stated_s = timeout_s if stated_timeout_s is None else stated_timeout_s
-                raise RunError(
-                    f"process {child.name} did not respond within {stated_s:g} s",
-                    hint=f"It may be blocked in a callback or a constructor; see {child.log}",
-                    code="R2B632",
-                )
-            self.pump()
+        with self.waiting(f"{child.name}: {kind.__name__.lower()}"):
+            while True:
+                while child.inbox:
+                    message = child.inbox.popleft()
+                    if isinstance(message, kind):
+                        return message
+                if time.monotonic() > deadline:
+                    stated_s = timeout_s if stated_timeout_s is None else stated_timeout_s
+                    raise RunError(
+                        f"process {child.name} did not respond within {stated_s:g} s",
+                        hint=f"It may be blocked in a callback or a constructor; see {child.log}",
+                        code="R2B632",
+                    )
+                self.pump()
+
+    def waiting(self, what: str) -> contextlib.AbstractContextManager[None]:
+        """The time of the block is a wait of the controller; see `PhaseClock.waiting`."""
+        return self._clock.waiting(what)
 
     def end(self, children: Iterable[ManagedProcess]) -> None:
         """End some processes, one after another; see `shutdown`."""
         ended = [child for child in children if child.name in self._running]
         in_turn_s = middleware_of(os.environ).exit_in_turn_s
-        self._killed += end_sequentially(ended, self._logs.truncate_large, in_turn_s)
+        with self.waiting("processes: exit"):
+            self._killed += end_sequentially(ended, self._logs.truncate_large, in_turn_s)
         for child in ended:
             self._forget(child)
 

@@ -67,7 +67,7 @@ COMMANDS: list[protocol.Command] = [
     protocol.ConfigureMonitor(monitors=(MONITOR,), rows_dir="/rows"),
     protocol.ConfigureObserver(guarded=("/a",)),
     protocol.ConfigureHost(nodes=(NODE,), base_dir="/spec"),
-    protocol.Prepare(),
+    protocol.Prepare(packages=("sensor_msgs",)),
     protocol.ConfigureCaller(
         service="/r2b/start", type="std_srvs/srv/SetBool", request={"data": True}, timeout_ns=1
     ),
@@ -91,6 +91,7 @@ COMMANDS: list[protocol.Command] = [
 ]
 REPLIES: list[protocol.Reply] = [
     protocol.Hello(pid=7, executable="/usr/bin/relay", part="player"),
+    protocol.Prepared(),
     protocol.Ready(),
     protocol.Ready(
         endpoints=(("/r2b/relay", "/r2b/in", "x/msg/Y", "subscribes"),),
