@@ -28,7 +28,8 @@ from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import BufferWriter
 from r2bspec.ipc.header_stamps import read_stamp, write_stamp
 from r2bspec.ipc.message_log import read_messages
-from r2bspec.ipc.native_protocol import NativeEncoder
+from r2bspec.ipc.native_protocol import NativeCodec
+from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.ipc.sample_files import RowReader
 from r2bspec.ipc.schedule import CyclicSchedule
@@ -125,7 +126,7 @@ class Harness:
             self.children.pump(0.02)
 
     def played(self) -> Any:
-        return RowReader(self.rows / "played", PLAYBACK_FIELDS).read()
+        return PlaybackReader(self.rows / "played", PLAYBACK_FIELDS).read()
 
     def received(self, name: str, count: int) -> Any:
         rows = RowReader(self.rows / f"{name}.rows", MONITOR_FIELDS)
@@ -208,11 +209,11 @@ def test_a_command_stops_it_between_two_steps(
     harness: Harness, ends: tuple[ManagedProcess, ManagedProcess]
 ) -> None:
     player, _ = ends
-    player.send(protocol.Play(rate_hz=50.0, steps=1_000_000))
+    player.send(protocol.Play(rate_hz=50.0, steps=100_000))
     harness.received("out", 5)
     player.send(protocol.Stop())
     done = harness.children.answer(player, protocol.Played, HANG_S)
-    assert 5 <= done.steps < 1_000_000
+    assert 5 <= done.steps < 100_000
     assert harness.played().size == done.steps
     harness.received("out", done.steps)
     # The next playback goes on with the next message of the round.
@@ -370,13 +371,13 @@ def test_parts_join_a_process_that_keeps_its_signals_and_its_exit_status(
             assert set(parts) == {"player", "monitor"}
             connection, lines = parts["monitor"]
             command = protocol.ConfigureMonitor(monitors=(OUT,), rows_dir=str(harness.rows))
-            connection.sendall(NativeEncoder()(command))
+            connection.sendall(NativeCodec().encode(command))
             assert isinstance(protocol.decode_reply(lines.readline()), protocol.Ready)
             assert host.stdout.readline() == b"started\n"
             host.send_signal(10)
             assert host.stdout.readline() == b"signal\n"
             for connection, lines in parts.values():
-                connection.sendall(NativeEncoder()(protocol.Shutdown()))
+                connection.sendall(NativeCodec().encode(protocol.Shutdown()))
                 assert lines.readline() == b""
             host.stdin.close()
             assert host.stdout.readline() == b"goes on\n"

@@ -17,6 +17,7 @@ import msgspec
 from r2bspec.execute.host.host_watch import Interference
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
+from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import RowReader
 from r2bspec.ipc.schedule import Schedule
 from r2bspec.measure.expected_steps import select_expected_steps
@@ -96,7 +97,7 @@ def measure_harness_overhead(
     )
     step_stamps = StepStamps(schedule)
     files = [RowReader(rows_dir / f"{each.name}.rows", MONITOR_FIELDS) for each in watches]
-    played = RowReader(rows_dir / playback, PLAYBACK_FIELDS)
+    played = PlaybackReader(rows_dir / playback, PLAYBACK_FIELDS)
     supervisor.request(
         monitor, protocol.Watch(monitors=watches), protocol.Matched, _REPLY_TIMEOUT_S
     )

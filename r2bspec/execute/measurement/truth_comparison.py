@@ -26,6 +26,7 @@ from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervis
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import read_index, read_stamps
 from r2bspec.ipc.message_log import read_messages
+from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import RowReader
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
 from r2bspec.measure.disparity_accuracy import DisparityAccuracy
@@ -85,7 +86,7 @@ class TruthComparison:
             for number, each in enumerate(compared_monitors(self.plan))
         }
         self._watch(tuple(watches.values()))
-        played = RowReader(self.rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
+        played = PlaybackReader(self.rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
         first = played.count()
         rate_hz = _lowest_rate_hz(self.plan)
         at = f"{rate_hz:g} Hz, " if rate_hz else ""

@@ -42,6 +42,7 @@ class ManagedProcess:
             this name has written.
         signals: those that the run has sent to it.
         encode: how its commands are written on the channel.
+        decode: how its replies are read.
         has_joined_parts: whether its `parts` were loaded into a process of the graph.
     """
 
@@ -66,6 +67,7 @@ class ManagedProcess:
         self.parts: dict[str, ManagedProcess] = {}
         self.signals: list[int] = []
         self.encode: Callable[[Any], bytes] = protocol.encode
+        self.decode: Callable[[bytes], protocol.Reply] = protocol.decode_reply
         self.has_joined_parts = False
         self._redact = redact
         self._pending = bytearray()
@@ -117,7 +119,7 @@ class ManagedProcess:
         for line in lines:
             # Other data that a node may write to this socket by mistake is ignored.
             with contextlib.suppress(msgspec.DecodeError):
-                self.inbox.append(protocol.decode_reply(bytes(line)))
+                self.inbox.append(self.decode(bytes(line)))
                 self.has_replied = True
         return bool(received)
 

@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 from r2bspec.execute.measurement.progress_view import MAX_ROWS, ProgressView
+from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import RowReader, RowWriter
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS
 from run_simulation import MONITOR_PLAN
+from scripted_playback import ScriptedPlayback
 
 MS = 1_000_000
 
@@ -24,7 +26,7 @@ class Writers:
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir(exist_ok=True)
-        self.player = RowWriter(folder / "player", len(PLAYBACK_FIELDS))
+        self.player = ScriptedPlayback(folder / "player")
         self.monitor = RowWriter(folder / "monitor", len(MONITOR_FIELDS))
         self.folder = folder
         self.steps = 0
@@ -33,7 +35,7 @@ class Writers:
         """One step, answered after a while or not at all."""
         self.steps += 1
         now_ns = self.steps * 10 * MS
-        self.player.append(self.steps, now_ns, now_ns, now_ns, -1)
+        self.player.append(self.steps, now_ns, now_ns, now_ns)
         if latency_ms is not None:
             received_ns = now_ns + round(latency_ms * MS)
             self.monitor.append(stamp or self.steps, received_ns, received_ns, 0)
@@ -41,7 +43,7 @@ class Writers:
     def view(self, match: Literal["stamp", "order"] = "stamp") -> ProgressView:
         """A view of what is played from now on."""
         plan = msgspec.structs.replace(MONITOR_PLAN, match=match)
-        player = RowReader(self.folder / "player", PLAYBACK_FIELDS)
+        player = PlaybackReader(self.folder / "player", PLAYBACK_FIELDS)
         monitor = RowReader(self.folder / "monitor", MONITOR_FIELDS)
         first = {"": player.count(), "out": monitor.count()}
         return ProgressView(player, {"out": (plan, monitor)}, first, lambda: {"relay": 0.5})
@@ -51,7 +53,6 @@ class Writers:
 def writers(tmp_path: Path) -> Iterator[Writers]:
     found = Writers(tmp_path / "rows")
     yield found
-    found.player.close()
     found.monitor.close()
 
 
