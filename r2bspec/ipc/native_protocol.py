@@ -1,7 +1,6 @@
-"""The commands of `r2bspec.ipc.protocol` as native players and monitors read them.
+"""The messages of `r2bspec.ipc.protocol` as native players and monitors read and write them.
 
-A command is one line of words separated by spaces; other bytes in a word are written as %XX. The
-replies are the JSON lines of `protocol`, so they are decoded like those of any other process::
+A command is one line of words separated by spaces; other bytes in a word are written as %XX::
 
     harness                                         ConfigureHarness
     player ROWS CLOCK STATIC-FILE STATIC-BYTES PLANNED INPUTS {TOPIC TYPE QOS STAMPED}
@@ -17,6 +16,16 @@ replies are the JSON lines of `protocol`, so they are decoded like those of any 
 The INPUTS of a player are the PLANNED ones of the plan, and /tf after them if it is played. A QOS
 is ``reliable,volatile,keep_last,10``, or ``-`` for that of the publisher; CLOCK, STAMPED and
 CONTENT are 0 or 1; STATIC-FILE is empty if nothing is latched.
+
+A reply is one line of words, too; the text at its end is written as it is::
+
+    ready                   Ready
+    ready {HEADER}          Ready, of a player: 0 or 1 for each planned input
+    ready RMW               Ready, of a monitor
+    matched {COUNT}         Matched: of each input, or of each topic in the order of the commands;
+                            "-" for one without a subscription
+    played STEPS            Played
+    failed CODE TEXT        Failed
 """
 
 from __future__ import annotations
@@ -25,6 +34,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
+
+import msgspec
 
 from r2bspec.ipc import buffers, protocol
 from r2bspec.ipc.playlist import write_playlist
@@ -42,14 +53,26 @@ _SIMPLE: dict[type, str] = {
 }
 
 
-class NativeEncoder:
-    """Encodes the commands for one native part, whose configuration it remembers."""
+_HINTS = {
+    "R2B651": "Make room on that disk, or choose another folder with --output.",
+    "R2B681": "Install its package, or source the workspace that contains it.",
+}
+"""What to do, by the code of a failure."""
+
+
+class NativeCodec:
+    """Writes the commands for one native part, and reads its replies.
+
+    Names are not sent back, so it remembers the configuration.
+    """
 
     def __init__(self) -> None:
         self._player: protocol.ConfigurePlayer | None = None
         self._playlists = 0
+        self._topics: list[str] = []
+        self._watched: list[str] = []
 
-    def __call__(self, message: Any) -> bytes:
+    def encode(self, message: Any) -> bytes:
         """Encode a command as one line; for `Follow`, this also writes the playlist.
 
         Raises:
@@ -63,6 +86,8 @@ class NativeEncoder:
         match message:
             case protocol.ConfigurePlayer():
                 self._player = message
+                self._topics = [each.topic for each in message.inputs]
+                self._topics += [each for each in (TF, TF_STATIC) if each in message.transforms]
                 return ["player", *_player_words(message)]
             case protocol.Follow(schedule=schedule):
                 if self._player is None:
@@ -75,14 +100,44 @@ class NativeEncoder:
             case protocol.Play(rate_hz=rate_hz, steps=steps):
                 return ["play", repr(float(rate_hz)), str(steps)]
             case protocol.ConfigureMonitor(monitors=monitors, rows_dir=folder):
+                self._topics = [each.topic for each in monitors]
                 return ["monitor", folder, str(len(monitors)), *_topic_words(monitors)]
             case protocol.Watch(monitors=monitors, with_content=content):
+                self._watched += [each.topic for each in monitors]
                 flag = str(int(content))
                 return ["watch", flag, str(len(monitors)), *_topic_words(monitors)]
+            case protocol.Unwatch():
+                self._watched.clear()
         word = _SIMPLE.get(type(message))
         if word is None:
             raise ValueError(f"no command of a native part: {type(message).__name__}")
         return [word]
+
+    def decode(self, line: bytes) -> protocol.Reply:
+        """Read a reply.
+
+        Raises:
+            msgspec.DecodeError: the line is none of a native part.
+        """
+        word, _, rest = line.decode(errors="replace").rstrip("\n").partition(" ")
+        words = rest.split()
+        match word:
+            case "ready" if self._player is None:
+                return protocol.Ready(rmw=rest)
+            case "ready":
+                topics = self._topics[: len(words)]
+                flags = (each == "1" for each in words)
+                return protocol.Ready(headers=dict(zip(topics, flags, strict=True)))
+            case "matched":
+                topics = [*self._topics, *self._watched]
+                found = zip(topics, words, strict=True)
+                return protocol.Matched(counts={name: int(n) for name, n in found if n != "-"})
+            case "played":
+                return protocol.Played(steps=int(rest))
+            case "failed":
+                code, _, text = rest.partition(" ")
+                return protocol.Failed(code=code, message=text, hint=_HINTS.get(code, ""))
+        raise msgspec.DecodeError(f"no reply of a native part: {word}")
 
 
 def _player_words(command: protocol.ConfigurePlayer) -> Iterator[str]:

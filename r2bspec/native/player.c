@@ -173,7 +173,7 @@ static int map_file(const char *path, mapping_t *mapping)
 static int touch_message(const player_t *player, const message_t *message)
 {
   if ((size_t)(message->offset + message->size) > player->files[message->file].size) {
-    return fail("R2B630", "", "a file of messages is shorter than its index says");
+    return fail(HARNESS_FAULT, "a file of messages is shorter than its index says");
   }
   volatile char *data = message_data(player, message);
   const int64_t page = sysconf(_SC_PAGESIZE);
@@ -216,7 +216,7 @@ static int load(player_t *player, const char *path)
     }
   }
   player->next = 0;
-  return channel_reply(player->channel, "{\"say\":\"Ready\"}\n");
+  return channel_reply(player->channel, "ready\n");
 }
 
 /* ---- playing ---- */
@@ -320,7 +320,7 @@ static int play(player_t *player, double rate_hz, int64_t steps)
     }
     player->next = head->cyclic ? (player->next + count) % head->steps : 0;
   }
-  return channel_reply(player->channel, "{\"say\":\"Played\",\"steps\":%lld}\n", (long long)count);
+  return channel_reply(player->channel, "played %lld\n", (long long)count);
 }
 
 /* ---- /clock and /tf_static ---- */
@@ -389,7 +389,7 @@ static int publish_static(player_t *player, const char *path, int64_t size)
   }
   player->has_static = true;
   const int failed = size < 0 || (size_t)size > file.size
-                       ? fail("R2B630", "", "%s is shorter than its index says", path)
+                       ? fail(HARNESS_FAULT, "%s is shorter than its index says", path)
                        : ros_publish(&player->static_publisher, file.data, (size_t)size);
   munmap(file.data, file.size);
   return failed;
@@ -423,7 +423,7 @@ static int configure(player_t *player, char *rest)
   player->planned = next_number(&rest);
   const int64_t inputs = next_number(&rest);
   if (player->planned < 0 || inputs < player->planned) {
-    return fail("R2B630", "", "a player has fewer inputs than are planned");
+    return fail(HARNESS_FAULT, "a player has fewer inputs than are planned");
   }
   player->inputs = calloc((size_t)inputs + 1, sizeof(input_t));
   if (player->inputs == NULL) {
@@ -442,33 +442,28 @@ static int configure(player_t *player, char *rest)
   return rows_open(&player->rows, rows, 5, 4096);
 }
 
-static int send_table(player_t *player, bool headers)
+/* Which of the planned inputs have a header. */
+static int send_headers(player_t *player)
 {
-  char *text = NULL;
-  size_t size = 0;
-  FILE *out = open_memstream(&text, &size);
-  if (out == NULL) {
-    return fail_memory();
+  int failed = channel_reply(player->channel, "ready");
+  for (int64_t i = 0; i < player->planned && failed == 0; ++i) {
+    failed = channel_reply(player->channel, " %d", player->inputs[i].has_header);
   }
-  fputs(headers ? "{\"say\":\"Ready\",\"headers\":{" : "{\"say\":\"Matched\",\"counts\":{", out);
-  int64_t entries = headers ? player->planned : player->input_count + player->has_static;
-  for (int64_t i = 0; i < entries; ++i) {
-    const bool latched = i == player->input_count;
-    fputs(i > 0 ? "," : "", out);
-    json_string(out, latched ? "/tf_static" : player->inputs[i].topic);
-    if (headers) {
-      fprintf(out, ":%s", player->inputs[i].has_header ? "true" : "false");
-      continue;
-    }
+  return failed < 0 ? -1 : channel_reply(player->channel, "\n");
+}
+
+/* The subscriptions of each input, and of what is latched. */
+static int send_matches(player_t *player)
+{
+  int failed = channel_reply(player->channel, "matched");
+  for (int64_t i = 0; i < player->input_count + player->has_static && failed == 0; ++i) {
     size_t count = 0;
     ignore_rcl(rcl_publisher_get_subscription_count(
-      latched ? &player->static_publisher : &player->inputs[i].publisher, &count));
-    fprintf(out, ":%zu", count);
+      i == player->input_count ? &player->static_publisher : &player->inputs[i].publisher,
+      &count));
+    failed = channel_reply(player->channel, " %zu", count);
   }
-  fputs("}}\n", out);
-  const int failed = fclose(out) == 0 ? channel_send(player->channel, text, size) : fail_memory();
-  free(text);
-  return failed;
+  return failed < 0 ? -1 : channel_reply(player->channel, "\n");
 }
 
 /* Executes a command; 1 for the one that ends the player. */
@@ -479,7 +474,7 @@ static int execute(player_t *player, char *line)
     return load(player, next_word(&line));
   }
   if (strcmp(command, "count") == 0) {
-    return send_table(player, false);
+    return send_matches(player);
   }
   if (strcmp(command, "play") == 0) {
     const double rate_hz = strtod(next_word(&line), NULL);
@@ -521,7 +516,7 @@ int player_serve(channel_t *channel, char *rest)
   }
   if (status == 0) {
     pacer_init(&player.pacer);
-    status = send_table(&player, true);
+    status = send_headers(&player);
   }
   char *line;
   while (status == 0 && channel_next(channel, &line) == 0) {

@@ -17,11 +17,10 @@
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "playlists are little-endian");
 
 #define MAGIC "R2BPLAY1"
-#define HARNESS_FAULT "R2B630"
 
 static int refuse(const char *path, const char *why)
 {
-  return fail(HARNESS_FAULT, "", "%s is not a playlist: %s", path, why);
+  return fail(HARNESS_FAULT, "%s is not a playlist: %s", path, why);
 }
 
 static bool within(int64_t first, int64_t count, int64_t total)

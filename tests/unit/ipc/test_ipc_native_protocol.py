@@ -1,4 +1,4 @@
-"""Commands for native parts are lines of words; a schedule goes into a file."""
+"""Messages of native parts are lines of words; a schedule goes into a file."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import BufferWriter
-from r2bspec.ipc.native_protocol import NativeEncoder
+from r2bspec.ipc.native_protocol import NativeCodec
 from r2bspec.ipc.schedule import CyclicSchedule, CyclicTransform
 from r2bspec.ipc.transform_stamps import TF, TF_STATIC, TF_TYPE
 from r2bspec.language.spec import QoS
@@ -26,8 +26,8 @@ TRANSFORM = (
 )
 
 
-def line(command: object, encoder: NativeEncoder | None = None) -> str:
-    text = (encoder or NativeEncoder())(command).decode("ascii")
+def line(command: object, codec: NativeCodec | None = None) -> str:
+    text = (codec or NativeCodec()).encode(command).decode("ascii")
     assert text.endswith("\n")
     assert text.count("\n") == 1
     return text[:-1]
@@ -87,12 +87,12 @@ def test_a_player_has_its_inputs_and_transforms_after_them(tmp_path: Path) -> No
 
 def test_each_schedule_has_a_playlist_of_its_own(tmp_path: Path) -> None:
     write_buffer(tmp_path, "/loaded", IMAGE, bytes(20))
-    encoder = NativeEncoder()
-    encoder(player(tmp_path))
+    codec = NativeCodec()
+    codec.encode(player(tmp_path))
     schedule = CyclicSchedule(steps=((0,),))
     for number in (1, 2):
         path = tmp_path / f"played.playlist-{number}"
-        assert line(protocol.Follow(schedule=schedule), encoder) == f"follow {path}"
+        assert line(protocol.Follow(schedule=schedule), codec) == f"follow {path}"
         assert path.read_bytes().startswith(b"R2BPLAY1")
 
 
@@ -100,14 +100,51 @@ def test_damaged_transforms_are_an_error(tmp_path: Path) -> None:
     whole = b"".join(TRANSFORM)
     write_buffer(tmp_path, "/loaded", IMAGE, bytes(20))
     schedule = CyclicSchedule(steps=((0,),), transforms=(CyclicTransform(0.5, 0, 0),))
-    encoder = NativeEncoder()
-    encoder(player(tmp_path, (TF,)))
+    codec = NativeCodec()
+    codec.encode(player(tmp_path, (TF,)))
     write_buffer(tmp_path, TF, TF_TYPE, whole)
-    encoder(protocol.Follow(schedule=schedule))
+    codec.encode(protocol.Follow(schedule=schedule))
     for size in range(8, len(whole), 7):
         write_buffer(tmp_path, TF, TF_TYPE, whole[:size])
         with pytest.raises(ValueError, match="/tf is truncated"):
-            encoder(protocol.Follow(schedule=schedule))
+            codec.encode(protocol.Follow(schedule=schedule))
+
+
+def test_the_counts_of_a_player_are_those_of_its_inputs_and_transforms(tmp_path: Path) -> None:
+    write_buffer(tmp_path, TF_STATIC, TF_TYPE, b"latched")
+    codec = NativeCodec()
+    codec.encode(player(tmp_path, (TF_STATIC, TF)))
+    assert codec.decode(b"ready 1\n") == protocol.Ready(headers={"/in": True})
+    assert codec.decode(b"ready") == protocol.Ready()
+    found = codec.decode(b"matched 2 1 0\n")
+    assert found == protocol.Matched(counts={"/in": 2, "/tf": 1, "/tf_static": 0})
+    assert codec.decode(b"played 17\n") == protocol.Played(steps=17)
+
+
+def test_the_counts_of_a_monitor_are_those_of_its_topics_and_of_what_is_watched() -> None:
+    codec = NativeCodec()
+    first, second, third = (msgspec.structs.replace(OUT, topic=f"/{each}") for each in "abc")
+    codec.encode(protocol.ConfigureMonitor(monitors=(first,), rows_dir="/rows"))
+    assert codec.decode(b"ready rmw_fastrtps_cpp") == protocol.Ready(rmw="rmw_fastrtps_cpp")
+    assert codec.decode(b"matched 1").counts == {"/a": 1}
+    codec.encode(protocol.Watch(monitors=(second, third)))
+    assert codec.decode(b"matched 1 - 3").counts == {"/a": 1, "/c": 3}
+    codec.encode(protocol.Unwatch())
+    assert codec.decode(b"matched 0").counts == {"/a": 0}
+
+
+def test_a_failure_has_its_code_a_text_and_what_to_do() -> None:
+    found = NativeCodec().decode(b"failed R2B651 /a b cannot be written: \xff full\n")
+    assert isinstance(found, protocol.Failed)
+    assert (found.code, found.message) == ("R2B651", "/a b cannot be written: \ufffd full")
+    assert found.hint.startswith("Make room on that disk")
+    assert NativeCodec().decode(b"failed R2B630 x") == protocol.Failed(code="R2B630", message="x")
+
+
+@pytest.mark.parametrize("reply", [b"", b"hello", b"matched 1 2", b"played x", b"\xff\n"])
+def test_another_line_is_no_reply(reply: bytes) -> None:
+    with pytest.raises((msgspec.DecodeError, ValueError)):
+        NativeCodec().decode(reply)
 
 
 def test_what_a_native_part_does_not_know_is_an_error() -> None:
