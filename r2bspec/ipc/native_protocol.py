@@ -16,12 +16,15 @@ A command is one line of words separated by spaces; other bytes in a word are wr
 The INPUTS of a player are those of the plan, and /tf after them if it is played. A QOS is
 ``reliable,volatile,keep_last,10``, or ``-`` for that of the publisher; CONTENT is 0 or 1.
 
-The replies of a player are words, too; other parts answer in the JSON lines of `protocol`::
+A reply is one line of words, too; the text at its end is written as it is::
 
-    ready HEADERS                                   Ready: 0 or 1 for each input
-    ready                                           Ready, after follow
-    matched COUNTS                                  Matched: of each input
-    played STEPS                                    Played
+    ready                   Ready
+    ready {HEADER}          Ready, of a player: 0 or 1 for each input
+    ready RMW               Ready, of a monitor
+    matched {COUNT}         Matched: of each input, or of each topic in the order of the commands;
+                            "-" for one without a subscription
+    played STEPS            Played
+    failed CODE TEXT        Failed
 """
 
 from __future__ import annotations
@@ -52,23 +55,31 @@ _SIMPLE: dict[type, str] = {
 }
 
 
-class NativeCodec:
-    """Encodes the commands for one native part, and decodes its replies.
+_HINTS = {
+    "R2B651": "Make room on that disk, or choose another folder with --output.",
+    "R2B681": "Install its package, or source the workspace that contains it.",
+}
+"""What to do, by the code of a failure."""
 
-    What a player was configured with is remembered: its files are written here, and its replies
-    name no topics.
+
+class NativeCodec:
+    """Writes the commands for one native part, and reads its replies.
+
+    Names are not sent back, so it remembers the configuration. The files of a player are written
+    here, too.
     """
 
     def __init__(self) -> None:
-        self._topics: tuple[str, ...] = ()
-        self._headers: dict[str, bool] = {}
         self._player: protocol.ConfigurePlayer | None = None
-        self._round: Round | None = None
         self._played: PlaybackReader | None = None
+        self._round: Round | None = None
+        self._headers: dict[str, bool] = {}
         self._playlists = 0
         self._playbacks = 0
         # Steps that were played of earlier schedules.
         self._steps_before = 0
+        self._topics: list[str] = []
+        self._watched: list[str] = []
 
     def encode(self, message: Any) -> bytes:
         """Encode a command as one line; for `Follow` and `Play`, this also writes their files.
@@ -80,46 +91,27 @@ class NativeCodec:
         words = [quote(word, safe="/,_-.+~") for word in self._words(message)]
         return " ".join(words).encode() + b"\n"
 
-    def decode(self, line: bytes) -> protocol.Reply:
-        """Decode a reply.
-
-        Raises:
-            msgspec.DecodeError: the line is not a reply.
-        """
-        if line.startswith(b"{"):
-            return protocol.decode_reply(line)
-        try:
-            word, *numbers = line.decode("ascii").split()
-            found = [int(each) for each in numbers]
-        except ValueError as error:
-            raise msgspec.DecodeError(f"no reply of a native part: {line!r}") from error
-        match word:
-            case "ready":
-                headers = dict(zip(self._topics, map(bool, found), strict=False))
-                self._headers |= headers
-                return protocol.Ready(headers=headers)
-            case "matched":
-                return protocol.Matched(counts=dict(zip(self._topics, found, strict=False)))
-            case "played" if found:
-                return protocol.Played(steps=found[0])
-        raise msgspec.DecodeError(f"no reply of a native part: {line!r}")
-
     def _words(self, message: Any) -> list[str]:
         match message:
             case protocol.ConfigurePlayer():
                 self._player = message
+                self._topics = [each.topic for each in message.inputs]
+                self._topics += [TF] if TF in message.transforms else []
                 self._played = PlaybackReader(Path(message.rows), ())
-                self._topics = (*(each.topic for each in message.inputs), TF)
                 return ["player", *_player_words(message)]
             case protocol.Follow(schedule=schedule):
                 return ["follow", str(self._write_playlist(schedule))]
             case protocol.Play(rate_hz=rate_hz, steps=steps):
                 return ["play", str(self._write_playback(rate_hz, steps))]
             case protocol.ConfigureMonitor(monitors=monitors, rows_dir=folder):
+                self._topics = [each.topic for each in monitors]
                 return ["monitor", folder, str(len(monitors)), *_topic_words(monitors)]
             case protocol.Watch(monitors=monitors, with_content=content):
+                self._watched += [each.topic for each in monitors]
                 flag = str(int(content))
                 return ["watch", flag, str(len(monitors)), *_topic_words(monitors)]
+            case protocol.Unwatch():
+                self._watched.clear()
         word = _SIMPLE.get(type(message))
         if word is None:
             raise ValueError(f"no command of a native part: {type(message).__name__}")
@@ -149,6 +141,34 @@ class NativeCodec:
         first = (self._played.count() - self._steps_before) % self._round.steps
         write_playback(path, self._round, rate_hz, steps, first)
         return path
+
+    def decode(self, line: bytes) -> protocol.Reply:
+        """Read a reply.
+
+        Raises:
+            msgspec.DecodeError: the line is none of a native part.
+        """
+        word, _, rest = line.decode(errors="replace").rstrip("\n").partition(" ")
+        words = rest.split()
+        match word:
+            case "ready" if self._player is None:
+                return protocol.Ready(rmw=rest)
+            case "ready":
+                topics = self._topics[: len(words)]
+                flags = (each == "1" for each in words)
+                headers = dict(zip(topics, flags, strict=True))
+                self._headers |= headers
+                return protocol.Ready(headers=headers)
+            case "matched":
+                topics = [*self._topics, *self._watched]
+                found = zip(topics, words, strict=True)
+                return protocol.Matched(counts={name: int(n) for name, n in found if n != "-"})
+            case "played":
+                return protocol.Played(steps=int(rest))
+            case "failed":
+                code, _, text = rest.partition(" ")
+                return protocol.Failed(code=code, message=text, hint=_HINTS.get(code, ""))
+        raise msgspec.DecodeError(f"no reply of a native part: {word}")
 
 
 def _player_words(command: protocol.ConfigurePlayer) -> Iterator[str]:

@@ -248,20 +248,6 @@ Command = (
 )
 
 
-class Hello(_Message, frozen=True, kw_only=True, tag=True):
-    """The first message of a part that has connected by itself: `r2bspec_harness_start`.
-
-    With an empty `part` it is from a process of the graph that asks whether it gets parts
-    (``join.c``): `process` is the name of the process in the plan that it belongs to.
-    """
-
-    pid: int
-    executable: str
-    part: str
-    process: str = ""
-    arguments: tuple[str, ...] = ()
-
-
 class Ready(_Message, frozen=True, kw_only=True, tag=True):
     """The child is configured. Except for two fields, all are from a host.
 
@@ -385,8 +371,7 @@ class Failed(_Message, frozen=True, kw_only=True, tag=True):
 
 
 Reply = (
-    Hello
-    | Ready
+    Ready
     | Matched
     | Discovered
     | Surveyed

@@ -10,6 +10,7 @@
 #ifndef R2BSPEC_HARNESS_H
 #define R2BSPEC_HARNESS_H
 
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -21,25 +22,22 @@
 #define NS_PER_S INT64_C(1000000000)
 #define PUBLIC __attribute__((visibility("default")))
 
-/* control.c: the parts of a process. */
+/* control.c: the parts of a process; not for several threads at once. */
 
 /* Starts a part that is controlled over a connected socket, which it will close. */
 PUBLIC int r2bspec_harness_serve(int fd);
 /* The same over a socket in the file system; the part says hello with its name. */
 PUBLIC int r2bspec_harness_start(const char *socket_path, const char *part);
-/* Waits for the end of the part that was started last, then ends the others; returns a status that
- * is not 0 if a part failed. */
+/* Waits for the end of all parts, for at most two seconds; 1 if one of them has failed, else 0. */
 PUBLIC int r2bspec_harness_join(void);
-/* Ends all parts, and waits for them for at most this time; returns as the other. */
-PUBLIC int r2bspec_harness_stop(int64_t timeout_ns);
+/* Serves a channel in this thread until it is told to end. */
+void part_serve(int fd);
 
 /* control.c: the channel of a part. */
 
 typedef struct channel {
-  int fd;
-  char *data;
-  size_t length;   /* bytes received */
-  size_t consumed; /* bytes of lines that were returned */
+  FILE *in; /* without a buffer */
+  char *line;
   size_t capacity;
 } channel_t;
 
@@ -47,19 +45,19 @@ typedef struct channel {
 int channel_next(channel_t *channel, char **line);
 /* Sleeps until a command can be read or the time is over; true for a command. */
 bool channel_wait(channel_t *channel, int64_t timeout_ns);
-/* Sends one line: a reply in JSON. */
-int channel_send(channel_t *channel, const char *text, size_t size);
+/* Sends a reply: a line of words. */
 int channel_reply(channel_t *channel, const char *format, ...)
   __attribute__((format(printf, 2, 3)));
-void json_string(FILE *out, const char *text);
 
 /* The words of a command, separated by spaces; percent signs encode other bytes. */
 char *next_word(char **rest);
 int64_t next_number(char **rest);
 
-/* Keeps what failed, for the report; both return -1. */
-int fail(const char *code, const char *hint, const char *format, ...)
-  __attribute__((format(printf, 3, 4)));
+#define HARNESS_FAULT "R2B630"
+#define DISK_FAULT "R2B651"
+
+/* Keeps what failed, for the report; returns -1, as those below. */
+int fail(const char *code, const char *format, ...) __attribute__((format(printf, 2, 3)));
 int fail_rcl(const char *what);
 /* For calls whose failure changes nothing: forgets the error that rcl has kept. */
 void ignore_rcl(rcl_ret_t status);

@@ -234,7 +234,7 @@ static int subscribe_pending(monitor_t *monitor)
 {
   bool changed = false;
   for (size_t i = 0; i < monitor->count; ++i) {
-    if (!monitor->watched[i]->subscribed) {
+    if (!monitor->watched[i]->subscribed && !monitor->watched[i]->temporary) {
       const int status = subscribe(monitor, monitor->watched[i]);
       if (status < 0) {
         return -1;
@@ -248,7 +248,7 @@ static int subscribe_pending(monitor_t *monitor)
 static bool has_pending(const monitor_t *monitor)
 {
   for (size_t i = 0; monitor->subscribing && i < monitor->count; ++i) {
-    if (!monitor->watched[i]->subscribed) {
+    if (!monitor->watched[i]->subscribed && !monitor->watched[i]->temporary) {
       return true;
     }
   }
@@ -257,29 +257,21 @@ static bool has_pending(const monitor_t *monitor)
 
 /* ---- commands ---- */
 
+/* The publishers of each topic, or "-" where it has no subscription. */
 static int send_matches(monitor_t *monitor)
 {
-  char *text = NULL;
-  size_t size = 0;
-  FILE *out = open_memstream(&text, &size);
-  if (out == NULL) {
-    return fail_memory();
-  }
-  fputs("{\"say\":\"Matched\",\"counts\":{", out);
-  for (size_t i = 0; i < monitor->count; ++i) {
+  int failed = channel_reply(monitor->channel, "matched");
+  for (size_t i = 0; i < monitor->count && failed == 0; ++i) {
     const watched_t *each = monitor->watched[i];
     size_t count = 0;
     if (each->subscribed) {
       ignore_rcl(rcl_subscription_get_publisher_count(&each->subscription, &count));
+      failed = channel_reply(monitor->channel, " %zu", count);
+    } else {
+      failed = channel_reply(monitor->channel, " -");
     }
-    fputs(i > 0 ? "," : "", out);
-    json_string(out, each->topic);
-    fprintf(out, ":%zu", count);
   }
-  fputs("}}\n", out);
-  const int failed = fclose(out) == 0 ? channel_send(monitor->channel, text, size) : fail_memory();
-  free(text);
-  return failed;
+  return failed < 0 ? -1 : channel_reply(monitor->channel, "\n");
 }
 
 static int open_content(monitor_t *monitor, watched_t *each)
@@ -307,18 +299,12 @@ static int watch(monitor_t *monitor, char *rest)
       return -1;
     }
     each->temporary = true;
-    int status = ros_type(each->type_name) == NULL ? 0 : subscribe(monitor, each);
-    if (status > 0) {
-      status = open_rows(monitor, each);
-      if (status == 0 && content) {
-        status = open_content(monitor, each);
-      }
-      if (status == 0 && (status = add_watched(monitor, each)) == 0) {
-        continue;
-      }
+    if (add_watched(monitor, each) < 0) {
+      return free_watched(monitor, each) < 0 ? -1 : fail_memory();
     }
-    (void)free_watched(monitor, each);
-    if (status < 0) {
+    const int status = ros_type(each->type_name) == NULL ? 0 : subscribe(monitor, each);
+    if (status < 0 || (status > 0 && open_rows(monitor, each) < 0) ||
+        (status > 0 && content && open_content(monitor, each) < 0)) {
       return -1;
     }
   }
@@ -508,7 +494,7 @@ static void clean_up(monitor_t *monitor)
     monitor->closed = true;
     pthread_cond_signal(&monitor->handled);
     pthread_mutex_unlock(&monitor->lock);
-    shutdown(monitor->channel->fd, SHUT_RD);
+    shutdown(fileno(monitor->channel->in), SHUT_RD);
     pthread_join(monitor->reader, NULL);
   }
   ignore_rcl(rcl_wait_set_fini(&monitor->waiting));
@@ -542,7 +528,7 @@ int monitor_serve(channel_t *channel, char *rest)
   if (status == 0) {
     const rmw_node_t *node = rcl_node_get_rmw_handle(&monitor.ros.node);
     status = channel_reply(
-      channel, "{\"say\":\"Ready\",\"rmw\":\"%s\"}\n", node->implementation_identifier);
+      channel, "ready %s\n", node->implementation_identifier);
   }
   if (status == 0) {
     status = start_reader(&monitor);

@@ -148,24 +148,15 @@ static int configure(player_t *player, char *rest)
 /* Sends a number for each input: whether its type begins with a header, or its subscriptions. */
 static int send_numbers(player_t *player, const char *reply, bool headers)
 {
-  char *text = NULL;
-  size_t size = 0;
-  FILE *out = open_memstream(&text, &size);
-  if (out == NULL) {
-    return fail_memory();
-  }
-  fputs(reply, out);
-  for (int64_t i = 0; i < player->inputs; ++i) {
+  int failed = channel_reply(player->channel, "%s", reply);
+  for (int64_t i = 0; i < player->inputs && failed == 0; ++i) {
     size_t number = player->has_header[i];
     if (!headers) {
       ignore_rcl(rcl_publisher_get_subscription_count(&player->publishers[i], &number));
     }
-    fprintf(out, " %zu", number);
+    failed = channel_reply(player->channel, " %zu", number);
   }
-  fputs("\n", out);
-  const int failed = fclose(out) == 0 ? channel_send(player->channel, text, size) : fail_memory();
-  free(text);
-  return failed;
+  return failed < 0 ? -1 : channel_reply(player->channel, "\n");
 }
 
 /* Executes a command; 1 for the one that ends the player. */

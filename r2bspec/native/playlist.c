@@ -28,7 +28,7 @@ typedef struct messages_header {
 
 static int refuse(const char *path, const char *why)
 {
-  return fail("R2B630", "", "%s cannot be played: %s", path, why);
+  return fail(HARNESS_FAULT, "%s cannot be played: %s", path, why);
 }
 
 static bool within(int64_t first, int64_t count, int64_t total)

@@ -10,7 +10,6 @@
 #include <rmw/qos_string_conversions.h>
 
 #define NOT_INSTALLED "R2B681"
-#define INSTALL_HINT "Install its package, or source the workspace that contains it."
 #define HEADER_TYPE "std_msgs/msg/Header"
 #define MAX_SYMBOL 512
 
@@ -98,7 +97,7 @@ type_t *ros_type(const char *name)
       return handle();
     }
   }
-  (void)fail(NOT_INSTALLED, INSTALL_HINT, "message type %s is not installed", name);
+  (void)fail(NOT_INSTALLED, "message type %s is not installed", name);
   return NULL;
 }
 
@@ -124,7 +123,7 @@ int parse_qos(char *text, rmw_qos_profile_t *qos)
   const char *history = strtok_r(NULL, ",", &state);
   const char *depth = strtok_r(NULL, ",", &state);
   if (depth == NULL) {
-    return fail("R2B630", "", "a quality of service is incomplete");
+    return fail(HARNESS_FAULT, "a quality of service is incomplete");
   }
   qos->reliability = rmw_qos_reliability_policy_from_str(reliability);
   qos->durability = rmw_qos_durability_policy_from_str(durability);

@@ -13,10 +13,9 @@
 
 static char reason[1024];
 
-int fail(const char *code, const char *hint, const char *format, ...)
+int fail(const char *code, const char *format, ...)
 {
   (void)code;
-  (void)hint;
   va_list arguments;
   va_start(arguments, format);
   vsnprintf(reason, sizeof(reason), format, arguments);
@@ -24,8 +23,8 @@ int fail(const char *code, const char *hint, const char *format, ...)
   return -1;
 }
 
-int fail_file(const char *path) { return fail("", "", "%s cannot be read", path); }
-int fail_memory(void) { return fail("", "", "no memory"); }
+int fail_file(const char *path) { return fail("", "%s cannot be read", path); }
+int fail_memory(void) { return fail("", "no memory"); }
 
 static size_t play(const messages_t *list, const playback_t *playback)
 {

@@ -91,7 +91,6 @@ COMMANDS: list[protocol.Command] = [
     protocol.Shutdown(),
 ]
 REPLIES: list[protocol.Reply] = [
-    protocol.Hello(pid=7, executable="/usr/bin/relay", part="player"),
     protocol.Ready(),
     protocol.Ready(
         endpoints=(("/r2b/relay", "/r2b/in", "x/msg/Y", "subscribes"),),

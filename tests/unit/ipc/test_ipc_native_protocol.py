@@ -169,18 +169,38 @@ def test_a_full_disk_is_an_error_with_the_file(tmp_path: Path) -> None:
     assert is_refusal(caught.value)
 
 
-def test_replies_are_in_the_order_of_the_inputs(tmp_path: Path) -> None:
+def test_the_counts_of_a_player_are_those_of_its_inputs_and_transforms(tmp_path: Path) -> None:
     codec = NativeCodec()
-    codec.encode(player(tmp_path, (TF,)))
-    assert codec.decode(b"ready 1 0") == protocol.Ready(headers={"/in": True, TF: False})
-    assert codec.decode(b"matched 2 7") == protocol.Matched(counts={"/in": 2, TF: 7})
-    assert codec.decode(b"played 12") == protocol.Played(steps=12)
-    assert codec.decode(b'{"say":"Ready"}') == protocol.Ready()
+    codec.encode(player(tmp_path, (TF_STATIC, TF)))
+    assert codec.decode(b"ready 1 0\n") == protocol.Ready(headers={"/in": True, TF: False})
+    assert codec.decode(b"ready") == protocol.Ready()
+    assert codec.decode(b"matched 2 1\n") == protocol.Matched(counts={"/in": 2, TF: 1})
+    assert codec.decode(b"played 17\n") == protocol.Played(steps=17)
 
 
-@pytest.mark.parametrize("reply", [b"", b"played", b"played x", b"bogus 1", b"\xff", b"{"])
-def test_what_is_no_reply_is_an_error(reply: bytes) -> None:
-    with pytest.raises(msgspec.DecodeError):
+def test_the_counts_of_a_monitor_are_those_of_its_topics_and_of_what_is_watched() -> None:
+    codec = NativeCodec()
+    first, second, third = (msgspec.structs.replace(OUT, topic=f"/{each}") for each in "abc")
+    codec.encode(protocol.ConfigureMonitor(monitors=(first,), rows_dir="/rows"))
+    assert codec.decode(b"ready rmw_fastrtps_cpp") == protocol.Ready(rmw="rmw_fastrtps_cpp")
+    assert codec.decode(b"matched 1") == protocol.Matched(counts={"/a": 1})
+    codec.encode(protocol.Watch(monitors=(second, third)))
+    assert codec.decode(b"matched 1 - 3") == protocol.Matched(counts={"/a": 1, "/c": 3})
+    codec.encode(protocol.Unwatch())
+    assert codec.decode(b"matched 0") == protocol.Matched(counts={"/a": 0})
+
+
+def test_a_failure_has_its_code_a_text_and_what_to_do() -> None:
+    found = NativeCodec().decode(b"failed R2B651 /a b cannot be written: \xff full\n")
+    assert isinstance(found, protocol.Failed)
+    assert (found.code, found.message) == ("R2B651", "/a b cannot be written: \ufffd full")
+    assert found.hint.startswith("Make room on that disk")
+    assert NativeCodec().decode(b"failed R2B630 x") == protocol.Failed(code="R2B630", message="x")
+
+
+@pytest.mark.parametrize("reply", [b"", b"hello", b"matched 1 2", b"played x", b"\xff\n"])
+def test_another_line_is_no_reply(reply: bytes) -> None:
+    with pytest.raises((msgspec.DecodeError, ValueError)):
         NativeCodec().decode(reply)
 
 
