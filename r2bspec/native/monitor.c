@@ -199,7 +199,7 @@ static int add_watched(monitor_t *monitor, watched_t *each)
 static int open_rows(monitor_t *monitor, watched_t *each)
 {
   char *path = join(monitor->rows_dir, each->name, ".rows");
-  const int failed = path == NULL ? fail_memory() : rows_open(&each->rows, path, 4, 4096);
+  const int failed = path == NULL ? fail_memory() : rows_open(&each->rows, path, 4);
   free(path);
   return failed;
 }
@@ -467,7 +467,7 @@ static int configure(monitor_t *monitor, char *rest)
     }
   }
   char *stalls = join(monitor->rows_dir, STALL_FILE, "");
-  int failed = stalls == NULL ? fail_memory() : rows_open(&monitor->stalls, stalls, 2, 64);
+  int failed = stalls == NULL ? fail_memory() : rows_open(&monitor->stalls, stalls, 2);
   free(stalls);
   const rcl_guard_condition_options_t options = rcl_guard_condition_get_default_options();
   if (failed == 0 && rcl_guard_condition_init(&monitor->wake, &monitor->ros.context, options) !=

@@ -13,8 +13,9 @@ import pytest
 
 from r2bspec.execute.measurement.progress_view import MAX_ROWS, ProgressView
 from r2bspec.ipc.playback_file import PlaybackReader
-from r2bspec.ipc.sample_files import RowReader, RowWriter
+from r2bspec.ipc.sample_files import RowReader
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS
+from row_writer import RowWriter
 from run_simulation import MONITOR_PLAN
 from scripted_playback import ScriptedPlayback
 

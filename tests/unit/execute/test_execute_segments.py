@@ -15,9 +15,9 @@ import pytest
 from r2bspec.execute.host.resource_sampler import ResourceSampler
 from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, SegmentPlayer
 from r2bspec.ipc import protocol
-from r2bspec.ipc.sample_files import RowWriter
 from r2bspec.ipc.schedule import CyclicSchedule
 from r2bspec.record.run_folder import RunFolder
+from row_writer import RowWriter
 from run_simulation import EPOCH_NS, Simulation
 from scripted_playback import ScriptedPlayback
 
