@@ -6,16 +6,16 @@ A command is one line of words separated by spaces; other bytes in a word are wr
     player ROWS CLOCK STATIC-FILE STATIC-BYTES PLANNED INPUTS {TOPIC TYPE QOS STAMPED}
     follow PLAYLIST                                 Follow, after the playlist was written
     play RATE-HZ STEPS                              Play
-    monitor ROWS-DIR TOPICS {NAME TOPIC TYPE QOS}   ConfigureMonitor
-    subscribe                                       Subscribe
-    watch CONTENT TOPICS {NAME TOPIC TYPE QOS}      Watch
+    monitor ROWS-DIR TYPES {TYPE}                   ConfigureMonitor
+    subscribe TOPICS {NAME TOPIC TYPE QOS}          Subscribe
+    watch TOPICS {NAME TOPIC TYPE QOS}              Watch
     unwatch                                         Unwatch
     count                                           CountMatches
     stop, shutdown                                  Stop, Shutdown
 
 The INPUTS of a player are the PLANNED ones of the plan, and /tf after them if it is played. A QOS
-is ``reliable,volatile,keep_last,10``, or ``-`` for that of the publisher; CLOCK, STAMPED and
-CONTENT are 0 or 1; STATIC-FILE is empty if nothing is latched.
+is ``reliable,volatile,keep_last,10``; CLOCK and STAMPED are 0 or 1; STATIC-FILE is empty if nothing
+is latched.
 
 A reply is one line of words, too; the text at its end is written as it is::
 
@@ -45,7 +45,6 @@ from r2bspec.plan.plan import MonitorPlan
 
 _SIMPLE: dict[type, str] = {
     protocol.ConfigureHarness: "harness",
-    protocol.Subscribe: "subscribe",
     protocol.Unwatch: "unwatch",
     protocol.CountMatches: "count",
     protocol.Stop: "stop",
@@ -69,8 +68,8 @@ class NativeCodec:
     def __init__(self) -> None:
         self._player: protocol.ConfigurePlayer | None = None
         self._playlists = 0
-        self._topics: list[str] = []
-        self._watched: list[str] = []
+        # In the order of the commands, with whether it is watched for a while only.
+        self._topics: list[tuple[str, bool]] = []
 
     def encode(self, message: Any) -> bytes:
         """Encode a command as one line; for `Follow`, this also writes the playlist.
@@ -86,8 +85,9 @@ class NativeCodec:
         match message:
             case protocol.ConfigurePlayer():
                 self._player = message
-                self._topics = [each.topic for each in message.inputs]
-                self._topics += [each for each in (TF, TF_STATIC) if each in message.transforms]
+                topics = [each.topic for each in message.inputs]
+                topics += [each for each in (TF, TF_STATIC) if each in message.transforms]
+                self._topics = [(each, False) for each in topics]
                 return ["player", *_player_words(message)]
             case protocol.Follow(schedule=schedule):
                 if self._player is None:
@@ -100,14 +100,16 @@ class NativeCodec:
             case protocol.Play(rate_hz=rate_hz, steps=steps):
                 return ["play", repr(float(rate_hz)), str(steps)]
             case protocol.ConfigureMonitor(monitors=monitors, rows_dir=folder):
-                self._topics = [each.topic for each in monitors]
-                return ["monitor", folder, str(len(monitors)), *_topic_words(monitors)]
-            case protocol.Watch(monitors=monitors, with_content=content):
-                self._watched += [each.topic for each in monitors]
-                flag = str(int(content))
-                return ["watch", flag, str(len(monitors)), *_topic_words(monitors)]
+                types = dict.fromkeys(each.type for each in monitors)
+                return ["monitor", folder, str(len(types)), *types]
+            case protocol.Subscribe(monitors=monitors):
+                self._topics += [(each.topic, False) for each in monitors]
+                return ["subscribe", str(len(monitors)), *_topic_words(monitors)]
+            case protocol.Watch(monitors=monitors):
+                self._topics += [(each.topic, True) for each in monitors]
+                return ["watch", str(len(monitors)), *_topic_words(monitors)]
             case protocol.Unwatch():
-                self._watched.clear()
+                self._topics = [each for each in self._topics if not each[1]]
         word = _SIMPLE.get(type(message))
         if word is None:
             raise ValueError(f"no command of a native part: {type(message).__name__}")
@@ -122,16 +124,17 @@ class NativeCodec:
         word, _, rest = line.decode(errors="replace").rstrip("\n").partition(" ")
         words = rest.split()
         match word:
-            case "ready" if self._player is None:
-                return protocol.Ready(rmw=rest)
-            case "ready":
-                topics = self._topics[: len(words)]
+            case "ready" if self._player is not None:
+                planned = (each.topic for each in self._player.inputs)
                 flags = (each == "1" for each in words)
-                return protocol.Ready(headers=dict(zip(topics, flags, strict=True)))
+                return protocol.Ready(headers=dict(zip(planned, flags, strict=False)))
+            case "ready":
+                return protocol.Ready(rmw=rest)
             case "matched":
-                topics = [*self._topics, *self._watched]
-                found = zip(topics, words, strict=True)
-                return protocol.Matched(counts={name: int(n) for name, n in found if n != "-"})
+                found = zip(self._topics, words, strict=True)
+                return protocol.Matched(
+                    counts={topic: int(count) for (topic, _), count in found if count != "-"}
+                )
             case "played":
                 return protocol.Played(steps=int(rest))
             case "failed":
@@ -158,8 +161,9 @@ def _player_words(command: protocol.ConfigurePlayer) -> Iterator[str]:
 
 def _topic_words(monitors: Iterable[MonitorPlan]) -> Iterator[str]:
     for each in monitors:
-        qos = "-" if each.qos is None else _qos_word(each.qos)
-        yield from (each.name, each.topic, each.type, qos)
+        if each.qos is None:
+            raise ValueError(f"{each.topic} is subscribed to with a known quality of service")
+        yield from (each.name, each.topic, each.type, _qos_word(each.qos))
 
 
 def _qos_word(qos: QoS) -> str:

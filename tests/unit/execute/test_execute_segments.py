@@ -35,7 +35,7 @@ class Scripted:
         self._played = 0
         self._pumped = 0
         self._playback = RowWriter(rows_dir / PLAYBACK_ROWS, width=5)
-        self._monitor = RowWriter(rows_dir / "detections.rows", width=4)
+        self._monitor = RowWriter(rows_dir / "detections.rows", width=5)
 
     def send(self, command: object) -> None:
         """Play a segment at once, with the answers to the steps of its script."""
@@ -53,7 +53,7 @@ class Scripted:
     def answer(self, step: int) -> None:
         """The graph answers a step of any segment."""
         received_ns = EPOCH_NS + step * PERIOD_NS + ANSWER_NS
-        self._monitor.append(step + 1, received_ns, received_ns + 1, 100)
+        self._monitor.append(step + 1, received_ns, received_ns + 1, 100, 0)
 
     def pump(self, timeout_s: float = 0.0) -> None:
         """What the controller does while it waits."""
