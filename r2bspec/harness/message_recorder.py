@@ -83,9 +83,7 @@ class MessageRecorder:
 
 
 class _RecordedTopic:
-    def __init__(
-        self, node: Node, plan: MonitorPlan, qos: QoSProfile, folder: Path
-    ) -> None:
+    def __init__(self, node: Node, plan: MonitorPlan, qos: QoSProfile, folder: Path) -> None:
         self.topic = plan.topic
         self.subscription = rclpy_tools.RawSubscription(node, plan.topic, plan.type, qos)
         self._has_header = rclpy_tools.begins_with_header(plan.type)
