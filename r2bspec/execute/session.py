@@ -28,6 +28,7 @@ from r2bspec.execute.bringup.launcher import (
     subscription_counts,
     wait_until_matched,
 )
+from r2bspec.execute.bringup.monitor_subscriptions import MonitorSubscriptions
 from r2bspec.execute.bringup.readiness import wait_for_probe
 from r2bspec.execute.bringup.spec_mismatches import related_differences
 from r2bspec.execute.bringup.start_deadline import StartDeadline
@@ -179,14 +180,13 @@ class Session:
         Raises:
             RunError: a process does not respond, or exited.
         """
-        if self._monitor is None or self._segment_player is None or not self._plan.play:
+        if self._segment_player is None or not self._plan.play:
             return {}
         from r2bspec.execute.measurement.output_recording import OutputRecorder
 
         return OutputRecorder(
             self._plan,
             self._supervisor,
-            self._monitor,
             self._segment_player,
             self._rows_dir,
             self._folder,
@@ -211,14 +211,13 @@ class Session:
         Raises:
             RunError: a process does not respond, or exited.
         """
-        if self._monitor is None or self._segment_player is None or not self._plan.inputs:
+        if self._segment_player is None or not self._plan.inputs:
             return ()
         from r2bspec.execute.measurement.truth_comparison import TruthComparison
 
         return TruthComparison(
             self._plan,
             self._supervisor,
-            self._monitor,
             self._segment_player,
             self.schedule,
             self._rows_dir,
@@ -455,8 +454,10 @@ class Session:
     ) -> None:
         """Create the subscriptions of the monitor, after the nodes; wait until all are matched."""
         plan, supervisor = self._plan, self._supervisor
-        supervisor.request(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
+        monitors = (*plan.monitors, *tap_monitors(plan.monitors))
+        subscriptions = MonitorSubscriptions(supervisor, observer, monitor, monitors)
         self._launcher.wait_for_observer(observer)
+        subscriptions.update()
         if plan.external:
             self._launcher.mark_external_nodes()
             wait_for_external(plan, supervisor, observer, deadline)
@@ -479,12 +480,10 @@ class Session:
             MEASURE_PHASE,
             deadline,
             self._reporter.note,
+            subscriptions.update,
         )
         ends = [(each.topic, each.type, "publishes") for each in plan.inputs]
-        ends += [
-            (each.topic, each.type, "subscribes")
-            for each in (*plan.monitors, *tap_monitors(plan.monitors))
-        ]
+        ends += [(each.topic, each.type, "subscribes") for each in monitors]
         wait_for_mutual_discovery(supervisor, self._launcher, ends)
 
     def _wait_until_ready(self, observer: ManagedProcess) -> None:

@@ -1,4 +1,4 @@
-"""The observer: says what discovery shows of the graph, on request.
+"""The observer: says what discovery shows of the graph, and records whole messages, on request.
 
 Nothing here is timed. It publishes /tf_static and /clock where the spec has them. Between requests
 it only looks, five times a second and for microseconds, for publishers that are no process's of the
@@ -15,6 +15,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from r2bspec.harness import rclpy_tools
 from r2bspec.harness.clock_publisher import ClockPublisher
 from r2bspec.harness.control_channel import Channel
+from r2bspec.harness.message_recorder import MessageRecorder
 from r2bspec.harness.parameter_lists import list_parameters
 from r2bspec.harness.publisher_guard import LOOK_PERIOD_S, PublisherGuard
 from r2bspec.harness.static_transforms import publish_static_transforms
@@ -37,6 +38,7 @@ class Observer:
         self._guard = PublisherGuard(self._node, settings.guarded)
         # Without topics to guard there is nothing to look at.
         self._period_s = LOOK_PERIOD_S if settings.guarded else None
+        self._recorder: MessageRecorder | None = None
 
     def serve(self) -> None:
         """Answer commands until told to shut down."""
@@ -61,20 +63,30 @@ class Observer:
                     self._channel.send(list_parameters(question))
                 case protocol.ListForeign():
                     self._channel.send(protocol.ForeignPublishers(publishers=self._guard.foreign()))
+                case protocol.Record(monitors=monitors, folder=folder):
+                    self._recorder = MessageRecorder(self._node, monitors, Path(folder))
+                    self._send_matches()
+                case protocol.EndRecording():
+                    recorder, self._recorder = self._recorder, None
+                    if recorder is not None:
+                        recorder.close()
+                    self._send_matches()
                 case protocol.CountMatches():
-                    self._channel.send(self._matched())
+                    self._send_matches()
                 case protocol.AwaitStatic():
                     if self._static_publisher is not None:
                         self._static_publisher.wait_for_acknowledgements()
-                    self._channel.send(self._matched())
+                    self._send_matches()
                 case protocol.Shutdown():
                     return
                 case _:
                     continue
 
-    def _matched(self) -> protocol.Matched:
-        static = self._static_publisher
-        return protocol.Matched(counts={} if static is None else {TF_STATIC: static.matches()})
+    def _send_matches(self) -> None:
+        counts = self._recorder.matches() if self._recorder is not None else {}
+        if self._static_publisher is not None:
+            counts |= {TF_STATIC: self._static_publisher.matches()}
+        self._channel.send(protocol.Matched(counts=counts))
 
 
 def discover(node: Node, topics: tuple[str, ...]) -> protocol.Discovered:

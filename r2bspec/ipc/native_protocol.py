@@ -6,15 +6,15 @@ A command is one line of words separated by spaces; other bytes in a word are wr
     player INPUTS {TOPIC TYPE QOS BUFFER}           ConfigurePlayer
     follow PLAYLIST                                 Follow, after the playlist was written
     play PLAYBACK                                   Play, after the playback file was written
-    monitor ROWS-DIR TOPICS {NAME TOPIC TYPE QOS}   ConfigureMonitor
-    subscribe                                       Subscribe
-    watch CONTENT TOPICS {NAME TOPIC TYPE QOS}      Watch
+    monitor ROWS-DIR TYPES {TYPE}                   ConfigureMonitor
+    subscribe TOPICS {NAME TOPIC TYPE QOS}          Subscribe
+    watch TOPICS {NAME TOPIC TYPE QOS}              Watch
     unwatch                                         Unwatch
     count                                           CountMatches
     stop, shutdown                                  Stop, Shutdown
 
 The INPUTS of a player are those of the plan, and /tf after them if it is played. A QOS is
-``reliable,volatile,keep_last,10``, or ``-`` for that of the publisher; CONTENT is 0 or 1.
+``reliable,volatile,keep_last,10``.
 
 A reply is one line of words, too; the text at its end is written as it is::
 
@@ -47,7 +47,6 @@ from r2bspec.plan.plan import MonitorPlan
 
 _SIMPLE: dict[type, str] = {
     protocol.ConfigureHarness: "harness",
-    protocol.Subscribe: "subscribe",
     protocol.Unwatch: "unwatch",
     protocol.CountMatches: "count",
     protocol.Stop: "stop",
@@ -78,8 +77,8 @@ class NativeCodec:
         self._playbacks = 0
         # Steps that were played of earlier schedules.
         self._steps_before = 0
-        self._topics: list[str] = []
-        self._watched: list[str] = []
+        # In the order of the commands, with whether it is watched for a while only.
+        self._topics: list[tuple[str, bool]] = []
 
     def encode(self, message: Any) -> bytes:
         """Encode a command as one line; for `Follow` and `Play`, this also writes their files.
@@ -95,8 +94,9 @@ class NativeCodec:
         match message:
             case protocol.ConfigurePlayer():
                 self._player = message
-                self._topics = [each.topic for each in message.inputs]
-                self._topics += [TF] if TF in message.transforms else []
+                topics = [each.topic for each in message.inputs]
+                topics += [TF] if TF in message.transforms else []
+                self._topics = [(each, False) for each in topics]
                 self._played = PlaybackReader(Path(message.rows), ())
                 return ["player", *_player_words(message)]
             case protocol.Follow(schedule=schedule):
@@ -104,14 +104,16 @@ class NativeCodec:
             case protocol.Play(rate_hz=rate_hz, steps=steps):
                 return ["play", str(self._write_playback(rate_hz, steps))]
             case protocol.ConfigureMonitor(monitors=monitors, rows_dir=folder):
-                self._topics = [each.topic for each in monitors]
-                return ["monitor", folder, str(len(monitors)), *_topic_words(monitors)]
-            case protocol.Watch(monitors=monitors, with_content=content):
-                self._watched += [each.topic for each in monitors]
-                flag = str(int(content))
-                return ["watch", flag, str(len(monitors)), *_topic_words(monitors)]
+                types = dict.fromkeys(each.type for each in monitors)
+                return ["monitor", folder, str(len(types)), *types]
+            case protocol.Subscribe(monitors=monitors):
+                self._topics += [(each.topic, False) for each in monitors]
+                return ["subscribe", str(len(monitors)), *_topic_words(monitors)]
+            case protocol.Watch(monitors=monitors):
+                self._topics += [(each.topic, True) for each in monitors]
+                return ["watch", str(len(monitors)), *_topic_words(monitors)]
             case protocol.Unwatch():
-                self._watched.clear()
+                self._topics = [each for each in self._topics if not each[1]]
         word = _SIMPLE.get(type(message))
         if word is None:
             raise ValueError(f"no command of a native part: {type(message).__name__}")
@@ -151,18 +153,19 @@ class NativeCodec:
         word, _, rest = line.decode(errors="replace").rstrip("\n").partition(" ")
         words = rest.split()
         match word:
-            case "ready" if self._player is None:
-                return protocol.Ready(rmw=rest)
-            case "ready":
-                topics = self._topics[: len(words)]
+            case "ready" if self._player is not None:
+                planned = (each.topic for each in self._player.inputs)
                 flags = (each == "1" for each in words)
-                headers = dict(zip(topics, flags, strict=True))
+                headers = dict(zip(planned, flags, strict=False))
                 self._headers |= headers
                 return protocol.Ready(headers=headers)
+            case "ready":
+                return protocol.Ready(rmw=rest)
             case "matched":
-                topics = [*self._topics, *self._watched]
-                found = zip(topics, words, strict=True)
-                return protocol.Matched(counts={name: int(n) for name, n in found if n != "-"})
+                found = zip(self._topics, words, strict=True)
+                return protocol.Matched(
+                    counts={topic: int(count) for (topic, _), count in found if count != "-"}
+                )
             case "played":
                 return protocol.Played(steps=int(rest))
             case "failed":
@@ -183,8 +186,9 @@ def _player_words(command: protocol.ConfigurePlayer) -> Iterator[str]:
 
 def _topic_words(monitors: Iterable[MonitorPlan]) -> Iterator[str]:
     for each in monitors:
-        qos = "-" if each.qos is None else _qos_word(each.qos)
-        yield from (each.name, each.topic, each.type, qos)
+        if each.qos is None:
+            raise ValueError(f"{each.topic} is subscribed to with a known quality of service")
+        yield from (each.name, each.topic, each.type, _qos_word(each.qos))
 
 
 def _qos_word(qos: QoS) -> str:

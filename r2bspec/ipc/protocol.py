@@ -69,7 +69,7 @@ class Follow(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class ConfigureMonitor(_Message, frozen=True, kw_only=True, tag=True):
-    """Be the monitor: record `monitors` to ``ROWS_DIR/NAME.rows``."""
+    """Be the monitor: record `monitors` to ``ROWS_DIR/NAME.rows``, from `Subscribe` on."""
 
     monitors: tuple[MonitorPlan, ...]
     rows_dir: str
@@ -137,26 +137,42 @@ class ConfigureComponents(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class Subscribe(_Message, frozen=True, kw_only=True, tag=True):
-    """Create the subscriptions. A topic without a QoS waits until its publisher is discovered.
+    """Create subscriptions; the reply, `Matched`, is sent immediately.
 
-    The reply, `Matched`, is sent immediately; a topic that still waits has the count 0.
+    For a monitor: those of `monitors`, of which each has a QoS. For a loader: those of all topics
+    that it records. A topic whose publisher has not been discovered waits and has the count 0.
     """
+
+    monitors: tuple[MonitorPlan, ...] = ()
 
 
 class Watch(_Message, frozen=True, kw_only=True, tag=True):
     """Also record these topics until `Unwatch`. The reply is `Matched`.
 
-    A topic without a QoS uses that of its publisher. A topic that currently has no publisher, or
-    whose type is not installed, is not recorded. With `with_content`, whole messages are written to
-    ``ROWS_DIR/NAME.messages`` (`r2bspec.ipc.message_log`).
+    Each has a QoS. A topic whose type is not installed is not recorded.
     """
 
     monitors: tuple[MonitorPlan, ...]
-    with_content: bool = False
 
 
 class Unwatch(_Message, frozen=True, kw_only=True, tag=True):
     """Stop recording the topics of `Watch`; their rows stay. The reply is `Matched`."""
+
+
+class Record(_Message, frozen=True, kw_only=True, tag=True):
+    """Record whole messages of these topics until `EndRecording`. The reply is `Matched`.
+
+    The files are ``FOLDER/NAME.rows``, as those of a monitor, and ``FOLDER/NAME.messages``
+    (`r2bspec.ipc.message_log`). A topic uses the QoS of its publishers; one that currently has
+    none, or whose type is not installed, is not recorded.
+    """
+
+    monitors: tuple[MonitorPlan, ...]
+    folder: str
+
+
+class EndRecording(_Message, frozen=True, kw_only=True, tag=True):
+    """Complete the files of `Record`. The reply is `Matched`."""
 
 
 class CountMatches(_Message, frozen=True, kw_only=True, tag=True):
@@ -235,6 +251,8 @@ Command = (
     | Subscribe
     | Watch
     | Unwatch
+    | Record
+    | EndRecording
     | CountMatches
     | AwaitStatic
     | Discover

@@ -6,16 +6,41 @@ write; a reader ignores an incomplete row at the end, which a killed process may
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from r2bspec.ipc.disk_errors import named_errors
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
 
+class RowWriter:
+    """Appends rows of `width` int64 values to a new file, as ``rows.c`` does."""
+
+    def __init__(self, path: Path, width: int) -> None:
+        self._row = struct.Struct(f"<{width}q")
+        self._path = path
+        self._file = path.open("xb", buffering=0)
+
+    def append(self, *values: int) -> None:
+        """Append one row.
+
+        Raises:
+            OSError: the disk is full; it has the name of the file.
+        """
+        with named_errors(self._path):
+            self._file.write(self._row.pack(*values))
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
 class RowReader:
-    """Reads the rows that another process has written so far (``rows.c``)."""
+    """Reads the rows that a `RowWriter`, possibly in another process, has written so far."""
 
     def __init__(self, path: Path, fields: tuple[tuple[str, str], ...]) -> None:
         import numpy as np

@@ -80,15 +80,8 @@ void pacer_init(pacer_t *pacer);
 /* Returns at a time, or earlier and true if there is a command. */
 bool pacer_wait(pacer_t *pacer, int64_t due_ns, channel_t *channel);
 
-/* The offset of the system clock from the monotonic one, and its steps. */
-typedef struct clock_offset {
-  int64_t last_read_ns, difference_ns, difference_before_ns, no_step_until_ns;
-} clock_offset_t;
-
-void clock_offset_init(clock_offset_t *offset);
-int64_t clock_offset_update(clock_offset_t *offset);
-/* Converts the time of an arrival; returns the time of now. 0: the middleware gives none. */
-int64_t clock_offset_arrival(clock_offset_t *offset, int64_t arrived_system_ns, int64_t *arrived);
+/* Reads the system time minus the monotonic time; returns the latter. */
+int64_t clock_difference(int64_t *difference_ns);
 
 /* rows.c: files of samples. */
 
@@ -117,8 +110,6 @@ void ros_fini(ros_t *ros);
 type_t *ros_type(const char *name);
 bool begins_with_header(type_t *type);
 int parse_qos(char *text, rmw_qos_profile_t *qos);
-/* What is compatible with all publishers of a topic: 1, or 0 if there are none. */
-int qos_of_publishers(ros_t *ros, const char *topic, rmw_qos_profile_t *qos);
 int ros_publisher(
   ros_t *ros, type_t *type, const char *topic, const rmw_qos_profile_t *qos, rcl_publisher_t *made);
 int ros_publish(rcl_publisher_t *publisher, const void *data, size_t size);

@@ -394,6 +394,7 @@ def wait_until_matched(
     phase: str,
     deadline: StartDeadline,
     note: Callable[[str], None],
+    subscribe: Callable[[], None] = lambda: None,
 ) -> None:
     """Wait until the endpoints of the harness are matched.
 
@@ -406,6 +407,7 @@ def wait_until_matched(
         phase: ``preprocess`` or ``measure``.
         deadline: of the start.
         note: is told once what is missing, while the start is still waited for.
+        subscribe: to what could not be subscribed to before.
 
     Raises:
         GraphMismatchError: an endpoint is not matched, and never will be.
@@ -422,6 +424,7 @@ def wait_until_matched(
     )
     told = False
     while True:
+        subscribe()
         missing: dict[str, tuple[int, int]] = {}
         for child, wanted in expected_matches.items():
             matched = supervisor.request(

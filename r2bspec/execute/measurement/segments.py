@@ -30,8 +30,8 @@ from r2bspec.execute.measurement.segment_observation import SegmentObservation
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.execute.progress import Progress
 from r2bspec.ipc import protocol
+from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.playback_file import PlaybackReader
-from r2bspec.ipc.sample_files import RowReader
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
 from r2bspec.ipc.stall_log import StallLogReader
 from r2bspec.measure.run_samples import NO_STAMPS, SegmentRows, segment_samples
@@ -110,11 +110,11 @@ class SegmentPlayer:
         self._playback = PlaybackReader(rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
         self._stall_log = StallLogReader(rows_dir)
         self._monitors = {
-            plan.name: RowReader(rows_dir / f"{plan.name}.rows", MONITOR_FIELDS)
+            plan.name: ArrivalReader(rows_dir / f"{plan.name}.rows", MONITOR_FIELDS)
             for plan in monitors
         }
         self._taps = {
-            tap.topic: RowReader(rows_dir / f"{tap.name}.rows", MONITOR_FIELDS)
+            tap.topic: ArrivalReader(rows_dir / f"{tap.name}.rows", MONITOR_FIELDS)
             for tap in tap_monitors(monitors)
         }
         # Rows written before this point were played before the graph was started.

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from r2bspec.execute.measurement.progress_view import MAX_ROWS, ProgressView
+from r2bspec.ipc.arrivals import ARRIVAL_FIELDS, ArrivalReader
 from r2bspec.ipc.playback_file import PlaybackReader
-from r2bspec.ipc.sample_files import RowReader
+from r2bspec.ipc.sample_files import RowWriter
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS
-from row_writer import RowWriter
 from run_simulation import MONITOR_PLAN
 from scripted_playback import ScriptedPlayback
 
@@ -28,7 +28,7 @@ class Writers:
     def __init__(self, folder: Path) -> None:
         folder.mkdir(exist_ok=True)
         self.player = ScriptedPlayback(folder / "player")
-        self.monitor = RowWriter(folder / "monitor", len(MONITOR_FIELDS))
+        self.monitor = RowWriter(folder / "monitor", len(ARRIVAL_FIELDS))
         self.folder = folder
         self.steps = 0
 
@@ -39,13 +39,13 @@ class Writers:
         self.player.append(self.steps, now_ns, now_ns, now_ns)
         if latency_ms is not None:
             received_ns = now_ns + round(latency_ms * MS)
-            self.monitor.append(stamp or self.steps, received_ns, received_ns, 0)
+            self.monitor.append(stamp or self.steps, received_ns, received_ns, 0, 0)
 
     def view(self, match: Literal["stamp", "order"] = "stamp") -> ProgressView:
         """A view of what is played from now on."""
         plan = msgspec.structs.replace(MONITOR_PLAN, match=match)
         player = PlaybackReader(self.folder / "player", PLAYBACK_FIELDS)
-        monitor = RowReader(self.folder / "monitor", MONITOR_FIELDS)
+        monitor = ArrivalReader(self.folder / "monitor", MONITOR_FIELDS)
         first = {"": player.count(), "out": monitor.count()}
         return ProgressView(player, {"out": (plan, monitor)}, first, lambda: {"relay": 0.5})
 

@@ -15,9 +15,9 @@ import pytest
 from r2bspec.execute.host.resource_sampler import ResourceSampler
 from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, SegmentPlayer
 from r2bspec.ipc import protocol
+from r2bspec.ipc.sample_files import RowWriter
 from r2bspec.ipc.schedule import CyclicSchedule
 from r2bspec.record.run_folder import RunFolder
-from row_writer import RowWriter
 from run_simulation import EPOCH_NS, Simulation
 from scripted_playback import ScriptedPlayback
 
@@ -36,7 +36,7 @@ class Scripted:
         self._played = 0
         self._pumped = 0
         self._playback = ScriptedPlayback(rows_dir / PLAYBACK_ROWS)
-        self._monitor = RowWriter(rows_dir / "detections.rows", width=4)
+        self._monitor = RowWriter(rows_dir / "detections.rows", width=5)
 
     def send(self, command: object) -> None:
         """Play a segment at once, with the answers to the steps of its script."""
@@ -54,7 +54,7 @@ class Scripted:
     def answer(self, step: int) -> None:
         """The graph answers a step of any segment."""
         received_ns = EPOCH_NS + step * PERIOD_NS + ANSWER_NS
-        self._monitor.append(step + 1, received_ns, received_ns + 1, 100)
+        self._monitor.append(step + 1, received_ns, received_ns + 1, 100, 0)
 
     def pump(self, timeout_s: float = 0.0) -> None:
         """What the controller does while it waits."""

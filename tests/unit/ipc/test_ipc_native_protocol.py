@@ -25,7 +25,7 @@ from r2bspec.plan.plan import InputPlan, MonitorPlan
 from r2bspec.record.run_record import PLAYBACK_FIELDS
 
 IMAGE = "sensor_msgs/msg/Image"
-OUT = MonitorPlan(name="out", topic="/out", type=IMAGE, match="stamp", qos=None)
+OUT = MonitorPlan(name="out", topic="/out", type=IMAGE, match="stamp", qos=QoS())
 NAMED = msgspec.structs.replace(OUT, name="b", qos=QoS(reliability="best_effort", depth=3))
 INPUT = InputPlan(topic="/in", type=IMAGE, source="/loaded", bag_topic="", qos=QoS())
 TRANSFORM = (
@@ -60,7 +60,6 @@ def write_buffer(folder: Path, topic: str, kind: str, *messages: bytes) -> None:
 @pytest.mark.parametrize(
     ("command", "expected"),
     [
-        (protocol.Subscribe(), "subscribe"),
         (protocol.Unwatch(), "unwatch"),
         (protocol.CountMatches(), "count"),
         (protocol.Stop(), "stop"),
@@ -68,9 +67,19 @@ def write_buffer(folder: Path, topic: str, kind: str, *messages: bytes) -> None:
         (protocol.ConfigureHarness(parts=("player", "monitor")), "harness"),
         (
             protocol.ConfigureMonitor(monitors=(OUT, NAMED), rows_dir="/rows"),
-            f"monitor /rows 2 out /out {IMAGE} - b /out {IMAGE} best_effort,volatile,keep_last,3",
+            f"monitor /rows 1 {IMAGE}",
         ),
-        (protocol.Watch(monitors=(OUT,), with_content=True), f"watch 1 1 out /out {IMAGE} -"),
+        (
+            protocol.Subscribe(monitors=(NAMED, OUT)),
+            (
+                f"subscribe 2 b /out {IMAGE} best_effort,volatile,keep_last,3 "
+                f"out /out {IMAGE} reliable,volatile,keep_last,10"
+            ),
+        ),
+        (
+            protocol.Watch(monitors=(OUT,)),
+            f"watch 1 out /out {IMAGE} reliable,volatile,keep_last,10",
+        ),
         (
             protocol.ConfigureMonitor(monitors=(), rows_dir="/a b\n%c/\N{SNOWMAN}"),
             "monitor /a%20b%0A%25c/%E2%98%83 0",
@@ -171,7 +180,7 @@ def test_a_full_disk_is_an_error_with_the_file(tmp_path: Path) -> None:
 def test_the_counts_of_a_player_are_those_of_its_inputs_and_transforms(tmp_path: Path) -> None:
     codec = NativeCodec()
     codec.encode(player(tmp_path, (TF_STATIC, TF)))
-    assert codec.decode(b"ready 1 0\n") == protocol.Ready(headers={"/in": True, TF: False})
+    assert codec.decode(b"ready 1 0\n") == protocol.Ready(headers={"/in": True})
     assert codec.decode(b"ready") == protocol.Ready()
     assert codec.decode(b"matched 2 1\n") == protocol.Matched(counts={"/in": 2, TF: 1})
     assert codec.decode(b"played 17\n") == protocol.Played(steps=17)
@@ -179,14 +188,17 @@ def test_the_counts_of_a_player_are_those_of_its_inputs_and_transforms(tmp_path:
 
 def test_the_counts_of_a_monitor_are_those_of_its_topics_and_of_what_is_watched() -> None:
     codec = NativeCodec()
-    first, second, third = (msgspec.structs.replace(OUT, topic=f"/{each}") for each in "abc")
-    codec.encode(protocol.ConfigureMonitor(monitors=(first,), rows_dir="/rows"))
+    a, b, c, d = (msgspec.structs.replace(OUT, topic=f"/{each}") for each in "abcd")
+    codec.encode(protocol.ConfigureMonitor(monitors=(a, d), rows_dir="/rows"))
     assert codec.decode(b"ready rmw_fastrtps_cpp") == protocol.Ready(rmw="rmw_fastrtps_cpp")
+    codec.encode(protocol.Subscribe(monitors=(a,)))
     assert codec.decode(b"matched 1") == protocol.Matched(counts={"/a": 1})
-    codec.encode(protocol.Watch(monitors=(second, third)))
+    codec.encode(protocol.Watch(monitors=(b, c)))
     assert codec.decode(b"matched 1 - 3") == protocol.Matched(counts={"/a": 1, "/c": 3})
+    codec.encode(protocol.Subscribe(monitors=(d,)))
+    assert codec.decode(b"matched 1 - 3 2") == protocol.Matched(counts={"/a": 1, "/c": 3, "/d": 2})
     codec.encode(protocol.Unwatch())
-    assert codec.decode(b"matched 0") == protocol.Matched(counts={"/a": 0})
+    assert codec.decode(b"matched 0 1") == protocol.Matched(counts={"/a": 0, "/d": 1})
 
 
 def test_a_failure_has_its_code_a_text_and_what_to_do() -> None:
@@ -228,6 +240,9 @@ def test_damaged_transforms_are_an_error(tmp_path: Path) -> None:
 def test_what_a_native_part_does_not_know_is_an_error() -> None:
     with pytest.raises(ValueError, match="no command of a native part: Survey"):
         line(protocol.Survey())
+    unknown = msgspec.structs.replace(OUT, qos=None)
+    with pytest.raises(ValueError, match="known quality of service"):
+        line(protocol.Subscribe(monitors=(unknown,)))
     with pytest.raises(ValueError, match="configured before"):
         line(protocol.Follow(schedule=CyclicSchedule(steps=((0,),))))
     with pytest.raises(ValueError, match="before it plays"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -13,9 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import row_writer
-from r2bspec.ipc.sample_files import RowReader
-from row_writer import RowWriter
+from r2bspec.ipc.sample_files import RowReader, RowWriter
 
 FIELDS = (("a", "<i8"), ("b", "<i8"), ("c", "<i8"))
 
@@ -24,7 +23,7 @@ INT64 = st.integers(-(2**63), 2**63 - 1)
 APPENDS_UNTIL_KILLED = """
 import sys
 from pathlib import Path
-from row_writer import RowWriter
+from r2bspec.ipc.sample_files import RowWriter
 writer = RowWriter(Path(sys.argv[1]), width=3)
 print("writing", flush=True)
 number = 0
@@ -130,7 +129,6 @@ def test_a_reader_sees_only_whole_rows_of_a_writer_that_is_killed(tmp_path: Path
     reader = RowReader(path, FIELDS)
     with subprocess.Popen(
         [sys.executable, "-c", APPENDS_UNTIL_KILLED, str(path)],
-        env=os.environ | {"PYTHONPATH": str(Path(row_writer.__file__).parent)},
         stdout=subprocess.PIPE,
     ) as process:
         assert process.stdout is not None
@@ -146,3 +144,21 @@ def test_a_reader_sees_only_whole_rows_of_a_writer_that_is_killed(tmp_path: Path
     rows = reader.read()
     assert rows.size == reader.count() >= seen
     assert np.array_equal(rows["b"], 2 * np.arange(rows.size))
+
+
+def test_a_file_that_may_not_grow_is_named(tmp_path: Path) -> None:
+    writer = RowWriter(tmp_path / "rows", width=1)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (16, before[1]))
+    try:
+        writer.append(1)
+        writer.append(2)
+        with pytest.raises(OSError, match="File too large") as raised:
+            writer.append(3)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
+        writer.close()
+    assert raised.value.filename == str(tmp_path / "rows")
+    assert RowReader(tmp_path / "rows", FIELDS[:1]).read()["a"].tolist() == [1, 2]
