@@ -29,6 +29,7 @@ from r2bspec.execute.bringup.launcher import (
     subscription_counts,
     wait_until_matched,
 )
+from r2bspec.execute.bringup.monitor_subscriptions import MonitorSubscriptions
 from r2bspec.execute.bringup.readiness import wait_for_probe
 from r2bspec.execute.bringup.spec_mismatches import related_differences
 from r2bspec.execute.bringup.start_deadline import StartDeadline
@@ -58,6 +59,7 @@ from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervis
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import buffered_transforms
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
+from r2bspec.ipc.transform_stamps import TF_STATIC
 from r2bspec.judge.statistics.load_scipy import load_scipy
 from r2bspec.measure.samples import SegmentSamples
 from r2bspec.plan.plan import MonitorPlan, Plan, ProcessPlan
@@ -180,14 +182,13 @@ class Session:
         Raises:
             RunError: a process does not respond, or exited.
         """
-        if self._monitor is None or self._segment_player is None or not self._plan.play:
+        if self._segment_player is None or not self._plan.play:
             return {}
         from r2bspec.execute.measurement.output_recording import OutputRecorder
 
         return OutputRecorder(
             self._plan,
             self._supervisor,
-            self._monitor,
             self._segment_player,
             self._rows_dir,
             self._folder,
@@ -212,14 +213,13 @@ class Session:
         Raises:
             RunError: a process does not respond, or exited.
         """
-        if self._monitor is None or self._segment_player is None or not self._plan.inputs:
+        if self._segment_player is None or not self._plan.inputs:
             return ()
         from r2bspec.execute.measurement.truth_comparison import TruthComparison
 
         return TruthComparison(
             self._plan,
             self._supervisor,
-            self._monitor,
             self._segment_player,
             self.schedule,
             self._rows_dir,
@@ -247,7 +247,7 @@ class Session:
         scipy = load_scipy()
         deadline = StartDeadline(self._plan.start_timeout_ns)
         # Not before the harness overhead was measured, which its start would disturb.
-        observer = self._observer = self._launcher.start_observer(guarded_topics(self._plan))
+        observer = self._observer = self._launcher.start_observer(self._observer_settings())
         if monitor is None:
             player, monitor = self._start_joined_nodes(deadline)
         else:
@@ -263,6 +263,7 @@ class Session:
             self._reporter.progress,
             on_segment=self._reporter.segment,
             schedule=self.schedule,
+            static_publisher=observer if self._has_static else None,
             resources=self._reporter.resources,
             confirms=self.confirms,
             start=self.start,
@@ -323,8 +324,19 @@ class Session:
             buffer_dir=str(self._buffer_dir),
             rows=str(rows_dir / PLAYBACK_ROWS),
             transforms=buffered_transforms(self._buffer_dir),
+        )
+
+    def _observer_settings(self) -> protocol.ConfigureObserver:
+        return protocol.ConfigureObserver(
+            guarded=guarded_topics(self._plan),
+            static_dir=str(self._buffer_dir) if self._has_static else "",
             clock=self._plan.clock,
         )
+
+    @property
+    def _has_static(self) -> bool:
+        """Whether /tf_static is published."""
+        return TF_STATIC in buffered_transforms(self._buffer_dir)
 
     def _measure_overhead_alone(self) -> None:
         """Measure the overhead of a harness that will run in processes of the graph.
@@ -448,8 +460,10 @@ class Session:
     ) -> None:
         """Create the subscriptions of the monitor, after the nodes; wait until all are matched."""
         plan, supervisor = self._plan, self._supervisor
-        supervisor.request(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
+        monitors = (*plan.monitors, *tap_monitors(plan.monitors))
+        subscriptions = MonitorSubscriptions(supervisor, observer, monitor, monitors)
         self._launcher.wait_for_observer(observer)
+        subscriptions.update()
         if plan.external:
             self._launcher.mark_external_nodes()
             wait_for_external(plan, supervisor, observer, deadline)
@@ -457,10 +471,13 @@ class Session:
         watched += [each.topic for each in all_taps(plan.monitors)]
         wanted = {monitor: dict.fromkeys(watched, 1)}
         if player is not None:
-            wanted[player] = {
+            transforms = subscription_counts(self._launcher, buffered_transforms(self._buffer_dir))
+            if TF_STATIC in transforms:
+                wanted[observer] = {TF_STATIC: transforms.pop(TF_STATIC)}
+            wanted[player] = transforms | {
                 each.topic: expected_subscriptions(plan, each.topic, MEASURE_PHASE)
                 for each in plan.inputs
-            } | subscription_counts(self._launcher, buffered_transforms(self._buffer_dir))
+            }
         with supervisor.waiting("endpoints: matched"):
             wait_until_matched(
                 supervisor,
@@ -470,12 +487,10 @@ class Session:
                 MEASURE_PHASE,
                 deadline,
                 self._reporter.note,
+                subscriptions.update,
             )
         ends = [(each.topic, each.type, "publishes") for each in plan.inputs]
-        ends += [
-            (each.topic, each.type, "subscribes")
-            for each in (*plan.monitors, *tap_monitors(plan.monitors))
-        ]
+        ends += [(each.topic, each.type, "subscribes") for each in monitors]
         wait_for_mutual_discovery(supervisor, self._launcher, ends)
 
     def _wait_until_ready(self, observer: ManagedProcess) -> None:

@@ -16,7 +16,7 @@ SOCKET_VARIABLE = "R2BSPEC_JOIN_SOCKET"
 PROCESS_VARIABLE = "R2BSPEC_JOIN_PROCESS"
 """Has the name of the process in the plan; what it starts inherits it."""
 
-_SOURCE = Path(__file__).with_name("join.c")
+_SOURCES = [Path(__file__).with_name(each) for each in ("join.c", "hello.c")]
 _SEPARATORS = " :"
 """No path with one of them can be preloaded."""
 
@@ -29,7 +29,7 @@ def join_object(environ: Mapping[str, str] = os.environ, cache: Path | None = No
     """
     path = build(
         "r2bspec_join.so",
-        [_SOURCE],
+        _SOURCES,
         find_ros(environ),
         kind="library",
         compiler=find_compiler(environ),

@@ -6,16 +6,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include <rcl/graph.h>
 #include <rmw/qos_string_conversions.h>
 
 #define NOT_INSTALLED "R2B681"
-#define INSTALL_HINT "Install its package, or source the workspace that contains it."
 #define HEADER_TYPE "std_msgs/msg/Header"
 #define MAX_SYMBOL 512
-
-/* A second at 1 kHz: a monitor that was not scheduled for a while loses no messages. */
-#define SUBSCRIPTION_DEPTH 1000
 
 /* rcl_init is not documented to be safe against itself. */
 static pthread_mutex_t init_lock = PTHREAD_MUTEX_INITIALIZER;
@@ -98,7 +93,7 @@ type_t *ros_type(const char *name)
       return handle();
     }
   }
-  (void)fail(NOT_INSTALLED, INSTALL_HINT, "message type %s is not installed", name);
+  (void)fail(NOT_INSTALLED, "message type %s is not installed", name);
   return NULL;
 }
 
@@ -124,39 +119,13 @@ int parse_qos(char *text, rmw_qos_profile_t *qos)
   const char *history = strtok_r(NULL, ",", &state);
   const char *depth = strtok_r(NULL, ",", &state);
   if (depth == NULL) {
-    return fail("R2B630", "", "a quality of service is incomplete");
+    return fail(HARNESS_FAULT, "a quality of service is incomplete");
   }
   qos->reliability = rmw_qos_reliability_policy_from_str(reliability);
   qos->durability = rmw_qos_durability_policy_from_str(durability);
   qos->history = rmw_qos_history_policy_from_str(history);
   qos->depth = (size_t)strtoull(depth, NULL, 10);
   return 0;
-}
-
-int qos_of_publishers(ros_t *ros, const char *topic, rmw_qos_profile_t *qos)
-{
-  rcl_allocator_t allocator = rcl_get_default_allocator();
-  rmw_topic_endpoint_info_array_t found = rmw_get_zero_initialized_topic_endpoint_info_array();
-  if (rcl_get_publishers_info_by_topic(&ros->node, &allocator, topic, false, &found) !=
-      RCL_RET_OK) {
-    return fail_rcl("looking for publishers");
-  }
-  /* A subscription fits publishers that offer more than it asks for: the weakest offer decides. */
-  bool reliable = true, transient = true;
-  for (size_t i = 0; i < found.size; ++i) {
-    const rmw_qos_profile_t *offer = &found.info_array[i].qos_profile;
-    reliable &= offer->reliability == RMW_QOS_POLICY_RELIABILITY_RELIABLE;
-    transient &= offer->durability == RMW_QOS_POLICY_DURABILITY_TRANSIENT_LOCAL;
-  }
-  const int any = found.size > 0;
-  *qos = rmw_qos_profile_default;
-  qos->depth = SUBSCRIPTION_DEPTH;
-  qos->reliability =
-    reliable ? RMW_QOS_POLICY_RELIABILITY_RELIABLE : RMW_QOS_POLICY_RELIABILITY_BEST_EFFORT;
-  qos->durability =
-    transient ? RMW_QOS_POLICY_DURABILITY_TRANSIENT_LOCAL : RMW_QOS_POLICY_DURABILITY_VOLATILE;
-  ignore_rcl(rmw_topic_endpoint_info_array_fini(&found, &allocator));
-  return any;
 }
 
 int ros_publisher(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import os
 import socket
+import struct
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,7 @@ from r2bspec.execute.errors import NotInstalledError
 from r2bspec.execute.processes.joinable import not_joinable
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
+from r2bspec.ipc.native_protocol import NativeCodec
 from r2bspec.native.errors import BuildError
 from r2bspec.native.harness_library import harness_library
 from r2bspec.native.join_object import join_environment, join_object
@@ -31,6 +33,9 @@ _BACKLOG: Final = 64
 _HELLO_TIMEOUT_S: Final = 2.0
 _ANSWER_TIMEOUT_S: Final = 20.0
 _POLL_S: Final = 0.005
+_PEER: Final = struct.Struct("3i")
+"""Process, user and group, as in ``struct ucred``."""
+
 _WRAPPERS: Final = ("ros2", "launch")
 """Programs that initialise ROS for themselves before they start the node."""
 
@@ -55,11 +60,30 @@ def build_join_files() -> JoinFiles:
         raise NotInstalledError(str(error), hint=error.hint, code=error.code) from error
 
 
+@dataclass(frozen=True, slots=True)
+class Hello:
+    """What is known of a process that has connected.
+
+    Attributes:
+        pid: its id.
+        process: the process of the plan that it belongs to, if it asks whether it gets parts.
+        part: the part that it connects, otherwise.
+        executable: its program.
+        arguments: its command line.
+    """
+
+    pid: int
+    process: str = ""
+    part: str = ""
+    executable: str = ""
+    arguments: tuple[str, ...] = ()
+
+
 @dataclass(slots=True)
 class _Asking:
     """A process that waits in its initialisation of ROS."""
 
-    hello: protocol.Hello
+    hello: Hello
     connection: socket.socket
 
     def say(self, line: str) -> None:
@@ -112,10 +136,9 @@ class GraphJoins:
         join = plan.join or JoinPlan()
         asking = self._wait_for(child, join, time.monotonic() + timeout_s)
         self._joined.append(asking)
-        self._command(asking, child, f"library {self._files.library}")
         for part in ("player", "monitor"):
             if join.player if part == "player" else join.monitors:
-                self._command(asking, child, f"part {part}")
+                self._command(asking, child, f"start {part} {self._files.library}")
                 connection = self._connection(child, asking.hello.pid, part)
                 self._supervisor.add_joined_part(child, part, connection)
 
@@ -192,8 +215,8 @@ class GraphJoins:
         # A process that has exited is an error of its own.
         self._supervisor.pump(0.0)
         try:
-            reply = protocol.decode_reply(received)
-        except msgspec.DecodeError:
+            reply = NativeCodec().decode(received)
+        except (msgspec.DecodeError, ValueError):
             raise not_joinable(child.name, f"it does not answer {line.split()[0]!r}") from None
         if isinstance(reply, protocol.Failed):
             raise not_joinable(child.name, reply.message)
@@ -208,7 +231,7 @@ class GraphJoins:
         raise not_joinable(child.name, f"its {part} did not connect")
 
 
-def is_meant(hello: protocol.Hello, program: str) -> bool:
+def is_meant(hello: Hello, program: str) -> bool:
     """Whether a process that asks is the node, and no wrapper that will start it.
 
     Args:
@@ -221,14 +244,31 @@ def is_meant(hello: protocol.Hello, program: str) -> bool:
     return not any(each in names for each in _WRAPPERS)
 
 
-def _hello(connection: socket.socket) -> protocol.Hello | None:
-    """The first line of a connection, which every one sends at once."""
+def _hello(connection: socket.socket) -> Hello | None:
+    """Who is at the other end of a connection; every one says at once for what it connects."""
     connection.settimeout(_HELLO_TIMEOUT_S)
     line = bytearray()
-    with contextlib.suppress(OSError, msgspec.DecodeError):
+    with contextlib.suppress(OSError):
         # Byte by byte: what follows is for the reader of the channel.
         while not line.endswith(b"\n") and (byte := connection.recv(1)):
             line += byte
-        hello = protocol.decode_reply(bytes(line))
-        return hello if isinstance(hello, protocol.Hello) else None
+        what, _, name = line.decode(errors="replace").rstrip("\n").partition(" ")
+        credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size)
+        pid = int(_PEER.unpack(credentials)[0])
+        if what == "part":
+            return Hello(pid, part=name)
+        if what == "process":
+            return _asking_process(pid, name)
     return None
+
+
+def _asking_process(pid: int, process: str) -> Hello:
+    """What the kernel says of a process that waits for an answer."""
+    folder = Path(f"/proc/{pid}")
+    words = (folder / "cmdline").read_bytes().split(b"\0")
+    return Hello(
+        pid,
+        process,
+        executable=str((folder / "exe").readlink()),
+        arguments=tuple(each.decode(errors="replace") for each in words),
+    )

@@ -99,6 +99,7 @@ class Launcher:
         self.hosts: dict[ManagedProcess, frozenset[str]] = {}
         self._early: dict[str, ManagedProcess] = {}
         self._importing: list[ManagedProcess] = []
+        self._ready_observers: set[ManagedProcess] = set()
 
     def check_shared_memory(self, plan: Plan, phase: str) -> None:
         """Check that there is enough shared memory for the processes of a phase.
@@ -140,14 +141,21 @@ class Launcher:
         apply_affinity(plan, child.pid)
         return child
 
-    def start_observer(self, guarded: tuple[str, ...]) -> ManagedProcess:
+    def start_observer(self, settings: protocol.ConfigureObserver) -> ManagedProcess:
         """Start the process that says what discovery shows; it is used after `wait_for_observer`.
 
-        Args:
-            guarded: topics on which every publisher is examined.
+        If it publishes something, it is waited for here: all nodes, which are started later, then
+        receive that from the beginning.
+
+        Raises:
+            RunError: it is not ready in time, or exits.
         """
         child = self._early.pop(_OBSERVER, None) or self._start_helper(_OBSERVER, "observer")
-        child.send(protocol.ConfigureObserver(guarded=guarded))
+        if settings.static_dir or settings.clock:
+            self.configure(child, settings)
+            self._ready_observers.add(child)
+        else:
+            child.send(settings)
         return child
 
     def wait_for_observer(self, child: ManagedProcess) -> None:
@@ -156,7 +164,8 @@ class Launcher:
         Raises:
             RunError: it is not ready in time, or exits.
         """
-        self._checked(self._supervisor.answer(child, protocol.Ready, _CONFIGURE_TIMEOUT_S))
+        if child not in self._ready_observers:
+            self._checked(self._supervisor.answer(child, protocol.Ready, _CONFIGURE_TIMEOUT_S))
 
     def start_early(self, plans: Iterable[ProcessPlan], packages: tuple[str, ...] = ()) -> None:
         """Start those processes that import ROS, and let them do it; all others come in order.
@@ -434,6 +443,7 @@ def wait_until_matched(
     phase: str,
     deadline: StartDeadline,
     note: Callable[[str], None],
+    subscribe: Callable[[], None] = lambda: None,
 ) -> None:
     """Wait until the endpoints of the harness are matched.
 
@@ -446,6 +456,7 @@ def wait_until_matched(
         phase: ``preprocess`` or ``measure``.
         deadline: of the start.
         note: is told once what is missing, while the start is still waited for.
+        subscribe: to what could not be subscribed to before.
 
     Raises:
         GraphMismatchError: an endpoint is not matched, and never will be.
@@ -462,6 +473,7 @@ def wait_until_matched(
     )
     told = False
     while True:
+        subscribe()
         missing: dict[str, tuple[int, int]] = {}
         for child, wanted in expected_matches.items():
             matched = supervisor.request(

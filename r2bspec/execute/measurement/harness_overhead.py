@@ -10,7 +10,7 @@ on rate and load.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import msgspec
@@ -19,6 +19,8 @@ from r2bspec.execute.host.host_watch import Interference
 from r2bspec.execute.measurement.overhead_length import median_is_known, overhead_length
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
+from r2bspec.ipc.arrivals import ArrivalReader
+from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import RowReader
 from r2bspec.ipc.schedule import Schedule
 from r2bspec.measure.expected_steps import select_expected_steps
@@ -98,8 +100,8 @@ def measure_harness_overhead(
         if not each.recorded_rate
     )
     step_stamps = StepStamps(schedule)
-    files = [RowReader(rows_dir / f"{each.name}.rows", MONITOR_FIELDS) for each in watches]
-    played = RowReader(rows_dir / playback, PLAYBACK_FIELDS)
+    files = [ArrivalReader(rows_dir / f"{each.name}.rows", MONITOR_FIELDS) for each in watches]
+    played = PlaybackReader(rows_dir / playback, PLAYBACK_FIELDS)
     supervisor.request(
         monitor, protocol.Watch(monitors=watches), protocol.Matched, _REPLY_TIMEOUT_S
     )
@@ -213,7 +215,7 @@ def _quantile(values_ns: Rows, q: float) -> int | None:
 def _play(
     supervisor: ProcessSupervisor,
     player: ManagedProcess,
-    files: list[RowReader],
+    files: Sequence[RowReader],
     rate_hz: float,
     steps: int,
     schedule: Schedule,

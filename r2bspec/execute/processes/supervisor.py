@@ -25,7 +25,6 @@ from r2bspec.execute.processes.shared_memory_modes import SharedMemoryModes
 from r2bspec.execute.processes.shutdown import MAX_SIGTERM_S, end_sequentially
 from r2bspec.ipc import protocol
 from r2bspec.ipc.disk_errors import is_refusal
-from r2bspec.ipc.native_protocol import NativeEncoder
 from r2bspec.ipc.process_cleanup import clean_up, run_processes
 from r2bspec.ipc.sessions import SessionLeader
 from r2bspec.middleware.rmw_registry import middleware_of
@@ -104,8 +103,8 @@ class ProcessSupervisor:
         """Start a process in its own session, with its output in `log`.
 
         It has a control channel, and one more for each of its `parts`, unless it is not part of
-        r2bspec; those of `native` parts, and of a native process (an empty name), have commands as
-        `NativeEncoder` writes them. By its `umask`, other users cannot read the shared memory of
+        r2bspec; those of `native` parts, and of a native process (an empty name), have messages as
+        `NativeCodec` writes them. By its `umask`, other users cannot read the shared memory of
         its middleware.
 
         Raises:
@@ -159,7 +158,7 @@ class ProcessSupervisor:
                 )
             endpoint.connection = ours
             if part in native:
-                endpoint.encode = NativeEncoder()
+                endpoint.use_native_protocol()
             self._selector.register(ours, selectors.EVENT_READ, endpoint)
         self._running[name] = child
         self._all.append(child)
@@ -173,7 +172,7 @@ class ProcessSupervisor:
         """A part of the harness that was loaded into a process of the graph."""
         endpoint = ManagedProcess(part, part, child.process, child.log, None, self._redact)
         endpoint.connection = connection
-        endpoint.encode = NativeEncoder()
+        endpoint.use_native_protocol()
         child.parts[part] = endpoint
         child.has_joined_parts = True
         self._selector.register(connection, selectors.EVENT_READ, endpoint)

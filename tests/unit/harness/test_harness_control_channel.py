@@ -65,7 +65,8 @@ COMMANDS: list[protocol.Command] = [
         )
     ),
     protocol.ConfigureMonitor(monitors=(MONITOR,), rows_dir="/rows"),
-    protocol.ConfigureObserver(guarded=("/a",)),
+    protocol.ConfigureObserver(guarded=("/a",), static_dir="/buffers", clock=True),
+    protocol.AwaitStatic(),
     protocol.ConfigureHost(nodes=(NODE,), base_dir="/spec"),
     protocol.Prepare(packages=("sensor_msgs",)),
     protocol.ConfigureCaller(
@@ -77,6 +78,9 @@ COMMANDS: list[protocol.Command] = [
         timeout_ns=1,
     ),
     protocol.Subscribe(),
+    protocol.Subscribe(monitors=(MONITOR,)),
+    protocol.Record(monitors=(MONITOR,), folder="/rows"),
+    protocol.EndRecording(),
     protocol.Watch(monitors=(MONITOR,)),
     protocol.Unwatch(),
     protocol.CountMatches(),
@@ -90,7 +94,6 @@ COMMANDS: list[protocol.Command] = [
     protocol.Shutdown(),
 ]
 REPLIES: list[protocol.Reply] = [
-    protocol.Hello(pid=7, executable="/usr/bin/relay", part="player"),
     protocol.Prepared(),
     protocol.Ready(),
     protocol.Ready(
