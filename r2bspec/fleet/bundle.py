@@ -1,8 +1,9 @@
 """What of a spec's files a run on another machine needs: only what its plan names.
 
 Every path of a plan is relative to the folder of its spec. A bundle keeps these relations: its root
-is the lowest folder that has all of them, so that ``../config/x.yaml`` is found on a host as it is
-here. The digest of a bundle covers the paths, the contents and the executable bits.
+is the lowest folder that has all of them, and all that they go through, so that
+``../config/x.yaml`` and ``../specs/bag`` are found on a host as they are here. The digest of a
+bundle covers the paths, the contents and the executable bits.
 """
 
 from __future__ import annotations
@@ -78,7 +79,8 @@ def make_bundle(sides: Sequence[SentSide]) -> Bundle:
     recordings = [found for side in sides for found in _recordings(side)]
     places = [str(_absolute(side.base_dir)) for side in sides]
     places += [str(each.parent) for _, files in named for each in files]
-    places += [str(each.at.parent) for each in recordings if not each.absolute]
+    places += [str(each.top) for each in recordings if not each.absolute]
+    places += [str(each) for side in sides for each in _tops(side)]
     root = Path(os.path.commonpath(places))
     files, sources = _described(root, (each for _, found in named for each in found))
     text = msgspec.json.encode(files)
@@ -103,14 +105,31 @@ def make_bundle(sides: Sequence[SentSide]) -> Bundle:
 def named_files(side: SentSide) -> Iterator[Path]:
     """Every file that a plan names, and what Python files of it import from their own folders."""
     base_dir = _absolute(side.base_dir)
-    for text in _texts(msgspec.to_builtins(_parts(side.plan))):
-        for word in _words(text):
-            yield from _files_at(base_dir, word)
+    for word in _all_words(side.plan):
+        yield from _files_at(base_dir, word)
     for process in side.plan.processes:
         for node in process.nodes:
             record = base_dir / "interfaces" / f"{node.node}.yaml"
             if record.is_file():
                 yield record
+
+
+def _tops(side: SentSide) -> Iterator[Path]:
+    """The highest folders that the paths of a plan go through, where they name files."""
+    base_dir = _absolute(side.base_dir)
+    for word in _all_words(side.plan):
+        if ".." in word and next(_files_at(base_dir, word), None) is not None:
+            yield _top(base_dir, word)
+
+
+def _top(base_dir: Path, path: str) -> Path:
+    """The highest folder that a relative path goes through: of ``../x/y``, the parent."""
+    depth = lowest = 0
+    for part in Path(path).parts:
+        depth += -1 if part == ".." else 1
+        lowest = min(lowest, depth)
+    above = (base_dir, *base_dir.parents)
+    return above[min(-lowest, len(above) - 1)]
 
 
 def needs_of(plan: Plan, bundle: str) -> str:
@@ -133,6 +152,11 @@ def _parts(plan: Plan) -> list[Any]:
         plan.after_ready,
         plan.harness,
     ]
+
+
+def _all_words(plan: Plan) -> Iterator[str]:
+    for text in _texts(msgspec.to_builtins(_parts(plan))):
+        yield from _words(text)
 
 
 def _texts(value: Any) -> Iterator[str]:
@@ -252,11 +276,16 @@ def digest_of(file: Path) -> tuple[str, int]:
 
 @dataclass(frozen=True)
 class _Recording:
-    """A recording that a plan names: where its run looks for it, and where it is here."""
+    """A recording that a plan names: where its run looks for it, and where it is here.
+
+    Attributes:
+        top: the lowest folder that has both it and all that its path goes through.
+    """
 
     at: Path
     source: Path
     absolute: bool
+    top: Path
 
 
 def _recordings(side: SentSide) -> Iterator[_Recording]:
@@ -271,7 +300,9 @@ def _recordings(side: SentSide) -> Iterator[_Recording]:
         at = Path(os.path.expanduser(each.source))  # noqa: PTH111
         absolute = at.is_absolute()
         at = _absolute(side.base_dir / at)
-        yield _Recording(at, location.path, absolute)
+        ways = (at.parent, _top(_absolute(side.base_dir), each.source))
+        top = Path(os.path.commonpath(ways))
+        yield _Recording(at, location.path, absolute, top)
 
 
 def _sent_recordings(

@@ -56,7 +56,9 @@ _ARCHIVE: Final = "run.tar.gz"
 _MAX_PIECE_BYTES: Final = 32 << 20
 _COMPRESSION: Final = 1
 """Samples and logs shrink to a fraction even so; the time is taken after the run, not during it."""
-_RUN_UNWRITABLE: Final = "R2B651"
+_NO_ROOM: Final = frozenset({"R2B651", "R2B664"})
+"""A run that could not be written, and shared memory that is too small: another host may do."""
+
 _VALIDATE_S: Final = 300.0
 _VALID_S: Final = 600.0
 """For so long a spec without errors is not checked again: a suite offers it twice, and often."""
@@ -257,10 +259,10 @@ class HostService:
             raise HostLostError(f"the worker of the host {self.facts.name} was ended")
         ended = _ended(spool, job, status)
         problem = ended.problem
-        if problem is not None and problem.code == _RUN_UNWRITABLE:
+        if problem is not None and problem.code in _NO_ROOM:
             remove(spool)
             raise HostFullError(
-                f"the host {self.facts.name} cannot store the run: {problem.message}",
+                f"the host {self.facts.name} has no room for the run: {problem.message}",
                 hint=problem.hint,
             )
         size, sha256 = _pack(spool)

@@ -14,7 +14,7 @@ from r2bspec.fleet.client import Host
 from r2bspec.fleet.errors import HostFullError, TransferError
 from r2bspec.fleet.fleet_runs import Ended, FleetLimits, FleetRun, FleetRuns
 from r2bspec.fleet.host_facts import HostFacts
-from r2bspec.fleet.host_messages import Played, Request, decode, encode
+from r2bspec.fleet.host_messages import Played, Problem, Request, decode, encode
 from r2bspec.fleet.host_service import HostService
 from r2bspec.fleet.host_store import HostStore, remove
 from r2bspec.fleet.journal import Journal, read_journal
@@ -30,13 +30,14 @@ class Service(HostService):
     """A host whose runs have no ROS in them."""
 
     plays = 0
+    problem: Problem | None = None
 
     def _run_child(self, spool: Path, tree: Path) -> int:
         assert (tree / "bag" / "metadata.yaml").is_file()
         self.plays += 1
         (spool / RUN_FOLDER).mkdir()
         (spool / RUN_FOLDER / "record.json").write_text("{}")
-        played = Played(identity=spool.name, outcome="pass")
+        played = Played(identity=spool.name, outcome="pass", problem=self.problem)
         (spool / ENDED_FILE).write_bytes(encode(played))
         return 0
 
@@ -146,3 +147,16 @@ def test_the_only_host_without_room_ends_a_run(
     monkeypatch.setattr(HostStore, "put", full)
     ended = play(tmp_path, service, lambda _: None)
     assert isinstance(ended.error, HostFullError)
+
+
+@pytest.mark.parametrize("code", ["R2B651", "R2B664"])
+def test_a_host_without_room_for_a_run_leaves_it_to_others(
+    service: Service, tmp_path: Path, code: str
+) -> None:
+    service.problem = Problem(code=code, message="no room")
+    ended = play(tmp_path, service, lambda _: None)
+    assert isinstance(ended.error, HostFullError)
+    assert "no room" in str(ended.error)
+    assert list((service.store.root / "spool").iterdir()) == []
+    states = [each.state for each in read_journal(tmp_path / "out") if each.state]
+    assert states == ["sent", "full"]
