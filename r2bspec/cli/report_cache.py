@@ -38,7 +38,7 @@ _FORMAT: Final = 1
 """Increase this with every change of the types below."""
 
 _MAX_FILE_BYTES: Final = 64_000_000
-_MAX_FILES: Final = 64
+_MAX_FILES: Final = 4_000
 """Folders, options and versions of which reports are kept: those used last."""
 _MAX_BYTES: Final = 256_000_000
 """Of all files together."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 import ast
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from functools import lru_cache
 from pathlib import Path
 
 import msgspec
@@ -172,6 +173,7 @@ def _read_interface(
         return str(error).partition("\n")[0] or type(error).__name__
 
 
+@lru_cache(maxsize=32)  # trees are the same objects as long as a file is the same
 def _read_class(
     tree: ast.Module | None, name: str
 ) -> tuple[InterfaceEntry | None, NodeStart | None]:
