@@ -42,6 +42,9 @@ from r2bspec.interop.script_import.script_values import (
 )
 
 _ASSETS = "$(assets)"
+_LAUNCH_VALUES = frozenset(
+    {"LaunchConfiguration", "LaunchConfigurationEquals", "LaunchConfigurationNotEquals"}
+)
 
 
 class ExpressionEvaluator:
@@ -448,7 +451,7 @@ class ExpressionEvaluator:
         if name.startswith("builtins."):
             return self._builtin(name.removeprefix("builtins."), arguments, keywords, place)
         last = name.rpartition(".")[2]
-        if last in {"LaunchConfiguration", "LaunchConfigurationEquals"} and arguments:
+        if last in _LAUNCH_VALUES and arguments:
             known = self._launch_value(last, arguments)
             if known is not NOT_KNOWN:
                 return known
@@ -459,8 +462,10 @@ class ExpressionEvaluator:
         if not isinstance(arguments[0], str):
             return NOT_KNOWN
         value = self.launch_values.get(arguments[0], NOT_KNOWN)
-        if kind == "LaunchConfigurationEquals" and value is not NOT_KNOWN and len(arguments) > 1:
-            return str(value) == str(arguments[1])
+        if kind != "LaunchConfiguration":
+            if not isinstance(value, str | bool | int | float) or len(arguments) < 2:
+                return NOT_KNOWN
+            return (str(value) == str(arguments[1])) is (kind == "LaunchConfigurationEquals")
         return LaunchText(value) if isinstance(value, str) else value
 
     def _builtin(

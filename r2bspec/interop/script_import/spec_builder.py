@@ -46,6 +46,7 @@ from r2bspec.interop.script_import.yaml_writer import Block, document
 from r2bspec.language.schema.name_patterns import MESSAGE_TYPE, MONITOR_NAME, NAME
 
 NOT_IMPORTED = "R2B710"
+_NO_MONITOR = ("No monitor of the script is known: name an output of the graph instead of this.",)
 CHANGED = "R2B711"
 
 _DEFAULT_NAMESPACE = "r2b"
@@ -397,6 +398,10 @@ class _SpecBuilder:
                 else []
             )
             block.add(unique_name(key, used), entry, above)
+        if not block.entries:
+            block.add(
+                "rosout", {"topic": "/rosout", "format": "rcl_interfaces/msg/Log"}, _NO_MONITOR
+            )
         return block
 
     def _watched(self, monitor: NodeAction) -> str:
