@@ -6,6 +6,7 @@ not known is a comment: nothing is guessed.
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +16,8 @@ from r2bspec.bags.has_header import begins_with_header
 from r2bspec.bags.recording import BagIndex, TopicInfo
 from r2bspec.interop.script_import.spec_values import identifier, unique_name
 from r2bspec.interop.script_import.yaml_writer import Block, document
+from r2bspec.judge.statistics.rule_of_three import min_sample_size
+from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.schema.name_patterns import MESSAGE_TYPE, TOPIC
 from r2bspec.wiring.build_wiring import build_wiring
@@ -24,6 +27,11 @@ from r2bspec.wiring.wiring import PhaseWiring
 _COMMON = frozenset({"/rosout", "/parameter_events", "/tf", "/tf_static", "/clock"})
 _LONGEST_WINDOW_S = 10
 _MOST_MONITORS = 10
+_ITERATIONS = 10
+_SHORTEST_ITERATION_S = 2.5
+_LONGEST_ITERATION_S = 10.0
+_LOST_PERCENT = (1, 5, 10)
+"""Shares of lost messages that are proposed: the first that the messages of a run can confirm."""
 _LOADED = "recorded"
 _SAME_RATE = 1.2
 """Inputs whose rates differ by more than this factor are played at their recorded times."""
@@ -339,28 +347,59 @@ def _playback(draft: _Draft) -> Block:
     return block
 
 
-def _rate(draft: _Draft) -> str:
+def _rate_hz(draft: _Draft) -> float:
     rates = [each.rate_hz for each in draft.inputs.values() if each.rate_hz > 0]
-    return f"{float(f'{min(rates):.3g}'):g} Hz" if rates else "10 Hz"
+    return float(f"{min(rates):.3g}") if rates else 10.0
+
+
+def _rate(draft: _Draft) -> str:
+    return f"{_rate_hz(draft):g} Hz"
+
+
+def _effort(draft: _Draft) -> tuple[float, int | None]:
+    """The seconds of an iteration, and the lost messages in percent that a run can confirm.
+
+    None where no share can be confirmed: the messages of a timeline are too few.
+    """
+    messages_per_s = _rate_hz(draft) * _ITERATIONS
+    longest = _window_s(draft) if _is_timeline(draft) else _LONGEST_ITERATION_S
+    seconds = _SHORTEST_ITERATION_S
+    for percent in _LOST_PERCENT:
+        # In steps of half a second.
+        needed = min_sample_size(percent / 100, CONFIDENCE) or 1
+        seconds = max(_SHORTEST_ITERATION_S, math.ceil(2 * needed / messages_per_s) / 2)
+        if seconds <= longest:
+            return seconds, percent
+    return (seconds, None) if _is_timeline(draft) else (seconds, _LOST_PERCENT[-1])
+
+
+def _window_s(draft: _Draft) -> float:
+    recorded = draft.recording.index.duration_ns / 1e9 if draft.recording is not None else 0.0
+    return min(recorded, _LONGEST_WINDOW_S)
 
 
 def _benchmark(draft: _Draft) -> Block:
     block = Block()
-    block.add("duration", "2.5 s")
-    block.add("iterations", 10)
-    if draft.recording is not None and not _is_timeline(draft):
+    has_rate = draft.recording is not None and not _is_timeline(draft)
+    seconds, percent = _effort(draft) if has_rate else (_SHORTEST_ITERATION_S, None)
+    is_long = seconds > _SHORTEST_ITERATION_S
+    above = [f"Long enough to confirm that at most {percent} % are lost."] if is_long else []
+    block.add("duration", f"{seconds:g} s", above)
+    block.add("iterations", _ITERATIONS)
+    if has_rate:
         block.add("rates", [_rate(draft)], ["The rate of the recording."])
     return block
 
 
 def _objectives(draft: _Draft, monitors: list[str]) -> Block | None:
-    if draft.recording is None or "/rosout" in draft.outputs:
+    _, percent = _effort(draft)
+    if draft.recording is None or percent is None or "/rosout" in draft.outputs:
         return None
     entry = Block()
     if not _is_timeline(draft):
         entry.add("at", _rate(draft))
     prefix = f"{monitors[0]}." if len(monitors) > 1 else ""
-    entry.add("require", [f"{prefix}drop_rate <= 1 %"])
+    entry.add("require", [f"{prefix}drop_rate <= {percent} %"])
     block = Block()
     block.add("keeps_up", entry)
     return block

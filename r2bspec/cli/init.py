@@ -93,12 +93,17 @@ def command(
     """Create a commented spec NAME.r2b.yaml that is valid as it is.
 
     NAME may start with an existing folder, as in benchmarks/camera. With --node, the spec has this
-    node; its key is derived from the class or the file. --from-bag, --from-launch, --from-graph and
-    --node can be combined: the spec then has what they tell, and comments about what they do not.
-    The JSON Schema, which editors use for completion and help, is written next to the spec. No
-    file is overwritten.
+    node, and what its source tells; its key is derived from the class or the file. --from-bag,
+    --from-launch, --from-graph and --node can be combined: the spec then has what they tell, and
+    comments about what they do not. The JSON Schema, which editors use for completion and help, is
+    written next to the spec. No file is overwritten.
     """
-    from r2bspec.cli.init_sources import InitSources
+    from r2bspec.cli.init_sources import (
+        InitSources,
+        check_node_file,
+        has_known_topics,
+        spec_from_sources,
+    )
     from r2bspec.language.schema.derive_strict import published_schema_text
     from r2bspec.language.templates import filled, purpose, templates, with_node
 
@@ -110,11 +115,13 @@ def command(
     benchmark = _benchmark_name(spec_file.name.removesuffix(".r2b.yaml"))
     sources = InitSources(bag, launch, graph, node, timeout_s)
     _check_node(node, template)
+    if node:
+        check_node_file(node, spec_file.parent)
     if sources.are_given and template != "minimal":
         raise click.UsageError("--template cannot be combined with --from-...")
-    if sources.are_given:
-        from r2bspec.cli.init_sources import spec_from_sources
-
+    chosen = click.get_current_context().get_parameter_source("template")
+    is_default = chosen is click.core.ParameterSource.DEFAULT
+    if sources.are_given or (node and is_default and has_known_topics(node, spec_file.parent)):
         made = spec_from_sources(benchmark, spec_file.parent, sources)
         text = filled(made, None, f"./{_SCHEMA}")
     else:

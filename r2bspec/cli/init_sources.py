@@ -70,6 +70,47 @@ def spec_from_sources(name: str, folder: Path, sources: InitSources) -> str:
     return draft_text(name, shown, draft, recording, folder)
 
 
+def check_node_file(target: str, folder: Path) -> None:
+    """Check that the file of a node exists and defines it.
+
+    Args:
+        target: as a spec names it; nothing is checked of a module.
+        folder: of the spec.
+
+    Raises:
+        UsageError: it does not.
+    """
+    from r2bspec.check.installed_packages import top_level_names
+    from r2bspec.check.python_target import python_target
+    from r2bspec.untrusted.safe_file import is_regular
+
+    found = python_target(target, folder)
+    if found.module:
+        return
+    if not is_regular(found.file):
+        raise UsageError(f"{found.file} does not exist", hint=f"Paths are relative to {folder}.")
+    try:
+        names = top_level_names(found.file)
+    except SyntaxError as error:
+        raise UsageError(f"{found.file}:{error.lineno}: {error.msg}") from error
+    if names is not None and found.name not in names:
+        known = ", ".join(sorted(each for each in names if each[:1].isupper())) or "none"
+        raise UsageError(
+            f"{found.file} has no class or function {found.name!r}", hint=f"Classes: {known}."
+        )
+
+
+def has_known_topics(target: str, folder: Path) -> bool:
+    """Whether the source of a node in a file tells what it publishes or subscribes to."""
+    from r2bspec.check.python_target import python_target
+    from r2bspec.wiring.ast_reader import read_node_class, read_python_file
+
+    found = python_target(target, folder)
+    tree = read_python_file(found.file) if not found.module and found.readable else None
+    known = read_node_class(tree, found.name) if tree is not None else None
+    return known is not None and bool(known.publishes or known.subscribes)
+
+
 def _add_python_node(draft: DraftNodes, target: str) -> None:
     from r2bspec.interop.script_import.yaml_writer import Block
     from r2bspec.language.templates import node_key

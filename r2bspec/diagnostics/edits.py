@@ -68,6 +68,11 @@ def apply_edits(text: str, edits: Iterable[Edit]) -> str:
     return _spliced(text, _non_overlapping(text, edits))
 
 
+def applicable_together(text: str, edits: Iterable[Edit]) -> list[Edit]:
+    """The edits that `apply_edits` applies, in the order of their places."""
+    return [edit for _, edit in _non_overlapping(text, edits)]
+
+
 def unified_diff(before: str, after: str, file: str) -> str:
     """The unified diff of two texts; empty if they are equal."""
     import difflib

@@ -124,18 +124,23 @@ def size_of(root: TreeNode) -> int:
 
 def scalars_of(root: TreeNode) -> Iterator[ScalarNode]:
     """The single values of a tree, those that an alias repeats once."""
+    return (node for _, node in scalars_with_paths(root))
+
+
+def scalars_with_paths(root: TreeNode) -> Iterator[tuple[Path, ScalarNode]]:
+    """The single values of a tree with their paths, those that an alias repeats once."""
     visited: set[int] = set()
-    pending: list[TreeNode] = [root]
+    pending: list[tuple[Path, TreeNode]] = [((), root)]
     while pending:
-        node = pending.pop()
+        path, node = pending.pop()
         if isinstance(node, ScalarNode):
-            yield node
+            yield path, node
         elif id(node) not in visited:
             visited.add(id(node))
             if isinstance(node, MapNode):
-                pending += [entry.value for entry in node.entries.values()]
+                pending += [((*path, key), each.value) for key, each in node.entries.items()]
             elif isinstance(node, ListNode):
-                pending += node.items
+                pending += [((*path, index), each) for index, each in enumerate(node.items)]
 
 
 def without(node: MapNode, key: str) -> MapNode:

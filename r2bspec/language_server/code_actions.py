@@ -8,6 +8,7 @@ from lsprotocol import types
 
 from r2bspec.check.pages import find_page
 from r2bspec.diagnostics import Diagnostic, Severity
+from r2bspec.diagnostics.edits import applicable_together
 from r2bspec.diagnostics.waivers import NOT_WAIVABLE
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.editor_commands import RECORD_INTERFACES, SpecCommand
@@ -60,29 +61,19 @@ def _fixes(here: Sequence[Diagnostic], positions_of: PositionsOf) -> Iterator[ty
 
 
 def _fix_all(analysis: Analysis, positions_of: PositionsOf) -> Iterator[types.CodeAction]:
+    positions = positions_of(str(analysis.path))
     edits = [each.edit for each in analysis.diagnostics if each.edit is not None]
-    own = {each for each in edits if each.span.file == str(analysis.path)}
-    if own:
-        positions = positions_of(str(analysis.path))
-        changes = [types.TextEdit(positions.range(each.span), each.text) for each in own]
+    own = (each for each in edits if each.span.file == str(analysis.path))
+    changes = [
+        types.TextEdit(positions.range(each.span), each.text)
+        for each in applicable_together(positions.text, own)
+    ]
+    if changes:
         yield types.CodeAction(
             title="Apply all safe fixes of this file",
             kind=types.CodeActionKind.SourceFixAll,
-            edit=types.WorkspaceEdit(changes={uri(str(analysis.path)): _disjoint(changes)}),
+            edit=types.WorkspaceEdit(changes={uri(str(analysis.path)): changes}),
         )
-
-
-def _disjoint(edits: Sequence[types.TextEdit]) -> list[types.TextEdit]:
-    """The edits in order; of those that overlap, the first."""
-    kept: list[types.TextEdit] = []
-    for each in sorted(edits, key=lambda one: (one.range.start.line, one.range.start.character)):
-        if not kept or _end(kept[-1]) < (each.range.start.line, each.range.start.character):
-            kept.append(each)
-    return kept
-
-
-def _end(edit: types.TextEdit) -> tuple[int, int]:
-    return edit.range.end.line, edit.range.end.character
 
 
 def _waivers(

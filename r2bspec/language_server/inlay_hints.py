@@ -9,7 +9,7 @@ from lsprotocol import types
 from r2bspec.check.check_context import Context
 from r2bspec.diagnostics import Path
 from r2bspec.errors import R2bspecError
-from r2bspec.language.located_tree import ScalarNode, lookup
+from r2bspec.language.located_tree import ScalarNode, lookup, scalars_with_paths
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.text_positions import TextPositions
 from r2bspec.plan.compile_plan import compile_plan
@@ -65,26 +65,13 @@ def _values(analysis: Analysis, positions: TextPositions) -> Iterator[types.Inla
     tree = analysis.loaded.tree
     if own is None or tree is None:
         return
-    for path, written in _scalars(own, ()):
+    for path, written in scalars_with_paths(own):
         if "$(" not in written.text:
             continue
         value = lookup(tree, path)
         if isinstance(value, ScalarNode) and value.text != written.text and not value.secret:
             end = positions.offsets(written.span)[1]
             yield _after(positions, end, f"= {value.text[:40]}")
-
-
-def _scalars(node: object, path: Path) -> Iterator[tuple[Path, ScalarNode]]:
-    from r2bspec.language.located_tree import ListNode, MapNode
-
-    if isinstance(node, ScalarNode):
-        yield path, node
-    elif isinstance(node, MapNode):
-        for key, entry in node.entries.items():
-            yield from _scalars(entry.value, (*path, key))
-    elif isinstance(node, ListNode):
-        for index, item in enumerate(node.items):
-            yield from _scalars(item, (*path, index))
 
 
 def _after(positions: TextPositions, offset: int, text: str) -> types.InlayHint:

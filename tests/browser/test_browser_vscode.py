@@ -104,6 +104,26 @@ class Window:
                 raise AssertionError(f"{selector} with {text!r} in {found}")
             time.sleep(0.2)
 
+    def texts(self, selector: str) -> list[str]:
+        """The texts of the elements now."""
+        found: list[str] = self._page.evaluate(TEXTS.format(selector=selector)) or []
+        return found
+
+    def has(self, selector: str, timeout_s: float = 3.0) -> bool:
+        """Whether there is an element soon."""
+        deadline = time.monotonic() + timeout_s
+        while not self.texts(selector):
+            if time.monotonic() > deadline:
+                return False
+            time.sleep(0.05)
+        return True
+
+    def wait_until_gone(self, selector: str) -> None:
+        deadline = time.monotonic() + TIMEOUT_S
+        while self.texts(selector):
+            assert time.monotonic() < deadline, f"{selector} is still there"
+            time.sleep(0.05)
+
     def press(self, key: dict[str, Any], modifiers: int = 0) -> None:
         for kind in ("rawKeyDown", "keyUp"):
             self._page.call("Input.dispatchKeyEvent", type=kind, modifiers=modifiers, **key)

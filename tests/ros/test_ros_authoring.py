@@ -48,13 +48,18 @@ if __name__ == "__main__":
     main()
 """
 LAUNCH = """
-from launch import LaunchDescription
-from launch_ros.actions import Node
-
-
-def generate_launch_description():
-    return LaunchDescription([Node(
-        package='cell', executable='answer', name='answer', remappings=[('question', '/camera')])])
+<launch>
+  <arg name="camera" default="/camera"/>
+  <arg name="simulated" default="false"/>
+  <group unless="$(var simulated)">
+    <push-ros-namespace namespace="cell"/>
+    <node pkg="cell" exec="answer" name="answer">
+      <remap from="question" to="$(var camera)"/>
+      <param name="gain" value="4.5"/>
+    </node>
+  </group>
+  <node pkg="cell" exec="simulator" name="simulator" if="$(var simulated)"/>
+</launch>
 """
 QUICK = (
     *("--set", "benchmark.starts=1"),
@@ -135,14 +140,14 @@ def test_a_launch_file_and_a_bag_run(tmp_path: Path, monkeypatch: pytest.MonkeyP
     (prefix / "share" / "cell").mkdir()
     paths = filter(None, (str(prefix), os.environ.get("AMENT_PREFIX_PATH", "")))
     monkeypatch.setenv("AMENT_PREFIX_PATH", ":".join(paths))
-    Path("cell.launch.py").write_text(LAUNCH)
-    assert main(["init", "cell", "--from-launch", "cell.launch.py", "--from-bag", "./bag"]) == 0
+    Path("cell.launch.xml").write_text(LAUNCH)
+    assert main(["init", "cell", "--from-launch", "cell.launch.xml", "--from-bag", "./bag"]) == 0
     finished = bench.run(bench.folder / "cell.r2b.yaml", *QUICK)
     finished.assert_complete()
     (rate,) = finished.result()["metrics"]["rates"]
-    monitor = rate["pooled"]["monitors"]["answer"]
+    monitor = rate["pooled"]["monitors"]["cell_answer"]
     assert monitor["sent"] == monitor["received"] > 0
     assert main(["suggest", "cell.r2b.yaml", str(finished.folder), "--write", *QUICK]) == 0
     slos = yaml.safe_load(Path("cell.r2b.yaml").read_text())["slos"]
-    assert any("latency.p" in each for each in slos["measured_at_30_3_hz"]["require"])
+    assert any("latency.p" in each for each in slos["measured_at_30_3_hz"]["require"]), slos
     assert [each for each in validate(Path("cell.r2b.yaml")) if each.severity == "error"] == []

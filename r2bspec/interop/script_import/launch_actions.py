@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from r2bspec.interop.script_import.launch_conditions import condition_value
 from r2bspec.interop.script_import.script_values import (
     Construct,
     Place,
@@ -26,8 +27,6 @@ _IGNORED = frozenset(
     {
         "DeclareLaunchArgument",
         "LogInfo",
-        "RegisterEventHandler",
-        "TimerAction",
         "ReadyToTest",
         "Shutdown",
         "EmitEvent",
@@ -165,17 +164,12 @@ class _Collector:
         return group
 
     def _condition_is_met(self, action: Construct) -> bool:
-        condition = action.get("condition")
-        if not isinstance(condition, Construct):
-            return True
-        value = condition.get("predicate_expression", 0)
-        wanted = condition.short_name != "UnlessCondition"
-        if isinstance(value, str | bool):
-            return (str(value).lower() in {"true", "1", "on", "yes"}) is wanted
-        self.parts.ignored.append(
-            (f"the condition of {action.short_name} is not known", action.place)
-        )
-        return False
+        decided = condition_value(action.get("condition"))
+        if decided is None:
+            self._ignore(
+                f"the condition of {action.short_name} is not known, so it is left out", action
+            )
+        return decided is True
 
     def _with_remapping(self, action: Construct, group: _Group) -> _Group:
         source, target = action.get("src", 0), action.get("dst", 1)
@@ -189,14 +183,37 @@ class _Collector:
     def group(self, action: Construct, group: _Group) -> None:
         self.add_all(_list(action.get("actions", 0)), group)
 
+    def timer(self, action: Construct, group: _Group) -> None:
+        self._ignore("the delay of a TimerAction is left out: readiness is observed", action)
+        self.add_all(_list(action.get("actions")), group)
+
+    def handler(self, action: Construct, group: _Group) -> None:
+        """An event handler: what it starts when another process starts, ends or prints."""
+        event = action.get("event_handler", 0)
+        values = (
+            [*event.keywords.values(), *event.arguments] if isinstance(event, Construct) else []
+        )
+        started = [
+            one
+            for each in values
+            for one in (each if isinstance(each, list | tuple) else [each])
+            if isinstance(one, Construct) and one.short_name in _STARTS
+        ]
+        if started:
+            self._ignore("what an event handler starts is left out", action)
+        del group
+
     def node(self, action: Construct, group: _Group) -> None:
         executable = _text(action.get("executable"), "")
         if executable in CONTAINER_EXECUTABLES:
             name = _text(action.get("name"), "container")
             self.parts.containers.append(ContainerAction(name, executable, action))
-        else:
+        elif self._is_known(action, "package", "executable"):
             made = self._node(action, group)
             made.executable = executable
+            for each in _list(action.get("arguments")):
+                if not isinstance(each, str | int | float):
+                    self._ignore("an argument is left out: its value is not known", action)
             made.arguments = _texts(action.get("arguments"))
             self.parts.nodes.append(made)
 
@@ -227,11 +244,33 @@ class _Collector:
     def _component(self, action: Any, group: _Group, container: str) -> None:
         if isinstance(action, Unknown):
             self.parts.ignored.append((action.reason, action.place))
-        if not isinstance(action, Construct):
+        if not isinstance(action, Construct) or not self._condition_is_met(action):
+            return
+        if action.short_name != "ComposableNode":
+            self._ignore(f"the node that {action.short_name} makes is not known", action)
+            return
+        if not self._is_known(action, "package", "plugin"):
             return
         made = self._node(action, group)
         made.plugin, made.container = _text(action.get("plugin"), ""), container
         self.parts.nodes.append(made)
+
+    def _is_known(self, action: Construct, *keys: str) -> bool:
+        """Whether a file tells what it starts: a node without that has no form in a spec."""
+        for key in keys:
+            value = action.get(key)
+            if not _text(value, ""):
+                missing = unknown_in(value)
+                why = missing.reason if missing is not None else f"its {key} is not known"
+                self._ignore(f"{action.short_name} is left out: {why}", action)
+                return False
+        for key in ("name", "namespace"):
+            if action.get(key) is not None and not isinstance(action.get(key), str | list):
+                self._ignore(f"the {key} of {action.short_name} is not known", action)
+        return True
+
+    def _ignore(self, reason: str, action: Construct) -> None:
+        self.parts.ignored.append((reason, action.place))
 
     def _node(self, action: Construct, group: _Group) -> NodeAction:
         default = _text(action.get("plugin"), "").rpartition("::")[2]
@@ -266,6 +305,8 @@ class _Collector:
 
 _ACTIONS: dict[str, Callable[[_Collector, Construct, _Group], None]] = {
     "GroupAction": _Collector.group,
+    "TimerAction": _Collector.timer,
+    "RegisterEventHandler": _Collector.handler,
     "LaunchDescription": lambda all_, action, group: all_.add_all(
         _list(action.get("initial_entities", 0)), group
     ),
@@ -276,6 +317,8 @@ _ACTIONS: dict[str, Callable[[_Collector, Construct, _Group], None]] = {
     "LoadComposableNodes": _Collector.load,
     "IncludeLaunchDescription": _Collector.include,
 }
+
+_STARTS = frozenset(_ACTIONS) - {"RegisterEventHandler"}
 
 
 def _include(action: Construct, group: _Group) -> IncludeAction | None:

@@ -1,7 +1,7 @@
 """Launch files in XML and YAML as the same actions that a launch file in Python makes.
 
 Both notations have the same entities and attributes. References such as ``$(var x)`` are replaced
-where their values are known; entities of XML are refused.
+where their values are known; a text with another one is unknown. Entities of XML are refused.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ import yaml
 
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.interop.script_import.evaluator import Note
+from r2bspec.interop.script_import.launch_references import substituted
 from r2bspec.interop.script_import.script_reader import (
     SYNTAX,
     ScriptReader,
     UnusableScriptError,
 )
-from r2bspec.interop.script_import.script_values import Construct, LaunchText, Place
+from r2bspec.interop.script_import.script_values import Construct, LaunchText, Place, Unknown
 from r2bspec.language.yaml_scalars import ScalarError, resolve
 from r2bspec.untrusted.safe_yaml import load_values
 
-_REFERENCE = re.compile(r"\$\((?P<kind>[a-z-]+) (?P<name>[^()' ]+)(?: '?(?P<default>[^()']*)'?)?\)")
 _WORD = re.compile(r"(?:\$\([^)]*\)|\S)+")
 _CHILDREN = frozenset(
     {
@@ -157,17 +157,19 @@ class _Markup:
                 self.values[name] = value
 
     def _action(self, entity: _Entity) -> Construct | None:
-        keywords: dict[str, Any] = {}
-        for name, kind in (("if", "IfCondition"), ("unless", "UnlessCondition")):
-            if name in entity.values:
-                text = self._text(entity.get(name))
-                keywords["condition"] = self._construct(kind, {"predicate_expression": text})
         maker = _MAKERS.get(entity.name)
         if maker is None:
             self.notes.append(Note(f"<{entity.name}> has no form in a spec", self.place))
             return None
         name, own = maker(self, entity)
-        return self._construct(name, keywords | own)
+        return self._construct(name, self._condition(entity) | own)
+
+    def _condition(self, entity: _Entity) -> dict[str, Any]:
+        for name, kind in (("if", "IfCondition"), ("unless", "UnlessCondition")):
+            if name in entity.values:
+                text = self._text(entity.get(name))
+                return {"condition": self._construct(kind, {"predicate_expression": text})}
+        return {}
 
     def _construct(self, name: str, keywords: dict[str, Any]) -> Construct:
         return Construct(name, [], keywords, self.place)
@@ -181,7 +183,7 @@ class _Markup:
 
     def container(self, entity: _Entity) -> tuple[str, dict[str, Any]]:
         inside = [
-            self._construct("ComposableNode", self._node(each))
+            self._construct("ComposableNode", self._condition(each) | self._node(each))
             for each in entity.all("composable_node")
         ]
         return "ComposableNodeContainer", self._node(entity) | {
@@ -220,6 +222,8 @@ class _Markup:
         if not isinstance(value, str):
             return value
         text = self._text(value)
+        if not isinstance(text, str):
+            return text
         try:
             plain = resolve(text)
         except ScalarError:
@@ -236,14 +240,17 @@ class _Markup:
     def include(self, entity: _Entity) -> tuple[str, dict[str, Any]]:
         given = [*entity.all("arg"), *entity.all("let")]
         arguments = {
-            self._text(each.get("name")): LaunchText(self._text(each.get("value")))
-            for each in given
+            self._text(each.get("name")): self._launch_text(each.get("value")) for each in given
         }
         file = self._text(entity.get("file"))
         return "IncludeLaunchDescription", {
             "launch_description_source": file,
             "launch_arguments": arguments,
         }
+
+    def _launch_text(self, text: str) -> Any:
+        value = self._text(text)
+        return LaunchText(value) if isinstance(value, str) else value
 
     def remap(self, entity: _Entity) -> tuple[str, dict[str, Any]]:
         source, target = self._text(entity.get("from")), self._text(entity.get("to"))
@@ -252,20 +259,12 @@ class _Markup:
     def namespace(self, entity: _Entity) -> tuple[str, dict[str, Any]]:
         return "PushRosNamespace", {"namespace": self._text(entity.get("namespace"))}
 
-    def _text(self, text: str) -> str:
-        """A text with the references whose values are known replaced."""
-        return _REFERENCE.sub(self._reference, text.replace("$(dirname)", "$(script)"))
-
-    def _reference(self, found: re.Match[str]) -> str:
-        kind, name = found["kind"], found["name"]
-        if kind == "var" and name in self.values:
-            return str(self.values[name])
-        if kind == "find-pkg-share":
-            return f"$(share {name})"
-        if kind in {"env", "optenv"}:
-            return f"$(env {name})"
-        self.notes.append(Note(f"the value of {found[0]} is not known", self.place))
-        return f"{kind}_{name}"
+    def _text(self, text: str) -> Any:
+        """A text with its references replaced; unknown if the value of one is not known."""
+        found = substituted(text, self.values)
+        if found is None:
+            return Unknown(f"the value of {text} is not known", self.place)
+        return found
 
 
 _MAKERS = {

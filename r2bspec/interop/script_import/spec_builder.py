@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from r2bspec.datasets.sequences import SEQUENCES
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.interop.script_import.benchmark_script import BenchmarkScript
 from r2bspec.interop.script_import.config_keys import IMPORTED_KEYS, TOOL_KEYS
@@ -27,13 +26,14 @@ from r2bspec.interop.script_import.node_roles import (
     topic_in,
 )
 from r2bspec.interop.script_import.script_effects import add_steps
+from r2bspec.interop.script_import.script_settings import ScriptSettings
 from r2bspec.interop.script_import.script_values import (
     Construct,
-    Foreign,
     ImageSize,
     Place,
     Unknown,
 )
+from r2bspec.interop.script_import.spec_data_loader import DataLoaderWriter
 from r2bspec.interop.script_import.spec_nodes import NodeWriter, containers_of
 from r2bspec.interop.script_import.spec_values import (
     NoValueError,
@@ -46,6 +46,7 @@ from r2bspec.interop.script_import.yaml_writer import Block, document
 from r2bspec.language.schema.name_patterns import MESSAGE_TYPE, MONITOR_NAME, NAME
 
 NOT_IMPORTED = "R2B710"
+_NO_MONITOR = ("No monitor of the script is known: name an output of the graph instead of this.",)
 CHANGED = "R2B711"
 
 _DEFAULT_NAMESPACE = "r2b"
@@ -85,16 +86,18 @@ class _SpecBuilder:
     folder: Path
     notes: list[Note] = field(default_factory=list)
     changes: list[Note] = field(default_factory=list)
+    settings: ScriptSettings = field(init=False)
     values: SpecValues = field(init=False)
     graph: ScriptGraph = field(init=False)
     namespace: str = field(init=False)
     adapted: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
+        self.settings = ScriptSettings(self.script, self.notes)
         script_file = self.script.module.file
         folder = relative_folder(script_file.parent, self.folder)
         self.values = SpecValues(folder, self.script.sizes)
-        root = self._config("benchmark_namespace", _DEFAULT_NAMESPACE)
+        root = self.settings.value("benchmark_namespace", _DEFAULT_NAMESPACE)
         self.namespace = "/" + (root if isinstance(root, str) else _DEFAULT_NAMESPACE).strip("/")
         self.graph = divide_by_role(self.script.parts, self.script.docstring, self.namespace)
 
@@ -111,7 +114,17 @@ class _SpecBuilder:
             self.changes,
         )
         body = Block()
-        body.add("data_loader", self._data_loader())
+        if not self._is_live():
+            loader = DataLoaderWriter(
+                script,
+                self.settings,
+                self.graph,
+                self.namespace,
+                self.values,
+                self.notes,
+                self.changes,
+            )
+            body.add("data_loader", loader.block())
         preprocessors, graph, containers, monitors = Block(), Block(), Block(), self._monitors()
         player = [self.graph.player] if self.graph.player is not None else []
         used = containers_of(
@@ -140,7 +153,7 @@ class _SpecBuilder:
         top = Block()
         top.add("r2bspec", 1)
         top.add("name", name)
-        title = self._config("benchmark_name", "")
+        title = self.settings.value("benchmark_name", "")
         top.add("title", title if isinstance(title, str) and title.strip() else None)
         top.add("labels", self._labels())
         if self.namespace != f"/{_DEFAULT_NAMESPACE}":
@@ -171,34 +184,10 @@ class _SpecBuilder:
             found += ["", self.script.docstring]
         return found
 
-    def _config(self, key: str, default: Any) -> Any:
-        return self.script.config.get(key, default=default)
-
-    def _number(self, key: str, default: float) -> float:
-        value = self._config(key, default)
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        if is_number and math.isfinite(value):
-            return float(value)
-        self._lost(key, value)
-        return default
-
-    def _flag(self, key: str) -> bool:
-        return self._config(key, False) is True
-
-    def _lost(self, key: str, value: Any) -> None:
-        reason = value.reason if isinstance(value, Unknown) else "its value is not understood"
-        place = value.place if isinstance(value, Unknown) else self.script.config.place_of(key)
-        self.notes.append(Note(f"{key!r} is left out: {reason}", place))
-
-    def _comments(self, key: str) -> list[str]:
-        place = self.script.config.place_of(key)
-        is_given = key in self.script.config.keyword_places
-        return self.script.comments.at(place.line) if is_given else []
-
     def _labels(self) -> dict[str, Any]:
-        given = self._config("custom_report_info", {})
+        given = self.settings.value("custom_report_info", {})
         if not isinstance(given, dict):
-            self._lost("custom_report_info", given)
+            self.settings.lost("custom_report_info", given)
             return {}
         found: dict[str, Any] = {}
         for key, value in given.items():
@@ -208,7 +197,7 @@ class _SpecBuilder:
             elif isinstance(value, str | int | float | bool):
                 found[identifier(str(key))] = str(value)
             else:
-                self._lost("custom_report_info", value)
+                self.settings.lost("custom_report_info", value)
         return found
 
     def _variables(self) -> Block:
@@ -223,108 +212,18 @@ class _SpecBuilder:
         return block
 
     def _is_live(self) -> bool:
-        return self._mode() == "live"
-
-    def _mode(self) -> str:
-        value = self._config("benchmark_mode", "LOOPING")
-        name = value.name.rpartition(".")[2] if isinstance(value, Foreign) else value
-        if isinstance(name, str) and name.lower() in {"timeline", "looping", "sweeping", "live"}:
-            return name.lower()
-        self._lost("benchmark_mode", value)
-        return "looping"
-
-    def _data_loader(self) -> Block | None:
-        if self._is_live():
-            return None
-        block = Block()
-        path = self._config("input_data_path", "")
-        if not isinstance(path, str) or not path:
-            self._lost("input_data_path", path)
-            path = "recording"
-        dataset = path.rstrip("/").rpartition("/")[2]
-        recorded = {f"/{each}" for each in _topics_of(dataset)}
-        topics = self._loaded_topics(recorded)
-        if self._is_enough(recorded, topics):
-            block.add("bag", dataset, self._comments("input_data_path"))
-        else:
-            if recorded:
-                self._note_synthetic(dataset, recorded, topics)
-            full = path if path.startswith("/") else f"$(assets)/{path}"
-            block.add("bag", self.values.text(full), self._comments("input_data_path"))
-        block.add("window", self._window(), self._comments("input_data_start_time"))
-        block.add("topics", topics)
-        for key, source in (
-            ("publish_tf", "publish_tf_messages_in_set_data"),
-            ("publish_tf_static", "publish_tf_static_messages_in_set_data"),
-            ("real_time", "load_data_in_real_time"),
-        ):
-            if self._flag(source):
-                block.add(key, True, self._comments(source))
-        return block
-
-    def _is_enough(self, recorded: set[str], topics: dict[str, str]) -> bool:
-        """Whether the synthetic dataset of that name has all that the script loads."""
-        needs_tf = self._flag("publish_tf_messages_in_set_data")
-        needs_static = self._flag("publish_tf_static_messages_in_set_data")
-        wanted = {*topics, *(["/tf"] * needs_tf), *(["/tf_static"] * needs_static)}
-        return bool(recorded) and wanted <= recorded
-
-    def _note_synthetic(self, dataset: str, recorded: set[str], topics: dict[str, str]) -> None:
-        missing = ", ".join(sorted({*topics} - recorded)) or "transforms"
-        message = (
-            f"the synthetic dataset {dataset} has no {missing}: the recording of the script is "
-            "needed, below 'assets_root'"
-        )
-        place = self.script.config.place_of("input_data_path")
-        self.changes.append(Note(message, place))
-
-    def _window(self) -> dict[str, str]:
-        start = self._number("input_data_start_time", -1)
-        end = self._number("input_data_end_time", -1)
-        found = {}
-        if start > 0:
-            found["start"] = f"{start:g} s"
-        if end > 0:
-            found["end"] = f"{end:g} s"
-        return found
-
-    def _loaded_topics(self, recorded: set[str]) -> dict[str, str]:
-        loader = self.graph.loader
-        found: dict[str, str] = {}
-        for each in loader.remappings if loader else []:
-            inside = f"{self.namespace}/"
-            if each.source.startswith("/") and not each.source.startswith(inside):
-                # It never matches: the loader's own name is in the namespace of the benchmark.
-                found.setdefault(each.source, each.source.lstrip("/"))
-                continue
-            found.setdefault(f"/{each.source.removeprefix(inside)}", each.target)
-        wanted = [
-            one.target
-            for each in self.graph.preprocessors
-            if isinstance(each, NodeAction)
-            for one in each.remappings
-        ]
-        player = self.graph.player
-        if player is not None:
-            wanted += [remapped(player, f"buffer/input{n}") for n in input_numbers(player)]
-        for topic in wanted:
-            if f"/{topic}" in recorded and f"/{topic}" not in found:
-                # The loader of ros2_benchmark publishes every topic of the recording.
-                found[f"/{topic}"] = topic
-        if not found and loader is not None:
-            self.notes.append(Note("no loaded topic is named in the script", loader.source.place))
-        return found
+        return self.settings.mode() == "live"
 
     def _playback(self) -> Block:
         block = Block()
-        mode = self._mode()
-        block.add("mode", mode, self._comments("benchmark_mode"))
+        mode = self.settings.mode()
+        block.add("mode", mode, self.settings.comments("benchmark_mode"))
         if mode == "live":
             return block
-        size = int(self._number("playback_message_buffer_size", 100))
-        block.add("buffer", size, self._comments("playback_message_buffer_size"))
-        if self._flag("record_data_timeline"):
-            block.add("record_timeline", True, self._comments("record_data_timeline"))
+        size = int(self.settings.number("playback_message_buffer_size", 100))
+        block.add("buffer", size, self.settings.comments("playback_message_buffer_size"))
+        if self.settings.flag("record_data_timeline"):
+            block.add("record_timeline", True, self.settings.comments("record_data_timeline"))
         inputs = Block()
         player = self.graph.player
         if player is None:
@@ -397,6 +296,10 @@ class _SpecBuilder:
                 else []
             )
             block.add(unique_name(key, used), entry, above)
+        if not block.entries:
+            block.add(
+                "rosout", {"topic": "/rosout", "format": "rcl_interfaces/msg/Log"}, _NO_MONITOR
+            )
         return block
 
     def _watched(self, monitor: NodeAction) -> str:
@@ -407,7 +310,7 @@ class _SpecBuilder:
     def _prefixes(self) -> dict[int, str]:
         """The titles of monitors in reports, by the index of the monitor."""
         found: dict[int, str] = {}
-        given = self._config("monitor_info_list", [])
+        given = self.settings.value("monitor_info_list", [])
         for each in given if isinstance(given, list | tuple) else []:
             if not isinstance(each, Construct):
                 continue
@@ -423,27 +326,27 @@ class _SpecBuilder:
 
     def _benchmark(self) -> Block:
         block = Block()
-        duration = self._number("benchmark_duration", 5)
-        block.add("duration", f"{duration:g} s", self._comments("benchmark_duration"))
-        iterations = int(self._number("test_iterations", 5))
-        block.add("iterations", iterations, self._comments("test_iterations"))
-        if self._mode() in {"timeline", "live"}:
+        duration = self.settings.number("benchmark_duration", 5)
+        block.add("duration", f"{duration:g} s", self.settings.comments("benchmark_duration"))
+        iterations = int(self.settings.number("test_iterations", 5))
+        block.add("iterations", iterations, self.settings.comments("test_iterations"))
+        if self.settings.mode() in {"timeline", "live"}:
             return block
-        lower = self._number("publisher_lower_frequency", 10.0)
-        upper = self._number("publisher_upper_frequency", 100.0)
-        extra = self._config("additional_fixed_publisher_rate_tests", [10.0, 30.0, 60.0])
+        lower = self.settings.number("publisher_lower_frequency", 10.0)
+        upper = self.settings.number("publisher_upper_frequency", 100.0)
+        extra = self.settings.value("additional_fixed_publisher_rate_tests", [10.0, 30.0, 60.0])
         if not isinstance(extra, list | tuple) or not all(
             isinstance(each, int | float) and math.isfinite(each) for each in extra
         ):
-            self._lost("additional_fixed_publisher_rate_tests", extra)
+            self.settings.lost("additional_fixed_publisher_rate_tests", extra)
             extra = []
         rates = [*([lower] if lower == upper else []), *(each for each in extra if each <= upper)]
-        above = self._comments("additional_fixed_publisher_rate_tests")
+        above = self.settings.comments("additional_fixed_publisher_rate_tests")
         if len(rates) < len(extra):
             above = [*above, "Rates above the upper bound of the search are left out."]
         block.add("rates", [f"{each:g} Hz" for each in dict.fromkeys(rates)], above)
         if lower < upper:
-            loss = self._number("binary_search_acceptable_frame_loss_fraction", 0.05)
+            loss = self.settings.number("binary_search_acceptable_frame_loss_fraction", 0.05)
             search = {
                 "min": f"{lower:g} Hz",
                 "max": f"{upper:g} Hz",
@@ -452,7 +355,7 @@ class _SpecBuilder:
             if len(self.graph.monitors) > 1:
                 names = [each.key for each in self._monitors().entries]
                 search["holds"] = f"{names[0]}.{search['holds']}" if names else search["holds"]
-            block.add("search", search, self._comments("publisher_upper_frequency"))
+            block.add("search", search, self.settings.comments("publisher_upper_frequency"))
         return block
 
     def _note_rest(self) -> None:
@@ -501,11 +404,6 @@ class _SpecBuilder:
                 str(place.file), place.line, place.column, place.line, max(place.end_column - 1, 2)
             )
         return Diagnostic(code, severity, note.message, span)
-
-
-def _topics_of(dataset: str) -> list[str]:
-    known = SEQUENCES.get(dataset)
-    return [] if known is None else [each.name.lstrip("/") for each in known.sources]
 
 
 def _parameter(node: NodeAction, name: str) -> Any:

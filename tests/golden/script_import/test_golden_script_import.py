@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import construct_table
 import pytest
 
 from r2bspec.check import check
@@ -60,3 +61,8 @@ def test_the_corpus_has_every_mistake() -> None:
 
     found = {one.code for each in SCRIPTS for one in find_mistakes(read_benchmark_script(each))}
     assert found == {each.code for each in SCRIPT_PAGES if each.code >= "R2B720"}
+
+
+def test_the_table_of_calls_is_on_the_page() -> None:
+    page = (Path(__file__).parents[3] / "docs" / "importing.md").read_text(encoding="utf-8")
+    assert construct_table.markdown() in page

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rosbags.rosbag2 import Writer
+from rosbags.typesys import Stores, get_typestore
 
 from r2bspec.api import compile_plan, load, validate
 from r2bspec.authoring.draft_nodes import DraftNodes
@@ -142,6 +144,39 @@ def test_a_node_and_a_bag() -> None:
     assert "camera_info" in inputs
     assert "whether /r2b/camera_info is" in text
     assert spec().monitors["bright"].format == "sensor_msgs/msg/Image"
+
+
+def test_a_node_alone() -> None:
+    """Its own topics, and not those of a template; what it subscribes to comes from outside."""
+    Path("node.py").write_text(NODE)
+    text = made("--node", "./node.py:Bright")
+    assert spec().playback.mode == "live"
+    assert spec().monitors["bright"].format == "sensor_msgs/msg/Image"
+    assert list(spec().graph.nodes["source"].publishes) == [
+        "/r2b/camera_info",
+        "/r2b/hawk_0_left_rgb_image",
+    ]
+    assert "# - where /r2b/camera_info, /r2b/hawk_0_left_rgb_image come from" in text
+
+
+@pytest.mark.parametrize("hz", [0.2, 1, 2, 5, 10, 11, 12, 30])
+@pytest.mark.parametrize("seconds", [1, 5, 60])
+def test_a_bag_of_any_rate_has_messages_enough(hz: float, seconds: float) -> None:
+    """The objective that is proposed is one that the messages of a run can confirm."""
+    write_scans(Path("scans"), hz, max(2, round(hz * seconds)))
+    made("--from-bag", "./scans")
+    rate = spec().benchmark.rates[0].hz
+    assert rate * spec().benchmark.duration.seconds * 10 >= 29
+
+
+def write_scans(folder: Path, hz: float, count: int) -> None:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    kind = "std_msgs/msg/Float32"
+    with Writer(folder, version=9) as bag:
+        topic = bag.add_connection("/range", kind, typestore=store)
+        message = store.serialize_cdr(store.types[kind](1.5), kind)
+        for number in range(count):
+            bag.write(topic, 10**18 + round(number * 1e9 / hz), message)
 
 
 @pytest.mark.parametrize(

@@ -131,11 +131,14 @@ def test_the_node_under_test_can_be_named() -> None:
     [
         (["--node", "brightness.py"], "a Python node has the form module.Class"),
         (["--node", "a.B", "--template", "components"], "Use --node with one of these: live, "),
+        (["--node", "./gone.py:Gone"], "gone.py does not exist"),
+        (["--node", "./here.py:Gone"], "has no class or function 'Gone'"),
     ],
 )
 def test_a_node_that_does_not_fit_is_refused(
     arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    Path("here.py").write_text("class Here: ...\n", encoding="utf-8")
     assert main(["init", "camera", *arguments]) == 2
     assert said in capsys.readouterr().err
     assert not Path("camera.r2b.yaml").exists()

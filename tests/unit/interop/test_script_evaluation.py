@@ -12,6 +12,7 @@ from r2bspec.interop.script_import.evaluator import Evaluator
 from r2bspec.interop.script_import.script_limits import ScriptLimitError
 from r2bspec.interop.script_import.script_reader import ScriptReader, UnusableScriptError
 from r2bspec.interop.script_import.script_values import Construct, Unknown
+from r2bspec.interop.script_import.spec_builder import build_spec
 
 _COUNTER = """
 class Counter:
@@ -177,3 +178,30 @@ def test_unusable_scripts(tmp_path: Path, code: str, expected: str) -> None:
         read_benchmark_script(file)
     assert error.value.finding.code == expected
     assert error.value.finding.span.file == str(file)
+
+
+def test_nodes_of_a_missing_module_are_left_out(tmp_path: Path) -> None:
+    """What a function of another package makes is not known, and no node without a kind is left."""
+    script = tmp_path / "far.py"
+    script.write_text(
+        "from cell_far import make_node, make_monitor\n"
+        "from launch_ros.actions import ComposableNodeContainer\n"
+        "from launch_ros.descriptions import ComposableNode\n"
+        "from ros2_benchmark import ROS2BenchmarkConfig, ROS2BenchmarkTest\n\n"
+        "def launch_setup(prefix, timeout):\n"
+        "    own = ComposableNode(name='own', package='cell', plugin='cell::Own')\n"
+        "    return [ComposableNodeContainer(\n"
+        "        name='all', package='rclcpp_components', executable='component_container',\n"
+        "        composable_node_descriptions=[own, make_node('far'), make_monitor(1)])]\n\n"
+        "def generate_test_description():\n"
+        "    return FarTest.generate_test_description_with_nsys(launch_setup)\n\n"
+        "class FarTest(ROS2BenchmarkTest):\n"
+        "    config = ROS2BenchmarkConfig(benchmark_name='Far', benchmark_mode='LIVE')\n"
+    )
+    read = read_benchmark_script(script)
+    spec = build_spec(read, tmp_path)
+    said = [each.message for each in spec.findings if each.code == "R2B710"]
+    assert any("the node that make_node makes is not known" in each for each in said)
+    assert any("make_monitor" in each for each in said)
+    assert [each.name for each in read.parts.nodes] == ["own"]
+    assert "No monitor of the script is known" in spec.text

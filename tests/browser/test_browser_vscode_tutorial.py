@@ -1,0 +1,206 @@
+"""The spec of the tutorial is written in a real VS Code with what it offers.
+
+Keys are pressed, and proposals are accepted; only names and numbers are typed. See
+`test_browser_vscode` for what it needs.
+"""
+
+from __future__ import annotations
+
+import json
+import runpy
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+from test_browser_vscode import (
+    CONTROL,
+    SPACE,
+    TIMEOUT_S,
+    Window,
+    pytestmark,
+)
+from test_browser_vscode import address as address
+from test_browser_vscode import window as window
+
+from r2bspec.api import validate
+from tutorial_page import page_files
+
+__all__ = ["pytestmark"]
+
+TAB, DOWN, ESCAPE, ENTER, SAVE = (
+    {"key": name, "code": code, "windowsVirtualKeyCode": number}
+    for name, code, number in (
+        ("Tab", "Tab", 9),
+        ("ArrowDown", "ArrowDown", 40),
+        ("Escape", "Escape", 27),
+        ("Enter", "Enter", 13),
+        ("s", "KeyS", 83),
+    )
+)
+SETTINGS = {
+    "[r2bspec]": {"editor.quickSuggestions": {"other": False, "strings": False}},
+    "editor.suggestOnTriggerCharacters": False,
+    "editor.wordBasedSuggestions": "off",
+    "files.autoSave": "off",
+}
+"""The list opens when it is asked for, so that no key is pressed while one appears."""
+ROW = ".suggest-widget.visible .monaco-list-row"
+MOST_ROWS = 400
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the user of the tutorial has: the node, and the recording; and an empty file."""
+    folder = tmp_path_factory.mktemp("robot")
+    programs = folder / ".venv" / "bin"
+    programs.mkdir(parents=True)
+    (programs / "r2bspec").write_text(f'#!/bin/sh\nexec {sys.executable} -m r2bspec "$@"\n')
+    (programs / "r2bspec").chmod(0o755)
+    for name in ("stereo_brightness.py", "make_drive.py"):
+        (folder / name).write_text(page_files()[name])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        runpy.run_path("make_drive.py")
+    (folder / "stereo.r2b.yaml").touch()
+    (folder / ".vscode").mkdir()
+    (folder / ".vscode" / "settings.json").write_text(json.dumps(SETTINGS))
+    return folder
+
+
+class Typist:
+    """Writes in the editor of a window."""
+
+    def __init__(self, window: Window) -> None:
+        self._window = window
+
+    def type(self, text: str) -> None:
+        self._window.type(text)
+
+    def line(self, indent: int, text: str = "") -> None:
+        """Begin a line, out of the snippet that was accepted last."""
+        self._window.press(ESCAPE)
+        self._window.type("\n" + " " * indent + text)
+
+    def next_stop(self) -> None:
+        self._window.press(TAB)
+
+    def accept(self, label: str) -> None:
+        """Choose a proposal of the list, which is opened again until it has it."""
+        deadline = time.monotonic() + TIMEOUT_S
+        while not self._focus(label):
+            assert time.monotonic() < deadline, f"{label!r} is not offered"
+            self._window.press(ESCAPE)
+        self._window.press(ENTER)
+        self._window.wait_until_gone(ROW)
+
+    def _focus(self, label: str) -> bool:
+        self._window.press(SPACE, CONTROL)
+        if not self._window.has(ROW):
+            return False
+        for _ in range(MOST_ROWS):
+            focused = self._window.texts(f"{ROW}.focused .label-name")
+            if focused == [label]:
+                return True
+            self._window.press(DOWN)
+        return False
+
+
+def test_the_spec_of_the_tutorial(window: Window, workspace: Path) -> None:
+    window.open("stereo.r2b.yaml")
+    write(Typist(window))
+    window.press(SAVE, CONTROL)
+    file = workspace / "stereo.r2b.yaml"
+    deadline = time.monotonic() + TIMEOUT_S
+    while not file.read_text():
+        assert time.monotonic() < deadline, "it is not saved"
+        time.sleep(0.1)
+    assert yaml.safe_load(file.read_text()) == yaml.safe_load(page_files()["stereo.r2b.yaml"])
+    assert [each.message for each in validate(file) if each.severity != "info"] == []
+
+
+def write(editor: Typist) -> None:
+    editor.accept("r2bspec")
+    editor.accept("1")
+    editor.line(0)
+    editor.accept("name")
+    editor.type("stereo_brightness")
+
+    editor.line(0)
+    editor.accept("data_loader")
+    editor.accept("bag")
+    editor.accept("./drive")
+    editor.line(2)
+    editor.accept("topics")
+    for number, side in enumerate(("left", "right")):
+        if number:
+            editor.line(4)
+        editor.accept(f"/{side}/image_raw")
+        editor.type(f"recorded/{side}")
+
+    editor.line(0)
+    editor.accept("playback")
+    editor.accept("pairing")
+    editor.accept("slop")
+    editor.type("10 ")
+    editor.accept("ms")
+    editor.line(2)
+    editor.accept("inputs")
+    for number, side in enumerate(("left", "right")):
+        if number:
+            editor.line(4)
+        editor.accept(f"{side}/image_raw")
+        editor.accept(f"recorded/{side}")
+        editor.next_stop()
+        editor.accept("sensor_msgs/msg/Image")
+
+    editor.line(0)
+    editor.accept("graph")
+    editor.accept("nodes")
+    editor.type("brightness:")
+    editor.line(6)
+    editor.accept("python")
+    editor.accept("./stereo_brightness.py:StereoBrightness")
+
+    editor.line(0)
+    editor.accept("monitors")
+    editor.accept("a monitor")
+    editor.type("brightness")
+    editor.next_stop()
+    editor.accept("brightness")
+    editor.next_stop()
+    editor.accept("geometry_msgs/msg/PointStamped")
+
+    editor.line(0)
+    editor.accept("benchmark")
+    editor.accept("rates")
+    editor.type("[20 ")
+    editor.accept("Hz")
+    editor.type("]")
+    editor.line(2)
+    editor.accept("duration")
+    editor.type("1500 ")
+    editor.accept("ms")
+    editor.line(2)
+    editor.accept("iterations")
+    editor.type("4")
+
+    editor.line(0)
+    editor.accept("slos")
+    editor.accept("an objective")
+    editor.type("keeps_up")
+    editor.next_stop()
+    editor.accept("20 Hz")
+    editor.next_stop()
+    editor.accept("latency.p90")
+    editor.type(" ")
+    editor.accept("<")
+    editor.type(" 200 ")
+    editor.accept("ms")
+    editor.line(6, "- ")
+    editor.accept("drop_rate")
+    editor.type(" ")
+    editor.accept("<=")
+    editor.type(" 5 ")
+    editor.accept("%")

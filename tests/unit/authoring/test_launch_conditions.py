@@ -1,0 +1,176 @@
+"""Conditions, arguments, includes and groups of launch files in Python, XML and YAML."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from r2bspec.api import load, validate
+from r2bspec.cli.main import main
+
+PYTHON = """
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, GroupAction, IncludeLaunchDescription
+from launch.actions import RegisterEventHandler, TimerAction
+from launch.conditions import IfCondition, LaunchConfigurationEquals, UnlessCondition
+from launch.event_handlers import OnProcessStart
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch.substitutions import (
+    AndSubstitution, EnvironmentVariable, EqualsSubstitution, LaunchConfiguration, NotSubstitution,
+    PythonExpression, ThisLaunchFileDir)
+from launch_ros.actions import ComposableNodeContainer, Node, PushRosNamespace
+from launch_ros.descriptions import ComposableNode
+
+
+def node(name, **more):
+    return Node(package='cell', executable='eye', name=name, **more)
+
+
+def generate_launch_description():
+    side, simulated = LaunchConfiguration('side'), LaunchConfiguration('simulated')
+    late = node('late')
+    return LaunchDescription([
+        DeclareLaunchArgument('side', default_value='left'),
+        DeclareLaunchArgument('simulated', default_value='false'),
+        node('real', condition=UnlessCondition(simulated)),
+        node('never_simulated', condition=IfCondition(simulated)),
+        node('by_name', condition=LaunchConfigurationEquals('side', 'left')),
+        node('never_right', condition=LaunchConfigurationEquals('side', 'right')),
+        node('compared', condition=IfCondition(EqualsSubstitution(side, 'left'))),
+        node('evaluated', condition=IfCondition(
+            PythonExpression(["'", side, "' in ('left', 'both')"]))),
+        node('never_all', condition=IfCondition(
+            AndSubstitution(simulated, NotSubstitution(simulated)))),
+        node('unsure', condition=IfCondition(EnvironmentVariable('CELL_MODE'))),
+        GroupAction(condition=IfCondition('1'), actions=[
+            PushRosNamespace(['cell_', side]), node('inside')]),
+        GroupAction(condition=IfCondition('0'), actions=[node('never_inside')]),
+        ComposableNodeContainer(
+            name='vision', namespace='', package='rclcpp_components',
+            executable='component_container',
+            composable_node_descriptions=[
+                ComposableNode(package='image_proc', plugin='image_proc::RectifyNode',
+                               name='rectify', condition=IfCondition('true')),
+                ComposableNode(package='image_proc', plugin='image_proc::DebayerNode',
+                               name='never_debayer', condition=UnlessCondition('true'))]),
+        TimerAction(period=3.0, actions=[node('delayed')]),
+        RegisterEventHandler(OnProcessStart(target_action=late, on_start=[late])),
+    ])
+"""
+XML = """
+<launch>
+  <arg name="side" default="left"/>
+  <arg name="simulated" default="false"/>
+  <node pkg="cell" exec="eye" name="real" unless="$(var simulated)"/>
+  <node pkg="cell" exec="eye" name="never_simulated" if="$(var simulated)"/>
+  <node pkg="cell" exec="eye" name="by_name" if="$(equals $(var side) left)"/>
+  <node pkg="cell" exec="eye" name="never_right" unless="$(equals $(var side) left)"/>
+  <node pkg="cell" exec="eye" name="compared" if="$(not-equals $(var side) right)"/>
+  <node pkg="cell" exec="eye" name="evaluated"
+    if="$(eval '&quot;$(var side)&quot; != &quot;right&quot;')"/>
+  <node pkg="cell" exec="eye" name="never_all"
+    if="$(and $(var simulated) $(not $(var simulated)))"/>
+  <node pkg="cell" exec="eye" name="unsure" if="$(env CELL_MODE)"/>
+  <group if="1">
+    <push-ros-namespace namespace="cell_$(var side)"/>
+    <node pkg="cell" exec="eye" name="inside"/>
+  </group>
+  <group unless="true"><node pkg="cell" exec="eye" name="never_inside"/></group>
+  <node_container pkg="rclcpp_components" exec="component_container" name="vision" namespace="">
+    <composable_node pkg="image_proc" plugin="image_proc::RectifyNode" name="rectify" if="true"/>
+    <composable_node pkg="image_proc" plugin="image_proc::DebayerNode" name="never_debayer"
+      unless="true"/>
+  </node_container>
+  <include file="$(dirname)/more.launch.xml" if="$(var simulated)"/>
+  <include file="$(dirname)/more.launch.xml"><arg name="which" value="delayed"/></include>
+</launch>
+"""
+MORE = """
+<launch>
+  <arg name="which"/>
+  <node pkg="cell" exec="eye" name="$(var which)"/>
+</launch>
+"""
+YAML = """
+launch:
+- arg: {name: side, default: left}
+- arg: {name: simulated, default: 'false'}
+- node: {pkg: cell, exec: eye, name: real, unless: $(var simulated)}
+- node: {pkg: cell, exec: eye, name: never_simulated, if: $(var simulated)}
+- node: {pkg: cell, exec: eye, name: by_name, if: $(equals $(var side) left)}
+- node: {pkg: cell, exec: eye, name: never_right, unless: $(equals $(var side) left)}
+- node: {pkg: cell, exec: eye, name: compared, if: $(not-equals $(var side) right)}
+- node: {pkg: cell, exec: eye, name: evaluated, if: "$(eval '\\"$(var side)\\" == \\"left\\"')"}
+- node: {pkg: cell, exec: eye, name: never_all, if: $(and $(var simulated) true)}
+- node: {pkg: cell, exec: eye, name: unsure, if: $(env CELL_MODE)}
+- group:
+    if: true
+    children:
+    - push_ros_namespace: {namespace: cell_$(var side)}
+    - node: {pkg: cell, exec: eye, name: inside}
+- group:
+    unless: true
+    children:
+    - node: {pkg: cell, exec: eye, name: never_inside}
+- node_container:
+    pkg: rclcpp_components
+    exec: component_container
+    name: vision
+    namespace: ''
+    composable_node:
+    - {pkg: image_proc, plugin: 'image_proc::RectifyNode', name: rectify, if: 'true'}
+    - {pkg: image_proc, plugin: 'image_proc::DebayerNode', name: never_debayer, unless: 'true'}
+- include:
+    file: $(dirname)/more.launch.xml
+    arg: [{name: which, value: delayed}]
+"""
+STARTED = ["real", "by_name", "compared", "evaluated", "inside", "rectify", "delayed"]
+
+
+@pytest.fixture(autouse=True)
+def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("more.launch.xml").write_text(MORE)
+
+
+def made(name: str, content: str) -> tuple[Any, str]:
+    """The spec of a launch file, which has no errors, and its text."""
+    Path(name).write_text(content)
+    assert main(["init", "made", "--from-launch", name]) == 0
+    file = Path("made.r2b.yaml")
+    assert [each.message for each in validate(file) if each.severity == "error"] == []
+    return load(file), file.read_text()
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("a.launch.py", PYTHON), ("a.launch.xml", XML), ("a.launch.yaml", YAML)],
+)
+def test_only_what_is_started_is_a_node(name: str, content: str) -> None:
+    spec, text = made(name, content)
+    assert list(spec.graph.nodes) == STARTED
+    assert spec.graph.nodes["inside"].namespace == "/cell_left"
+    assert spec.graph.nodes["rectify"].container == "vision"
+    assert "the condition of Node is not known, so it is left out" in text
+
+
+def test_delays_and_handlers_of_events_are_told() -> None:
+    _, text = made("a.launch.py", PYTHON)
+    assert "the delay of a TimerAction is left out" in text
+    assert "what an event handler starts is left out" in text
+
+
+@pytest.mark.parametrize(
+    "value", ["$(command 'ls')", "$(var nowhere)", "$(eval 'open(1)')", "$(env A", "$(not maybe)"]
+)
+def test_what_is_not_known_is_not_guessed(value: str) -> None:
+    text = f"""<launch>
+      <node pkg="cell" exec="{value}" name="one"/>
+      <node pkg="cell" exec="eye" name="two"><param name="mode" value="{value}"/></node>
+    </launch>"""
+    spec, head = made("a.launch.xml", text)
+    assert list(spec.graph.nodes) == ["two"]
+    assert spec.graph.nodes["two"].parameters == {}
+    assert "Node is left out: the value of" in head
