@@ -66,10 +66,13 @@ class FleetLimits:
     Attributes:
         lost_s: how long runs wait for hosts that left.
         retry_invalid: how often an invalid run is made again, on the same host.
+        losses: how often the host of one run may leave: a run that takes all memory of its host
+            would end every worker that it is given to.
     """
 
     lost_s: float = 600.0
     retry_invalid: int = 1
+    losses: int = 20
 
 
 class Ended(NamedTuple):
@@ -96,6 +99,7 @@ class _Entry:
     bundle: Bundle
     needs: tuple[str, ...]
     attempt: int = 1
+    losses: int = 0
     refused: dict[str, R2bspecError] = field(default_factory=dict)
     since: float = field(default_factory=time.monotonic)
     ended: bool = False
@@ -398,9 +402,17 @@ class FleetRuns:
             if self._closing:
                 return
             self._journal.write(self._place(entry), host.name, "", entry.attempt, "lost", str(lost))
+            entry.losses += 1
             entry.since = time.monotonic()
-            self._waiting.insert(0, entry)
-            self._changed.notify_all()
+            is_last = entry.losses > self._limits.losses
+            if not is_last:
+                self._waiting.insert(0, entry)
+                self._changed.notify_all()
+        if is_last:
+            text = f"the host of the run left the fleet {entry.losses} times, {host.name} at last"
+            hint = "The run may take more memory than its host has: try it on that machine alone."
+            self._end(entry, host.name, HostLostError(text, hint=hint))
+            return
         self._on_note(f"{host.name} is lost; {entry.run.name} will be made again")
 
     def _refused(self, entry: _Entry, host: Host, error: R2bspecError) -> None:

@@ -11,7 +11,7 @@ import pytest
 from r2bspec._version import __version__
 from r2bspec.fleet.bundle import SentSide
 from r2bspec.fleet.client import Host
-from r2bspec.fleet.errors import HostFullError, TransferError
+from r2bspec.fleet.errors import HostFullError, HostLostError, TransferError
 from r2bspec.fleet.fleet_runs import Ended, FleetLimits, FleetRun, FleetRuns
 from r2bspec.fleet.host_facts import HostFacts
 from r2bspec.fleet.host_messages import Played, Problem, Request, decode, encode
@@ -81,12 +81,17 @@ def run_of(folder: Path) -> FleetRun:
     )
 
 
-def play(folder: Path, service: Service, before: Callable[[Request], None]) -> Ended:
+def play(
+    folder: Path,
+    service: Service,
+    before: Callable[[Request], None],
+    limits: FleetLimits = FleetLimits(),  # noqa: B008 - immutable
+) -> Ended:
     root = folder / "out"
     root.mkdir()
     journal = Journal(root)
     client: Any = DirectClient(service, before)
-    runs = FleetRuns(client, root, journal, FleetLimits(), lambda _: None, lambda _, __: None)
+    runs = FleetRuns(client, root, journal, limits, lambda _: None, lambda _, __: None)
     (ended,) = runs.play([run_of(folder)])
     journal.close()
     return ended
@@ -160,3 +165,15 @@ def test_a_host_without_room_for_a_run_leaves_it_to_others(
     assert list((service.store.root / "spool").iterdir()) == []
     states = [each.state for each in read_journal(tmp_path / "out") if each.state]
     assert states == ["sent", "full"]
+
+
+def test_a_run_whose_hosts_are_lost_again_and_again_ends(service: Service, tmp_path: Path) -> None:
+    def before(request: Request) -> None:
+        if request.what == "play":
+            raise HostLostError("the host here left the fleet")
+
+    ended = play(tmp_path, service, before, FleetLimits(losses=1))
+    assert isinstance(ended.error, HostLostError)
+    assert "left the fleet 2 times" in str(ended.error)
+    states = [each.state for each in read_journal(tmp_path / "out") if each.state]
+    assert states == ["sent", "lost", "sent", "lost"]
