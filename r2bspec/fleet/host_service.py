@@ -244,6 +244,8 @@ class HostService:
 
     def _piece(self, request: Request) -> bytes:
         archive = self.store.spool(request.identity) / _ARCHIVE
+        if not archive.exists():
+            raise TransferError(f"the host {self.facts.name} has removed the run")
         with archive.open("rb") as stream:
             stream.seek(request.offset)
             return b"=" + stream.read(min(request.size, _MAX_PIECE_BYTES))
