@@ -50,6 +50,12 @@ def spec(tmp_path: Path) -> Path:
     return Bench(tmp_path / "bench").write(made, "relay")
 
 
+def wait_until_it_plays(hosts: Fleet, name: str) -> None:
+    """Wait for the job in the folder of a host; what the journal calls sent may be on its way."""
+    spool = hosts.folder / f"host-{name}" / "spool"
+    wait_until(lambda: bool(list(spool.glob("*/job.json"))), f"the run on {name}")
+
+
 def assert_made_once(done: Client) -> None:
     """One run folder is here, one line of the table, and one event that says it is done."""
     assert len(done.kept()) == len(done.summary()["runs"]) == len(done.events("done")) == 1
@@ -64,6 +70,7 @@ def test_the_run_of_a_frozen_worker_is_made_elsewhere(
     client = hosts.client(spec, "--hosts", "any", output=tmp_path / "out")
     client.wait_for("sent")
     frozen = client.events("sent")[0].host
+    wait_until_it_plays(hosts, frozen)
     hosts.workers[frozen].send_signal(signal.SIGSTOP)
     client.finish()
     assert [each.host for each in client.events("lost")] == [frozen], client.stderr
@@ -84,7 +91,7 @@ def test_the_run_of_an_unplugged_host_is_fetched_when_it_is_back(
     with SlowLink(hosts.port, bytes_per_s=1 << 40) as link:
         hosts.start_worker("far", program=HASTY, at=link.address)
         client = hosts.client(spec, output=tmp_path / "out")
-        client.wait_for("sent")
+        wait_until_it_plays(hosts, "far")
         link.unplug()
         client.wait_for("lost")
         link.plug_in()

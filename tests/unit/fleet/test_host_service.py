@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import pytest
 from r2bspec._version import __version__
 from r2bspec.fleet.bundle import SentSide
 from r2bspec.fleet.client import Host
-from r2bspec.fleet.errors import HostFullError, TransferError
+from r2bspec.fleet.errors import HostFullError, HostLostError, TransferError
 from r2bspec.fleet.fleet_runs import Ended, FleetLimits, FleetRun, FleetRuns
 from r2bspec.fleet.host_facts import HostFacts
 from r2bspec.fleet.host_messages import Played, Problem, Request, decode, encode
@@ -61,7 +62,9 @@ class DirectClient:
     def read_piece(self, host: Host, identity: str, offset: int, size: int) -> bytes:
         assert host.name == "here"
         request = Request(what="piece", identity=identity, offset=offset, size=size)
-        return self._service.answer(encode(request), b"")[1:]
+        self._before(request)
+        answer = self._service.answer(encode(request), b"")
+        return answer[1:] if answer[:1] == b"=" else decode(answer, bytes)
 
 
 @pytest.fixture
@@ -81,12 +84,17 @@ def run_of(folder: Path) -> FleetRun:
     )
 
 
-def play(folder: Path, service: Service, before: Callable[[Request], None]) -> Ended:
+def play(
+    folder: Path,
+    service: Service,
+    before: Callable[[Request], None],
+    limits: FleetLimits = FleetLimits(),  # noqa: B008 - immutable
+) -> Ended:
     root = folder / "out"
     root.mkdir()
     journal = Journal(root)
     client: Any = DirectClient(service, before)
-    runs = FleetRuns(client, root, journal, FleetLimits(), lambda _: None, lambda _, __: None)
+    runs = FleetRuns(client, root, journal, limits, lambda _: None, lambda _, __: None)
     (ended,) = runs.play([run_of(folder)])
     journal.close()
     return ended
@@ -160,3 +168,55 @@ def test_a_host_without_room_for_a_run_leaves_it_to_others(
     assert list((service.store.root / "spool").iterdir()) == []
     states = [each.state for each in read_journal(tmp_path / "out") if each.state]
     assert states == ["sent", "full"]
+
+
+def test_a_run_whose_hosts_are_lost_again_and_again_ends(service: Service, tmp_path: Path) -> None:
+    def before(request: Request) -> None:
+        if request.what == "play":
+            raise HostLostError("the host here left the fleet")
+
+    ended = play(tmp_path, service, before, FleetLimits(losses=1))
+    assert isinstance(ended.error, HostLostError)
+    assert "left the fleet 2 times" in str(ended.error)
+    states = [each.state for each in read_journal(tmp_path / "out") if each.state]
+    assert states == ["sent", "lost", "sent", "lost"]
+
+
+def test_a_run_that_was_removed_before_it_was_fetched_is_played_again(
+    service: Service, tmp_path: Path
+) -> None:
+    def before(request: Request) -> None:
+        if request.what == "piece" and service.plays == 1:
+            remove(service.store.root / "spool")
+            service.store.open()
+
+    assert play(tmp_path, service, before).error is None
+    assert service.plays == 2
+    assert (tmp_path / "out" / "relay" / "record.json").is_file()
+    states = [each.state for each in read_journal(tmp_path / "out") if each.state]
+    assert states == ["sent", "sent", "done"]
+
+
+def test_a_host_that_is_lost_when_its_run_is_here_does_not_count_twice(
+    service: Service, tmp_path: Path
+) -> None:
+    def before(request: Request) -> None:
+        if request.what == "drop":
+            raise HostLostError("the host here left the fleet")
+
+    assert play(tmp_path, service, before).error is None
+    states = [each.state for each in read_journal(tmp_path / "out") if each.state]
+    assert states == ["sent", "done"]
+
+
+def test_runs_that_no_client_has_are_removed_last(tmp_path: Path) -> None:
+    store = HostStore(tmp_path / "host", limit_bytes=1000)
+    store.open()
+    for number, name in enumerate(("spool/run", "recordings/bag", "objects/file")):
+        (store.root / name).parent.mkdir(exist_ok=True)
+        (store.root / name).write_bytes(bytes(600))
+        os.utime(store.root / name, (number * 60, number * 60))
+    store.trim()
+    assert (store.root / "spool" / "run").exists()
+    assert not (store.root / "recordings" / "bag").exists()
+    assert not (store.root / "objects" / "file").exists()
