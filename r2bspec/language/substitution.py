@@ -193,6 +193,10 @@ class _Substitution:
                         self._report_clash(name, instance.key_span, entries[name].key_span)
                     entries.setdefault(name, instance)
                 continue
+            if _is_final(entry.value) and OPENING not in key and key not in entries:
+                # Most entries.
+                entries[key] = entry
+                continue
             value = self.walk(entry.value, known.get(key) if known is not None else below)
             new, sure = (key, True)
             if OPENING in key:
@@ -397,6 +401,13 @@ class _Substitution:
             return node.span
         source = self._sources.get(node.span.file)
         return inner_span(source, node.span, node.text, offset, length)
+
+
+def _is_final(node: TreeNode) -> bool:
+    """Whether a node is a single value without a reference, and no secret."""
+    if type(node) is not ScalarNode or node.secret:
+        return False
+    return type(node.value) is not str or OPENING not in node.value
 
 
 def _as_text(node: ScalarNode | UnknownNode) -> ScalarNode | UnknownNode:
