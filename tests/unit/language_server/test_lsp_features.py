@@ -296,7 +296,17 @@ async def test_snippets(document: OpenDocument, owner: str, label: str, keys: li
     assert isinstance(item.text_edit, types.TextEdit)
     _, *lines = item.text_edit.new_text.split("\n")
     below = [each for each in lines if each.startswith("  ") and each[2] != " "]
+    assert not [each for each in lines if ": ${" in each]
     assert [each.split(":")[0].strip() for each in below] == keys
+
+
+@in_module
+async def test_a_snippet_of_a_whole_spec(document: OpenDocument) -> None:
+    found = await document.labels("¦")
+    item = found["r2bspec with its keys"]
+    assert isinstance(item.text_edit, types.TextEdit)
+    assert item.text_edit.new_text.startswith("r2bspec: 1\nname: $1\ndata_loader:\n  bag: $2\n")
+    assert "r2bspec" in found
 
 
 # What is said, and where it is defined
