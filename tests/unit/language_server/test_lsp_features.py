@@ -545,6 +545,16 @@ async def test_the_last_result_is_a_lens(document: OpenDocument) -> None:
     result = json.loads((document.path.parent / "runs/simulated-1/result.json").read_text())
     assert titles[4].startswith("last result: p99 ")
     assert titles[4].endswith(f", {result['verdict']['outcome'].upper()}")
+    command = (lenses or ())[4].command
+    assert command is not None
+    before = len(document.client.shown_documents)
+    await document.client.workspace_execute_command_async(
+        types.ExecuteCommandParams(command.command, command.arguments)
+    )
+    while len(document.client.shown_documents) == before:
+        await asyncio.sleep(0.02)
+    report = Path(document.client.shown_documents[-1].uri.removeprefix("file://"))
+    assert "A simulated run" in report.read_text().split("\n")[0]
 
 
 @in_module
