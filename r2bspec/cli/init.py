@@ -101,7 +101,7 @@ def command(
     from r2bspec.cli.init_sources import (
         InitSources,
         check_node_file,
-        has_known_topics,
+        is_readable_node,
         spec_from_sources,
     )
     from r2bspec.language.schema.derive_strict import published_schema_text
@@ -121,7 +121,7 @@ def command(
         raise click.UsageError("--template cannot be combined with --from-...")
     chosen = click.get_current_context().get_parameter_source("template")
     is_default = chosen is click.core.ParameterSource.DEFAULT
-    if sources.are_given or (node and is_default and has_known_topics(node, spec_file.parent)):
+    if sources.are_given or (node and is_default and is_readable_node(node, spec_file.parent)):
         made = spec_from_sources(benchmark, spec_file.parent, sources)
         text = filled(made, None, f"./{_SCHEMA}")
     else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -83,32 +84,37 @@ def check_node_file(target: str, folder: Path) -> None:
     from r2bspec.check.installed_packages import top_level_names
     from r2bspec.check.python_target import python_target
     from r2bspec.untrusted.safe_file import is_regular
+    from r2bspec.wiring.ast_reader import read_python_file
 
     found = python_target(target, folder)
     if found.module:
         return
     if not is_regular(found.file):
-        raise UsageError(f"{found.file} does not exist", hint=f"Paths are relative to {folder}.")
+        hint = "Paths are relative to the folder of the spec."
+        raise UsageError(f"{found.file} does not exist", hint=hint)
     try:
         names = top_level_names(found.file)
     except SyntaxError as error:
         raise UsageError(f"{found.file}:{error.lineno}: {error.msg}") from error
     if names is not None and found.name not in names:
-        known = ", ".join(sorted(each for each in names if each[:1].isupper())) or "none"
+        tree = read_python_file(found.file)
+        classes = (
+            [each.name for each in tree.body if isinstance(each, ast.ClassDef)] if tree else []
+        )
         raise UsageError(
-            f"{found.file} has no class or function {found.name!r}", hint=f"Classes: {known}."
+            f"{found.file} has no class or function {found.name!r}",
+            hint=f"Its classes: {', '.join(classes) or 'none'}.",
         )
 
 
-def has_known_topics(target: str, folder: Path) -> bool:
-    """Whether the source of a node in a file tells what it publishes or subscribes to."""
+def is_readable_node(target: str, folder: Path) -> bool:
+    """Whether a target is a class of a node, in a file whose source tells its topics or not."""
     from r2bspec.check.python_target import python_target
     from r2bspec.wiring.ast_reader import read_node_class, read_python_file
 
     found = python_target(target, folder)
     tree = read_python_file(found.file) if not found.module and found.readable else None
-    known = read_node_class(tree, found.name) if tree is not None else None
-    return known is not None and bool(known.publishes or known.subscribes)
+    return tree is not None and read_node_class(tree, found.name) is not None
 
 
 def _add_python_node(draft: DraftNodes, target: str) -> None:

@@ -9,7 +9,14 @@ from typing import Final
 from lsprotocol import types
 
 from r2bspec.language_server.analysis import Analysis
-from r2bspec.language_server.editor_commands import DRAW_GRAPH, PLAN, RUN, SMOKE, SpecCommand
+from r2bspec.language_server.editor_commands import (
+    DRAW_GRAPH,
+    PLAN,
+    RUN,
+    SHOW_RESULT,
+    SMOKE,
+    SpecCommand,
+)
 from r2bspec.language_server.latest_result import latest_result
 from r2bspec.language_server.text_positions import TextPositions
 
@@ -43,5 +50,5 @@ def code_lenses(
                 yield types.CodeLens(where, about.as_command(f"{title}{suffix}", name))
         latest = latest_result(loaded.id, folder)
         if latest is not None:
-            shown = types.Command(latest.text, "r2bspec.showResult", arguments=[str(latest.folder)])
+            shown = types.Command(latest.text, SHOW_RESULT, arguments=[str(latest.folder)])
             yield types.CodeLens(where, shown)

@@ -183,8 +183,10 @@ def _schema_snippets(context: CursorContext) -> Iterator[Proposal]:
     part = schema_at(context.path) or {}
     for each in part.get("defaultSnippets", ()):
         if isinstance(each.get("body"), dict):
+            label = each["label"]
+            is_key = label in part.get("properties", {})
             yield Proposal(
-                each["label"],
+                f"{label} with its keys" if is_key else label,
                 detail="snippet",
                 insert=snippet_text(each["body"]),
                 kind=types.CompletionItemKind.Snippet,

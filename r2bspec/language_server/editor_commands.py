@@ -19,6 +19,8 @@ SMOKE: Final = "r2bspec.smoke"
 PLAN: Final = "r2bspec.plan"
 DRAW_GRAPH: Final = "r2bspec.drawGraph"
 RECORD_INTERFACES: Final = "r2bspec.recordInterfaces"
+SHOW_RESULT: Final = "r2bspec.showResult"
+"""Its argument is a run folder, and not a spec."""
 COMMANDS: Final = (RUN, SMOKE, PLAN, DRAW_GRAPH, RECORD_INTERFACES)
 
 
@@ -68,6 +70,17 @@ class SpecCommand:
             ],
         }
         return [sys.executable, "-P", "-m", "r2bspec", *verbs[name]]
+
+
+def report_argv(folder: str) -> list[str]:
+    """The words of the command line that prints the report of a run.
+
+    Raises:
+        ValueError: the folder is none of a run.
+    """
+    if not Path(folder).is_absolute() or not (Path(folder) / "result.json").is_file():
+        raise ValueError("the command needs the absolute path of a run folder")
+    return [sys.executable, "-P", "-m", "r2bspec", "report", folder, "--report", "markdown=-"]
 
 
 async def run_command(

@@ -49,6 +49,13 @@ MAX_WAIT_S: Final = 0.5
 
 _MAX_FILE_BYTES: Final = 10_000_000
 
+_SUFFIXES: Final = {
+    commands.PLAN: "json",
+    commands.DRAW_GRAPH: "mmd",
+    commands.SHOW_RESULT: "md",
+}
+"""The commands whose output is shown as a document, and the kind of it."""
+
 _T = TypeVar("_T")
 
 
@@ -180,15 +187,25 @@ class SpecLanguageServer(LanguageServer):
         Raises:
             ValueError: the argument is not that of a command.
         """
-        about = commands.SpecCommand.from_argument(argument)
-        task = asyncio.ensure_future(self._run_command(name, about))
+        self._start(name, commands.SpecCommand.from_argument(argument).argv(name))
+
+    def show_result(self, folder: str) -> None:
+        """Show the report of a run folder.
+
+        Raises:
+            ValueError: it is none.
+        """
+        self._start(commands.SHOW_RESULT, commands.report_argv(folder))
+
+    def _start(self, name: str, argv: list[str]) -> None:
+        task = asyncio.ensure_future(self._run_command(name, argv))
         self._running.add(task)
         task.add_done_callback(self._running.discard)
 
-    async def _run_command(self, name: str, about: commands.SpecCommand) -> None:
+    async def _run_command(self, name: str, argv: list[str]) -> None:
         log = partial(self._log, types.MessageType.Log)
-        status, output = await commands.run_command(about.argv(name), self.folder, log)
-        if name in {commands.PLAN, commands.DRAW_GRAPH} and status == 0:
+        status, output = await commands.run_command(argv, self.folder, log)
+        if name in _SUFFIXES and status == 0:
             self._show_text(name, output)
         else:
             lines = [each for each in output.splitlines() if each.strip()]
@@ -215,8 +232,7 @@ class SpecLanguageServer(LanguageServer):
         """Show a text in the editor, or, without that ability, in its log."""
         window = self.client_capabilities.window
         if window is not None and window.show_document is not None:
-            suffix = "json" if name == commands.PLAN else "mmd"
-            file = Path(_text_folder()) / f"plan.{suffix}"
+            file = Path(_text_folder()) / f"r2bspec.{_SUFFIXES[name]}"
             file.write_text(text, encoding="utf-8")
             self.window_show_document(types.ShowDocumentParams(file.as_uri(), take_focus=True))
         else:
@@ -390,6 +406,8 @@ def _or_invalid(call: Callable[[], _T]) -> _T:
     """The result of a call; what the user did wrong is an error of the request."""
     try:
         return call()
+    except ValueError as error:
+        raise JsonRpcInvalidParams(str(error)) from error
     except RenameError as error:
         raise JsonRpcInvalidParams(
             f"{error}; {error.hint}" if error.hint else str(error)
@@ -458,12 +476,13 @@ def _add_commands(server: SpecLanguageServer) -> None:
     for name in commands.COMMANDS:
         server.command(name)(_starter(server, name))
 
+    @server.command(commands.SHOW_RESULT)
+    def show(folder: str) -> None:
+        _or_invalid(partial(server.show_result, folder))
+
 
 def _starter(server: SpecLanguageServer, name: str) -> Callable[[Mapping[str, Any]], None]:
     def start(argument: Mapping[str, Any]) -> None:
-        try:
-            server.start_command(name, argument)
-        except ValueError as error:
-            raise JsonRpcInvalidParams(str(error)) from error
+        _or_invalid(partial(server.start_command, name, argument))
 
     return start

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 _STEP = "  "
+_PLACEHOLDER = re.compile(r"\A\$\{(\d+):[^}]*\}\Z")
 
 
 def snippet_text(body: Mapping[str, Any]) -> str:
     """The lines of a snippet, not indented.
+
+    A value that is only a placeholder is left empty: an editor proposes what begins with the text
+    before the cursor, and the text of a placeholder would be the beginning of nothing.
 
     Args:
         body: the map that is inserted, with placeholders as ``${1:name}``.
@@ -55,7 +60,7 @@ def _lines(value: Any) -> Iterator[str]:
     elif isinstance(value, bool):
         yield str(value).lower()
     else:
-        yield str(value)
+        yield _PLACEHOLDER.sub(r"$\1", str(value))
 
 
 def _entry(start: str, below: Any) -> Iterator[str]:

@@ -40,12 +40,16 @@ TAB, DOWN, ESCAPE, ENTER, SAVE = (
     )
 )
 SETTINGS = {
-    "[r2bspec]": {"editor.quickSuggestions": {"other": False, "strings": False}},
+    "[r2bspec]": {
+        "editor.quickSuggestions": {"other": False, "strings": False},
+        "editor.autoIndent": "none",
+    },
     "editor.suggestOnTriggerCharacters": False,
     "editor.wordBasedSuggestions": "off",
+    "editor.autoClosingBrackets": "never",
     "files.autoSave": "off",
 }
-"""The list opens when it is asked for, so that no key is pressed while one appears."""
+"""The list opens when it is asked for, and a new line is indented by its spaces alone."""
 ROW = ".suggest-widget.visible .monaco-list-row"
 MOST_ROWS = 400
 
@@ -90,7 +94,8 @@ class Typist:
         """Choose a proposal of the list, which is opened again until it has it."""
         deadline = time.monotonic() + TIMEOUT_S
         while not self._focus(label):
-            assert time.monotonic() < deadline, f"{label!r} is not offered"
+            shown = self._window.texts(".view-lines .view-line")
+            assert time.monotonic() < deadline, f"{label!r} is not offered in {shown}"
             self._window.press(ESCAPE)
         self._window.press(ENTER)
         self._window.wait_until_gone(ROW)

@@ -56,10 +56,8 @@ class TypingEditor:
 
     async def accept(self, label: str) -> None:
         """Accept a proposal, as VS Code does: with its indentation, over the range that it says."""
-        start, end = self._place
-        if start == self.cursor and end > start:
-            # The text of a stop disappears when something is chosen in its place.
-            self._replace(start, end, "")
+        # The text of a stop that is selected counts as the beginning of what is wanted.
+        self.cursor = max(self.cursor, self._place[1])
         items = {each.label: each for each in await self.complete(self.text, self.cursor)}
         if label not in items:
             shown = "\n".join(sorted(items))

@@ -4,7 +4,6 @@ import * as vscode from "vscode";
 import { Pages } from "./pages";
 import { task } from "./processes";
 import { Server } from "./server";
-import { showResult } from "./specCommands";
 import { TestExplorer } from "./testExplorer";
 
 export async function activate(context: vscode.ExtensionContext): Promise<void> {
@@ -18,7 +17,6 @@ export async function activate(context: vscode.ExtensionContext): Promise<void> 
   context.subscriptions.push(
     server,
     tests,
-    vscode.commands.registerCommand("r2bspec.showResult", (at: string) => showResult(at, pages)),
     vscode.commands.registerCommand("r2bspec.restartServer", restart),
     vscode.tasks.registerTaskProvider("r2bspec", {
       provideTasks: async () => [await task("validate all specs", ["validate", "."])],

@@ -4,7 +4,7 @@ import * as vscode from "vscode";
 import { LanguageClient, type LanguageClientOptions } from "vscode-languageclient/node";
 import type { Pages } from "./pages";
 import { commandLine, folder } from "./processes";
-import { carryOut, type CasesOf } from "./specCommands";
+import { carryOut, showResult, type CasesOf } from "./specCommands";
 
 /** One case of a spec, as the server tells it. */
 export interface SpecCase {
@@ -66,7 +66,10 @@ function options(pages: Pages, casesOf: CasesOf): LanguageClientOptions {
     },
     middleware: {
       // The server would run them, too, in silence: here there are terminals and panels.
-      executeCommand: (name, given) => carryOut(name, given, pages, casesOf),
+      executeCommand: (name, given) =>
+        name === "r2bspec.showResult"
+          ? showResult(String(given[0]), pages)
+          : carryOut(name, given, pages, casesOf),
     },
   };
 }

@@ -29,6 +29,26 @@ class Bright(Node):
         self.create_subscription(Image, "hawk_0_left_rgb_image", self.publisher.publish, 10)
         self.create_subscription(CameraInfo, "camera_info", print, 10)
 """
+COMPUTED = """
+import rclpy
+from rclpy.node import Node
+from std_msgs.msg import String
+
+
+class Talker(Node):
+    def __init__(self):
+        super().__init__('talker')
+        self.declare_parameters('', [('topic', 'chatter'), ('period', 0.5)])
+        topic = self.get_parameter('topic').get_parameter_value().string_value
+        self.pub = self.create_publisher(String, topic, 10)
+        period = self.get_parameter('period').value
+        self.timer = self.create_timer(period, lambda: self.pub.publish(String(data='hi')))
+
+
+def main():
+    rclpy.init()
+    rclpy.spin(Talker())
+"""
 XML = """<?xml version="1.0"?>
 <!-- Two sides. -->
 <launch>
@@ -157,6 +177,14 @@ def test_a_node_alone() -> None:
         "/r2b/hawk_0_left_rgb_image",
     ]
     assert "# - where /r2b/camera_info, /r2b/hawk_0_left_rgb_image come from" in text
+
+
+def test_a_node_whose_topics_are_computed() -> None:
+    """Its topics come from parameters: what is not known is said, and nothing is made up."""
+    Path("node.py").write_text(COMPUTED)
+    text = made("--node", "./node.py:Talker")
+    assert list(spec().graph.nodes) == ["talker"]
+    assert "what the nodes publish: the monitor is on /rosout until you name an output" in text
 
 
 @pytest.mark.parametrize("hz", [0.2, 1, 2, 5, 10, 11, 12, 30])

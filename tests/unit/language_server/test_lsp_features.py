@@ -296,7 +296,17 @@ async def test_snippets(document: OpenDocument, owner: str, label: str, keys: li
     assert isinstance(item.text_edit, types.TextEdit)
     _, *lines = item.text_edit.new_text.split("\n")
     below = [each for each in lines if each.startswith("  ") and each[2] != " "]
+    assert not [each for each in lines if ": ${" in each]
     assert [each.split(":")[0].strip() for each in below] == keys
+
+
+@in_module
+async def test_a_snippet_of_a_whole_spec(document: OpenDocument) -> None:
+    found = await document.labels("¦")
+    item = found["r2bspec with its keys"]
+    assert isinstance(item.text_edit, types.TextEdit)
+    assert item.text_edit.new_text.startswith("r2bspec: 1\nname: $1\ndata_loader:\n  bag: $2\n")
+    assert "r2bspec" in found
 
 
 # What is said, and where it is defined
@@ -535,6 +545,16 @@ async def test_the_last_result_is_a_lens(document: OpenDocument) -> None:
     result = json.loads((document.path.parent / "runs/simulated-1/result.json").read_text())
     assert titles[4].startswith("last result: p99 ")
     assert titles[4].endswith(f", {result['verdict']['outcome'].upper()}")
+    command = (lenses or ())[4].command
+    assert command is not None
+    before = len(document.client.shown_documents)
+    await document.client.workspace_execute_command_async(
+        types.ExecuteCommandParams(command.command, command.arguments)
+    )
+    while len(document.client.shown_documents) == before:
+        await asyncio.sleep(0.02)
+    report = Path(document.client.shown_documents[-1].uri.removeprefix("file://"))
+    assert "A simulated run" in report.read_text().split("\n")[0]
 
 
 @in_module
