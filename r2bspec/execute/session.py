@@ -364,7 +364,8 @@ class Session:
         self._launcher.joins = joins
         try:
             if self._is_later:
-                self._launcher.start_early(self._node_processes(), message_packages(self._plan))
+                packages = message_packages(self._plan)
+                self._launcher.start_early(self._node_processes(), packages, observer=False)
             self._start_nodes(deadline, harness.configure)
         finally:
             joins.close()
