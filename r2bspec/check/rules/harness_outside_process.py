@@ -6,7 +6,6 @@ from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, qu
 from r2bspec.plan.plan import ProcessPlan
 from r2bspec.plan.process_plans import graph_processes
 
-
 _TYPICAL = (
     "between two processes 0.04 ms for small messages and 1 ms for images of 1280x720, within one "
     "process 0.01 and 0.4 ms"
