@@ -352,6 +352,7 @@ class _Controller:
         self._early_launcher.start_early(
             (each for each in self._plan.processes if each.phase == phase),
             message_packages(self._plan),
+            observer=phase == MEASURE_PHASE,
         )
 
     def _environment(self, domain: int) -> RunEnvironment:

@@ -88,6 +88,11 @@ _DIAGNOSED_ATTEMPT = 3
 """After this attempt without output the path is traced, so that the reason is said early."""
 
 
+def _is_judged(plan: Plan) -> bool:
+    """Whether statistics are computed while a run lasts, or at its end."""
+    return bool(plan.objectives or plan.search or plan.sustained_hz)
+
+
 class Session:
     """One session.
 
@@ -244,7 +249,7 @@ class Session:
             player, monitor = self._start_harness()
         self._reporter.phase("graph", "starting the graph")
         # While nodes start, and before anything is played; a later start finds it imported.
-        scipy = load_scipy()
+        scipy = load_scipy() if _is_judged(self._plan) else None
         deadline = StartDeadline(self._plan.start_timeout_ns)
         # Not before the harness overhead was measured, which its start would disturb.
         observer = self._observer = self._launcher.start_observer(self._observer_settings())
@@ -278,8 +283,9 @@ class Session:
                 self._launcher.differences,
                 self._reporter.note,
             )
-        with self._supervisor.waiting("SciPy: imported"):
-            scipy.join()
+        if scipy is not None:
+            with self._supervisor.waiting("SciPy: imported"):
+                scipy.join()
         self._warm_up(self._segment_player, deadline)
         segment_player = self._segment_player
         segment_player.on_output_stopped = lambda segment, plan: self._diagnose_stopped_output(
@@ -376,7 +382,8 @@ class Session:
         self._launcher.joins = joins
         try:
             if self._is_later:
-                self._launcher.start_early(self._node_processes(), message_packages(self._plan))
+                packages = message_packages(self._plan)
+                self._launcher.start_early(self._node_processes(), packages, observer=False)
             self._start_nodes(deadline, harness.configure)
         finally:
             joins.close()

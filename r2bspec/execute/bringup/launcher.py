@@ -167,7 +167,13 @@ class Launcher:
         if child not in self._ready_observers:
             self._checked(self._supervisor.answer(child, protocol.Ready, _CONFIGURE_TIMEOUT_S))
 
-    def start_early(self, plans: Iterable[ProcessPlan], packages: tuple[str, ...] = ()) -> None:
+    def start_early(
+        self,
+        plans: Iterable[ProcessPlan],
+        packages: tuple[str, ...] = (),
+        *,
+        observer: bool = True,
+    ) -> None:
         """Start those processes that import ROS, and let them do it; all others come in order.
 
         These are the observer, the loader and the processes of Python nodes. They initialise ROS
@@ -178,12 +184,12 @@ class Launcher:
         Args:
             plans: the processes of a phase; those that have been started early are left out.
             packages: of the messages that they will need.
+            observer: whether the observer is among them.
         """
-        plans = list(plans)
         for plan in plans:
             if plan.role in _IMPORTING_ROLES and plan.name not in self._early:
                 self._import_early(plan.name, self.start(plan), packages)
-        if _OBSERVER not in self._early and not any(plan.role == "loader" for plan in plans):
+        if observer and _OBSERVER not in self._early:
             self._import_early(_OBSERVER, self._start_helper(_OBSERVER, "observer"))
 
     def _import_early(

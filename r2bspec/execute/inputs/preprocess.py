@@ -71,7 +71,7 @@ def preprocess(
     if TF in transforms:
         sources[TF] = TF_TYPE
     launcher.check_shared_memory(plan, _PHASE)
-    launcher.start_early(processes, message_packages(plan))
+    launcher.start_early(processes, message_packages(plan), observer=False)
     loader = launcher.start(next(each for each in processes if each.role == "loader"))
     launcher.configure(
         loader,
