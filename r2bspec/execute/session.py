@@ -58,6 +58,7 @@ from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervis
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import buffered_transforms
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
+from r2bspec.ipc.transform_stamps import TF_STATIC
 from r2bspec.measure.samples import SegmentSamples
 from r2bspec.plan.plan import MonitorPlan, Plan, ProcessPlan
 from r2bspec.plan.taps import all_taps, tap_monitors
@@ -242,7 +243,7 @@ class Session:
         self._reporter.phase("graph", "starting the graph")
         deadline = StartDeadline(self._plan.start_timeout_ns)
         # Not before the harness overhead was measured, which its start would disturb.
-        observer = self._observer = self._launcher.start_observer(guarded_topics(self._plan))
+        observer = self._observer = self._launcher.start_observer(self._observer_settings())
         if monitor is None:
             player, monitor = self._start_joined_nodes(deadline)
         else:
@@ -258,6 +259,7 @@ class Session:
             self._reporter.progress,
             on_segment=self._reporter.segment,
             schedule=self.schedule,
+            static_publisher=observer if self._has_static else None,
             resources=self._reporter.resources,
             confirms=self.confirms,
             start=self.start,
@@ -319,8 +321,19 @@ class Session:
             buffer_dir=str(self._buffer_dir),
             rows=str(rows_dir / PLAYBACK_ROWS),
             transforms=buffered_transforms(self._buffer_dir),
+        )
+
+    def _observer_settings(self) -> protocol.ConfigureObserver:
+        return protocol.ConfigureObserver(
+            guarded=guarded_topics(self._plan),
+            static_dir=str(self._buffer_dir) if self._has_static else "",
             clock=self._plan.clock,
         )
+
+    @property
+    def _has_static(self) -> bool:
+        """Whether /tf_static is published."""
+        return TF_STATIC in buffered_transforms(self._buffer_dir)
 
     def _measure_overhead_alone(self) -> None:
         """Measure the overhead of a harness that will run in processes of the graph.
@@ -452,10 +465,13 @@ class Session:
         watched += [each.topic for each in all_taps(plan.monitors)]
         wanted = {monitor: dict.fromkeys(watched, 1)}
         if player is not None:
-            wanted[player] = {
+            transforms = subscription_counts(self._launcher, buffered_transforms(self._buffer_dir))
+            if TF_STATIC in transforms:
+                wanted[observer] = {TF_STATIC: transforms.pop(TF_STATIC)}
+            wanted[player] = transforms | {
                 each.topic: expected_subscriptions(plan, each.topic, MEASURE_PHASE)
                 for each in plan.inputs
-            } | subscription_counts(self._launcher, buffered_transforms(self._buffer_dir))
+            }
         wait_until_matched(
             supervisor,
             self._launcher,

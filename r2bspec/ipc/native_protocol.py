@@ -3,9 +3,9 @@
 A command is one line of words separated by spaces; other bytes in a word are written as %XX::
 
     harness                                         ConfigureHarness
-    player ROWS CLOCK STATIC-FILE STATIC-BYTES PLANNED INPUTS {TOPIC TYPE QOS STAMPED}
+    player INPUTS {TOPIC TYPE QOS BUFFER}           ConfigurePlayer
     follow PLAYLIST                                 Follow, after the playlist was written
-    play RATE-HZ STEPS                              Play
+    play PLAYBACK                                   Play, after the playback file was written
     monitor ROWS-DIR TYPES {TYPE}                   ConfigureMonitor
     subscribe TOPICS {NAME TOPIC TYPE QOS}          Subscribe
     watch TOPICS {NAME TOPIC TYPE QOS}              Watch
@@ -13,14 +13,13 @@ A command is one line of words separated by spaces; other bytes in a word are wr
     count                                           CountMatches
     stop, shutdown                                  Stop, Shutdown
 
-The INPUTS of a player are the PLANNED ones of the plan, and /tf after them if it is played. A QOS
-is ``reliable,volatile,keep_last,10``; CLOCK and STAMPED are 0 or 1; STATIC-FILE is empty if nothing
-is latched.
+The INPUTS of a player are those of the plan, and /tf after them if it is played. A QOS is
+``reliable,volatile,keep_last,10``.
 
 A reply is one line of words, too; the text at its end is written as it is::
 
     ready                   Ready
-    ready {HEADER}          Ready, of a player: 0 or 1 for each planned input
+    ready {HEADER}          Ready, of a player: 0 or 1 for each input
     ready RMW               Ready, of a monitor
     matched {COUNT}         Matched: of each input, or of each topic in the order of the commands;
                             "-" for one without a subscription
@@ -38,8 +37,11 @@ from urllib.parse import quote
 import msgspec
 
 from r2bspec.ipc import buffers, protocol
+from r2bspec.ipc.playback_events import Round
+from r2bspec.ipc.playback_file import PlaybackReader, playback_path, write_playback
 from r2bspec.ipc.playlist import write_playlist
-from r2bspec.ipc.transform_stamps import TF, TF_QOS, TF_STATIC, TF_TYPE
+from r2bspec.ipc.schedule import Schedule
+from r2bspec.ipc.transform_stamps import TF, TF_QOS, TF_TYPE
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import MonitorPlan
 
@@ -62,21 +64,28 @@ _HINTS = {
 class NativeCodec:
     """Writes the commands for one native part, and reads its replies.
 
-    Names are not sent back, so it remembers the configuration.
+    Names are not sent back, so it remembers the configuration. The files of a player are written
+    here, too.
     """
 
     def __init__(self) -> None:
         self._player: protocol.ConfigurePlayer | None = None
+        self._played: PlaybackReader | None = None
+        self._round: Round | None = None
+        self._headers: dict[str, bool] = {}
         self._playlists = 0
+        self._playbacks = 0
+        # Steps that were played of earlier schedules.
+        self._steps_before = 0
         # In the order of the commands, with whether it is watched for a while only.
         self._topics: list[tuple[str, bool]] = []
 
     def encode(self, message: Any) -> bytes:
-        """Encode a command as one line; for `Follow`, this also writes the playlist.
+        """Encode a command as one line; for `Follow` and `Play`, this also writes their files.
 
         Raises:
-            OSError: the playlist cannot be written, or a buffer is missing.
-            ValueError: a native part knows no such command.
+            OSError: a file cannot be written, or a buffer is missing.
+            ValueError: a native part knows no such command, or a message on /tf is damaged.
         """
         words = [quote(word, safe="/,_-.+~") for word in self._words(message)]
         return " ".join(words).encode() + b"\n"
@@ -86,19 +95,14 @@ class NativeCodec:
             case protocol.ConfigurePlayer():
                 self._player = message
                 topics = [each.topic for each in message.inputs]
-                topics += [each for each in (TF, TF_STATIC) if each in message.transforms]
+                topics += [TF] if TF in message.transforms else []
                 self._topics = [(each, False) for each in topics]
+                self._played = PlaybackReader(Path(message.rows), ())
                 return ["player", *_player_words(message)]
             case protocol.Follow(schedule=schedule):
-                if self._player is None:
-                    raise ValueError("a player is configured before it gets a schedule")
-                self._playlists += 1
-                path = Path(f"{self._player.rows}.playlist-{self._playlists}")
-                sources = [each.source for each in self._player.inputs]
-                write_playlist(path, schedule, sources, Path(self._player.buffer_dir))
-                return ["follow", str(path)]
+                return ["follow", str(self._write_playlist(schedule))]
             case protocol.Play(rate_hz=rate_hz, steps=steps):
-                return ["play", repr(float(rate_hz)), str(steps)]
+                return ["play", str(self._write_playback(rate_hz, steps))]
             case protocol.ConfigureMonitor(monitors=monitors, rows_dir=folder):
                 types = dict.fromkeys(each.type for each in monitors)
                 return ["monitor", folder, str(len(types)), *types]
@@ -115,6 +119,31 @@ class NativeCodec:
             raise ValueError(f"no command of a native part: {type(message).__name__}")
         return [word]
 
+    def _write_playlist(self, schedule: Schedule) -> Path:
+        if self._player is None or self._played is None:
+            raise ValueError("a player is configured before it gets a schedule")
+        self._playlists += 1
+        path = Path(f"{self._player.rows}.playlist-{self._playlists}")
+        inputs = self._player.inputs
+        stamped = [
+            each.timestamp == "header" and self._headers.get(each.topic, False) for each in inputs
+        ]
+        self._round = write_playlist(
+            path, schedule, [each.source for each in inputs], stamped, Path(self._player.buffer_dir)
+        )
+        self._steps_before = self._played.count()
+        return path
+
+    def _write_playback(self, rate_hz: float, steps: int) -> Path:
+        if self._player is None or self._played is None or self._round is None:
+            raise ValueError("a player gets a schedule before it plays")
+        self._playbacks += 1
+        path = playback_path(Path(self._player.rows), self._playbacks)
+        # A playback may have been stopped: the next one goes on after the last complete step.
+        first = (self._played.count() - self._steps_before) % self._round.steps
+        write_playback(path, self._round, rate_hz, steps, first)
+        return path
+
     def decode(self, line: bytes) -> protocol.Reply:
         """Read a reply.
 
@@ -125,9 +154,12 @@ class NativeCodec:
         words = rest.split()
         match word:
             case "ready" if self._player is not None:
-                planned = (each.topic for each in self._player.inputs)
-                flags = (each == "1" for each in words)
-                return protocol.Ready(headers=dict(zip(planned, flags, strict=False)))
+                headers = {
+                    topic: flag == "1"
+                    for (topic, _), flag in zip(self._topics, words, strict=False)
+                }
+                self._headers |= headers
+                return protocol.Ready(headers=headers)
             case "ready":
                 return protocol.Ready(rmw=rest)
             case "matched":
@@ -145,18 +177,12 @@ class NativeCodec:
 
 def _player_words(command: protocol.ConfigurePlayer) -> Iterator[str]:
     folder = Path(command.buffer_dir)
-    static, size = "", 0
-    if TF_STATIC in command.transforms:
-        static = str(buffers.buffer_path(folder, TF_STATIC, "cdr"))
-        size = buffers.read_index(folder, TF_STATIC).sizes[0]
-    has_tf = TF in command.transforms
-    yield from (command.rows, str(int(command.clock)), static, str(size))
-    yield from (str(len(command.inputs)), str(len(command.inputs) + has_tf))
-    for each in command.inputs:
-        yield from (each.topic, each.type, _qos_word(each.qos))
-        yield str(int(each.timestamp == "header"))
-    if has_tf:
-        yield from (TF, TF_TYPE, _qos_word(TF_QOS), "0")
+    inputs = [(each.topic, each.type, each.qos, each.source) for each in command.inputs]
+    if TF in command.transforms:
+        inputs.append((TF, TF_TYPE, TF_QOS, TF))
+    yield str(len(inputs))
+    for topic, kind, qos, source in inputs:
+        yield from (topic, kind, _qos_word(qos), str(buffers.buffer_path(folder, source, "cdr")))
 
 
 def _topic_words(monitors: Iterable[MonitorPlan]) -> Iterator[str]:

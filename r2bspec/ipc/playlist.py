@@ -1,174 +1,173 @@
-"""Playlists: a schedule and where its messages are, for the native player.
+"""Playlists: the messages that a player publishes, where they are and which stamps they have.
 
-A playlist is one file of little-endian int64, which `r2bspec/native/schedule.c` maps and checks::
+A playlist is a file of little-endian int64, which ``playlist.c`` maps and checks::
 
-    magic "R2BPLAY1", cyclic, files, path_bytes, messages, places, refs, events, steps,
-    period_ns, stamp_period_ns, origin_ns, earliest_stamp_ns
-    paths       NUL-terminated, together `path_bytes` long, which is a multiple of 8
-    messages    source, file, offset, size, first_place, places
-    places      position in the message, recorded stamp in ns: of the stamps of transforms
-    refs        message, stamp minus that of the step in ns
-    events      step in the round or -1, at, inputs, stamp_ns, origin_ns, first_ref, refs
+    magic "R2BMSGS1", messages, places
+    messages    source, offset, size, first_place, places, shift_ns
+    places      position in the message, recorded stamp in ns
 
-The events are one round. `at` is the due time in ns; in a cyclic schedule, it is a float64 in steps
-from the beginning of the round, and 0 for steps. The meaning of everything else is that of
-`r2bspec.ipc.schedule`.
+`source` is the number of an input of the plan, or that of /tf after them; `offset` is that in its
+buffer. At each place of a message the player writes a stamp: that of the event, plus the recorded
+one, plus `shift_ns`. The place of a header has no recorded stamp (0).
 """
 
 from __future__ import annotations
 
 import struct
-from array import array
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from r2bspec.ipc import buffers
 from r2bspec.ipc.disk_errors import named_errors
-from r2bspec.ipc.schedule import (
-    ALL_INPUTS,
-    NO_STEP,
-    CyclicSchedule,
-    Schedule,
-    TimelineSchedule,
+from r2bspec.ipc.header_stamps import STAMP_BYTES
+from r2bspec.ipc.playback_events import (
+    EVENT_DTYPE,
+    CyclicRound,
+    Round,
+    TimelineRound,
+    complete_steps,
 )
+from r2bspec.ipc.schedule import ALL_INPUTS, NO_STEP, CyclicSchedule, Schedule, TimelineSchedule
 from r2bspec.ipc.transform_stamps import TF, StampedTransforms
 
-_MAGIC = b"R2BPLAY1"
-_HEADER = struct.Struct("<8s12q")
+_MAGIC = b"R2BMSGS1"
+_HEADER = struct.Struct("<8s2q")
+_STAMP_POSITION = STAMP_BYTES - 8
+
+_Message = tuple[int, int, int]
+"""Its source, its position in the buffer, and `shift_ns`."""
+
+_Place = tuple[int, int]
+"""Its position in the message, and the recorded stamp."""
 
 
-class _Playlist:
-    """The arrays of a playlist while it is written."""
+@dataclass
+class _Numbering:
+    """The messages of a playlist; those of one event follow each other."""
 
-    def __init__(self) -> None:
-        self.files: list[str] = []
-        self.messages = array("q")
-        self.places = array("q")
-        self.refs = array("q")
-        self.events = array("q")
-        self._numbers: dict[tuple[int, int], int] = {}
+    messages: list[_Message] = field(default_factory=list)
+    _first: dict[tuple[_Message, ...], int] = field(default_factory=dict)
 
-    def add_source(
-        self, source: int, folder: Path, topic: str, positions: set[int], *, shifted: bool
-    ) -> None:
-        """Add the messages of a buffer; the stamps in them are `shifted` if they are transforms."""
-        if not positions:
-            return
-        self.files.append(str(buffers.buffer_path(folder, topic, "cdr")))
-        transforms = buffers.read_messages(folder, topic, positions) if shifted else {}
-        offset = 0
-        for position, size in enumerate(buffers.read_index(folder, topic).sizes):
-            if position in positions:
-                first = len(self.places) // 2
-                if shifted:
-                    for place, stamp_ns in StampedTransforms(transforms[position]).places():
-                        self.places.extend((place, stamp_ns))
-                self._numbers[source, position] = len(self.messages) // 6
-                places = len(self.places) // 2 - first
-                self.messages.extend((source, len(self.files) - 1, offset, size, first, places))
-            offset += size
-
-    def add_event(
-        self,
-        step: int,
-        at: int,
-        messages: Sequence[tuple[int, int]],
-        *,
-        inputs: int = ALL_INPUTS,
-        stamp_ns: int = 0,
-        origin_ns: int = 0,
-        stamp_offsets_ns: Sequence[int] = (),
-    ) -> None:
-        first = len(self.refs) // 2
-        for number, message in enumerate(messages):
-            offset_ns = stamp_offsets_ns[number] if stamp_offsets_ns else 0
-            self.refs.extend((self._numbers[message], offset_ns))
-        self.events.extend((step, at, inputs, stamp_ns, origin_ns, first, len(messages)))
+    def add(self, messages: Iterable[_Message]) -> tuple[int, int]:
+        """The number of the first of them, and their count."""
+        wanted = tuple(messages)
+        first = self._first.setdefault(wanted, len(self.messages))
+        if first == len(self.messages):
+            self.messages += wanted
+        return first, len(wanted)
 
 
-def write_playlist(path: Path, schedule: Schedule, sources: Sequence[str], folder: Path) -> None:
-    """Write a schedule for the native player.
+def write_playlist(
+    path: Path, schedule: Schedule, sources: Sequence[str], stamped: Sequence[bool], folder: Path
+) -> Round:
+    """Write the messages of a schedule for the native player.
 
     Args:
         path: of the new file.
         schedule: of the player.
         sources: the topics of the buffers, in the order of the inputs of the plan.
+        stamped: for each of them, whether its messages get the stamp of the step in their headers.
         folder: has the buffers, also that of /tf if the schedule plays it.
+
+    Returns:
+        One round of the schedule, whose events refer to the messages.
 
     Raises:
         OSError: the disk is full, or a buffer is missing.
         ValueError: a message on /tf is damaged.
     """
-    made = _Playlist()
-    shifts = schedule.shift_transforms if isinstance(schedule, TimelineSchedule) else True
-    topics = [*sources, TF]
-    used = schedule.positions_used()
-    for source, (topic, positions) in enumerate(zip(topics, used, strict=True)):
-        is_transform = source == len(sources)
-        made.add_source(source, folder, topic, positions, shifted=is_transform and shifts)
-    numbers = (
-        _add_cyclic(made, schedule)
+    numbering = _Numbering()
+    made = (
+        _cyclic_round(numbering, schedule)
         if isinstance(schedule, CyclicSchedule)
-        else _add_timeline(made, schedule)
+        else _timeline_round(numbering, schedule)
     )
-    paths = b"".join(each.encode(errors="surrogateescape") + b"\0" for each in made.files)
-    paths += b"\0" * (-len(paths) % 8)
-    counts = (len(made.messages) // 6, len(made.places) // 2, len(made.refs) // 2)
-    header = _HEADER.pack(
-        _MAGIC,
-        int(isinstance(schedule, CyclicSchedule)),
-        *(len(made.files), len(paths), *counts, len(made.events) // 7, len(schedule.steps)),
-        *numbers,
-    )
-    with named_errors(path), path.open("wb") as file:
-        file.write(header + paths)
-        for each in (made.messages, made.places, made.refs, made.events):
-            file.write(each.tobytes())
+    shifts = isinstance(schedule, CyclicSchedule) or schedule.shift_transforms
+    wanted: list[set[int]] = [set() for _ in range(len(sources) + 1)]
+    for source, position, _ in numbering.messages:
+        wanted[source].add(position)
+    found = [
+        _described(folder, topic, positions, stamped=has_stamp)
+        for topic, has_stamp, positions in zip(sources, stamped, wanted[:-1], strict=True)
+    ]
+    found.append(_described(folder, TF, wanted[-1], shifts=shifts))
+    messages: list[tuple[int, ...]] = []
+    places: list[_Place] = []
+    for source, position, shift_ns in numbering.messages:
+        offset, size, of_message = found[source][position]
+        messages.append((source, offset, size, len(places), len(of_message), shift_ns))
+        places += of_message
+    with named_errors(path), path.open("xb") as file:
+        file.write(_HEADER.pack(_MAGIC, len(messages), len(places)))
+        file.write(np.array(messages, dtype="<i8").tobytes())
+        file.write(np.array(places, dtype="<i8").tobytes())
+    return made
 
 
-def _add_cyclic(made: _Playlist, schedule: CyclicSchedule) -> tuple[int, int, int, int]:
-    """Add the events of one round; they are those of one playback at one step per second."""
+def _described(
+    folder: Path,
+    topic: str,
+    positions: set[int],
+    *,
+    stamped: bool = False,
+    shifts: bool = False,
+) -> dict[int, tuple[int, int, list[_Place]]]:
+    """The offset, the size and the places of each of these messages of a buffer."""
+    if not positions:
+        return {}
+    transforms = buffers.read_messages(folder, topic, positions) if shifts else {}
+    sizes = buffers.read_index(folder, topic).sizes
+    offsets = np.cumsum([0, *sizes]).tolist()
+    found = {}
+    for position in positions:
+        places: list[_Place] = []
+        if position in transforms:
+            places = StampedTransforms(transforms[position]).places()
+        elif stamped and sizes[position] >= STAMP_BYTES:
+            places = [(_STAMP_POSITION, 0)]
+        found[position] = offsets[position], sizes[position], places
+    return found
+
+
+def _cyclic_round(numbering: _Numbering, schedule: CyclicSchedule) -> CyclicRound:
+    columns = schedule.columns or tuple(range(len(schedule.steps[0])))
+    inputs = sum(1 << each for each in columns) if schedule.between else ALL_INPUTS
     extras = [each for each in schedule.without_step() if each[0] >= 0]
+    rows, times = [], []
     taken = 0
-    for event in schedule.events(1.0, len(schedule.steps)):
-        if event.step == NO_STEP:
-            continue
-        made.add_event(
-            event.step,
-            0,
-            event.messages,
-            inputs=event.inputs,
-            stamp_offsets_ns=event.stamp_offsets_ns,
+    for step, positions in enumerate(schedule.steps):
+        shifts = (
+            schedule.stamp_offsets_ns[step] if schedule.stamp_offsets_ns else [0] * len(columns)
         )
-        while taken < len(extras) and extras[taken][0] < event.step + 1:
-            at, message, origin_ns = extras[taken]
-            made.add_event(NO_STEP, _bits(at), (message,), origin_ns=origin_ns)
+        of_step = numbering.add(zip(columns, positions, shifts, strict=True))
+        rows.append((0, 0, 0, 0, inputs, step, step + 1, *of_step))
+        times.append(float(step))
+        while taken < len(extras) and extras[taken][0] < step + 1:
+            at, (source, position), origin_ns = extras[taken]
+            between = numbering.add([(source, position, -origin_ns)])
+            rows.append((0, 0, 0, 0, ALL_INPUTS, NO_STEP, step + 1, *between))
+            times.append(at)
             taken += 1
-    return (0, 0, 0, 0)
+    events: NDArray[np.void] = np.array(rows, dtype=EVENT_DTYPE)
+    return CyclicRound(events, len(schedule.steps), np.array(times))
 
 
-def _bits(value: float) -> int:
-    """A float64 as the int64 with the same bits."""
-    return int(struct.unpack("<q", struct.pack("<d", value))[0])
-
-
-def _add_timeline(made: _Playlist, schedule: TimelineSchedule) -> tuple[int, int, int, int]:
+def _timeline_round(numbering: _Numbering, schedule: TimelineSchedule) -> TimelineRound:
+    rows = []
     for each in schedule.messages:
-        message = ((each.input, each.position),)
-        if each.step == NO_STEP:
-            made.add_event(NO_STEP, each.offset_ns, message)
-            continue
-        step = schedule.steps[each.step]
-        offsets_ns = schedule.stamp_offsets_ns[each.step] if schedule.stamp_offsets_ns else ()
-        made.add_event(
-            each.step,
-            each.offset_ns,
-            message,
-            inputs=step.inputs,
-            stamp_ns=step.stamp_ns,
-            stamp_offsets_ns=offsets_ns[each.input : each.input + 1],
-        )
-    return (
-        *(schedule.period_ns, schedule.stamp_period_ns, schedule.origin_ns),
-        schedule.earliest_stamp_ns(),
-    )
+        stamp_ns, inputs, shift_ns = 0, ALL_INPUTS, 0
+        if each.step != NO_STEP:
+            step = schedule.steps[each.step]
+            stamp_ns, inputs = step.stamp_ns, step.inputs
+            if schedule.stamp_offsets_ns:
+                shift_ns = schedule.stamp_offsets_ns[each.step][each.input]
+        message = numbering.add([(each.input, each.position, shift_ns)])
+        stamp_ns -= schedule.origin_ns
+        rows.append((each.offset_ns, stamp_ns, 0, 0, inputs, each.step, 0, *message))
+    events: NDArray[np.void] = np.array(rows, dtype=EVENT_DTYPE)
+    events["complete"] = complete_steps(events["step"])
+    return TimelineRound(events, len(schedule.steps), schedule.period_ns, schedule.stamp_period_ns)

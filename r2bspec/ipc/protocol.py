@@ -52,15 +52,14 @@ class ConfigureLoader(_Message, frozen=True, kw_only=True, tag=True):
 class ConfigurePlayer(_Message, frozen=True, kw_only=True, tag=True):
     """Be the player: publish `inputs` and `transforms` (topics) from the buffers.
 
-    The reply, `Ready`, states which inputs have a header. `Follow` sets the schedule. With
-    `clock`, the system time is published on /clock until it ends.
+    The reply, `Ready`, states which inputs have a header. `Follow` sets the schedule. Of the
+    transforms, /tf is played; /tf_static is the observer's.
     """
 
     inputs: tuple[InputPlan, ...]
     buffer_dir: str
     rows: str
     transforms: tuple[str, ...] = ()
-    clock: bool = False
 
 
 class Follow(_Message, frozen=True, kw_only=True, tag=True):
@@ -79,10 +78,17 @@ class ConfigureMonitor(_Message, frozen=True, kw_only=True, tag=True):
 class ConfigureObserver(_Message, frozen=True, kw_only=True, tag=True):
     """Be the observer, which answers what discovery shows.
 
-    On the topics of `guarded`, every publisher is examined; see `ForeignPublisher`.
+    On the topics of `guarded`, every publisher is examined; see `ForeignPublisher`. It also
+    publishes what nodes need before anything is played, and what has no due times: before it is
+    ready, it has published /tf_static, latched, and with `clock` the system time on /clock.
+
+    Attributes:
+        static_dir: has the buffer of /tf_static; empty without one.
     """
 
     guarded: tuple[str, ...] = ()
+    static_dir: str = ""
+    clock: bool = False
 
 
 class ConfigureHost(_Message, frozen=True, kw_only=True, tag=True):
@@ -173,6 +179,13 @@ class CountMatches(_Message, frozen=True, kw_only=True, tag=True):
     """Query how many endpoints of other processes each endpoint is matched with."""
 
 
+class AwaitStatic(_Message, frozen=True, kw_only=True, tag=True):
+    """Wait until all matched subscriptions have received /tf_static, but not for long.
+
+    The reply is `Matched`.
+    """
+
+
 class Discover(_Message, frozen=True, kw_only=True, tag=True):
     """Query the endpoints on these topics."""
 
@@ -241,6 +254,7 @@ Command = (
     | Record
     | EndRecording
     | CountMatches
+    | AwaitStatic
     | Discover
     | Survey
     | ListParameters

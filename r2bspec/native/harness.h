@@ -5,7 +5,7 @@
  * Functions that can fail return 0 or a negative number; what failed is then kept for the thread
  * and reported on its channel by control.c. Times are in nanoseconds; on the monotonic clock unless
  * a name says otherwise. The files that are shared with the controller are described where Python
- * reads or writes them: r2bspec/ipc/{sample_files,message_log,playlist,native_protocol}.py.
+ * reads or writes them: r2bspec/ipc/{sample_files,message_log,native_protocol}.py.
  */
 #ifndef R2BSPEC_HARNESS_H
 #define R2BSPEC_HARNESS_H
@@ -20,7 +20,6 @@
 #include <rcl/rcl.h>
 
 #define NS_PER_S INT64_C(1000000000)
-#define NO_STEP INT64_C(-1)
 #define PUBLIC __attribute__((visibility("default")))
 
 /* control.c: the parts of a process; not for several threads at once. */
@@ -94,73 +93,64 @@ typedef struct rows {
 } rows_t;
 
 int rows_open(rows_t *rows, const char *path, size_t width, size_t capacity);
-int rows_reserve(rows_t *rows, size_t more);
 int rows_append(rows_t *rows, const int64_t *values);
 void rows_close(rows_t *rows);
 
-/* schedule.c: a schedule, and the messages that it plays, from a file. */
+/* playlist.c: the files of a player. */
+
+typedef struct mapping {
+  char *data;
+  size_t size;
+} mapping_t;
 
 typedef struct stamp_place {
   int64_t position; /* in the message */
-  int64_t stamp_ns; /* recorded */
+  int64_t stamp_ns; /* what is added to the stamp of the event */
 } stamp_place_t;
 
 typedef struct message {
-  int64_t source, file, offset, size, first_place, places;
+  int64_t source, offset, size, first_place, places;
+  int64_t shift_ns; /* the same for all its places */
 } message_t;
 
-typedef struct message_ref {
-  int64_t message, stamp_offset_ns;
-} message_ref_t;
-
-typedef struct round_event {
-  int64_t step; /* in the round, or NO_STEP */
-  union {
-    double steps;
-    int64_t ns;
-  } at;
-  int64_t inputs, stamp_ns, origin_ns, first_ref, refs;
-} round_event_t;
-
-typedef struct playlist_header {
-  char magic[8];
-  int64_t cyclic, files, path_bytes, messages, places, refs, events, steps;
-  int64_t period_ns, stamp_period_ns, origin_ns, earliest_stamp_ns;
-} playlist_header_t;
-
-typedef struct playlist {
-  void *map;
-  size_t size;
-  const playlist_header_t *header;
-  const char *paths;
+typedef struct messages {
+  mapping_t index, *buffers; /* one for each source */
   const message_t *messages;
   const stamp_place_t *places;
-  const message_ref_t *refs;
-  const round_event_t *events;
-  int64_t *step_events; /* the first event of each step */
-  int64_t *step_sizes;  /* the events of each step */
-} playlist_t;
+  int64_t sources, count;
+} messages_t;
 
-/* One event of a playback; the messages are those of `source`. */
+/* Messages that are published at one time. The first line is completed by the player; before, the
+ * due time is relative to the beginning, and so is the stamp if the playback has stamps. */
 typedef struct event {
-  int64_t offset_ns, step, stamp_ns, origin_ns;
-  bool has_stamp, starts_step, ends_step;
-  const round_event_t *source;
+  int64_t due_ns, stamp_ns, published_ns, done_ns;
+  int64_t inputs;        /* of the step */
+  int32_t step;          /* or -1 */
+  int32_t complete;      /* steps, once this is published */
+  int32_t first, count;  /* messages */
 } event_t;
 
-typedef struct cursor {
-  const playlist_t *list;
-  double period_ns;
-  int64_t steps, next_step, closed, turn, next;
-  int64_t *left;
-} cursor_t;
+typedef struct playback_header {
+  int64_t published; /* events */
+  char magic[8];
+  int64_t events, has_stamps, earliest_stamp_ns, unused[3];
+} playback_header_t;
 
-/* Opens a playlist of messages of `sources` sources, and checks all of it. */
-int playlist_open(playlist_t *list, const char *path, int64_t sources);
-void playlist_close(playlist_t *list);
-int cursor_init(cursor_t *at, const playlist_t *list, double rate_hz, int64_t steps, int64_t first);
-bool cursor_next(cursor_t *at, event_t *event);
-void cursor_fini(cursor_t *at);
+typedef struct playback {
+  mapping_t file;
+  playback_header_t *header;
+  event_t *events;
+} playback_t;
+
+/* Opens a list of messages, and the buffers that have them; to be closed in any case. */
+int messages_open(messages_t *list, const char *path, char *const *buffers, int64_t sources);
+void messages_close(messages_t *list);
+char *message_data(const messages_t *list, const message_t *message);
+void message_stamp(const messages_t *list, const message_t *message, int64_t stamp_ns);
+
+/* Opens what is to be published of a list; to be closed in any case. */
+int playback_open(playback_t *playback, const char *path, const messages_t *list);
+void playback_close(playback_t *playback);
 
 /* ros.c */
 

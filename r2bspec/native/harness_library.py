@@ -14,10 +14,9 @@ LIBRARY = "libr2bspec_harness.so"
 
 _FOLDER = Path(__file__).parent
 _SOURCES = (
-    *("control.c", "hello.c", "monitor.c", "player.c", "ros.c", "rows.c", "schedule.c", "timing.c"),
+    *("control.c", "hello.c", "monitor.c", "player.c", "playlist.c", "ros.c", "rows.c", "timing.c"),
 )
 _FLAGS = ("-fwrapv",)
-_LIBRARIES = ("-lrcl", "-lrmw", "-lrcutils", "-pthread", "-ldl", "-lm")
 
 
 def harness_program(
@@ -57,6 +56,5 @@ def _build(
         kind=kind,
         compiler=find_compiler(environ),
         flags=(*_FLAGS, *flags),
-        libraries=_LIBRARIES,
         cache=cache,
     )

@@ -48,15 +48,6 @@ int rows_open(rows_t *rows, const char *path, size_t width, size_t capacity)
   return grow(rows, capacity);
 }
 
-int rows_reserve(rows_t *rows, size_t more)
-{
-  size_t capacity = rows->capacity;
-  while (capacity - rows->count < more && capacity <= SIZE_MAX / 32 / rows->width) {
-    capacity *= 2;
-  }
-  return capacity == rows->capacity ? 0 : grow(rows, capacity);
-}
-
 int rows_append(rows_t *rows, const int64_t *values)
 {
   if (rows->count == rows->capacity && grow(rows, 2 * rows->capacity) < 0) {

@@ -1,10 +1,11 @@
-"""Damaged playlists are refused or played; nothing of them reaches beyond the file."""
+"""Damaged files of a player are refused or played; nothing of them reaches beyond the files."""
 
 from __future__ import annotations
 
 import random
 import struct
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,8 @@ import pytest
 pytest.importorskip("rclpy")
 
 from native_playlists import SANITIZERS, PlaylistReader, playlist_reader
-from r2bspec.ipc.buffers import BufferWriter
+from r2bspec.ipc.buffers import BufferWriter, buffer_path
+from r2bspec.ipc.playback_file import write_playback
 from r2bspec.ipc.playlist import write_playlist
 from r2bspec.ipc.schedule import (
     BetweenMessage,
@@ -60,20 +62,50 @@ def reader() -> Iterator[PlaylistReader]:
         yield made
 
 
+@dataclass(frozen=True)
+class Files:
+    """What a player gets for one playback."""
+
+    playlist: bytes
+    playback: bytes
+    buffers: tuple[Path, ...]
+
+
 @pytest.fixture(scope="module")
-def playlists(tmp_path_factory: pytest.TempPathFactory) -> list[bytes]:
+def files(tmp_path_factory: pytest.TempPathFactory) -> list[Files]:
     folder = tmp_path_factory.mktemp("buffers")
-    for topic in ("/a", "/b"):
+    topics = ["/a", "/b"]
+    for topic in topics:
         writer = BufferWriter(folder, topic, "x/msg/Y", has_header=True)
         for number in range(3):
             writer.append(number, bytes(16))
         writer.close()
     found = []
     for number, schedule in enumerate(SCHEDULES):
-        path = folder / f"playlist-{number}"
-        write_playlist(path, schedule, ["/a", "/b"], folder)
-        found.append(path.read_bytes())
+        playlist, playback = folder / f"playlist-{number}", folder / f"playback-{number}"
+        made = write_playlist(playlist, schedule, topics, [True, False], folder)
+        write_playback(playback, made, 10.0, 4)
+        buffers = tuple(buffer_path(folder, topic, "cdr") for topic in topics)
+        found.append(Files(playlist.read_bytes(), playback.read_bytes(), buffers))
     return found
+
+
+class Reading:
+    """Reads files from bytes."""
+
+    def __init__(self, reader: PlaylistReader, folder: Path) -> None:
+        self._reader = reader
+        self._playlist, self._playback = folder / "playlist", folder / "playback"
+
+    def __call__(self, playlist: bytes, playback: bytes, buffers: tuple[Path, ...]) -> str:
+        self._playlist.write_bytes(playlist)
+        self._playback.write_bytes(playback)
+        return self._reader.read(self._playlist, self._playback, buffers)
+
+
+@pytest.fixture
+def reading(reader: PlaylistReader, tmp_path: Path) -> Reading:
+    return Reading(reader, tmp_path)
 
 
 def damaged(whole: bytes, chance: random.Random) -> bytes:
@@ -92,46 +124,52 @@ def damaged(whole: bytes, chance: random.Random) -> bytes:
     return bytes(made)
 
 
-def test_whole_ones_are_played(
-    reader: PlaylistReader, playlists: list[bytes], tmp_path: Path
-) -> None:
-    for whole in playlists:
-        path = tmp_path / "playlist"
-        path.write_bytes(whole)
-        lines, last = reader.read(path, 3, 10.0, 4)
-        assert last == "end"
-        assert len(lines) >= 4
+def test_whole_ones_are_played(reading: Reading, files: list[Files]) -> None:
+    # Steps and what is between them; in the recording, a round of three messages and one more.
+    played = [reading(each.playlist, each.playback, each.buffers) for each in files]
+    assert played == [f"played {16 * (4 + 3)}", f"played {16 * (3 + 3)}"]
 
 
-def test_a_truncated_one_is_refused(
-    reader: PlaylistReader, playlists: list[bytes], tmp_path: Path
-) -> None:
-    path = tmp_path / "playlist"
-    for whole in playlists:
-        for size in range(0, len(whole), 5):
-            path.write_bytes(whole[:size])
-            assert "is not a playlist" in reader.read(path, 3, 10.0, 4)[1]
+def test_a_truncated_one_is_refused(reading: Reading, files: list[Files]) -> None:
+    for each in files:
+        for size in range(0, len(each.playlist), 5):
+            found = reading(each.playlist[:size], each.playback, each.buffers)
+            assert "cannot be played" in found
+        for size in range(0, len(each.playback), 5):
+            found = reading(each.playlist, each.playback[:size], each.buffers)
+            assert "cannot be played" in found
 
 
 def test_a_source_that_the_player_does_not_have_is_refused(
-    reader: PlaylistReader, playlists: list[bytes], tmp_path: Path
+    reading: Reading, files: list[Files]
 ) -> None:
-    path = tmp_path / "playlist"
-    for whole in playlists:
-        path.write_bytes(whole)
-        assert "a message is not where it can be" in reader.read(path, 1, 10.0, 4)[1]
+    for each in files:
+        found = reading(each.playlist, each.playback, each.buffers[:1])
+        assert "a message is not where it can be" in found
 
 
-def test_damage_never_crashes_the_reader(
-    reader: PlaylistReader, playlists: list[bytes], tmp_path: Path
+def test_a_buffer_that_is_too_short_is_refused(
+    reading: Reading, files: list[Files], tmp_path: Path
 ) -> None:
+    short = tmp_path / "short"
+    for size in (0, 15, 31):
+        short.write_bytes(bytes(size))
+        for each in files:
+            found = reading(each.playlist, each.playback, (short, each.buffers[1]))
+            assert "shorter than its index" in found
+
+
+def test_damage_never_crashes_the_reader(reading: Reading, files: list[Files]) -> None:
     chance = random.Random(13)  # noqa: S311 - damage that is the same each time
-    path = tmp_path / "playlist"
-    ends = {"end": 0, "refused": 0}
+    ends = {"played": 0, "refused": 0}
     for number in range(ROUNDS):
-        path.write_bytes(damaged(playlists[number % 2], chance))
-        lines, last = reader.read(path, 3, 10.0, 5, most=200)
-        assert len(lines) <= 200
-        ends["end" if last == "end" else "refused"] += 1
+        each = files[number % 2]
+        in_playlist = chance.randrange(2)
+        found = reading(
+            damaged(each.playlist, chance) if in_playlist else each.playlist,
+            each.playback if in_playlist else damaged(each.playback, chance),
+            each.buffers,
+        )
+        ends["played" if found.startswith("played") else "refused"] += 1
     # Both happen, or the damage is not what it should be.
     assert min(ends.values()) > ROUNDS / 100, ends

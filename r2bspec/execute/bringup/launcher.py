@@ -95,6 +95,7 @@ class Launcher:
         self._has_opaque_nodes = False
         self.hosts: dict[ManagedProcess, frozenset[str]] = {}
         self._early: dict[str, ManagedProcess] = {}
+        self._ready_observers: set[ManagedProcess] = set()
 
     def check_shared_memory(self, plan: Plan, phase: str) -> None:
         """Check that there is enough shared memory for the processes of a phase.
@@ -132,14 +133,21 @@ class Launcher:
         apply_affinity(plan, child.pid)
         return child
 
-    def start_observer(self, guarded: tuple[str, ...]) -> ManagedProcess:
+    def start_observer(self, settings: protocol.ConfigureObserver) -> ManagedProcess:
         """Start the process that says what discovery shows; it is used after `wait_for_observer`.
 
-        Args:
-            guarded: topics on which every publisher is examined.
+        If it publishes something, it is waited for here: all nodes, which are started later, then
+        receive that from the beginning.
+
+        Raises:
+            RunError: it is not ready in time, or exits.
         """
         child = self._start_helper(_OBSERVER, "observer")
-        child.send(protocol.ConfigureObserver(guarded=guarded))
+        if settings.static_dir or settings.clock:
+            self.configure(child, settings)
+            self._ready_observers.add(child)
+        else:
+            child.send(settings)
         return child
 
     def wait_for_observer(self, child: ManagedProcess) -> None:
@@ -148,7 +156,8 @@ class Launcher:
         Raises:
             RunError: it is not ready in time, or exits.
         """
-        self._checked(self._supervisor.answer(child, protocol.Ready, _CONFIGURE_TIMEOUT_S))
+        if child not in self._ready_observers:
+            self._checked(self._supervisor.answer(child, protocol.Ready, _CONFIGURE_TIMEOUT_S))
 
     def start_hosts_early(self, plans: Iterable[ProcessPlan]) -> None:
         """Start the processes of Python nodes, and let them import ROS; `start_nodes` adopts them.

@@ -18,6 +18,7 @@ from r2bspec.execute.host.host_watch import Interference
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.arrivals import ArrivalReader
+from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import RowReader
 from r2bspec.ipc.schedule import Schedule
 from r2bspec.measure.expected_steps import select_expected_steps
@@ -97,7 +98,7 @@ def measure_harness_overhead(
     )
     step_stamps = StepStamps(schedule)
     files = [ArrivalReader(rows_dir / f"{each.name}.rows", MONITOR_FIELDS) for each in watches]
-    played = RowReader(rows_dir / playback, PLAYBACK_FIELDS)
+    played = PlaybackReader(rows_dir / playback, PLAYBACK_FIELDS)
     supervisor.request(
         monitor, protocol.Watch(monitors=watches), protocol.Matched, _REPLY_TIMEOUT_S
     )

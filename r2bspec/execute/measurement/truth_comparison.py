@@ -26,7 +26,7 @@ from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.buffers import read_index, read_stamps
 from r2bspec.ipc.message_log import read_messages
-from r2bspec.ipc.sample_files import RowReader
+from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
 from r2bspec.measure.disparity_accuracy import DisparityAccuracy
 from r2bspec.measure.expected_steps import select_expected_steps
@@ -80,7 +80,7 @@ class TruthComparison:
         }
         recording = MessageRecording(self.supervisor, tuple(watches.values()), self.rows_dir)
         recording.begin()
-        played = RowReader(self.rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
+        played = PlaybackReader(self.rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
         first = played.count()
         rate_hz = _lowest_rate_hz(self.plan)
         at = f"{rate_hz:g} Hz, " if rate_hz else ""

@@ -19,6 +19,7 @@ from r2bspec.ipc.sample_files import RowWriter
 from r2bspec.ipc.schedule import CyclicSchedule
 from r2bspec.record.run_folder import RunFolder
 from run_simulation import EPOCH_NS, Simulation
+from scripted_playback import ScriptedPlayback
 
 STEPS = 20
 PERIOD_NS = 10_000_000
@@ -34,7 +35,7 @@ class Scripted:
         self.late: dict[int, Callable[[], None]] = {}
         self._played = 0
         self._pumped = 0
-        self._playback = RowWriter(rows_dir / PLAYBACK_ROWS, width=5)
+        self._playback = ScriptedPlayback(rows_dir / PLAYBACK_ROWS)
         self._monitor = RowWriter(rows_dir / "detections.rows", width=5)
 
     def send(self, command: object) -> None:
@@ -43,7 +44,7 @@ class Scripted:
         first, answered = self._played, self.segments.popleft()
         for step in range(first, first + command.steps):
             due_ns = EPOCH_NS + step * PERIOD_NS
-            self._playback.append(step + 1, due_ns, due_ns, due_ns, -1)
+            self._playback.append(step + 1, due_ns, due_ns, due_ns)
         self._played += command.steps
         for number in answered:
             self.answer(first + number)
@@ -67,7 +68,6 @@ class Scripted:
 
     def close(self) -> None:
         """Close the files."""
-        self._playback.close()
         self._monitor.close()
 
 

@@ -65,7 +65,8 @@ COMMANDS: list[protocol.Command] = [
         )
     ),
     protocol.ConfigureMonitor(monitors=(MONITOR,), rows_dir="/rows"),
-    protocol.ConfigureObserver(guarded=("/a",)),
+    protocol.ConfigureObserver(guarded=("/a",), static_dir="/buffers", clock=True),
+    protocol.AwaitStatic(),
     protocol.ConfigureHost(nodes=(NODE,), base_dir="/spec"),
     protocol.Prepare(),
     protocol.ConfigureCaller(

@@ -1,20 +1,28 @@
-"""Messages of native parts are lines of words; a schedule goes into a file."""
+"""Messages of native parts are lines of words; schedules and playbacks go into files."""
 
 from __future__ import annotations
 
+import resource
+import signal
 import struct
 from pathlib import Path
+from typing import Any, Literal
 
 import msgspec
+import numpy as np
 import pytest
 
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import BufferWriter
+from r2bspec.ipc.disk_errors import is_refusal
 from r2bspec.ipc.native_protocol import NativeCodec
+from r2bspec.ipc.playback_events import EVENT_DTYPE
+from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.schedule import CyclicSchedule, CyclicTransform
 from r2bspec.ipc.transform_stamps import TF, TF_STATIC, TF_TYPE
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import InputPlan, MonitorPlan
+from r2bspec.record.run_record import PLAYBACK_FIELDS
 
 IMAGE = "sensor_msgs/msg/Image"
 OUT = MonitorPlan(name="out", topic="/out", type=IMAGE, match="stamp", qos=QoS())
@@ -39,7 +47,6 @@ def player(folder: Path, transforms: tuple[str, ...] = ()) -> protocol.Configure
         buffer_dir=str(folder),
         rows=str(folder / "played"),
         transforms=transforms,
-        clock=bool(transforms),
     )
 
 
@@ -58,7 +65,6 @@ def write_buffer(folder: Path, topic: str, kind: str, *messages: bytes) -> None:
         (protocol.Stop(), "stop"),
         (protocol.Shutdown(), "shutdown"),
         (protocol.ConfigureHarness(parts=("player", "monitor")), "harness"),
-        (protocol.Play(rate_hz=29.97, steps=100), "play 29.97 100"),
         (
             protocol.ConfigureMonitor(monitors=(OUT, NAMED), rows_dir="/rows"),
             f"monitor /rows 1 {IMAGE}",
@@ -85,48 +91,99 @@ def test_a_command_is_one_line_of_words(command: object, expected: str) -> None:
 
 
 def test_a_player_has_its_inputs_and_transforms_after_them(tmp_path: Path) -> None:
-    write_buffer(tmp_path, TF_STATIC, TF_TYPE, b"latched")
     qos = "reliable,volatile,keep_last"
-    assert line(player(tmp_path)) == (f"player {tmp_path}/played 0  0 1 1 /in {IMAGE} {qos},10 1")
+    own = f"/in {IMAGE} {qos},10 {tmp_path}/loaded.cdr"
+    assert line(player(tmp_path)) == f"player 1 {own}"
     assert line(player(tmp_path, (TF, TF_STATIC))) == (
-        f"player {tmp_path}/played 1 {tmp_path}/tf_static.cdr 7 1 2 "
-        f"/in {IMAGE} {qos},10 1 /tf {TF_TYPE} {qos},100 0"
+        f"player 2 {own} /tf {TF_TYPE} {qos},100 {tmp_path}/tf.cdr"
     )
 
 
+def followed(folder: Path, codec: NativeCodec, schedule: CyclicSchedule) -> list[int]:
+    """The numbers of the playlist after its magic."""
+    path = Path(line(protocol.Follow(schedule=schedule), codec).removeprefix("follow "))
+    assert path.parent == folder
+    found = path.read_bytes()
+    assert found.startswith(b"R2BMSGS1")
+    return [number for (number,) in struct.iter_unpack("<q", found[8:])]
+
+
 def test_each_schedule_has_a_playlist_of_its_own(tmp_path: Path) -> None:
+    write_buffer(tmp_path, "/loaded", IMAGE, bytes(20), bytes(30))
+    codec = NativeCodec()
+    codec.encode(player(tmp_path))
+    both = followed(tmp_path, codec, CyclicSchedule(steps=((0,), (1,))))
+    # Source, offset, size, first place, places, shift.
+    assert both == [2, 0, 0, 0, 20, 0, 0, 0, 0, 20, 30, 0, 0, 0]
+    assert followed(tmp_path, codec, CyclicSchedule(steps=((1,),))) == [1, 0, 0, 20, 30, 0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("timestamp", "header", "size", "stamped"),
+    [("header", 1, 20, 1), ("header", 0, 20, 0), ("header", 1, 11, 0), ("none", 1, 20, 0)],
+)
+def test_a_header_gets_the_stamp_where_there_is_one(
+    tmp_path: Path, timestamp: Literal["header", "none"], header: int, size: int, stamped: int
+) -> None:
+    write_buffer(tmp_path, "/loaded", IMAGE, bytes(size))
+    codec = NativeCodec()
+    given = msgspec.structs.replace(INPUT, timestamp=timestamp)
+    codec.encode(msgspec.structs.replace(player(tmp_path), inputs=(given,)))
+    assert codec.decode(f"ready {header}".encode()) == protocol.Ready(headers={"/in": bool(header)})
+    found = followed(tmp_path, codec, CyclicSchedule(steps=((0,),)))
+    assert found == [1, stamped, 0, 0, size, 0, stamped, 0, *[4, 0] * stamped]
+
+
+def played(path: Path) -> Any:
+    return np.fromfile(path, dtype=EVENT_DTYPE, offset=64)
+
+
+def test_a_playback_goes_on_where_the_last_one_was_stopped(tmp_path: Path) -> None:
+    write_buffer(tmp_path, "/loaded", IMAGE, *[bytes(20)] * 5)
+    codec = NativeCodec()
+    codec.encode(player(tmp_path))
+    schedule = CyclicSchedule(steps=tuple((n,) for n in range(5)))
+    followed(tmp_path, codec, schedule)
+    rows = PlaybackReader(tmp_path / "played", PLAYBACK_FIELDS)
+    for number, first, complete in ((1, 0, 3), (2, 3, 4), (3, 2, 0)):
+        path = tmp_path / f"played-{number}"
+        assert line(protocol.Play(rate_hz=10.0, steps=4), codec) == f"play {path}"
+        found = played(path)
+        assert found["first"].tolist() == [(first + n) % 5 for n in range(4)]
+        assert found["step"].tolist() == [0, 1, 2, 3]
+        assert found["due_ns"].tolist() == [n * 10**8 for n in range(4)]
+        # The player publishes so many of them.
+        np.memmap(path, dtype="<i8", mode="r+", shape=(1,))[0] = complete
+    assert rows.count() == 7
+    followed(tmp_path, codec, schedule)
+    codec.encode(protocol.Play(rate_hz=10.0, steps=1))
+    assert played(tmp_path / "played-4")["first"].tolist() == [0]
+
+
+def test_a_full_disk_is_an_error_with_the_file(tmp_path: Path) -> None:
     write_buffer(tmp_path, "/loaded", IMAGE, bytes(20))
     codec = NativeCodec()
     codec.encode(player(tmp_path))
-    schedule = CyclicSchedule(steps=((0,),))
-    for number in (1, 2):
-        path = tmp_path / f"played.playlist-{number}"
-        assert line(protocol.Follow(schedule=schedule), codec) == f"follow {path}"
-        assert path.read_bytes().startswith(b"R2BPLAY1")
-
-
-def test_damaged_transforms_are_an_error(tmp_path: Path) -> None:
-    whole = b"".join(TRANSFORM)
-    write_buffer(tmp_path, "/loaded", IMAGE, bytes(20))
-    schedule = CyclicSchedule(steps=((0,),), transforms=(CyclicTransform(0.5, 0, 0),))
-    codec = NativeCodec()
-    codec.encode(player(tmp_path, (TF,)))
-    write_buffer(tmp_path, TF, TF_TYPE, whole)
-    codec.encode(protocol.Follow(schedule=schedule))
-    for size in range(8, len(whole), 7):
-        write_buffer(tmp_path, TF, TF_TYPE, whole[:size])
-        with pytest.raises(ValueError, match="/tf is truncated"):
-            codec.encode(protocol.Follow(schedule=schedule))
+    followed(tmp_path, codec, CyclicSchedule(steps=((0,),)))
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, before[1]))
+    try:
+        with pytest.raises(OSError, match="File too large") as caught:
+            codec.encode(protocol.Play(rate_hz=10.0, steps=10_000))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert caught.value.filename == str(tmp_path / "played-1")
+    assert is_refusal(caught.value)
 
 
 def test_the_counts_of_a_player_are_those_of_its_inputs_and_transforms(tmp_path: Path) -> None:
-    write_buffer(tmp_path, TF_STATIC, TF_TYPE, b"latched")
     codec = NativeCodec()
     codec.encode(player(tmp_path, (TF_STATIC, TF)))
-    assert codec.decode(b"ready 1\n") == protocol.Ready(headers={"/in": True})
+    assert codec.decode(b"ready 1 0\n") == protocol.Ready(headers={"/in": True, TF: False})
     assert codec.decode(b"ready") == protocol.Ready()
-    found = codec.decode(b"matched 2 1 0\n")
-    assert found == protocol.Matched(counts={"/in": 2, "/tf": 1, "/tf_static": 0})
+    assert codec.decode(b"matched 2 1\n") == protocol.Matched(counts={"/in": 2, TF: 1})
     assert codec.decode(b"played 17\n") == protocol.Played(steps=17)
 
 
@@ -159,6 +216,21 @@ def test_another_line_is_no_reply(reply: bytes) -> None:
         NativeCodec().decode(reply)
 
 
+def test_damaged_transforms_are_an_error(tmp_path: Path) -> None:
+    whole = b"".join(TRANSFORM)
+    write_buffer(tmp_path, "/loaded", IMAGE, bytes(20))
+    schedule = CyclicSchedule(steps=((0,),), transforms=(CyclicTransform(0.5, 0, 10),))
+    codec = NativeCodec()
+    codec.encode(player(tmp_path, (TF,)))
+    write_buffer(tmp_path, TF, TF_TYPE, whole)
+    stamp = 5 * 10**9 + 7
+    assert followed(tmp_path, codec, schedule)[-8:] == [1, 0, len(whole), 0, 1, -10, 8, stamp]
+    for size in range(8, len(whole), 7):
+        write_buffer(tmp_path, TF, TF_TYPE, whole[:size])
+        with pytest.raises(ValueError, match="/tf is truncated"):
+            codec.encode(protocol.Follow(schedule=schedule))
+
+
 def test_what_a_native_part_does_not_know_is_an_error() -> None:
     with pytest.raises(ValueError, match="no command of a native part: Survey"):
         line(protocol.Survey())
@@ -167,3 +239,5 @@ def test_what_a_native_part_does_not_know_is_an_error() -> None:
         line(protocol.Subscribe(monitors=(unknown,)))
     with pytest.raises(ValueError, match="configured before"):
         line(protocol.Follow(schedule=CyclicSchedule(steps=((0,),))))
+    with pytest.raises(ValueError, match="before it plays"):
+        line(protocol.Play(rate_hz=1.0, steps=1))

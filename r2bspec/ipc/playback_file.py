@@ -1,0 +1,140 @@
+"""Playback files: what a player publishes when, and when it did so.
+
+The controller writes a file for each playback, and the player (``playlist.c``) maps it, plays its
+events, and writes the times into them. A file is little-endian; after a header of 64 bytes::
+
+    int64 published, magic "R2BPLAY2", int64 events, int64 has_stamps, int64 earliest_stamp_ns
+
+it has the events (`r2bspec.ipc.playback_events.EVENT_DTYPE`). `published` events are complete: the
+player writes an event before it counts it, so that this process can read while it plays, and after
+it was killed.
+"""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from r2bspec.ipc.disk_errors import named_errors
+from r2bspec.ipc.playback_events import EVENT_DTYPE, Events, Round, TimelineRound
+from r2bspec.ipc.schedule import NO_STEP
+
+_MAGIC = b"R2BPLAY2"
+_HEADER = struct.Struct("<q8s3q24x")
+
+
+def playback_path(path: Path, number: int) -> Path:
+    """The file of a playback; `number` counts from 1."""
+    return path.with_name(f"{path.name}-{number}")
+
+
+def write_playback(path: Path, made: Round, rate_hz: float, steps: int, first: int = 0) -> None:
+    """Write the file of a playback.
+
+    Args:
+        path: of the new file.
+        made: one round of the schedule.
+        rate_hz: steps per second; without effect on a recording, which has its own times.
+        steps: how many.
+        first: the step of the round to begin with; also without effect on a recording.
+
+    Raises:
+        OSError: the disk is full; it has the name of the file.
+    """
+    has_stamps = isinstance(made, TimelineRound)
+    earliest_ns = 0
+    if has_stamps:
+        earliest_ns = int(made.events["stamp_ns"][made.events["step"] != NO_STEP].min())
+        first = 0
+    with named_errors(path), path.open("xb") as file:
+        file.write(bytes(_HEADER.size))
+        events = 0
+        for block in made.blocks(rate_hz, steps, first):
+            file.write(block.data)
+            events += block.size
+        file.seek(0)
+        file.write(_HEADER.pack(0, _MAGIC, events, has_stamps, earliest_ns))
+
+
+class PlaybackReader:
+    """Reads the steps that a player has played so far, as one sequence over all its playbacks.
+
+    A step is in it once it and all steps before it are complete. Its row has the stamp and the
+    times of its first event, and the end of its last one.
+
+    Args:
+        path: the files are ``PATH-1``, ``PATH-2`` and so on.
+        fields: of a row, as `r2bspec.record.run_record.PLAYBACK_FIELDS`.
+    """
+
+    def __init__(self, path: Path, fields: tuple[tuple[str, str], ...]) -> None:
+        self._path = path
+        self._dtype = np.dtype(list(fields))
+        self._playbacks: list[_Playback] = []
+
+    def count(self) -> int:
+        """The number of complete steps; 0 before the first playback."""
+        self._find_playbacks()
+        return sum(each.complete() for each in self._playbacks)
+
+    def read(self, start: int = 0, stop: int | None = None) -> NDArray[np.void]:
+        """The rows from `start` up to `stop`, or up to the last complete step."""
+        self._find_playbacks()
+        found = [np.empty(0, self._dtype)]
+        begin = 0
+        for each in self._playbacks:
+            count = each.complete()
+            last = count if stop is None else min(count, stop - begin)
+            if last > max(0, start - begin):
+                found.append(each.rows(max(0, start - begin), last, self._dtype))
+            begin += count
+        return np.concatenate(found)
+
+    def _find_playbacks(self) -> None:
+        while (path := playback_path(self._path, len(self._playbacks) + 1)).exists():
+            self._playbacks.append(_Playback(path))
+
+
+class _Playback:
+    """One file, mapped."""
+
+    def __init__(self, path: Path) -> None:
+        self._published = np.memmap(path, dtype="<i8", mode="r", shape=(1,))
+        events = (path.stat().st_size - _HEADER.size) // EVENT_DTYPE.itemsize
+        self._events: Events = np.empty(0, EVENT_DTYPE)
+        if events:
+            self._events = np.memmap(
+                path, dtype=EVENT_DTYPE, mode="r", offset=_HEADER.size, shape=(events,)
+            )
+        self._bounds: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None
+
+    def complete(self) -> int:
+        published = int(self._published[0])
+        return int(self._events["complete"][published - 1]) if published else 0
+
+    def rows(self, start: int, stop: int, dtype: np.dtype[np.void]) -> NDArray[np.void]:
+        if self._bounds is None:
+            self._bounds = _first_and_last(self._events["step"])
+        first, last = (each[start:stop] for each in self._bounds)
+        begun = self._events[first]
+        found = np.empty(stop - start, dtype)
+        for name in ("stamp_ns", "due_ns", "published_ns", "inputs"):
+            found[name] = begun[name]
+        found["done_ns"] = self._events["done_ns"][last]
+        return found
+
+
+def _first_and_last(steps: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The first and the last event of each step."""
+    order = np.flatnonzero(steps != NO_STEP)
+    if (np.diff(steps[order]) != 0).all() and (np.diff(steps[order]) == 1).all():
+        return order, order
+    order = order[np.argsort(steps[order], kind="stable")]
+    numbers = np.arange(int(steps.max(initial=NO_STEP)) + 1)
+    return (
+        order[np.searchsorted(steps[order], numbers)],
+        order[np.searchsorted(steps[order], numbers, side="right") - 1],
+    )
