@@ -65,28 +65,28 @@ class Observer:
                     self._channel.send(protocol.ForeignPublishers(publishers=self._guard.foreign()))
                 case protocol.Record(monitors=monitors, folder=folder):
                     self._recorder = MessageRecorder(self._node, monitors, Path(folder))
-                    self._channel.send(self._matched())
+                    self._send_matches()
                 case protocol.EndRecording():
                     recorder, self._recorder = self._recorder, None
                     if recorder is not None:
                         recorder.close()
-                    self._channel.send(self._matched())
+                    self._send_matches()
                 case protocol.CountMatches():
-                    self._channel.send(self._matched())
+                    self._send_matches()
                 case protocol.AwaitStatic():
                     if self._static_publisher is not None:
                         self._static_publisher.wait_for_acknowledgements()
-                    self._channel.send(self._matched())
+                    self._send_matches()
                 case protocol.Shutdown():
                     return
                 case _:
                     continue
 
-    def _matched(self) -> protocol.Matched:
-        static, recorder = self._static_publisher, self._recorder
-        counts = {} if static is None else {TF_STATIC: static.matches()}
-        counts |= {} if recorder is None else recorder.matches()
-        return protocol.Matched(counts=counts)
+    def _send_matches(self) -> None:
+        counts = self._recorder.matches() if self._recorder is not None else {}
+        if self._static_publisher is not None:
+            counts |= {TF_STATIC: self._static_publisher.matches()}
+        self._channel.send(protocol.Matched(counts=counts))
 
 
 def discover(node: Node, topics: tuple[str, ...]) -> protocol.Discovered:

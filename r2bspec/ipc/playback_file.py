@@ -1,13 +1,13 @@
 """Playback files: what a player publishes when, and when it did so.
 
 The controller writes a file for each playback, and the player (``playlist.c``) maps it, plays its
-events, and writes the times into them. A file is little-endian; after a header of 64 bytes::
+events (`r2bspec.ipc.playback_events.EVENT_DTYPE`), and writes the times into them. A file is a
+table: little-endian items after a header::
 
-    int64 published, magic "R2BPLAY2", int64 events, int64 has_stamps, int64 earliest_stamp_ns
+    int64 published, magic, int64 items, int64 has_stamps, int64 earliest_stamp_ns
 
-it has the events (`r2bspec.ipc.playback_events.EVENT_DTYPE`). `published` events are complete: the
-player writes an event before it counts it, so that this process can read while it plays, and after
-it was killed.
+The first `published` events are complete: the player writes an event before it counts it, so that
+this process can read while it plays, and after it was killed.
 """
 
 from __future__ import annotations
@@ -23,7 +23,15 @@ from r2bspec.ipc.playback_events import EVENT_DTYPE, Events, Round, TimelineRoun
 from r2bspec.ipc.schedule import NO_STEP
 
 _MAGIC = b"R2BPLAY2"
-_HEADER = struct.Struct("<q8s3q24x")
+_HEADER = struct.Struct("<q8s3q")
+HEADER_BYTES = _HEADER.size
+
+
+def table_header(
+    magic: bytes, items: int, *, has_stamps: bool = False, earliest_stamp_ns: int = 0
+) -> bytes:
+    """The header of a table; see the beginning of this module."""
+    return _HEADER.pack(0, magic, items, has_stamps, earliest_stamp_ns)
 
 
 def playback_path(path: Path, number: int) -> Path:
@@ -50,13 +58,15 @@ def write_playback(path: Path, made: Round, rate_hz: float, steps: int, first: i
         earliest_ns = int(made.events["stamp_ns"][made.events["step"] != NO_STEP].min())
         first = 0
     with named_errors(path), path.open("xb") as file:
-        file.write(bytes(_HEADER.size))
+        file.write(bytes(HEADER_BYTES))
         events = 0
         for block in made.blocks(rate_hz, steps, first):
             file.write(block.data)
             events += block.size
         file.seek(0)
-        file.write(_HEADER.pack(0, _MAGIC, events, has_stamps, earliest_ns))
+        file.write(
+            table_header(_MAGIC, events, has_stamps=has_stamps, earliest_stamp_ns=earliest_ns)
+        )
 
 
 class PlaybackReader:
@@ -103,11 +113,11 @@ class _Playback:
 
     def __init__(self, path: Path) -> None:
         self._published = np.memmap(path, dtype="<i8", mode="r", shape=(1,))
-        events = (path.stat().st_size - _HEADER.size) // EVENT_DTYPE.itemsize
+        events = (path.stat().st_size - HEADER_BYTES) // EVENT_DTYPE.itemsize
         self._events: Events = np.empty(0, EVENT_DTYPE)
         if events:
             self._events = np.memmap(
-                path, dtype=EVENT_DTYPE, mode="r", offset=_HEADER.size, shape=(events,)
+                path, dtype=EVENT_DTYPE, mode="r", offset=HEADER_BYTES, shape=(events,)
             )
         self._bounds: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None
 

@@ -1,21 +1,20 @@
 """Playlists: the messages that a player publishes, where they are and which stamps they have.
 
-A playlist is a file of little-endian int64, which ``playlist.c`` maps and checks::
+A playlist is a table (`r2bspec.ipc.playback_file`) of entries of int64, which ``playlist.c``
+checks::
 
-    magic "R2BMSGS1", messages, places
-    messages    source, offset, size, first_place, places, shift_ns
-    places      position in the message, recorded stamp in ns
+    source, offset, size, place, add_ns, is_published
 
-`source` is the number of an input of the plan, or that of /tf after them; `offset` is that in its
-buffer. At each place of a message the player writes a stamp: that of the event, plus the recorded
-one, plus `shift_ns`. The place of a header has no recorded stamp (0).
+`source` is the number of an input of the plan, or that of /tf after them; `offset` is that of the
+message in its buffer. At `place` in the message, unless it is -1, the player writes the stamp of
+the event plus `add_ns`. A message with several stamps has an entry for each; only the last of them
+is published.
 """
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,15 +26,17 @@ from r2bspec.ipc.header_stamps import STAMP_BYTES
 from r2bspec.ipc.playback_events import (
     EVENT_DTYPE,
     CyclicRound,
+    Events,
     Round,
     TimelineRound,
     complete_steps,
 )
+from r2bspec.ipc.playback_file import table_header
 from r2bspec.ipc.schedule import ALL_INPUTS, NO_STEP, CyclicSchedule, Schedule, TimelineSchedule
 from r2bspec.ipc.transform_stamps import TF, StampedTransforms
 
-_MAGIC = b"R2BMSGS1"
-_HEADER = struct.Struct("<8s2q")
+_MAGIC = b"R2BMSGS2"
+_NO_PLACE = (-1, 0)
 _STAMP_POSITION = STAMP_BYTES - 8
 
 _Message = tuple[int, int, int]
@@ -95,17 +96,26 @@ def write_playlist(
         for topic, has_stamp, positions in zip(sources, stamped, wanted[:-1], strict=True)
     ]
     found.append(_described(folder, TF, wanted[-1], shifts=shifts))
-    messages: list[tuple[int, ...]] = []
-    places: list[_Place] = []
+    entries: list[tuple[int, ...]] = []
+    starts = [0]
     for source, position, shift_ns in numbering.messages:
-        offset, size, of_message = found[source][position]
-        messages.append((source, offset, size, len(places), len(of_message), shift_ns))
-        places += of_message
+        offset, size, places = found[source][position]
+        for number, (place, stamp_ns) in enumerate(places, 1):
+            add_ns, is_last = stamp_ns + shift_ns, number == len(places)
+            entries.append((source, offset, size, place, add_ns, is_last))
+        starts.append(len(entries))
     with named_errors(path), path.open("xb") as file:
-        file.write(_HEADER.pack(_MAGIC, len(messages), len(places)))
-        file.write(np.array(messages, dtype="<i8").tobytes())
-        file.write(np.array(places, dtype="<i8").tobytes())
-    return made
+        file.write(table_header(_MAGIC, len(entries)))
+        file.write(np.array(entries, dtype="<i8").tobytes())
+    return replace(made, events=_numbered_by_entry(made.events, np.array(starts)))
+
+
+def _numbered_by_entry(events: Events, starts: NDArray[np.int64]) -> Events:
+    """Events whose messages are entries of the file; `starts` has the first one of each message."""
+    found = events.copy()
+    found["first"] = starts[events["first"]]
+    found["count"] = starts[events["first"] + events["count"]] - found["first"]
+    return found
 
 
 def _described(
@@ -116,7 +126,7 @@ def _described(
     stamped: bool = False,
     shifts: bool = False,
 ) -> dict[int, tuple[int, int, list[_Place]]]:
-    """The offset, the size and the places of each of these messages of a buffer."""
+    """The offset, the size and the places of stamps of each of these messages of a buffer."""
     if not positions:
         return {}
     transforms = buffers.read_messages(folder, topic, positions) if shifts else {}
@@ -129,7 +139,7 @@ def _described(
             places = StampedTransforms(transforms[position]).places()
         elif stamped and sizes[position] >= STAMP_BYTES:
             places = [(_STAMP_POSITION, 0)]
-        found[position] = offsets[position], sizes[position], places
+        found[position] = offsets[position], sizes[position], places or [_NO_PLACE]
     return found
 
 

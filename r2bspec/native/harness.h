@@ -88,69 +88,12 @@ int64_t clock_difference(int64_t *difference_ns);
 typedef struct rows {
   char *path;
   int fd;
-  int64_t *map;
-  size_t width, capacity, count;
+  size_t row_bytes;
 } rows_t;
 
-int rows_open(rows_t *rows, const char *path, size_t width, size_t capacity);
+int rows_open(rows_t *rows, const char *path, size_t width);
 int rows_append(rows_t *rows, const int64_t *values);
 void rows_close(rows_t *rows);
-
-/* playlist.c: the files of a player. */
-
-typedef struct mapping {
-  char *data;
-  size_t size;
-} mapping_t;
-
-typedef struct stamp_place {
-  int64_t position; /* in the message */
-  int64_t stamp_ns; /* what is added to the stamp of the event */
-} stamp_place_t;
-
-typedef struct message {
-  int64_t source, offset, size, first_place, places;
-  int64_t shift_ns; /* the same for all its places */
-} message_t;
-
-typedef struct messages {
-  mapping_t index, *buffers; /* one for each source */
-  const message_t *messages;
-  const stamp_place_t *places;
-  int64_t sources, count;
-} messages_t;
-
-/* Messages that are published at one time. The first line is completed by the player; before, the
- * due time is relative to the beginning, and so is the stamp if the playback has stamps. */
-typedef struct event {
-  int64_t due_ns, stamp_ns, published_ns, done_ns;
-  int64_t inputs;        /* of the step */
-  int32_t step;          /* or -1 */
-  int32_t complete;      /* steps, once this is published */
-  int32_t first, count;  /* messages */
-} event_t;
-
-typedef struct playback_header {
-  int64_t published; /* events */
-  char magic[8];
-  int64_t events, has_stamps, earliest_stamp_ns, unused[3];
-} playback_header_t;
-
-typedef struct playback {
-  mapping_t file;
-  playback_header_t *header;
-  event_t *events;
-} playback_t;
-
-/* Opens a list of messages, and the buffers that have them; to be closed in any case. */
-int messages_open(messages_t *list, const char *path, char *const *buffers, int64_t sources);
-void messages_close(messages_t *list);
-char *message_data(const messages_t *list, const message_t *message);
-void message_stamp(const messages_t *list, const message_t *message, int64_t stamp_ns);
-
-/* Opens what is to be published of a list; to be closed in any case. */
-int playback_open(playback_t *playback, const char *path, const messages_t *list);
-void playback_close(playback_t *playback);
 
 /* ros.c */
 
@@ -173,6 +116,64 @@ int ros_publish(rcl_publisher_t *publisher, const void *data, size_t size);
 
 /* Called when a part begins to end, if a process of its own sets it: some middlewares hang then. */
 extern void (*harness_on_end)(void);
+
+/* playlist.c: the files of a player. */
+
+typedef struct mapping {
+  char *data;
+  size_t size;
+} mapping_t;
+
+/* Maps a whole file, in place of what was mapped: `shared` with other processes, or with a copy of
+ * each page that is written to. */
+int mapping_open(mapping_t *mapping, const char *path, bool shared);
+void mapping_close(mapping_t *mapping);
+
+/* An input of the plan, or /tf after them. */
+typedef struct source {
+  rcl_publisher_t publisher;
+  bool has_header;
+  char *path;
+  mapping_t buffer; /* its messages */
+} source_t;
+
+/* A message that is published, or only the place of a further stamp in the next message. */
+typedef struct message {
+  int64_t source, offset, size;
+  int64_t place; /* of a stamp, in the message, or NO_PLACE */
+  int64_t add_ns; /* to the stamp of the event */
+  int64_t is_published;
+} message_t;
+
+#define NO_PLACE INT64_C(-1)
+
+/* Messages that are published at one time. The first four are completed by the player; before, the
+ * due time is relative to the beginning, and so is the stamp if the playback has stamps. */
+typedef struct event {
+  int64_t due_ns, stamp_ns, published_ns, done_ns;
+  int64_t inputs; /* of the step */
+  int32_t step;
+  int32_t complete; /* steps, once this is published */
+  int32_t first, count; /* messages */
+} event_t;
+
+typedef struct table_header {
+  int64_t published; /* events */
+  char magic[8];
+  int64_t items, has_stamps, earliest_stamp_ns;
+} table_header_t;
+
+typedef struct table {
+  mapping_t file;
+  table_header_t *header;
+  void *items;
+} table_t;
+
+/* Open the messages of a player, and what is to be published of them; to be closed in any case. */
+int messages_open(table_t *table, const char *path, const source_t *sources, int64_t source_count);
+int playback_open(table_t *table, const char *path, const table_t *messages);
+void table_close(table_t *table);
+void message_stamp(const message_t *message, const source_t *sources, int64_t stamp_ns);
 
 /* player.c, monitor.c: each serves a channel until told to end; `rest` are words of the command. */
 int player_serve(channel_t *channel, char *rest);

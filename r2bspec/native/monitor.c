@@ -20,7 +20,6 @@
 #define MIN_STALL_NS 100000000
 #define STALL_FILE "monitor.held"
 #define STAMP_END 12
-#define ROOM 4096 /* rows, at first */
 
 typedef struct watched {
   rcl_subscription_t subscription;
@@ -114,7 +113,7 @@ static int open_rows(
   if (asprintf(&path, "%s/%s%s", monitor->rows_dir, name, suffix) < 0) {
     return fail_memory();
   }
-  const int failed = rows_open(rows, path, width, ROOM);
+  const int failed = rows_open(rows, path, width);
   free(path);
   return failed;
 }

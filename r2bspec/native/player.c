@@ -17,14 +17,17 @@
 typedef struct player {
   channel_t *channel;
   ros_t ros;
-  rcl_publisher_t *publishers; /* of the inputs; that of /tf is the last, where it is played */
-  bool *has_header;
-  char **buffers; /* the files of their messages */
-  int64_t inputs;
-  messages_t messages;
+  source_t *sources;
+  int64_t source_count;
+  table_t messages;
   int64_t last_stamp_ns;
   pacer_t pacer;
 } player_t;
+
+static const message_t *first_message(const player_t *player, const event_t *event)
+{
+  return (const message_t *)player->messages.items + event->first;
+}
 
 /* This happens before waiting: writing to messages that are no longer in the cache takes time,
  * which would delay each publication. */
@@ -42,20 +45,22 @@ static void stamp_event(player_t *player, event_t *event, const int64_t *epoch_n
   if (event->stamp_ns > player->last_stamp_ns) {
     player->last_stamp_ns = event->stamp_ns;
   }
+  const message_t *messages = first_message(player, event);
   for (int64_t i = 0; i < event->count; ++i) {
-    const message_t *message = &player->messages.messages[event->first + i];
-    message_stamp(&player->messages, message, event->stamp_ns);
+    message_stamp(&messages[i], player->sources, event->stamp_ns);
   }
 }
 
 static int publish_event(player_t *player, event_t *event)
 {
+  const message_t *messages = first_message(player, event);
   /* What a latency counts from: before the first call that publishes. */
   event->published_ns = monotonic_ns();
   for (int64_t i = 0; i < event->count; ++i) {
-    const message_t *message = &player->messages.messages[event->first + i];
-    const char *data = message_data(&player->messages, message);
-    if (ros_publish(&player->publishers[message->source], data, (size_t)message->size) < 0) {
+    source_t *source = &player->sources[messages[i].source];
+    const char *data = source->buffer.data + messages[i].offset;
+    if (messages[i].is_published &&
+        ros_publish(&source->publisher, data, (size_t)messages[i].size) < 0) {
       return -1;
     }
   }
@@ -65,56 +70,57 @@ static int publish_event(player_t *player, event_t *event)
 
 /* The system time of the beginning, to which the stamps of a recording are shifted. It is later if
  * a stamp would otherwise repeat, because stamps may be ahead of the clock. */
-static int64_t find_epoch(const player_t *player, const playback_t *playback, int64_t begin_ns)
+static int64_t find_epoch(const player_t *player, const table_t *playback, int64_t begin_ns)
 {
   const int64_t epoch_ns = system_ns() + begin_ns - monotonic_ns();
   const int64_t least_ns = player->last_stamp_ns + 1 - playback->header->earliest_stamp_ns;
   return epoch_ns > least_ns ? epoch_ns : least_ns;
 }
 
-/* Plays until the last event or until a command arrives. */
-static int play_events(player_t *player, playback_t *playback)
+/* Plays until the last event or until a command arrives; returns how many steps are complete. */
+static int play_events(player_t *player, table_t *playback)
 {
-  playback_header_t *head = playback->header;
+  event_t *events = playback->items;
   const int64_t begin_ns = monotonic_ns() + START_DELAY_NS;
   const int64_t epoch_ns = find_epoch(player, playback, begin_ns);
-  for (int64_t i = 0; i < head->events; ++i) {
-    event_t *event = &playback->events[i];
-    event->due_ns += begin_ns;
-    stamp_event(player, event, head->has_stamps ? &epoch_ns : NULL);
-    if (pacer_wait(&player->pacer, event->due_ns, player->channel) ||
+  int steps = 0;
+  for (int64_t i = 0; i < playback->header->items; ++i) {
+    events[i].due_ns += begin_ns;
+    stamp_event(player, &events[i], playback->header->has_stamps ? &epoch_ns : NULL);
+    if (pacer_wait(&player->pacer, events[i].due_ns, player->channel) ||
         (i % EVENTS_PER_LOOK == 0 && channel_wait(player->channel, 0))) {
-      return 0;
+      break;
     }
-    if (publish_event(player, event) < 0) {
+    if (publish_event(player, &events[i]) < 0) {
       return -1;
     }
+    steps = events[i].complete;
     /* The event before the count: a reader sees complete events only. */
-    __atomic_store_n(&head->published, i + 1, __ATOMIC_RELEASE);
+    __atomic_store_n(&playback->header->published, i + 1, __ATOMIC_RELEASE);
   }
-  return 0;
+  return steps;
 }
 
 static int play(player_t *player, const char *path)
 {
-  playback_t playback;
-  int failed = playback_open(&playback, path, &player->messages);
-  if (failed == 0) {
-    failed = play_events(player, &playback);
+  table_t playback = {0};
+  int steps = playback_open(&playback, path, &player->messages);
+  if (steps == 0) {
+    steps = play_events(player, &playback);
   }
-  if (failed == 0) {
-    const int64_t last = playback.header->published - 1;
-    const int steps = last < 0 ? 0 : playback.events[last].complete;
-    failed = channel_reply(player->channel, "played %d\n", steps);
-  }
-  playback_close(&playback);
-  return failed;
+  table_close(&playback);
+  return steps < 0 ? -1 : channel_reply(player->channel, "played %d\n", steps);
 }
 
 static int load(player_t *player, const char *path)
 {
-  messages_close(&player->messages);
-  return messages_open(&player->messages, path, player->buffers, player->inputs) < 0
+  table_close(&player->messages);
+  for (int64_t i = 0; i < player->source_count; ++i) {
+    if (mapping_open(&player->sources[i].buffer, player->sources[i].path, false) < 0) {
+      return -1;
+    }
+  }
+  return messages_open(&player->messages, path, player->sources, player->source_count) < 0
            ? -1
            : channel_reply(player->channel, "ready\n");
 }
@@ -123,24 +129,21 @@ static int load(player_t *player, const char *path)
 static int configure(player_t *player, char *rest)
 {
   const int64_t inputs = next_number(&rest);
-  const size_t room = inputs < 0 ? 1 : (size_t)inputs + 1;
-  player->publishers = calloc(room, sizeof(*player->publishers));
-  player->has_header = calloc(room, sizeof(*player->has_header));
-  player->buffers = calloc(room, sizeof(*player->buffers));
-  if (player->publishers == NULL || player->has_header == NULL || player->buffers == NULL) {
+  player->sources = calloc(inputs < 0 ? 1 : (size_t)inputs + 1, sizeof(source_t));
+  if (player->sources == NULL) {
     return fail_memory();
   }
-  for (; player->inputs < inputs; ++player->inputs) {
+  for (; player->source_count < inputs; ++player->source_count) {
+    source_t *source = &player->sources[player->source_count];
     const char *topic = next_word(&rest);
     type_t *type = ros_type(next_word(&rest));
     rmw_qos_profile_t qos;
-    rcl_publisher_t *made = &player->publishers[player->inputs];
     if (type == NULL || parse_qos(next_word(&rest), &qos) < 0 ||
-        ros_publisher(&player->ros, type, topic, &qos, made) < 0) {
+        ros_publisher(&player->ros, type, topic, &qos, &source->publisher) < 0) {
       return -1;
     }
-    player->has_header[player->inputs] = begins_with_header(type);
-    player->buffers[player->inputs] = strdup(next_word(&rest));
+    source->has_header = begins_with_header(type);
+    source->path = strdup(next_word(&rest));
   }
   return 0;
 }
@@ -149,10 +152,10 @@ static int configure(player_t *player, char *rest)
 static int send_numbers(player_t *player, const char *reply, bool headers)
 {
   int failed = channel_reply(player->channel, "%s", reply);
-  for (int64_t i = 0; i < player->inputs && failed == 0; ++i) {
-    size_t number = player->has_header[i];
+  for (int64_t i = 0; i < player->source_count && failed == 0; ++i) {
+    size_t number = player->sources[i].has_header;
     if (!headers) {
-      ignore_rcl(rcl_publisher_get_subscription_count(&player->publishers[i], &number));
+      ignore_rcl(rcl_publisher_get_subscription_count(&player->sources[i].publisher, &number));
     }
     failed = channel_reply(player->channel, " %zu", number);
   }
@@ -181,14 +184,13 @@ static void clean_up(player_t *player)
   if (harness_on_end != NULL) {
     harness_on_end();
   }
-  messages_close(&player->messages);
-  for (int64_t i = 0; i < player->inputs; ++i) {
-    ignore_rcl(rcl_publisher_fini(&player->publishers[i], &player->ros.node));
-    free(player->buffers[i]);
+  table_close(&player->messages);
+  for (int64_t i = 0; i < player->source_count; ++i) {
+    ignore_rcl(rcl_publisher_fini(&player->sources[i].publisher, &player->ros.node));
+    mapping_close(&player->sources[i].buffer);
+    free(player->sources[i].path);
   }
-  free(player->publishers);
-  free(player->has_header);
-  free(player->buffers);
+  free(player->sources);
   ros_fini(&player->ros);
 }
 

@@ -145,7 +145,7 @@ def test_a_source_that_the_player_does_not_have_is_refused(
 ) -> None:
     for each in files:
         found = reading(each.playlist, each.playback, each.buffers[:1])
-        assert "a message is not where it can be" in found
+        assert "a message has no input" in found
 
 
 def test_a_buffer_that_is_too_short_is_refused(

@@ -26,15 +26,16 @@ int fail(const char *code, const char *format, ...)
 int fail_file(const char *path) { return fail("", "%s cannot be read", path); }
 int fail_memory(void) { return fail("", "no memory"); }
 
-static size_t play(const messages_t *list, const playback_t *playback)
+static size_t play(const table_t *list, const table_t *playback, const source_t *sources)
 {
   size_t bytes = 0;
-  for (int64_t i = 0; i < playback->header->events; ++i) {
-    const event_t *event = &playback->events[i];
-    for (int64_t number = 0; number < event->count; ++number) {
-      const message_t *message = &list->messages[event->first + number];
-      message_stamp(list, message, event->stamp_ns);
-      const volatile char *data = message_data(list, message);
+  const message_t *messages = list->items;
+  const event_t *events = playback->items;
+  for (int64_t i = 0; i < playback->header->items; ++i) {
+    for (int64_t number = 0; number < events[i].count; ++number) {
+      const message_t *message = &messages[events[i].first + number];
+      message_stamp(message, sources, events[i].stamp_ns);
+      const volatile char *data = sources[message->source].buffer.data + message->offset;
       for (int64_t place = 0; place < message->size; ++place, ++bytes) {
         (void)data[place];
       }
@@ -45,24 +46,26 @@ static size_t play(const messages_t *list, const playback_t *playback)
 
 static void answer(char *line)
 {
-  char *words[MOST_BUFFERS + 2] = {NULL};
+  const char *playlist = strsep(&line, " "), *path = strsep(&line, " ");
+  source_t sources[MOST_BUFFERS] = {0};
   int64_t count = 0;
-  for (char *word; count < MOST_BUFFERS + 2 && (word = strsep(&line, " \n")) != NULL;) {
-    if (*word != '\0') {
-      words[count++] = word;
-    }
+  int failed = 0;
+  for (char *word; failed == 0 && (word = strsep(&line, " \n")) != NULL && *word != '\0';) {
+    failed = mapping_open(&sources[count++].buffer, word, false);
   }
-  messages_t list = {0};
-  playback_t playback = {0};
-  if (messages_open(&list, words[0], words + 2, count - 2) == 0 &&
-      playback_open(&playback, words[1], &list) == 0) {
-    printf("played %zu\n", play(&list, &playback));
+  table_t list = {0}, playback = {0};
+  if (failed == 0 && messages_open(&list, playlist, sources, count) == 0 &&
+      playback_open(&playback, path, &list) == 0) {
+    printf("played %zu\n", play(&list, &playback, sources));
   } else {
     printf("%s\n", reason);
   }
-  playback_close(&playback);
-  messages_close(&list);
   fflush(stdout);
+  table_close(&playback);
+  table_close(&list);
+  while (count > 0) {
+    mapping_close(&sources[--count].buffer);
+  }
 }
 
 int main(void)

@@ -13,7 +13,7 @@ import numpy as np
 
 from r2bspec.ipc.buffers import BufferWriter
 from r2bspec.ipc.playback_events import EVENT_DTYPE
-from r2bspec.ipc.playback_file import write_playback
+from r2bspec.ipc.playback_file import HEADER_BYTES, write_playback
 from r2bspec.ipc.playlist import write_playlist
 from r2bspec.ipc.schedule import (
     ALL_INPUTS,
@@ -25,7 +25,6 @@ from r2bspec.ipc.schedule import (
 from r2bspec.ipc.transform_stamps import TF
 
 MESSAGE_BYTES = 12
-HEADER_BYTES = 64
 
 
 class PlayedEvent(NamedTuple):
@@ -134,13 +133,12 @@ def played_events(
         playlist, playback = folder / "playlist", folder / "playback"
         made = write_playlist(playlist, schedule, sources, [False] * len(sources), folder)
         write_playback(playback, made, rate_hz, steps, first)
-        numbers = np.frombuffer(playlist.read_bytes()[8:], dtype="<i8")
-        rows = numbers[2 : 2 + 6 * numbers[0]].reshape(-1, 6)
+        entries = np.fromfile(playlist, dtype="<i8", offset=HEADER_BYTES).reshape(-1, 6)
         messages = [
             (int(source), int(offset) // MESSAGE_BYTES, int(shift_ns))
-            for source, offset, _, _, _, shift_ns in rows
+            for source, offset, _, _, shift_ns, _ in entries
         ]
-        events = np.frombuffer(playback.read_bytes()[HEADER_BYTES:], dtype=EVENT_DTYPE)
+        events = np.fromfile(playback, dtype=EVENT_DTYPE, offset=HEADER_BYTES)
         return [
             PlayedEvent(
                 int(each["due_ns"]),

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from r2bspec.ipc.playback_events import EVENT_DTYPE, CyclicRound
-from r2bspec.ipc.playback_file import playback_path, write_playback
+from r2bspec.ipc.playback_file import HEADER_BYTES, playback_path, write_playback
 
-HEADER_BYTES = 64
 MOST_STEPS = 30_000
 
 

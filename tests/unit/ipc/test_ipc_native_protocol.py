@@ -17,7 +17,7 @@ from r2bspec.ipc.buffers import BufferWriter
 from r2bspec.ipc.disk_errors import is_refusal
 from r2bspec.ipc.native_protocol import NativeCodec
 from r2bspec.ipc.playback_events import EVENT_DTYPE
-from r2bspec.ipc.playback_file import PlaybackReader
+from r2bspec.ipc.playback_file import HEADER_BYTES, PlaybackReader
 from r2bspec.ipc.schedule import CyclicSchedule, CyclicTransform
 from r2bspec.ipc.transform_stamps import TF, TF_STATIC, TF_TYPE
 from r2bspec.language.spec import QoS
@@ -100,12 +100,11 @@ def test_a_player_has_its_inputs_and_transforms_after_them(tmp_path: Path) -> No
 
 
 def followed(folder: Path, codec: NativeCodec, schedule: CyclicSchedule) -> list[int]:
-    """The numbers of the playlist after its magic."""
+    """The entries of the playlist."""
     path = Path(line(protocol.Follow(schedule=schedule), codec).removeprefix("follow "))
     assert path.parent == folder
-    found = path.read_bytes()
-    assert found.startswith(b"R2BMSGS1")
-    return [number for (number,) in struct.iter_unpack("<q", found[8:])]
+    entries: list[int] = np.fromfile(path, dtype="<i8", offset=HEADER_BYTES).tolist()
+    return entries
 
 
 def test_each_schedule_has_a_playlist_of_its_own(tmp_path: Path) -> None:
@@ -113,17 +112,17 @@ def test_each_schedule_has_a_playlist_of_its_own(tmp_path: Path) -> None:
     codec = NativeCodec()
     codec.encode(player(tmp_path))
     both = followed(tmp_path, codec, CyclicSchedule(steps=((0,), (1,))))
-    # Source, offset, size, first place, places, shift.
-    assert both == [2, 0, 0, 0, 20, 0, 0, 0, 0, 20, 30, 0, 0, 0]
-    assert followed(tmp_path, codec, CyclicSchedule(steps=((1,),))) == [1, 0, 0, 20, 30, 0, 0, 0]
+    # Source, offset, size, place, what is added to the stamp, whether it is published.
+    assert both == [0, 0, 20, -1, 0, 1, 0, 20, 30, -1, 0, 1]
+    assert followed(tmp_path, codec, CyclicSchedule(steps=((1,),))) == [0, 20, 30, -1, 0, 1]
 
 
 @pytest.mark.parametrize(
-    ("timestamp", "header", "size", "stamped"),
-    [("header", 1, 20, 1), ("header", 0, 20, 0), ("header", 1, 11, 0), ("none", 1, 20, 0)],
+    ("timestamp", "header", "size", "place"),
+    [("header", 1, 20, 4), ("header", 0, 20, -1), ("header", 1, 11, -1), ("none", 1, 20, -1)],
 )
 def test_a_header_gets_the_stamp_where_there_is_one(
-    tmp_path: Path, timestamp: Literal["header", "none"], header: int, size: int, stamped: int
+    tmp_path: Path, timestamp: Literal["header", "none"], header: int, size: int, place: int
 ) -> None:
     write_buffer(tmp_path, "/loaded", IMAGE, bytes(size))
     codec = NativeCodec()
@@ -131,11 +130,11 @@ def test_a_header_gets_the_stamp_where_there_is_one(
     codec.encode(msgspec.structs.replace(player(tmp_path), inputs=(given,)))
     assert codec.decode(f"ready {header}".encode()) == protocol.Ready(headers={"/in": bool(header)})
     found = followed(tmp_path, codec, CyclicSchedule(steps=((0,),)))
-    assert found == [1, stamped, 0, 0, size, 0, stamped, 0, *[4, 0] * stamped]
+    assert found == [0, 0, size, place, 0, 1]
 
 
 def played(path: Path) -> Any:
-    return np.fromfile(path, dtype=EVENT_DTYPE, offset=64)
+    return np.fromfile(path, dtype=EVENT_DTYPE, offset=HEADER_BYTES)
 
 
 def test_a_playback_goes_on_where_the_last_one_was_stopped(tmp_path: Path) -> None:
@@ -181,7 +180,7 @@ def test_a_full_disk_is_an_error_with_the_file(tmp_path: Path) -> None:
 def test_the_counts_of_a_player_are_those_of_its_inputs_and_transforms(tmp_path: Path) -> None:
     codec = NativeCodec()
     codec.encode(player(tmp_path, (TF_STATIC, TF)))
-    assert codec.decode(b"ready 1 0\n") == protocol.Ready(headers={"/in": True, TF: False})
+    assert codec.decode(b"ready 1 0\n") == protocol.Ready(headers={"/in": True})
     assert codec.decode(b"ready") == protocol.Ready()
     assert codec.decode(b"matched 2 1\n") == protocol.Matched(counts={"/in": 2, TF: 1})
     assert codec.decode(b"played 17\n") == protocol.Played(steps=17)
@@ -224,7 +223,14 @@ def test_damaged_transforms_are_an_error(tmp_path: Path) -> None:
     codec.encode(player(tmp_path, (TF,)))
     write_buffer(tmp_path, TF, TF_TYPE, whole)
     stamp = 5 * 10**9 + 7
-    assert followed(tmp_path, codec, schedule)[-8:] == [1, 0, len(whole), 0, 1, -10, 8, stamp]
+    assert followed(tmp_path, codec, schedule)[-6:] == [1, 0, len(whole), 8, stamp - 10, 1]
+    two = b"\0\1\0\0" + struct.pack("<I", 2) + 2 * b"".join(TRANSFORM[2:])
+    write_buffer(tmp_path, TF, TF_TYPE, two)
+    found = followed(tmp_path, codec, schedule)[-12:]
+    # The first of the two stamps is only written.
+    second = 8 + len(b"".join(TRANSFORM[2:]))
+    assert found[:6] == [1, 0, len(two), 8, stamp - 10, 0]
+    assert found[6:] == [1, 0, len(two), second, stamp - 10, 1]
     for size in range(8, len(whole), 7):
         write_buffer(tmp_path, TF, TF_TYPE, whole[:size])
         with pytest.raises(ValueError, match="/tf is truncated"):
