@@ -1,22 +1,24 @@
 """The messages of `r2bspec.ipc.protocol` as native players and monitors read and write them.
 
-A command is one line of words separated by spaces; other bytes in a word are written as %XX::
+A command is some words, each followed by a zero byte; how many come is known from those before::
 
     harness                                         ConfigureHarness
-    player INPUTS {TOPIC TYPE QOS BUFFER}           ConfigurePlayer
+    player INPUTS {TYPE QOS TOPIC BUFFER}           ConfigurePlayer
     follow PLAYLIST                                 Follow, after the playlist was written
     play PLAYBACK                                   Play, after the playback file was written
     monitor ROWS-DIR TYPES {TYPE}                   ConfigureMonitor
-    subscribe TOPICS {NAME TOPIC TYPE QOS}          Subscribe
-    watch TOPICS {NAME TOPIC TYPE QOS}              Watch
+    subscribe TOPICS {TYPE FILE QOS TOPIC}          Subscribe
+    watch TOPICS {TYPE FILE QOS TOPIC}              Watch
     unwatch                                         Unwatch
     count                                           CountMatches
-    stop, shutdown                                  Stop, Shutdown
+    stop                                            Stop
+    shutdown                                        Shutdown
 
-The INPUTS of a player are those of the plan, and /tf after them if it is played. A QOS is
-``reliable,volatile,keep_last,10``.
+The INPUTS of a player are those of the plan, and /tf after them if it is played. A QOS is four
+words: the numbers that rmw has for reliability, durability and history, and the depth. A FILE is
+the name of a file of rows in ROWS-DIR.
 
-A reply is one line of words, too; the text at its end is written as it is::
+A reply is one line of words; the text at its end is written as it is::
 
     ready                   Ready
     ready {HEADER}          Ready, of a player: 0 or 1 for each input
@@ -29,10 +31,10 @@ A reply is one line of words, too; the text at its end is written as it is::
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 import msgspec
 
@@ -53,6 +55,11 @@ _SIMPLE: dict[type, str] = {
     protocol.Shutdown: "shutdown",
 }
 
+
+_RELIABILITY = {"reliable": 1, "best_effort": 2}
+_DURABILITY = {"transient_local": 1, "volatile": 2}
+_HISTORY = {"keep_last": 1, "keep_all": 2}
+"""As in ``rmw/types.h``."""
 
 _HINTS = {
     "R2B651": "Make room on that disk, or choose another folder with --output.",
@@ -81,14 +88,13 @@ class NativeCodec:
         self._topics: list[tuple[str, bool]] = []
 
     def encode(self, message: Any) -> bytes:
-        """Encode a command as one line; for `Follow` and `Play`, this also writes their files.
+        """Encode a command; for `Follow` and `Play`, this also writes their files.
 
         Raises:
             OSError: a file cannot be written, or a buffer is missing.
             ValueError: a native part knows no such command, or a message on /tf is damaged.
         """
-        words = [quote(word, safe="/,_-.+~") for word in self._words(message)]
-        return " ".join(words).encode() + b"\n"
+        return b"".join(os.fsencode(word) + b"\0" for word in self._words(message))
 
     def _words(self, message: Any) -> list[str]:
         match message:
@@ -182,15 +188,19 @@ def _player_words(command: protocol.ConfigurePlayer) -> Iterator[str]:
         inputs.append((TF, TF_TYPE, TF_QOS, TF))
     yield str(len(inputs))
     for topic, kind, qos, source in inputs:
-        yield from (topic, kind, _qos_word(qos), str(buffers.buffer_path(folder, source, "cdr")))
+        path = buffers.buffer_path(folder, source, "cdr")
+        yield from (kind, *_qos_words(qos), topic, str(path))
 
 
 def _topic_words(monitors: Iterable[MonitorPlan]) -> Iterator[str]:
     for each in monitors:
         if each.qos is None:
             raise ValueError(f"{each.topic} is subscribed to with a known quality of service")
-        yield from (each.name, each.topic, each.type, _qos_word(each.qos))
+        yield from (each.type, f"{each.name}.rows", *_qos_words(each.qos), each.topic)
 
 
-def _qos_word(qos: QoS) -> str:
-    return f"{qos.reliability},{qos.durability},{qos.history},{qos.depth}"
+def _qos_words(qos: QoS) -> Iterator[str]:
+    yield str(_RELIABILITY[qos.reliability])
+    yield str(_DURABILITY[qos.durability])
+    yield str(_HISTORY[qos.history])
+    yield str(qos.depth)

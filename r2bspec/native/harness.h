@@ -32,26 +32,27 @@ PUBLIC int r2bspec_harness_start(const char *socket_path, const char *part);
 PUBLIC int r2bspec_harness_join(void);
 /* Serves a channel in this thread until it is told to end. */
 void part_serve(int fd);
+/* Called when a part begins to end, if a process of its own sets it: some middlewares hang then. */
+extern void (*harness_on_end)(void);
+void part_ends(void);
 
 /* control.c: the channel of a part. */
 
 typedef struct channel {
   FILE *in; /* without a buffer */
-  char *line;
+  char *word;
   size_t capacity;
 } channel_t;
 
-/* The next line, without its end; it is valid until the next call. -1 when the channel is closed. */
-int channel_next(channel_t *channel, char **line);
+/* The next word of a command, of which each ends with a zero byte; it is valid until the next call.
+ * Empty when the channel is closed. */
+char *next_word(channel_t *channel);
+int64_t next_number(channel_t *channel);
 /* Sleeps until a command can be read or the time is over; true for a command. */
 bool channel_wait(channel_t *channel, int64_t timeout_ns);
-/* Sends a reply: a line of words. */
+/* Sends a part of a reply, which is a line of words. */
 int channel_reply(channel_t *channel, const char *format, ...)
   __attribute__((format(printf, 2, 3)));
-
-/* The words of a command, separated by spaces; percent signs encode other bytes. */
-char *next_word(char **rest);
-int64_t next_number(char **rest);
 
 #define HARNESS_FAULT "R2B630"
 #define DISK_FAULT "R2B651"
@@ -100,16 +101,14 @@ void ros_fini(ros_t *ros);
 /* The type support of a name such as sensor_msgs/msg/Image; NULL if it is not installed. */
 type_t *ros_type(const char *name);
 bool begins_with_header(type_t *type);
-int parse_qos(char *text, rmw_qos_profile_t *qos);
+rmw_qos_profile_t next_qos(channel_t *channel);
 int ros_publisher(
-  ros_t *ros, type_t *type, const char *topic, const rmw_qos_profile_t *qos, rcl_publisher_t *made);
+  rcl_node_t *node, type_t *type, const rmw_qos_profile_t *qos, const char *topic,
+  rcl_publisher_t *made);
 int ros_publish(rcl_publisher_t *publisher, const void *data, size_t size);
 
-/* Called when a part begins to end, if a process of its own sets it: some middlewares hang then. */
-extern void (*harness_on_end)(void);
-
-/* player.c, monitor.c: each serves a channel until told to end; `rest` are words of the command. */
-int player_serve(channel_t *channel, char *rest);
-int monitor_serve(channel_t *channel, char *rest);
+/* player.c, monitor.c: each is configured over a channel, and serves it until told to end. */
+int player_serve(channel_t *channel, rcl_node_t *node);
+int monitor_serve(channel_t *channel, rcl_node_t *node);
 
 #endif

@@ -69,7 +69,7 @@ _Static_assert(sizeof(playback_t) == 40 && sizeof(entry_t) == 80, "as Python wri
 
 typedef struct player {
   channel_t *channel;
-  ros_t ros;
+  rcl_node_t *node;
   source_t *sources;
   int64_t source_count;
   int64_t last_stamp_ns;
@@ -310,25 +310,25 @@ static int load(player_t *player, const char *path)
   return failed < 0 ? -1 : channel_reply(player->channel, "ready\n");
 }
 
-/* player INPUTS {TOPIC TYPE QOS BUFFER} */
-static int configure(player_t *player, char *rest)
+/* player INPUTS {TYPE QOS TOPIC BUFFER} */
+static int configure(player_t *player)
 {
-  const int64_t inputs = next_number(&rest);
+  channel_t *channel = player->channel;
+  const int64_t inputs = next_number(channel);
   player->sources = calloc(inputs < 0 ? 1 : (size_t)inputs + 1, sizeof(source_t));
   if (player->sources == NULL) {
     return fail_memory();
   }
   for (; player->source_count < inputs; ++player->source_count) {
     source_t *source = &player->sources[player->source_count];
-    const char *topic = next_word(&rest);
-    type_t *type = ros_type(next_word(&rest));
-    rmw_qos_profile_t qos;
-    if (type == NULL || parse_qos(next_word(&rest), &qos) < 0 ||
-        ros_publisher(&player->ros, type, topic, &qos, &source->publisher) < 0) {
+    type_t *type = ros_type(next_word(channel));
+    const rmw_qos_profile_t qos = next_qos(channel);
+    if (type == NULL ||
+        ros_publisher(player->node, type, &qos, next_word(channel), &source->publisher) < 0) {
       return -1;
     }
     source->has_header = begins_with_header(type);
-    source->path = strdup(next_word(&rest));
+    source->path = strdup(next_word(channel));
   }
   return 0;
 }
@@ -348,51 +348,44 @@ static int send_numbers(player_t *player, const char *reply, bool headers)
 }
 
 /* Executes a command; 1 for the one that ends the player. */
-static int execute(player_t *player, char *line)
+static int execute(player_t *player)
 {
-  const char *command = next_word(&line);
+  const char *command = next_word(player->channel);
   if (strcmp(command, "follow") == 0) {
-    return load(player, next_word(&line));
+    return load(player, next_word(player->channel));
   }
   if (strcmp(command, "count") == 0) {
     return send_numbers(player, "matched", false);
   }
   if (strcmp(command, "play") == 0) {
-    return play(player, next_word(&line));
+    return play(player, next_word(player->channel));
   }
   /* Others are ignored: a stop that arrived after the last event. */
-  return strcmp(command, "shutdown") == 0;
+  return strcmp(command, "shutdown") == 0 || *command == '\0';
 }
 
 static void clean_up(player_t *player)
 {
-  if (harness_on_end != NULL) {
-    harness_on_end();
-  }
+  part_ends();
   for (int64_t i = 0; i < player->source_count; ++i) {
-    ignore_rcl(rcl_publisher_fini(&player->sources[i].publisher, &player->ros.node));
+    ignore_rcl(rcl_publisher_fini(&player->sources[i].publisher, player->node));
     unmap(&player->sources[i].buffer);
     free(player->sources[i].path);
   }
   free(player->sources);
-  ros_fini(&player->ros);
 }
 
-int player_serve(channel_t *channel, char *rest)
+int player_serve(channel_t *channel, rcl_node_t *node)
 {
-  player_t player = {.channel = channel, .spin_ns = INITIAL_SPIN_NS};
-  int status = ros_init(&player.ros, "player");
-  if (status == 0) {
-    status = configure(&player, rest);
-  }
+  player_t player = {.channel = channel, .node = node, .spin_ns = INITIAL_SPIN_NS};
+  int status = configure(&player);
   if (status == 0) {
     status = send_numbers(&player, "ready", true);
   }
   /* The slack of timers is 50 us by default; without this call sleeps just end later. */
   (void)prctl(PR_SET_TIMERSLACK, 1UL, 0UL, 0UL, 0UL);
-  char *line;
-  while (status == 0 && channel_next(channel, &line) == 0) {
-    status = execute(&player, line);
+  while (status == 0) {
+    status = execute(&player);
   }
   clean_up(&player);
   return status < 0 ? -1 : 0;

@@ -139,6 +139,14 @@ class Harness:
             assert time.monotonic() < deadline
             self.children.pump(0.02)
 
+    def discover(self, observer: ManagedProcess) -> None:
+        """Wait until the observer knows the publisher."""
+        deadline = time.monotonic() + HANG_S
+        command = protocol.Discover(topics=(TOPIC,))
+        while not self.ask(observer, command, protocol.Discovered).writers[TOPIC]:
+            assert time.monotonic() < deadline
+            self.children.pump(0.02)
+
     def played(self) -> Any:
         return PlaybackReader(self.rows / "played", PLAYBACK_FIELDS).read()
 
@@ -179,6 +187,7 @@ def test_messages_arrive_as_they_were_with_the_stamp_of_their_step(
     player, _ = ends
     again = msgspec.structs.replace(OUT, name=".again")
     recorder = harness.start_observer()
+    harness.discover(recorder)
     harness.ask(recorder, protocol.Record(monitors=(again,), folder=str(harness.rows)))
     harness.match(recorder)
     harness.match(player, count=2)

@@ -9,7 +9,6 @@
 
 #define MOST_BUFFERS 8
 
-void (*harness_on_end)(void) = NULL;
 static char text[1024];
 static size_t published;
 
@@ -45,24 +44,16 @@ bool channel_wait(channel_t *channel, int64_t timeout_ns)
   return timeout_ns > NS_PER_S;
 }
 
-int channel_next(channel_t *channel, char **line)
+char *next_word(channel_t *channel)
 {
   (void)channel;
-  (void)line;
-  return -1;
+  return "";
 }
 
-char *next_word(char **rest)
-{
-  char *word = strsep(rest, " \n");
-  return word == NULL ? "" : word;
-}
-
-int64_t next_number(char **rest) { return strtoll(next_word(rest), NULL, 10); }
-int ros_init(ros_t *ros, const char *node_name) { return ros == NULL || node_name == NULL; }
-void ros_fini(ros_t *ros) { (void)ros; }
+int64_t next_number(channel_t *channel) { return channel == NULL; }
+void part_ends(void) {}
 bool begins_with_header(type_t *type) { return type != NULL; }
-int parse_qos(char *words, rmw_qos_profile_t *qos) { return words == NULL || qos == NULL; }
+rmw_qos_profile_t next_qos(channel_t *channel) { (void)channel; return rmw_qos_profile_default; }
 
 type_t *ros_type(const char *name)
 {
@@ -71,9 +62,10 @@ type_t *ros_type(const char *name)
 }
 
 int ros_publisher(
-  ros_t *ros, type_t *type, const char *topic, const rmw_qos_profile_t *qos, rcl_publisher_t *made)
+  rcl_node_t *node, type_t *type, const rmw_qos_profile_t *qos, const char *topic,
+  rcl_publisher_t *made)
 {
-  (void)ros, (void)type, (void)topic, (void)qos, (void)made;
+  (void)node, (void)type, (void)qos, (void)topic, (void)made;
   return 0;
 }
 
@@ -91,10 +83,10 @@ static void answer(char *line)
 {
   channel_t channel = {0};
   player_t player = {.channel = &channel, .spin_ns = MIN_SPIN_NS};
-  const char *playlist = next_word(&line), *playback = next_word(&line);
+  const char *playlist = strsep(&line, " "), *playback = strsep(&line, " ");
   player.sources = calloc(MOST_BUFFERS, sizeof(source_t));
-  for (char *word; *(word = next_word(&line)) != '\0'; ++player.source_count) {
-    player.sources[player.source_count].path = strdup(word);
+  for (char *word; *(word = strsep(&line, " \n")) != '\0';) {
+    player.sources[player.source_count++].path = strdup(word);
   }
   published = 0;
   if (load(&player, playlist) == 0) {

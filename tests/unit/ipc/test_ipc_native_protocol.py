@@ -1,7 +1,8 @@
-"""Messages of native parts are lines of words; schedules and playbacks go into files."""
+"""Commands of native parts are words and replies are lines; schedules and playbacks are files."""
 
 from __future__ import annotations
 
+import os
 import resource
 import signal
 import struct
@@ -34,11 +35,10 @@ TRANSFORM = (
 )
 
 
-def line(command: object, codec: NativeCodec | None = None) -> str:
-    text = (codec or NativeCodec()).encode(command).decode("ascii")
-    assert text.endswith("\n")
-    assert text.count("\n") == 1
-    return text[:-1]
+def words(command: object, codec: NativeCodec | None = None) -> list[str]:
+    text = (codec or NativeCodec()).encode(command)
+    assert text.endswith(b"\0")
+    return [os.fsdecode(each) for each in text[:-1].split(b"\0")]
 
 
 def player(folder: Path, transforms: tuple[str, ...] = ()) -> protocol.ConfigurePlayer:
@@ -60,48 +60,46 @@ def write_buffer(folder: Path, topic: str, kind: str, *messages: bytes) -> None:
 @pytest.mark.parametrize(
     ("command", "expected"),
     [
-        (protocol.Unwatch(), "unwatch"),
-        (protocol.CountMatches(), "count"),
-        (protocol.Stop(), "stop"),
-        (protocol.Shutdown(), "shutdown"),
-        (protocol.ConfigureHarness(parts=("player", "monitor")), "harness"),
+        (protocol.Unwatch(), ["unwatch"]),
+        (protocol.CountMatches(), ["count"]),
+        (protocol.Stop(), ["stop"]),
+        (protocol.Shutdown(), ["shutdown"]),
+        (protocol.ConfigureHarness(parts=("player", "monitor")), ["harness"]),
         (
             protocol.ConfigureMonitor(monitors=(OUT, NAMED), rows_dir="/rows"),
-            f"monitor /rows 1 {IMAGE}",
+            ["monitor", "/rows", "1", IMAGE],
         ),
         (
             protocol.Subscribe(monitors=(NAMED, OUT)),
-            (
-                f"subscribe 2 b /out {IMAGE} best_effort,volatile,keep_last,3 "
-                f"out /out {IMAGE} reliable,volatile,keep_last,10"
-            ),
+            [
+                *("subscribe", "2", IMAGE, "b.rows", "2", "2", "1", "3", "/out"),
+                *(IMAGE, "out.rows", "1", "2", "1", "10", "/out"),
+            ],
         ),
         (
             protocol.Watch(monitors=(OUT,)),
-            f"watch 1 out /out {IMAGE} reliable,volatile,keep_last,10",
+            ["watch", "1", IMAGE, "out.rows", "1", "2", "1", "10", "/out"],
         ),
         (
-            protocol.ConfigureMonitor(monitors=(), rows_dir="/a b\n%c/\N{SNOWMAN}"),
-            "monitor /a%20b%0A%25c/%E2%98%83 0",
+            protocol.ConfigureMonitor(monitors=(), rows_dir="/a b\n%c/\N{SNOWMAN}\udcff"),
+            ["monitor", "/a b\n%c/\N{SNOWMAN}\udcff", "0"],
         ),
     ],
 )
-def test_a_command_is_one_line_of_words(command: object, expected: str) -> None:
-    assert line(command) == expected
+def test_a_command_is_words(command: object, expected: list[str]) -> None:
+    assert words(command) == expected
 
 
 def test_a_player_has_its_inputs_and_transforms_after_them(tmp_path: Path) -> None:
-    qos = "reliable,volatile,keep_last"
-    own = f"/in {IMAGE} {qos},10 {tmp_path}/loaded.cdr"
-    assert line(player(tmp_path)) == f"player 1 {own}"
-    assert line(player(tmp_path, (TF, TF_STATIC))) == (
-        f"player 2 {own} /tf {TF_TYPE} {qos},100 {tmp_path}/tf.cdr"
-    )
+    own = [IMAGE, "1", "2", "1", "10", "/in", f"{tmp_path}/loaded.cdr"]
+    assert words(player(tmp_path)) == ["player", "1", *own]
+    tf = [TF_TYPE, "1", "2", "1", "100", "/tf", f"{tmp_path}/tf.cdr"]
+    assert words(player(tmp_path, (TF, TF_STATIC))) == ["player", "2", *own, *tf]
 
 
 def followed(folder: Path, codec: NativeCodec, schedule: CyclicSchedule) -> list[list[int]]:
     """Of each entry of the playlist: source, offset, size, place, what is added to the stamp."""
-    path = Path(line(protocol.Follow(schedule=schedule), codec).removeprefix("follow "))
+    path = Path(words(protocol.Follow(schedule=schedule), codec)[1])
     assert path.parent == folder
     return [
         [int(each[name]) for name in ("source", "offset", "size", "place", "add_ns")]
@@ -147,7 +145,7 @@ def test_a_playback_goes_on_where_the_last_one_was_stopped(tmp_path: Path) -> No
     rows = PlaybackReader(tmp_path / "played", PLAYBACK_FIELDS)
     for number, first, complete in ((1, 0, 3), (2, 3, 4), (3, 2, 0)):
         path = tmp_path / f"played-{number}"
-        assert line(protocol.Play(rate_hz=10.0, steps=4), codec) == f"play {path}"
+        assert words(protocol.Play(rate_hz=10.0, steps=4), codec) == ["play", str(path)]
         found = played(path)
         assert found["offset"].tolist() == [20 * ((first + n) % 5) for n in range(4)]
         assert found["step"].tolist() == [0, 1, 2, 3]
@@ -240,11 +238,11 @@ def test_damaged_transforms_are_an_error(tmp_path: Path) -> None:
 
 def test_what_a_native_part_does_not_know_is_an_error() -> None:
     with pytest.raises(ValueError, match="no command of a native part: Survey"):
-        line(protocol.Survey())
+        words(protocol.Survey())
     unknown = msgspec.structs.replace(OUT, qos=None)
     with pytest.raises(ValueError, match="known quality of service"):
-        line(protocol.Subscribe(monitors=(unknown,)))
+        words(protocol.Subscribe(monitors=(unknown,)))
     with pytest.raises(ValueError, match="configured before"):
-        line(protocol.Follow(schedule=CyclicSchedule(steps=((0,),))))
+        words(protocol.Follow(schedule=CyclicSchedule(steps=((0,),))))
     with pytest.raises(ValueError, match="before it plays"):
-        line(protocol.Play(rate_hz=1.0, steps=1))
+        words(protocol.Play(rate_hz=1.0, steps=1))
