@@ -148,7 +148,8 @@ class NativeCodec:
         path = playback_path(Path(self._player.rows), self._playbacks)
         # A playback may have been stopped: the next one goes on after the last complete step.
         first = (self._played.count() - self._steps_before) % self._round.steps
-        write_playback(path, self._round, rate_hz, steps, first)
+        last_stamp_ns = self._played.last_stamp_ns()
+        write_playback(path, self._round, rate_hz, steps, first, last_stamp_ns)
         return path
 
     def decode(self, line: bytes) -> protocol.Reply:

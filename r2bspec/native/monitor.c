@@ -6,6 +6,8 @@
  */
 #include "harness.h"
 
+#include <errno.h>
+#include <fcntl.h>
 #include <poll.h>
 #include <stdlib.h>
 #include <string.h>
@@ -20,6 +22,16 @@
 #define MIN_STALL_NS 100000000
 #define STALL_FILE "monitor.held"
 #define STAMP_END 12
+/* Clocks are read one after the other, and again if the reads were interrupted. */
+#define MAX_READ_NS 20000
+#define MAX_READS 5
+
+/* A file of rows, which the controller reads while it grows: r2bspec/ipc/sample_files.py. */
+typedef struct rows {
+  char *path;
+  int fd;
+  size_t row_bytes;
+} rows_t;
 
 typedef struct watched {
   struct watched *next;
@@ -40,7 +52,51 @@ typedef struct monitor {
   int wake_fd;
 } monitor_t;
 
+/* ---- rows ---- */
+
+static int open_rows(const monitor_t *monitor, const char *name, size_t width, rows_t *rows)
+{
+  rows->row_bytes = width * sizeof(int64_t);
+  if (asprintf(&rows->path, "%s/%s", monitor->rows_dir, name) < 0) {
+    rows->path = NULL;
+    return fail_memory();
+  }
+  rows->fd = open(rows->path, O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0600);
+  return rows->fd < 0 ? fail_file(rows->path) : 0;
+}
+
+static int append_row(const rows_t *rows, const int64_t *values)
+{
+  const ssize_t written = write(rows->fd, values, rows->row_bytes);
+  if (written >= 0 && (size_t)written < rows->row_bytes) {
+    errno = ENOSPC;
+  }
+  return written == (ssize_t)rows->row_bytes ? 0 : fail_file(rows->path);
+}
+
+static void close_rows(rows_t *rows)
+{
+  if (rows->fd >= 0) {
+    close(rows->fd);
+  }
+  free(rows->path);
+}
+
 /* ---- recording ---- */
+
+/* Reads the system time minus the monotonic time; returns the latter. */
+static int64_t clock_difference(int64_t *difference_ns)
+{
+  int64_t before_ns, there_ns, after_ns;
+  int reads = 0;
+  do {
+    before_ns = monotonic_ns();
+    there_ns = system_ns();
+    after_ns = monotonic_ns();
+  } while (after_ns - before_ns > MAX_READ_NS && ++reads < MAX_READS);
+  *difference_ns = there_ns - before_ns - (after_ns - before_ns) / 2;
+  return after_ns;
+}
 
 static int64_t read_stamp(const rcl_serialized_message_t *message)
 {
@@ -74,7 +130,7 @@ static int drain(watched_t *each, rcl_serialized_message_t *message)
     const int64_t row[5] = {
       each->has_header ? read_stamp(message) : 0, info.received_timestamp, taken_ns,
       (int64_t)message->buffer_length, difference_ns};
-    if (rows_append(&each->rows, row) < 0) {
+    if (append_row(&each->rows, row) < 0) {
       return -1;
     }
   }
@@ -104,17 +160,6 @@ static void on_messages(const void *subject, size_t count)
 
 /* ---- topics ---- */
 
-static int open_rows(const monitor_t *monitor, const char *name, size_t width, rows_t *rows)
-{
-  char *path = NULL;
-  if (asprintf(&path, "%s/%s", monitor->rows_dir, name) < 0) {
-    return fail_memory();
-  }
-  const int failed = rows_open(rows, path, width);
-  free(path);
-  return failed;
-}
-
 /* Unsubscribes from all topics, or from those that are watched for a while; their rows stay. */
 static void remove_watched(monitor_t *monitor, bool all)
 {
@@ -129,7 +174,7 @@ static void remove_watched(monitor_t *monitor, bool all)
       ignore_rcl(rcl_subscription_set_on_new_message_callback(&each->subscription, NULL, NULL));
       ignore_rcl(rcl_subscription_fini(&each->subscription, monitor->node));
     }
-    rows_close(&each->rows);
+    close_rows(&each->rows);
     free(each);
   }
 }
@@ -228,15 +273,15 @@ static int run_loop(monitor_t *monitor)
     {.fd = fileno(monitor->channel->in), .events = POLLIN},
     {.fd = monitor->wake_fd, .events = POLLIN},
   };
-  int64_t began_ns = monotonic_ns(), cpu_ns = thread_cpu_ns();
+  int64_t began_ns = monotonic_ns(), cpu_ns = read_clock(CLOCK_THREAD_CPUTIME_ID);
   int status = 0;
   while (status == 0) {
     (void)poll(ready, 2, IDLE_MS);
     /* From wait to wait, since the process can be stopped in any part of a round. */
     const int64_t row[2] = {began_ns, monotonic_ns()};
-    const int64_t active_ns = thread_cpu_ns() - cpu_ns;
+    const int64_t active_ns = read_clock(CLOCK_THREAD_CPUTIME_ID) - cpu_ns;
     if (row[1] - row[0] > IDLE_MS * INT64_C(1000000) + active_ns + MIN_STALL_NS) {
-      status = rows_append(&monitor->stalls, row);
+      status = append_row(&monitor->stalls, row);
     }
     began_ns = row[1];
     cpu_ns += active_ns;
@@ -286,7 +331,7 @@ int monitor_serve(channel_t *channel, rcl_node_t *node)
   part_ends();
   remove_watched(&monitor, true);
   ignore_rcl(rmw_serialized_message_fini(&monitor.message));
-  rows_close(&monitor.stalls);
+  close_rows(&monitor.stalls);
   free(monitor.rows_dir);
   close(monitor.wake_fd);
   return status < 0 ? -1 : 0;

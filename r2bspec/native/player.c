@@ -19,8 +19,8 @@
 
 /* From the command to the first due time, so that the first step is not late. */
 #define START_DELAY_NS 20000000
-/* A late player never sleeps, so it also looks for commands after so many events. */
-#define EVENTS_PER_LOOK 64
+/* A late player never sleeps, so it also looks for commands after so many entries. */
+#define ENTRIES_PER_LOOK 64
 /* More than the lateness of most sleeps. */
 #define INITIAL_SPIN_NS 150000
 #define MIN_SPIN_NS 30000
@@ -42,7 +42,6 @@ typedef struct mapping {
 typedef struct source {
   rcl_publisher_t publisher;
   bool has_header;
-  char *path;
   mapping_t buffer; /* its messages */
 } source_t;
 
@@ -60,7 +59,8 @@ typedef struct entry {
 typedef struct playback {
   int64_t published;
   char magic[8];
-  int64_t count, has_stamps, earliest_stamp_ns;
+  int64_t count, has_stamps;
+  int64_t least_ns; /* the least time of the beginning, or stamp if it has no stamps */
   entry_t entries[];
 } playback_t;
 
@@ -72,25 +72,15 @@ typedef struct player {
   rcl_node_t *node;
   source_t *sources;
   int64_t source_count;
-  int64_t last_stamp_ns;
   int64_t spin_ns;
 } player_t;
 
 /* ---- files ---- */
 
-static void unmap(mapping_t *mapping)
-{
-  if (mapping->data != NULL) {
-    munmap(mapping->data, mapping->size);
-  }
-  *mapping = (mapping_t){0};
-}
-
-/* Maps a whole file, which may be empty, in place of what was mapped: `shared` with other
- * processes, or with a copy of each page that is written to. */
+/* Maps a whole file, which may be empty: `shared` with other processes, or with a copy of each page
+ * that is written to. */
 static int map_file(mapping_t *mapping, const char *path, bool shared)
 {
-  unmap(mapping);
   const int fd = open(path, (shared ? O_RDWR : O_RDONLY) | O_CLOEXEC);
   if (fd < 0) {
     return fail_file(path);
@@ -109,48 +99,47 @@ static int map_file(mapping_t *mapping, const char *path, bool shared)
   return failed;
 }
 
+static void unmap(const mapping_t *mapping)
+{
+  if (mapping->data != NULL) {
+    munmap(mapping->data, mapping->size);
+  }
+}
+
 static bool within(int64_t first, int64_t count, int64_t total)
 {
   return first >= 0 && count >= 0 && first <= total && count <= total - first;
 }
 
-/* Why a playback cannot be played, or NULL. */
-static const char *check(const player_t *player, const mapping_t *file)
+/* Whether all that it refers to exists. */
+static bool is_whole(const player_t *player, const entry_t *entry, int64_t entries_left)
 {
-  playback_t *playback = (void *)file->data;
-  if (file->size < sizeof(*playback) || memcmp(playback->magic, "R2BPLAY3", 8) != 0) {
-    return "it begins otherwise";
-  }
-  const size_t bytes = file->size - sizeof(*playback);
-  if (bytes % sizeof(entry_t) != 0 || playback->count != (int64_t)(bytes / sizeof(entry_t))) {
-    return "it is truncated";
-  }
-  for (int64_t i = 0; i < playback->count; ++i) {
-    entry_t *each = &playback->entries[i];
-    if (!within(each->source, 1, player->source_count) || each->left < 1 ||
-        !within(i, each->left, playback->count)) {
-      return "an entry is damaged";
-    }
-    const mapping_t *buffer = &player->sources[each->source].buffer;
-    if (!within(each->offset, each->size, (int64_t)buffer->size)) {
-      return "a file of messages is shorter than its index says";
-    }
-    if (each->place != NO_PLACE && !within(each->place, STAMP_BYTES, each->size)) {
-      return "a stamp is outside of its message";
-    }
-    /* Its page is made writable before it is needed. */
-    each->published_ns = 0;
-  }
-  return NULL;
+  return within(entry->source, 1, player->source_count) &&
+         within(entry->offset, entry->size,
+                (int64_t)player->sources[entry->source].buffer.size) &&
+         (entry->place == NO_PLACE || within(entry->place, STAMP_BYTES, entry->size)) &&
+         within(1, entry->left, entries_left + 1) && entry->left > 0;
 }
 
+/* To be unmapped in any case. */
 static int open_playback(const player_t *player, mapping_t *file, const char *path)
 {
   if (map_file(file, path, true) < 0) {
     return -1;
   }
-  const char *why = check(player, file);
-  return why == NULL ? 0 : fail(HARNESS_FAULT, "%s cannot be played: %s", path, why);
+  playback_t *playback = (void *)file->data;
+  const size_t entries = (file->size - sizeof(*playback)) / sizeof(entry_t);
+  bool whole = file->size >= sizeof(*playback) && memcmp(playback->magic, "R2BPLAY3", 8) == 0 &&
+               playback->count == (int64_t)entries &&
+               file->size == sizeof(*playback) + entries * sizeof(entry_t);
+  for (int64_t i = 0; whole && i < playback->count; ++i) {
+    whole = is_whole(player, &playback->entries[i], playback->count - i);
+    /* Its page is made writable before it is needed. */
+    playback->entries[i].published_ns = 0;
+  }
+  return whole ? 0
+               : fail(HARNESS_FAULT, "%s is damaged, or a file of messages is shorter than its index",
+                      path);
 }
 
 /* ---- stamps ---- */
@@ -179,57 +168,46 @@ static void write_stamp(const player_t *player, const entry_t *entry, int64_t st
   memcpy(data + entry->place, words, STAMP_BYTES);
 }
 
-/* This happens before waiting: writing to messages that are no longer in the cache takes time,
- * which would delay each publication. */
-static void stamp_event(player_t *player, entry_t *event, const int64_t *epoch_ns)
+/* The stamp is the time of publication; each is unique. */
+static void stamp_now(entry_t *event, int64_t least_ns)
 {
-  if (epoch_ns != NULL) {
-    event->stamp_ns += *epoch_ns;
-  } else {
-    const int64_t early_ns = event->due_ns - monotonic_ns();
-    event->stamp_ns = system_ns() + (early_ns > 0 ? early_ns : 0);
-    if (event->stamp_ns <= player->last_stamp_ns) {
-      event->stamp_ns = player->last_stamp_ns + 1;
-    }
-  }
-  if (event->stamp_ns > player->last_stamp_ns) {
-    player->last_stamp_ns = event->stamp_ns;
-  }
-  for (int32_t i = 0; i < event->left; ++i) {
-    write_stamp(player, &event[i], event->stamp_ns);
-  }
-}
-
-/* The system time of the beginning, to which the stamps of a recording are shifted. It is later if
- * a stamp would otherwise repeat, because stamps may be ahead of the clock. */
-static int64_t find_epoch(const player_t *player, const playback_t *playback, int64_t begin_ns)
-{
-  const int64_t epoch_ns = system_ns() + begin_ns - monotonic_ns();
-  const int64_t least_ns = player->last_stamp_ns + 1 - playback->earliest_stamp_ns;
-  return epoch_ns > least_ns ? epoch_ns : least_ns;
+  const int64_t early_ns = event->due_ns - monotonic_ns();
+  const int64_t stamp_ns = system_ns() + (early_ns > 0 ? early_ns : 0);
+  event->stamp_ns = stamp_ns > least_ns ? stamp_ns : least_ns;
 }
 
 /* ---- playing ---- */
 
 /* Sleeps, then spins; learns for how long it must spin. True, perhaps earlier, for a command. */
-static bool wait_until(player_t *player, int64_t due_ns)
+static bool wait_until(player_t *player, int64_t due_ns, bool looks)
 {
-  bool slept = false;
-  int64_t left_ns;
-  while ((left_ns = due_ns - monotonic_ns()) > player->spin_ns) {
-    if (channel_wait(player->channel, left_ns - player->spin_ns)) {
-      return true;
-    }
-    slept = true;
+  const int64_t sleep_ns = due_ns - monotonic_ns() - player->spin_ns;
+  if ((sleep_ns > 0 || looks) && channel_wait(player->channel, sleep_ns > 0 ? sleep_ns : 0)) {
+    return true;
   }
-  if (slept && left_ns <= 0 && player->spin_ns < MAX_SPIN_NS) {
+  const bool is_late = monotonic_ns() >= due_ns;
+  if (sleep_ns > 0 && is_late && player->spin_ns < MAX_SPIN_NS) {
     player->spin_ns += LATE_STEP_NS;
-  } else if (slept && left_ns > 0 && player->spin_ns > MIN_SPIN_NS) {
+  } else if (sleep_ns > 0 && !is_late && player->spin_ns > MIN_SPIN_NS) {
     player->spin_ns -= EARLY_STEP_NS;
   }
   while (monotonic_ns() < due_ns) {
   }
   return false;
+}
+
+static int publish(player_t *player, const entry_t *entry)
+{
+  const rcl_serialized_message_t message = {
+    .buffer = (uint8_t *)data_of(player, entry),
+    .buffer_length = (size_t)entry->size,
+    .buffer_capacity = (size_t)entry->size,
+    .allocator = rcl_get_default_allocator(),
+  };
+  const rcl_publisher_t *publisher = &player->sources[entry->source].publisher;
+  return rcl_publish_serialized_message(publisher, &message, NULL) == RCL_RET_OK
+           ? 0
+           : fail_rcl("publishing a message");
 }
 
 static int publish_event(player_t *player, entry_t *event)
@@ -241,8 +219,7 @@ static int publish_event(player_t *player, entry_t *event)
     /* What is before the same message is only a stamp. */
     const bool is_stamp = each < last && each[1].source == each->source &&
                           each[1].offset == each->offset;
-    if (!is_stamp && ros_publish(&player->sources[each->source].publisher, data_of(player, each),
-                                 (size_t)each->size) < 0) {
+    if (!is_stamp && publish(player, each) < 0) {
       return -1;
     }
   }
@@ -254,14 +231,25 @@ static int publish_event(player_t *player, entry_t *event)
 static int play_events(player_t *player, playback_t *playback)
 {
   const int64_t begin_ns = monotonic_ns() + START_DELAY_NS;
-  const int64_t epoch_ns = find_epoch(player, playback, begin_ns);
+  /* To which the stamps of a recording are shifted. */
+  const int64_t now_ns = system_ns() + START_DELAY_NS;
+  const int64_t epoch_ns = now_ns > playback->least_ns ? now_ns : playback->least_ns;
+  int64_t least_stamp_ns = playback->least_ns;
   int steps = 0;
-  for (int64_t i = 0, events = 0; i < playback->count; i += playback->entries[i].left, ++events) {
+  for (int64_t i = 0; i < playback->count; i += playback->entries[i].left) {
     entry_t *event = &playback->entries[i];
     event->due_ns += begin_ns;
-    stamp_event(player, event, playback->has_stamps ? &epoch_ns : NULL);
-    if (wait_until(player, event->due_ns) ||
-        (events % EVENTS_PER_LOOK == 0 && channel_wait(player->channel, 0))) {
+    if (playback->has_stamps) {
+      event->stamp_ns += epoch_ns;
+    } else {
+      stamp_now(event, least_stamp_ns);
+    }
+    least_stamp_ns = event->stamp_ns + 1;
+    /* Before waiting: writing to messages that have left the cache would delay a publication. */
+    for (int32_t each = 0; each < event->left; ++each) {
+      write_stamp(player, &event[each], event->stamp_ns);
+    }
+    if (wait_until(player, event->due_ns, i % ENTRIES_PER_LOOK == 0)) {
       break;
     }
     if (publish_event(player, event) < 0) {
@@ -291,11 +279,6 @@ static int play(player_t *player, const char *path)
  * before any of them is played. */
 static int load(player_t *player, const char *path)
 {
-  for (int64_t i = 0; i < player->source_count; ++i) {
-    if (map_file(&player->sources[i].buffer, player->sources[i].path, false) < 0) {
-      return -1;
-    }
-  }
   mapping_t file = {0};
   const int failed = open_playback(player, &file, path);
   const playback_t *playback = (const void *)file.data;
@@ -310,27 +293,36 @@ static int load(player_t *player, const char *path)
   return failed < 0 ? -1 : channel_reply(player->channel, "ready\n");
 }
 
+/* Makes the input {TYPE QOS TOPIC BUFFER}. */
+static int add_source(player_t *player, channel_t *channel)
+{
+  source_t *source = &player->sources[player->source_count];
+  type_t *type = ros_type(next_word(channel));
+  rcl_publisher_options_t options = rcl_publisher_get_default_options();
+  options.qos = next_qos(channel);
+  source->publisher = rcl_get_zero_initialized_publisher();
+  if (type == NULL) {
+    return -1;
+  }
+  if (rcl_publisher_init(&source->publisher, player->node, type, next_word(channel), &options) !=
+      RCL_RET_OK) {
+    return fail_rcl("creating a publisher");
+  }
+  player->source_count += 1;
+  source->has_header = begins_with_header(type);
+  return map_file(&source->buffer, next_word(channel), false);
+}
+
 /* player INPUTS {TYPE QOS TOPIC BUFFER} */
 static int configure(player_t *player)
 {
-  channel_t *channel = player->channel;
-  const int64_t inputs = next_number(channel);
+  const int64_t inputs = next_number(player->channel);
   player->sources = calloc(inputs < 0 ? 1 : (size_t)inputs + 1, sizeof(source_t));
-  if (player->sources == NULL) {
-    return fail_memory();
+  int failed = player->sources == NULL ? fail_memory() : 0;
+  while (failed == 0 && player->source_count < inputs) {
+    failed = add_source(player, player->channel);
   }
-  for (; player->source_count < inputs; ++player->source_count) {
-    source_t *source = &player->sources[player->source_count];
-    type_t *type = ros_type(next_word(channel));
-    const rmw_qos_profile_t qos = next_qos(channel);
-    if (type == NULL ||
-        ros_publisher(player->node, type, &qos, next_word(channel), &source->publisher) < 0) {
-      return -1;
-    }
-    source->has_header = begins_with_header(type);
-    source->path = strdup(next_word(channel));
-  }
-  return 0;
+  return failed;
 }
 
 /* Sends a number for each input: whether its type begins with a header, or its subscriptions. */
@@ -370,7 +362,6 @@ static void clean_up(player_t *player)
   for (int64_t i = 0; i < player->source_count; ++i) {
     ignore_rcl(rcl_publisher_fini(&player->sources[i].publisher, player->node));
     unmap(&player->sources[i].buffer);
-    free(player->sources[i].path);
   }
   free(player->sources);
 }
