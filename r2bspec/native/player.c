@@ -50,7 +50,8 @@ typedef struct source {
 typedef struct entry {
   int64_t due_ns, stamp_ns, published_ns, done_ns;
   int64_t inputs, offset, add_ns;
-  int32_t size, place, source;
+  int32_t size, place;
+  int16_t source, is_published;
   int32_t left; /* entries of the event, from this one on */
   int32_t step, complete;
 } entry_t;
@@ -59,13 +60,13 @@ typedef struct entry {
 typedef struct playback {
   int64_t published;
   char magic[8];
-  int64_t count, has_stamps;
+  int64_t count, is_loaded, has_stamps;
   int64_t least_ns; /* the least time of the beginning, or stamp if it has no stamps */
   entry_t entries[];
 } playback_t;
 
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the files are little-endian");
-_Static_assert(sizeof(playback_t) == 40 && sizeof(entry_t) == 80, "as Python writes them");
+_Static_assert(sizeof(playback_t) == 48 && sizeof(entry_t) == 80, "as Python writes them");
 
 typedef struct player {
   channel_t *channel;
@@ -129,7 +130,7 @@ static int open_playback(const player_t *player, mapping_t *file, const char *pa
   }
   playback_t *playback = (void *)file->data;
   const size_t entries = (file->size - sizeof(*playback)) / sizeof(entry_t);
-  bool whole = file->size >= sizeof(*playback) && memcmp(playback->magic, "R2BPLAY3", 8) == 0 &&
+  bool whole = file->size >= sizeof(*playback) && memcmp(playback->magic, "R2BPLAY4", 8) == 0 &&
                playback->count == (int64_t)entries &&
                file->size == sizeof(*playback) + entries * sizeof(entry_t);
   for (int64_t i = 0; whole && i < playback->count; ++i) {
@@ -149,22 +150,19 @@ static char *data_of(const player_t *player, const entry_t *entry)
   return player->sources[entry->source].buffer.data + entry->offset;
 }
 
-static uint32_t in_order(uint32_t value, bool little)
-{
-  return little ? value : __builtin_bswap32(value);
-}
-
 static void write_stamp(const player_t *player, const entry_t *entry, int64_t stamp_ns)
 {
   if (entry->place == NO_PLACE) {
     return;
   }
   char *data = data_of(player, entry);
-  const bool little = data[1] & 1;
   const int64_t whole_ns = stamp_ns + entry->add_ns;
   const int64_t rest_ns = (whole_ns % NS_PER_S + NS_PER_S) % NS_PER_S;
-  const uint32_t words[2] = {in_order((uint32_t)((whole_ns - rest_ns) / NS_PER_S), little),
-                             in_order((uint32_t)rest_ns, little)};
+  uint32_t words[2] = {(uint32_t)((whole_ns - rest_ns) / NS_PER_S), (uint32_t)rest_ns};
+  if ((data[1] & 1) == 0) { /* big-endian */
+    words[0] = __builtin_bswap32(words[0]);
+    words[1] = __builtin_bswap32(words[1]);
+  }
   memcpy(data + entry->place, words, STAMP_BYTES);
 }
 
@@ -196,7 +194,7 @@ static bool wait_until(player_t *player, int64_t due_ns, bool looks)
   return false;
 }
 
-static int publish(player_t *player, const entry_t *entry)
+static int publish(const player_t *player, const entry_t *entry)
 {
   const rcl_serialized_message_t message = {
     .buffer = (uint8_t *)data_of(player, entry),
@@ -210,16 +208,12 @@ static int publish(player_t *player, const entry_t *entry)
            : fail_rcl("publishing a message");
 }
 
-static int publish_event(player_t *player, entry_t *event)
+static int publish_event(const player_t *player, entry_t *event)
 {
-  const entry_t *last = event + event->left - 1;
   /* What a latency counts from: before the first call that publishes. */
   event->published_ns = monotonic_ns();
-  for (const entry_t *each = event; each <= last; ++each) {
-    /* What is before the same message is only a stamp. */
-    const bool is_stamp = each < last && each[1].source == each->source &&
-                          each[1].offset == each->offset;
-    if (!is_stamp && publish(player, each) < 0) {
+  for (int32_t i = 0; i < event->left; ++i) {
+    if (event[i].is_published && publish(player, &event[i]) < 0) {
       return -1;
     }
   }
@@ -262,36 +256,36 @@ static int play_events(player_t *player, playback_t *playback)
   return steps;
 }
 
-static int play(player_t *player, const char *path)
+/* Reads all messages from the disk, and copies the pages that stamps are written to, before any of
+ * them is played. */
+static void touch(const player_t *player, const playback_t *playback)
 {
-  mapping_t file = {0};
-  int steps = open_playback(player, &file, path);
-  if (steps == 0) {
-    steps = play_events(player, (void *)file.data);
-  }
-  unmap(&file);
-  return steps < 0 ? -1 : channel_reply(player->channel, "played %d\n", steps);
-}
-
-/* ---- commands ---- */
-
-/* Reads all messages of a playback from the disk, and copies the pages that stamps are written to,
- * before any of them is played. */
-static int load(player_t *player, const char *path)
-{
-  mapping_t file = {0};
-  const int failed = open_playback(player, &file, path);
-  const playback_t *playback = (const void *)file.data;
-  for (int64_t i = 0; failed == 0 && i < playback->count; ++i) {
+  for (int64_t i = 0; i < playback->count; ++i) {
     const volatile char *data = data_of(player, &playback->entries[i]);
     for (int32_t place = 0; place < playback->entries[i].size; place += PAGE_BYTES) {
       (void)data[place];
     }
     write_stamp(player, &playback->entries[i], 0);
   }
-  unmap(&file);
-  return failed < 0 ? -1 : channel_reply(player->channel, "ready\n");
 }
+
+static int play(player_t *player, const char *path)
+{
+  mapping_t file = {0};
+  int steps = open_playback(player, &file, path);
+  if (steps == 0) {
+    playback_t *playback = (void *)file.data;
+    if (playback->is_loaded) {
+      steps = play_events(player, playback);
+    } else {
+      touch(player, playback);
+    }
+  }
+  unmap(&file);
+  return steps < 0 ? -1 : channel_reply(player->channel, "played %d\n", steps);
+}
+
+/* ---- commands ---- */
 
 /* Makes the input {TYPE QOS TOPIC BUFFER}. */
 static int add_source(player_t *player, channel_t *channel)
@@ -343,9 +337,6 @@ static int send_numbers(player_t *player, const char *reply, bool headers)
 static int execute(player_t *player)
 {
   const char *command = next_word(player->channel);
-  if (strcmp(command, "follow") == 0) {
-    return load(player, next_word(player->channel));
-  }
   if (strcmp(command, "count") == 0) {
     return send_numbers(player, "matched", false);
   }
@@ -354,16 +345,6 @@ static int execute(player_t *player)
   }
   /* Others are ignored: a stop that arrived after the last event. */
   return strcmp(command, "shutdown") == 0 || *command == '\0';
-}
-
-static void clean_up(player_t *player)
-{
-  part_ends();
-  for (int64_t i = 0; i < player->source_count; ++i) {
-    ignore_rcl(rcl_publisher_fini(&player->sources[i].publisher, player->node));
-    unmap(&player->sources[i].buffer);
-  }
-  free(player->sources);
 }
 
 int player_serve(channel_t *channel, rcl_node_t *node)
@@ -378,6 +359,11 @@ int player_serve(channel_t *channel, rcl_node_t *node)
   while (status == 0) {
     status = execute(&player);
   }
-  clean_up(&player);
+  part_ends();
+  for (int64_t i = 0; i < player.source_count; ++i) {
+    ignore_rcl(rcl_publisher_fini(&player.sources[i].publisher, node));
+    unmap(&player.sources[i].buffer);
+  }
+  free(player.sources);
   return status < 0 ? -1 : 0;
 }

@@ -85,12 +85,15 @@ static void answer(char *line)
     failed = map_file(&player.sources[player.source_count++].buffer, word, false);
   }
   published = 0;
-  if (failed == 0 && load(&player, playlist) == 0) {
+  if (failed == 0 && play(&player, playlist) == 0) {
     (void)play(&player, playback);
   }
   printf("%s: %zu bytes\n", text, published);
   fflush(stdout);
-  clean_up(&player);
+  for (int64_t i = 0; i < player.source_count; ++i) {
+    unmap(&player.sources[i].buffer);
+  }
+  free(player.sources);
 }
 
 int main(void)
