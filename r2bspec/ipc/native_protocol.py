@@ -41,7 +41,7 @@ import msgspec
 from r2bspec.ipc import buffers, protocol
 from r2bspec.ipc.playback_events import Round
 from r2bspec.ipc.playback_file import PlaybackReader, playback_path, write_playback
-from r2bspec.ipc.playlist import write_playlist
+from r2bspec.ipc.playlist import read_round
 from r2bspec.ipc.schedule import Schedule
 from r2bspec.ipc.transform_stamps import TF, TF_QOS, TF_TYPE
 from r2bspec.language.spec import QoS
@@ -134,9 +134,10 @@ class NativeCodec:
         stamped = [
             each.timestamp == "header" and self._headers.get(each.topic, False) for each in inputs
         ]
-        self._round = write_playlist(
-            path, schedule, [each.source for each in inputs], stamped, Path(self._player.buffer_dir)
+        self._round = read_round(
+            schedule, [each.source for each in inputs], stamped, Path(self._player.buffer_dir)
         )
+        write_playback(path, self._round, 1.0, self._round.steps)
         self._steps_before = self._played.count()
         return path
 

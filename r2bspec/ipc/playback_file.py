@@ -1,13 +1,14 @@
 """Playback files: what a player publishes when, and when it did so.
 
-The controller writes a file for each playback, and the player (``playlist.c``) maps it, plays its
-events (`r2bspec.ipc.playback_events.EVENT_DTYPE`), and writes the times into them. A file is a
-table: little-endian items after a header::
+The controller writes a file for each playback, and the player (``player.c``) maps it, plays it, and
+writes the times into it. A file has the entries (`r2bspec.ipc.playback_events.ENTRY_DTYPE`) after a
+header, all little-endian::
 
-    int64 published, magic, int64 items, int64 has_stamps, int64 earliest_stamp_ns
+    int64 published, magic "R2BPLAY3", int64 entries, int64 has_stamps, int64 earliest_stamp_ns
 
-The first `published` events are complete: the player writes an event before it counts it, so that
-this process can read while it plays, and after it was killed.
+The first `published` entries are complete: the player writes them before it counts them, so that
+this process can read while it plays, and after it was killed. A file of one round tells the player
+which messages to load.
 """
 
 from __future__ import annotations
@@ -19,19 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.ipc.disk_errors import named_errors
-from r2bspec.ipc.playback_events import EVENT_DTYPE, Events, Round, TimelineRound
+from r2bspec.ipc.playback_events import ENTRY_DTYPE, Entries, Round, TimelineRound
 from r2bspec.ipc.schedule import NO_STEP
 
-_MAGIC = b"R2BPLAY2"
+_MAGIC = b"R2BPLAY3"
 _HEADER = struct.Struct("<q8s3q")
 HEADER_BYTES = _HEADER.size
-
-
-def table_header(
-    magic: bytes, items: int, *, has_stamps: bool = False, earliest_stamp_ns: int = 0
-) -> bytes:
-    """The header of a table; see the beginning of this module."""
-    return _HEADER.pack(0, magic, items, has_stamps, earliest_stamp_ns)
 
 
 def playback_path(path: Path, number: int) -> Path:
@@ -55,25 +49,23 @@ def write_playback(path: Path, made: Round, rate_hz: float, steps: int, first: i
     has_stamps = isinstance(made, TimelineRound)
     earliest_ns = 0
     if has_stamps:
-        earliest_ns = int(made.events["stamp_ns"][made.events["step"] != NO_STEP].min())
+        earliest_ns = int(made.entries["stamp_ns"][made.entries["step"] != NO_STEP].min())
         first = 0
     with named_errors(path), path.open("xb") as file:
         file.write(bytes(HEADER_BYTES))
-        events = 0
+        count = 0
         for block in made.blocks(rate_hz, steps, first):
             file.write(block.data)
-            events += block.size
+            count += block.size
         file.seek(0)
-        file.write(
-            table_header(_MAGIC, events, has_stamps=has_stamps, earliest_stamp_ns=earliest_ns)
-        )
+        file.write(_HEADER.pack(0, _MAGIC, count, has_stamps, earliest_ns))
 
 
 class PlaybackReader:
     """Reads the steps that a player has played so far, as one sequence over all its playbacks.
 
     A step is in it once it and all steps before it are complete. Its row has the stamp and the
-    times of its first event, and the end of its last one.
+    times of its first entry, and the end of its last one.
 
     Args:
         path: the files are ``PATH-1``, ``PATH-2`` and so on.
@@ -113,36 +105,36 @@ class _Playback:
 
     def __init__(self, path: Path) -> None:
         self._published = np.memmap(path, dtype="<i8", mode="r", shape=(1,))
-        events = (path.stat().st_size - HEADER_BYTES) // EVENT_DTYPE.itemsize
-        self._events: Events = np.empty(0, EVENT_DTYPE)
-        if events:
-            self._events = np.memmap(
-                path, dtype=EVENT_DTYPE, mode="r", offset=HEADER_BYTES, shape=(events,)
+        count = (path.stat().st_size - HEADER_BYTES) // ENTRY_DTYPE.itemsize
+        self._entries: Entries = np.empty(0, ENTRY_DTYPE)
+        if count:
+            self._entries = np.memmap(
+                path, dtype=ENTRY_DTYPE, mode="r", offset=HEADER_BYTES, shape=(count,)
             )
         self._bounds: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None
 
     def complete(self) -> int:
         published = int(self._published[0])
-        return int(self._events["complete"][published - 1]) if published else 0
+        return int(self._entries["complete"][published - 1]) if published else 0
 
     def rows(self, start: int, stop: int, dtype: np.dtype[np.void]) -> NDArray[np.void]:
         if self._bounds is None:
-            self._bounds = _first_and_last(self._events["step"])
+            self._bounds = _first_and_last(self._entries["step"])
         first, last = (each[start:stop] for each in self._bounds)
-        begun = self._events[first]
+        begun = self._entries[first]
         found = np.empty(stop - start, dtype)
         for name in ("stamp_ns", "due_ns", "published_ns", "inputs"):
             found[name] = begun[name]
-        found["done_ns"] = self._events["done_ns"][last]
+        found["done_ns"] = self._entries["done_ns"][last]
         return found
 
 
 def _first_and_last(steps: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The first and the last event of each step."""
+    """The first and the last entry of each step."""
     order = np.flatnonzero(steps != NO_STEP)
-    if (np.diff(steps[order]) != 0).all() and (np.diff(steps[order]) == 1).all():
-        return order, order
-    order = order[np.argsort(steps[order], kind="stable")]
+    if (np.diff(steps[order]) < 0).any():
+        # Steps of a recording may overlap.
+        order = order[np.argsort(steps[order], kind="stable")]
     numbers = np.arange(int(steps.max(initial=NO_STEP)) + 1)
     return (
         order[np.searchsorted(steps[order], numbers)],

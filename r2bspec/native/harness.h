@@ -72,15 +72,6 @@ int64_t monotonic_ns(void);
 int64_t system_ns(void);
 int64_t thread_cpu_ns(void);
 
-/* Waits for due times and learns for how long it must spin. For one thread. */
-typedef struct pacer {
-  int64_t spin_ns;
-} pacer_t;
-
-void pacer_init(pacer_t *pacer);
-/* Returns at a time, or earlier and true if there is a command. */
-bool pacer_wait(pacer_t *pacer, int64_t due_ns, channel_t *channel);
-
 /* Reads the system time minus the monotonic time; returns the latter. */
 int64_t clock_difference(int64_t *difference_ns);
 
@@ -115,64 +106,6 @@ int ros_publisher(
   rcl_node_t *node, type_t *type, const rmw_qos_profile_t *qos, const char *topic,
   rcl_publisher_t *made);
 int ros_publish(rcl_publisher_t *publisher, const void *data, size_t size);
-
-/* playlist.c: the files of a player. */
-
-typedef struct mapping {
-  char *data;
-  size_t size;
-} mapping_t;
-
-/* Maps a whole file, in place of what was mapped: `shared` with other processes, or with a copy of
- * each page that is written to. */
-int mapping_open(mapping_t *mapping, const char *path, bool shared);
-void mapping_close(mapping_t *mapping);
-
-/* An input of the plan, or /tf after them. */
-typedef struct source {
-  rcl_publisher_t publisher;
-  bool has_header;
-  char *path;
-  mapping_t buffer; /* its messages */
-} source_t;
-
-/* A message that is published, or only the place of a further stamp in the next message. */
-typedef struct message {
-  int64_t source, offset, size;
-  int64_t place; /* of a stamp, in the message, or NO_PLACE */
-  int64_t add_ns; /* to the stamp of the event */
-  int64_t is_published;
-} message_t;
-
-#define NO_PLACE INT64_C(-1)
-
-/* Messages that are published at one time. The first four are completed by the player; before, the
- * due time is relative to the beginning, and so is the stamp if the playback has stamps. */
-typedef struct event {
-  int64_t due_ns, stamp_ns, published_ns, done_ns;
-  int64_t inputs; /* of the step */
-  int32_t step;
-  int32_t complete; /* steps, once this is published */
-  int32_t first, count; /* messages */
-} event_t;
-
-typedef struct table_header {
-  int64_t published; /* events */
-  char magic[8];
-  int64_t items, has_stamps, earliest_stamp_ns;
-} table_header_t;
-
-typedef struct table {
-  mapping_t file;
-  table_header_t *header;
-  void *items;
-} table_t;
-
-/* Open the messages of a player, and what is to be published of them; to be closed in any case. */
-int messages_open(table_t *table, const char *path, const source_t *sources, int64_t source_count);
-int playback_open(table_t *table, const char *path, const table_t *messages);
-void table_close(table_t *table);
-void message_stamp(const message_t *message, const source_t *sources, int64_t stamp_ns);
 
 /* player.c, monitor.c: each is configured over a channel, and serves it until told to end. */
 int player_serve(channel_t *channel, rcl_node_t *node);

@@ -17,7 +17,7 @@ from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import BufferWriter
 from r2bspec.ipc.disk_errors import is_refusal
 from r2bspec.ipc.native_protocol import NativeCodec
-from r2bspec.ipc.playback_events import EVENT_DTYPE
+from r2bspec.ipc.playback_events import ENTRY_DTYPE
 from r2bspec.ipc.playback_file import HEADER_BYTES, PlaybackReader
 from r2bspec.ipc.schedule import CyclicSchedule, CyclicTransform
 from r2bspec.ipc.transform_stamps import TF, TF_STATIC, TF_TYPE
@@ -97,12 +97,18 @@ def test_a_player_has_its_inputs_and_transforms_after_them(tmp_path: Path) -> No
     assert words(player(tmp_path, (TF, TF_STATIC))) == ["player", "2", *own, *tf]
 
 
-def followed(folder: Path, codec: NativeCodec, schedule: CyclicSchedule) -> list[int]:
-    """The entries of the playlist."""
+def followed(folder: Path, codec: NativeCodec, schedule: CyclicSchedule) -> list[list[int]]:
+    """Of each entry of the playlist: source, offset, size, place, what is added to the stamp."""
     path = Path(words(protocol.Follow(schedule=schedule), codec)[1])
     assert path.parent == folder
-    entries: list[int] = np.fromfile(path, dtype="<i8", offset=HEADER_BYTES).tolist()
-    return entries
+    return [
+        [int(each[name]) for name in ("source", "offset", "size", "place", "add_ns")]
+        for each in played(path)
+    ]
+
+
+def played(path: Path) -> Any:
+    return np.fromfile(path, dtype=ENTRY_DTYPE, offset=HEADER_BYTES)
 
 
 def test_each_schedule_has_a_playlist_of_its_own(tmp_path: Path) -> None:
@@ -110,9 +116,8 @@ def test_each_schedule_has_a_playlist_of_its_own(tmp_path: Path) -> None:
     codec = NativeCodec()
     codec.encode(player(tmp_path))
     both = followed(tmp_path, codec, CyclicSchedule(steps=((0,), (1,))))
-    # Source, offset, size, place, what is added to the stamp, whether it is published.
-    assert both == [0, 0, 20, -1, 0, 1, 0, 20, 30, -1, 0, 1]
-    assert followed(tmp_path, codec, CyclicSchedule(steps=((1,),))) == [0, 20, 30, -1, 0, 1]
+    assert both == [[0, 0, 20, -1, 0], [0, 20, 30, -1, 0]]
+    assert followed(tmp_path, codec, CyclicSchedule(steps=((1,),))) == [[0, 20, 30, -1, 0]]
 
 
 @pytest.mark.parametrize(
@@ -128,11 +133,7 @@ def test_a_header_gets_the_stamp_where_there_is_one(
     codec.encode(msgspec.structs.replace(player(tmp_path), inputs=(given,)))
     assert codec.decode(f"ready {header}".encode()) == protocol.Ready(headers={"/in": bool(header)})
     found = followed(tmp_path, codec, CyclicSchedule(steps=((0,),)))
-    assert found == [0, 0, size, place, 0, 1]
-
-
-def played(path: Path) -> Any:
-    return np.fromfile(path, dtype=EVENT_DTYPE, offset=HEADER_BYTES)
+    assert found == [[0, 0, size, place, 0]]
 
 
 def test_a_playback_goes_on_where_the_last_one_was_stopped(tmp_path: Path) -> None:
@@ -146,7 +147,7 @@ def test_a_playback_goes_on_where_the_last_one_was_stopped(tmp_path: Path) -> No
         path = tmp_path / f"played-{number}"
         assert words(protocol.Play(rate_hz=10.0, steps=4), codec) == ["play", str(path)]
         found = played(path)
-        assert found["first"].tolist() == [(first + n) % 5 for n in range(4)]
+        assert found["offset"].tolist() == [20 * ((first + n) % 5) for n in range(4)]
         assert found["step"].tolist() == [0, 1, 2, 3]
         assert found["due_ns"].tolist() == [n * 10**8 for n in range(4)]
         # The player publishes so many of them.
@@ -154,7 +155,7 @@ def test_a_playback_goes_on_where_the_last_one_was_stopped(tmp_path: Path) -> No
     assert rows.count() == 7
     followed(tmp_path, codec, schedule)
     codec.encode(protocol.Play(rate_hz=10.0, steps=1))
-    assert played(tmp_path / "played-4")["first"].tolist() == [0]
+    assert played(tmp_path / "played-4")["offset"].tolist() == [0]
 
 
 def test_a_full_disk_is_an_error_with_the_file(tmp_path: Path) -> None:
@@ -221,14 +222,14 @@ def test_damaged_transforms_are_an_error(tmp_path: Path) -> None:
     codec.encode(player(tmp_path, (TF,)))
     write_buffer(tmp_path, TF, TF_TYPE, whole)
     stamp = 5 * 10**9 + 7
-    assert followed(tmp_path, codec, schedule)[-6:] == [1, 0, len(whole), 8, stamp - 10, 1]
-    two = b"\0\1\0\0" + struct.pack("<I", 2) + 2 * b"".join(TRANSFORM[2:])
+    assert followed(tmp_path, codec, schedule)[1:] == [[1, 0, len(whole), 8, stamp - 10]]
+    one = b"".join(TRANSFORM[2:])
+    two = b"\0\1\0\0" + struct.pack("<I", 2) + 2 * one
     write_buffer(tmp_path, TF, TF_TYPE, two)
-    found = followed(tmp_path, codec, schedule)[-12:]
-    # The first of the two stamps is only written.
-    second = 8 + len(b"".join(TRANSFORM[2:]))
-    assert found[:6] == [1, 0, len(two), 8, stamp - 10, 0]
-    assert found[6:] == [1, 0, len(two), second, stamp - 10, 1]
+    assert followed(tmp_path, codec, schedule)[1:] == [
+        [1, 0, len(two), 8, stamp - 10],
+        [1, 0, len(two), 8 + len(one), stamp - 10],
+    ]
     for size in range(8, len(whole), 7):
         write_buffer(tmp_path, TF, TF_TYPE, whole[:size])
         with pytest.raises(ValueError, match="/tf is truncated"):
