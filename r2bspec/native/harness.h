@@ -32,9 +32,6 @@ PUBLIC int r2bspec_harness_start(const char *socket_path, const char *part);
 PUBLIC int r2bspec_harness_join(void);
 /* Serves a channel in this thread until it is told to end. */
 void part_serve(int fd);
-/* Called when a part begins to end, if a process of its own sets it: some middlewares hang then. */
-extern void (*harness_on_end)(void);
-void part_ends(void);
 
 /* control.c: the channel of a part. */
 
@@ -74,18 +71,6 @@ int64_t thread_cpu_ns(void);
 
 /* Reads the system time minus the monotonic time; returns the latter. */
 int64_t clock_difference(int64_t *difference_ns);
-
-/* rows.c: files of samples. */
-
-typedef struct rows {
-  char *path;
-  int fd;
-  size_t row_bytes;
-} rows_t;
-
-int rows_open(rows_t *rows, const char *path, size_t width);
-int rows_append(rows_t *rows, const int64_t *values);
-void rows_close(rows_t *rows);
 
 /* ros.c */
 

@@ -6,6 +6,8 @@
  */
 #include "harness.h"
 
+#include <errno.h>
+#include <fcntl.h>
 #include <poll.h>
 #include <stdlib.h>
 #include <string.h>
@@ -20,6 +22,13 @@
 #define MIN_STALL_NS 100000000
 #define STALL_FILE "monitor.held"
 #define STAMP_END 12
+
+/* A file of rows of int64, to which one is appended in one write: r2bspec/ipc/sample_files.py. */
+typedef struct rows {
+  char *path;
+  int fd;
+  size_t row_bytes;
+} rows_t;
 
 typedef struct watched {
   struct watched *next;
@@ -39,6 +48,36 @@ typedef struct monitor {
   rcl_serialized_message_t message; /* reused; rcl grows it to the largest one */
   int wake_fd;
 } monitor_t;
+
+/* ---- files ---- */
+
+static int rows_open(rows_t *rows, const char *folder, const char *file, size_t width)
+{
+  rows->row_bytes = width * sizeof(int64_t);
+  if (asprintf(&rows->path, "%s/%s", folder, file) < 0) {
+    rows->path = NULL;
+    return fail_memory();
+  }
+  rows->fd = open(rows->path, O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0600);
+  return rows->fd < 0 ? fail_file(rows->path) : 0;
+}
+
+static int rows_append(rows_t *rows, const int64_t *values)
+{
+  const ssize_t written = write(rows->fd, values, rows->row_bytes);
+  if (written >= 0 && (size_t)written < rows->row_bytes) {
+    errno = ENOSPC;
+  }
+  return written == (ssize_t)rows->row_bytes ? 0 : fail_file(rows->path);
+}
+
+static void rows_close(rows_t *rows)
+{
+  if (rows->fd >= 0) {
+    close(rows->fd);
+  }
+  free(rows->path);
+}
 
 /* ---- recording ---- */
 
@@ -104,17 +143,6 @@ static void on_messages(const void *subject, size_t count)
 
 /* ---- topics ---- */
 
-static int open_rows(const monitor_t *monitor, const char *name, size_t width, rows_t *rows)
-{
-  char *path = NULL;
-  if (asprintf(&path, "%s/%s", monitor->rows_dir, name) < 0) {
-    return fail_memory();
-  }
-  const int failed = rows_open(rows, path, width);
-  free(path);
-  return failed;
-}
-
 /* Unsubscribes from all topics, or from those that are watched for a while; their rows stay. */
 static void remove_watched(monitor_t *monitor, bool all)
 {
@@ -160,7 +188,7 @@ static int subscribe_to(monitor_t *monitor, bool temporary)
   }
   type_t *type = ros_type(next_word(channel));
   const char *file = next_word(channel);
-  if (type != NULL && open_rows(monitor, file, 5, &each->rows) < 0) {
+  if (type != NULL && rows_open(&each->rows, monitor->rows_dir, file, 5) < 0) {
     return -1;
   }
   rcl_subscription_options_t options = rcl_subscription_get_default_options();
@@ -187,7 +215,7 @@ static int subscribe_to(monitor_t *monitor, bool temporary)
 
 /* ---- commands ---- */
 
-/* The publishers of each topic, or "-" where it has no subscription. */
+/* The publishers of each topic, or -1 where it has no subscription. */
 static int send_matches(monitor_t *monitor)
 {
   int failed = channel_reply(monitor->channel, "matched");
@@ -195,10 +223,8 @@ static int send_matches(monitor_t *monitor)
     size_t count = 0;
     if (each->subscribed) {
       ignore_rcl(rcl_subscription_get_publisher_count(&each->subscription, &count));
-      failed = channel_reply(monitor->channel, " %zu", count);
-    } else {
-      failed = channel_reply(monitor->channel, " -");
     }
+    failed = channel_reply(monitor->channel, " %zd", each->subscribed ? (ssize_t)count : -1);
   }
   return failed < 0 ? -1 : channel_reply(monitor->channel, "\n");
 }
@@ -262,7 +288,7 @@ static int configure(monitor_t *monitor)
       return -1;
     }
   }
-  if (open_rows(monitor, STALL_FILE, 2, &monitor->stalls) < 0) {
+  if (rows_open(&monitor->stalls, monitor->rows_dir, STALL_FILE, 2) < 0) {
     return -1;
   }
   const rmw_node_t *node = rcl_node_get_rmw_handle(monitor->node);
@@ -283,7 +309,6 @@ int monitor_serve(channel_t *channel, rcl_node_t *node)
   if (status == 0) {
     status = run_loop(&monitor);
   }
-  part_ends();
   remove_watched(&monitor, true);
   ignore_rcl(rmw_serialized_message_fini(&monitor.message));
   rows_close(&monitor.stalls);

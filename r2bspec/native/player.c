@@ -366,7 +366,6 @@ static int execute(player_t *player)
 
 static void clean_up(player_t *player)
 {
-  part_ends();
   for (int64_t i = 0; i < player->source_count; ++i) {
     ignore_rcl(rcl_publisher_fini(&player->sources[i].publisher, player->node));
     unmap(&player->sources[i].buffer);
