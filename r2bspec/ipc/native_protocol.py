@@ -24,7 +24,7 @@ A reply is one line of words; the text at its end is written as it is::
     ready {HEADER}          Ready, of a player: 0 or 1 for each input
     ready RMW               Ready, of a monitor
     matched {COUNT}         Matched: of each input, or of each topic in the order of the commands;
-                            "-" for one without a subscription
+                            -1 for one without a subscription
     played STEPS            Played; for a playlist, Ready
     failed CODE TEXT        Failed
 """
@@ -175,7 +175,7 @@ class NativeCodec:
             case "matched":
                 found = zip(self._topics, words, strict=True)
                 return protocol.Matched(
-                    counts={topic: int(count) for (topic, _), count in found if count != "-"}
+                    counts={topic: int(count) for (topic, _), count in found if count != "-1"}
                 )
             case "played" if self._is_loading:
                 return protocol.Ready()

@@ -98,35 +98,23 @@ static pthread_t parts[MAX_PARTS];
 static size_t part_count;
 static atomic_int failed_parts;
 
-void (*harness_on_end)(void) = NULL;
-
-void part_ends(void)
-{
-  if (harness_on_end != NULL) {
-    harness_on_end();
-  }
-}
-
 static int play_role(channel_t *channel)
 {
   const char *role = next_word(channel);
-  int (*serve)(channel_t *, rcl_node_t *) = NULL;
-  if (strcmp(role, "player") == 0) {
-    serve = player_serve;
-  } else if (strcmp(role, "monitor") == 0) {
-    serve = monitor_serve;
-  } else if (strcmp(role, "harness") == 0) {
+  if (strcmp(role, "harness") == 0) {
     /* A process whose parts have other channels: nothing but its end is commanded here. */
     const int failed = channel_reply(channel, "ready\n");
     (void)next_word(channel);
     return failed;
-  } else {
+  }
+  const bool player = strcmp(role, "player") == 0;
+  if (!player && strcmp(role, "monitor") != 0) {
     return 0;
   }
   ros_t ros;
   int status = ros_init(&ros, role);
   if (status == 0) {
-    status = serve(channel, &ros.node);
+    status = (player ? player_serve : monitor_serve)(channel, &ros.node);
   }
   ros_fini(&ros);
   return status;
@@ -139,6 +127,7 @@ void part_serve(int fd)
     close(fd);
     return;
   }
+  (void)fcntl(fd, F_SETFD, FD_CLOEXEC);
   /* So that poll() tells of everything that has not been read. */
   setvbuf(channel.in, NULL, _IONBF, 0);
   if (play_role(&channel) < 0) {
@@ -160,7 +149,6 @@ int r2bspec_harness_serve(int fd)
 {
   sigset_t all, before;
   sigfillset(&all);
-  (void)fcntl(fd, F_SETFD, FD_CLOEXEC);
   int status = EAGAIN;
   if (part_count < MAX_PARTS) {
     /* Signals are for the threads of the process; those of the middleware inherit this, too. */

@@ -33,9 +33,6 @@ PUBLIC int r2bspec_harness_start(const char *socket_path, const char *part);
 PUBLIC int r2bspec_harness_join(void);
 /* Serves a channel in this thread until it is told to end. */
 void part_serve(int fd);
-/* Called when a part begins to end, if a process of its own sets it: some middlewares hang then. */
-extern void (*harness_on_end)(void);
-void part_ends(void);
 
 /* control.c: the channel of a part. */
 

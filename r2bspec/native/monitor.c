@@ -26,7 +26,7 @@
 #define MAX_READ_NS 20000
 #define MAX_READS 5
 
-/* A file of rows, which the controller reads while it grows: r2bspec/ipc/sample_files.py. */
+/* A file of rows of int64, to which one is appended in one write: r2bspec/ipc/sample_files.py. */
 typedef struct rows {
   char *path;
   int fd;
@@ -52,12 +52,12 @@ typedef struct monitor {
   int wake_fd;
 } monitor_t;
 
-/* ---- rows ---- */
+/* ---- files ---- */
 
-static int open_rows(const monitor_t *monitor, const char *name, size_t width, rows_t *rows)
+static int rows_open(rows_t *rows, const char *folder, const char *file, size_t width)
 {
   rows->row_bytes = width * sizeof(int64_t);
-  if (asprintf(&rows->path, "%s/%s", monitor->rows_dir, name) < 0) {
+  if (asprintf(&rows->path, "%s/%s", folder, file) < 0) {
     rows->path = NULL;
     return fail_memory();
   }
@@ -65,7 +65,7 @@ static int open_rows(const monitor_t *monitor, const char *name, size_t width, r
   return rows->fd < 0 ? fail_file(rows->path) : 0;
 }
 
-static int append_row(const rows_t *rows, const int64_t *values)
+static int rows_append(rows_t *rows, const int64_t *values)
 {
   const ssize_t written = write(rows->fd, values, rows->row_bytes);
   if (written >= 0 && (size_t)written < rows->row_bytes) {
@@ -74,7 +74,7 @@ static int append_row(const rows_t *rows, const int64_t *values)
   return written == (ssize_t)rows->row_bytes ? 0 : fail_file(rows->path);
 }
 
-static void close_rows(rows_t *rows)
+static void rows_close(rows_t *rows)
 {
   if (rows->fd >= 0) {
     close(rows->fd);
@@ -130,7 +130,7 @@ static int drain(watched_t *each, rcl_serialized_message_t *message)
     const int64_t row[5] = {
       each->has_header ? read_stamp(message) : 0, info.received_timestamp, taken_ns,
       (int64_t)message->buffer_length, difference_ns};
-    if (append_row(&each->rows, row) < 0) {
+    if (rows_append(&each->rows, row) < 0) {
       return -1;
     }
   }
@@ -174,7 +174,7 @@ static void remove_watched(monitor_t *monitor, bool all)
       ignore_rcl(rcl_subscription_set_on_new_message_callback(&each->subscription, NULL, NULL));
       ignore_rcl(rcl_subscription_fini(&each->subscription, monitor->node));
     }
-    close_rows(&each->rows);
+    rows_close(&each->rows);
     free(each);
   }
 }
@@ -205,7 +205,7 @@ static int subscribe_to(monitor_t *monitor, bool temporary)
   }
   type_t *type = ros_type(next_word(channel));
   const char *file = next_word(channel);
-  if (type != NULL && open_rows(monitor, file, 5, &each->rows) < 0) {
+  if (type != NULL && rows_open(&each->rows, monitor->rows_dir, file, 5) < 0) {
     return -1;
   }
   rcl_subscription_options_t options = rcl_subscription_get_default_options();
@@ -232,7 +232,7 @@ static int subscribe_to(monitor_t *monitor, bool temporary)
 
 /* ---- commands ---- */
 
-/* The publishers of each topic, or "-" where it has no subscription. */
+/* The publishers of each topic, or -1 where it has no subscription. */
 static int send_matches(monitor_t *monitor)
 {
   int failed = channel_reply(monitor->channel, "matched");
@@ -240,10 +240,8 @@ static int send_matches(monitor_t *monitor)
     size_t count = 0;
     if (each->subscribed) {
       ignore_rcl(rcl_subscription_get_publisher_count(&each->subscription, &count));
-      failed = channel_reply(monitor->channel, " %zu", count);
-    } else {
-      failed = channel_reply(monitor->channel, " -");
     }
+    failed = channel_reply(monitor->channel, " %zd", each->subscribed ? (ssize_t)count : -1);
   }
   return failed < 0 ? -1 : channel_reply(monitor->channel, "\n");
 }
@@ -281,7 +279,7 @@ static int run_loop(monitor_t *monitor)
     const int64_t row[2] = {began_ns, monotonic_ns()};
     const int64_t active_ns = read_clock(CLOCK_THREAD_CPUTIME_ID) - cpu_ns;
     if (row[1] - row[0] > IDLE_MS * INT64_C(1000000) + active_ns + MIN_STALL_NS) {
-      status = append_row(&monitor->stalls, row);
+      status = rows_append(&monitor->stalls, row);
     }
     began_ns = row[1];
     cpu_ns += active_ns;
@@ -307,7 +305,7 @@ static int configure(monitor_t *monitor)
       return -1;
     }
   }
-  if (open_rows(monitor, STALL_FILE, 2, &monitor->stalls) < 0) {
+  if (rows_open(&monitor->stalls, monitor->rows_dir, STALL_FILE, 2) < 0) {
     return -1;
   }
   const rmw_node_t *node = rcl_node_get_rmw_handle(monitor->node);
@@ -328,10 +326,9 @@ int monitor_serve(channel_t *channel, rcl_node_t *node)
   if (status == 0) {
     status = run_loop(&monitor);
   }
-  part_ends();
   remove_watched(&monitor, true);
   ignore_rcl(rmw_serialized_message_fini(&monitor.message));
-  close_rows(&monitor.stalls);
+  rows_close(&monitor.stalls);
   free(monitor.rows_dir);
   close(monitor.wake_fd);
   return status < 0 ? -1 : 0;

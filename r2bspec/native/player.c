@@ -359,7 +359,6 @@ int player_serve(channel_t *channel, rcl_node_t *node)
   while (status == 0) {
     status = execute(&player);
   }
-  part_ends();
   for (int64_t i = 0; i < player.source_count; ++i) {
     ignore_rcl(rcl_publisher_fini(&player.sources[i].publisher, node));
     unmap(&player.sources[i].buffer);

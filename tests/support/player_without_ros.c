@@ -52,7 +52,6 @@ char *next_word(channel_t *channel)
 }
 
 int64_t next_number(channel_t *channel) { return channel == NULL; }
-void part_ends(void) {}
 bool begins_with_header(type_t *type) { return type != NULL; }
 rmw_qos_profile_t next_qos(channel_t *channel) { (void)channel; return rmw_qos_profile_default; }
 

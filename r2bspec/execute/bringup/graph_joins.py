@@ -12,12 +12,15 @@ import os
 import socket
 import struct
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import msgspec
 
+from r2bspec.execute.bringup.idle_nodes import idle_patience_s, starts_others
+from r2bspec.execute.bringup.idle_time import IdleTime, family
 from r2bspec.execute.errors import NotInstalledError
 from r2bspec.execute.processes.joinable import not_joinable
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
@@ -36,6 +39,7 @@ _POLL_S: Final = 0.005
 _PEER: Final = struct.Struct("3i")
 """Process, user and group, as in ``struct ucred``."""
 
+_RCL: Final = b"/librcl.so"
 _WRAPPERS: Final = ("ros2", "launch")
 """Programs that initialise ROS for themselves before they start the node."""
 
@@ -134,7 +138,7 @@ class GraphJoins:
             RunError: it has exited.
         """
         join = plan.join or JoinPlan()
-        asking = self._wait_for(child, join, time.monotonic() + timeout_s)
+        asking = self._wait_for(child, plan, timeout_s)
         self._joined.append(asking)
         for part in ("player", "monitor"):
             if join.player if part == "player" else join.monitors:
@@ -170,22 +174,37 @@ class GraphJoins:
         self._listener.close()
         os.close(self._folder_fd)
 
-    def _wait_for(self, child: ManagedProcess, join: JoinPlan, deadline: float) -> _Asking:
+    def _wait_for(self, child: ManagedProcess, plan: ProcessPlan, timeout_s: float) -> _Asking:
+        """Wait until the process that is meant asks.
+
+        A process that does nothing, and in which nothing has loaded ROS, is not waited for until
+        the deadline; a launch file may start its nodes with a delay.
+        """
+        program = plan.join.program if plan.join is not None else ""
         seen: list[str] = []
+        idle = IdleTime(lambda: family(child.pid))
+        patience_s = timeout_s if starts_others(plan) else idle_patience_s(timeout_s)
+        deadline = time.monotonic() + timeout_s
         while time.monotonic() < deadline:
             self.poll()
             for each in [one for one in self._asking if one.hello.process == child.name]:
                 self._asking.remove(each)
-                if is_meant(each.hello, join.program):
+                if is_meant(each.hello, program):
                     return each
                 seen.append(" ".join(each.hello.arguments[:3]))
                 each.say("go")
                 each.connection.close()
+            if idle.update() > patience_s and not has_loaded_ros(family(child.pid)):
+                raise not_joinable(
+                    child.name,
+                    f"none of its programs has loaded ROS, and they have been idle for "
+                    f"{patience_s:.3g} s",
+                )
             self._supervisor.pump(_POLL_S)
         others = f" (others did: {'; '.join(seen[:5])})" if seen else ""
         raise not_joinable(
             child.name,
-            f"none of its programs {'named ' + join.program if join.program else ''}has "
+            f"none of its programs {'named ' + program if program else ''}has "
             f"initialised ROS with what was preloaded{others}".replace("  ", " "),
         )
 
@@ -229,6 +248,19 @@ class GraphJoins:
                 return self._connected.pop((pid, part))
             self._supervisor.pump(_POLL_S)
         raise not_joinable(child.name, f"its {part} did not connect")
+
+
+def has_loaded_ros(pids: Iterable[int]) -> bool:
+    """Whether a process has loaded ROS, or may have: one whose memory cannot be looked at."""
+    for pid in pids:
+        try:
+            if _RCL in Path(f"/proc/{pid}/maps").read_bytes():
+                return True
+        except FileNotFoundError:
+            continue
+        except OSError:
+            return True
+    return False
 
 
 def is_meant(hello: Hello, program: str) -> bool:
