@@ -74,7 +74,9 @@ def write_playback(
 def _write(
     path: Path, blocks: Iterable[Entries], *, is_loaded: bool, has_stamps: bool, least_ns: int
 ) -> None:
-    with named_errors(path), path.open("xb") as file:
+    # Under its name it is complete, whatever happens.
+    part = path.with_name(f".{path.name}.part")
+    with named_errors(path), part.open("xb") as file:
         file.write(bytes(HEADER_BYTES))
         count = 0
         for block in blocks:
@@ -82,6 +84,7 @@ def _write(
             count += block.size
         file.seek(0)
         file.write(_HEADER.pack(0, _MAGIC, count, is_loaded, has_stamps, least_ns))
+    part.rename(path)
 
 
 class PlaybackReader:

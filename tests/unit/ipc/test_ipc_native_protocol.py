@@ -174,6 +174,8 @@ def test_a_full_disk_is_an_error_with_the_file(tmp_path: Path) -> None:
         signal.signal(signal.SIGXFSZ, handler)
     assert caught.value.filename == str(tmp_path / "played-1")
     assert is_refusal(caught.value)
+    # What is not whole is not taken for a playback.
+    assert PlaybackReader(tmp_path / "played", PLAYBACK_FIELDS).read().size == 0
 
 
 def test_the_counts_of_a_player_are_those_of_its_inputs_and_transforms(tmp_path: Path) -> None:
