@@ -4,7 +4,7 @@ A command is some words, each followed by a zero byte; how many come is known fr
 
     harness                                         ConfigureHarness
     player INPUTS {TYPE QOS TOPIC BUFFER}           ConfigurePlayer
-    follow PLAYLIST                                 Follow, after the playlist was written
+    play PLAYLIST                                   Follow, after the playlist was written
     play PLAYBACK                                   Play, after the playback file was written
     monitor ROWS-DIR TYPES {TYPE}                   ConfigureMonitor
     subscribe TOPICS {TYPE FILE QOS TOPIC}          Subscribe
@@ -25,7 +25,7 @@ A reply is one line of words; the text at its end is written as it is::
     ready RMW               Ready, of a monitor
     matched {COUNT}         Matched: of each input, or of each topic in the order of the commands;
                             -1 for one without a subscription
-    played STEPS            Played
+    played STEPS            Played; for a playlist, Ready
     failed CODE TEXT        Failed
 """
 
@@ -40,7 +40,7 @@ import msgspec
 
 from r2bspec.ipc import buffers, protocol
 from r2bspec.ipc.playback_events import Round
-from r2bspec.ipc.playback_file import PlaybackReader, playback_path, write_playback
+from r2bspec.ipc.playback_file import PlaybackReader, playback_path, write_playback, write_playlist
 from r2bspec.ipc.playlist import read_round
 from r2bspec.ipc.schedule import Schedule
 from r2bspec.ipc.transform_stamps import TF, TF_QOS, TF_TYPE
@@ -80,6 +80,7 @@ class NativeCodec:
         self._played: PlaybackReader | None = None
         self._round: Round | None = None
         self._headers: dict[str, bool] = {}
+        self._is_loading = False
         self._playlists = 0
         self._playbacks = 0
         # Steps that were played of earlier schedules.
@@ -106,8 +107,10 @@ class NativeCodec:
                 self._played = PlaybackReader(Path(message.rows), ())
                 return ["player", *_player_words(message)]
             case protocol.Follow(schedule=schedule):
-                return ["follow", str(self._write_playlist(schedule))]
+                self._is_loading = True
+                return ["play", str(self._write_playlist(schedule))]
             case protocol.Play(rate_hz=rate_hz, steps=steps):
+                self._is_loading = False
                 return ["play", str(self._write_playback(rate_hz, steps))]
             case protocol.ConfigureMonitor(monitors=monitors, rows_dir=folder):
                 types = dict.fromkeys(each.type for each in monitors)
@@ -137,7 +140,7 @@ class NativeCodec:
         self._round = read_round(
             schedule, [each.source for each in inputs], stamped, Path(self._player.buffer_dir)
         )
-        write_playback(path, self._round, 1.0, self._round.steps)
+        write_playlist(path, self._round)
         self._steps_before = self._played.count()
         return path
 
@@ -148,7 +151,8 @@ class NativeCodec:
         path = playback_path(Path(self._player.rows), self._playbacks)
         # A playback may have been stopped: the next one goes on after the last complete step.
         first = (self._played.count() - self._steps_before) % self._round.steps
-        write_playback(path, self._round, rate_hz, steps, first)
+        last_stamp_ns = self._played.last_stamp_ns()
+        write_playback(path, self._round, rate_hz, steps, first, last_stamp_ns)
         return path
 
     def decode(self, line: bytes) -> protocol.Reply:
@@ -173,6 +177,8 @@ class NativeCodec:
                 return protocol.Matched(
                     counts={topic: int(count) for (topic, _), count in found if count != "-1"}
                 )
+            case "played" if self._is_loading:
+                return protocol.Ready()
             case "played":
                 return protocol.Played(steps=int(rest))
             case "failed":

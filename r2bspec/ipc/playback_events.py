@@ -26,7 +26,8 @@ ENTRY_DTYPE = np.dtype(
         ("add_ns", "<i8"),
         ("size", "<i4"),
         ("place", "<i4"),
-        ("source", "<i4"),
+        ("source", "<i2"),
+        ("is_published", "<i2"),
         ("left", "<i4"),
         ("step", "<i4"),
         ("complete", "<i4"),
@@ -43,8 +44,9 @@ ENTRY_DTYPE = np.dtype(
 - `source`, `offset`, `size`: where the message is; a source is an input of the plan, or /tf after
   them.
 - `place`, `add_ns`: where in the message the player writes the stamp of the event plus `add_ns`;
-  -1 for nowhere. A message with several stamps has an entry for each, one after the other, and is
-  published once.
+  -1 for nowhere.
+- `is_published`: a message with several stamps has an entry for each of them, of which the last is
+  published.
 - `left`: the entries of the event from this one on.
 - `step`: of the playback, or `NO_STEP`.
 - `complete`: how many steps, from the first, are complete once the event is published.

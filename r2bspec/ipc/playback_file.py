@@ -4,16 +4,20 @@ The controller writes a file for each playback, and the player (``player.c``) ma
 writes the times into it. A file has the entries (`r2bspec.ipc.playback_events.ENTRY_DTYPE`) after a
 header, all little-endian::
 
-    int64 published, magic "R2BPLAY3", int64 entries, int64 has_stamps, int64 earliest_stamp_ns
+    int64 published, magic "R2BPLAY4", int64 entries, is_loaded, has_stamps, least_ns
 
+With `is_loaded` 0 nothing is played: the player loads these messages into memory.
+`has_stamps` is 1 if the stamps of a recording are shifted to the beginning of the playback, which
+is then given a system time of at least `least_ns`; otherwise this is the least stamp. Stamps of
+earlier playbacks are not repeated in this way, although stamps may be ahead of the clock.
 The first `published` entries are complete: the player writes them before it counts them, so that
-this process can read while it plays, and after it was killed. A file of one round tells the player
-which messages to load.
+this process can read while it plays, and after it was killed.
 """
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +27,8 @@ from r2bspec.ipc.disk_errors import named_errors
 from r2bspec.ipc.playback_events import ENTRY_DTYPE, Entries, Round, TimelineRound
 from r2bspec.ipc.schedule import NO_STEP
 
-_MAGIC = b"R2BPLAY3"
-_HEADER = struct.Struct("<q8s3q")
+_MAGIC = b"R2BPLAY4"
+_HEADER = struct.Struct("<q8s4q")
 HEADER_BYTES = _HEADER.size
 
 
@@ -33,7 +37,18 @@ def playback_path(path: Path, number: int) -> Path:
     return path.with_name(f"{path.name}-{number}")
 
 
-def write_playback(path: Path, made: Round, rate_hz: float, steps: int, first: int = 0) -> None:
+def write_playlist(path: Path, made: Round) -> None:
+    """Write the file of all messages, which the player loads before it plays some of them.
+
+    Raises:
+        OSError: the disk is full; it has the name of the file.
+    """
+    _write(path, made.blocks(1.0, made.steps, 0), is_loaded=False, has_stamps=False, least_ns=0)
+
+
+def write_playback(
+    path: Path, made: Round, rate_hz: float, steps: int, first: int = 0, last_stamp_ns: int = 0
+) -> None:
     """Write the file of a playback.
 
     Args:
@@ -42,23 +57,31 @@ def write_playback(path: Path, made: Round, rate_hz: float, steps: int, first: i
         rate_hz: steps per second; without effect on a recording, which has its own times.
         steps: how many.
         first: the step of the round to begin with; also without effect on a recording.
+        last_stamp_ns: the last stamp of earlier playbacks.
 
     Raises:
         OSError: the disk is full; it has the name of the file.
     """
     has_stamps = isinstance(made, TimelineRound)
-    earliest_ns = 0
+    least_ns = last_stamp_ns + 1
     if has_stamps:
-        earliest_ns = int(made.entries["stamp_ns"][made.entries["step"] != NO_STEP].min())
+        least_ns -= int(made.entries["stamp_ns"][made.entries["step"] != NO_STEP].min())
         first = 0
+    blocks = made.blocks(rate_hz, steps, first)
+    _write(path, blocks, is_loaded=True, has_stamps=has_stamps, least_ns=least_ns)
+
+
+def _write(
+    path: Path, blocks: Iterable[Entries], *, is_loaded: bool, has_stamps: bool, least_ns: int
+) -> None:
     with named_errors(path), path.open("xb") as file:
         file.write(bytes(HEADER_BYTES))
         count = 0
-        for block in made.blocks(rate_hz, steps, first):
+        for block in blocks:
             file.write(block.data)
             count += block.size
         file.seek(0)
-        file.write(_HEADER.pack(0, _MAGIC, count, has_stamps, earliest_ns))
+        file.write(_HEADER.pack(0, _MAGIC, count, is_loaded, has_stamps, least_ns))
 
 
 class PlaybackReader:
@@ -95,6 +118,13 @@ class PlaybackReader:
             begin += count
         return np.concatenate(found)
 
+    def last_stamp_ns(self) -> int:
+        """The last stamp of a step that was played; 0 before the first one."""
+        self._find_playbacks()
+        # Stamps ascend from playback to playback.
+        found = (each.last_stamp_ns() for each in reversed(self._playbacks))
+        return next((each for each in found if each), 0)
+
     def _find_playbacks(self) -> None:
         while (path := playback_path(self._path, len(self._playbacks) + 1)).exists():
             self._playbacks.append(_Playback(path))
@@ -116,6 +146,11 @@ class _Playback:
     def complete(self) -> int:
         published = int(self._published[0])
         return int(self._entries["complete"][published - 1]) if published else 0
+
+    def last_stamp_ns(self) -> int:
+        played = self._entries[: int(self._published[0])]
+        stamps_ns: NDArray[np.int64] = played["stamp_ns"][played["step"] != NO_STEP]
+        return int(stamps_ns.max(initial=0))
 
     def rows(self, start: int, stop: int, dtype: np.dtype[np.void]) -> NDArray[np.void]:
         if self._bounds is None:

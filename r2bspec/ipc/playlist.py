@@ -75,10 +75,10 @@ class _Entries:
     ) -> None:
         """Add an event; a message is its source, its position there, and a shift of its stamps."""
         stamps = [
-            (offset, stamp_in_it_ns + shift_ns, size, place, source)
+            (offset, stamp_in_it_ns + shift_ns, size, place, source, number == len(places))
             for source, position, shift_ns in messages
             for offset, size, places in [self._buffers.find(source, position)]
-            for place, stamp_in_it_ns in places
+            for number, (place, stamp_in_it_ns) in enumerate(places, 1)
         ]
         for number, each in enumerate(stamps):
             left = len(stamps) - number

@@ -15,6 +15,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
+#include <time.h>
 
 #include <rcl/error_handling.h>
 #include <rcl/rcl.h>
@@ -63,14 +64,15 @@ void ignore_rcl(rcl_ret_t status);
 int fail_file(const char *path);
 int fail_memory(void);
 
-/* timing.c */
+static inline int64_t read_clock(clockid_t clock)
+{
+  struct timespec now;
+  clock_gettime(clock, &now);
+  return now.tv_sec * NS_PER_S + now.tv_nsec;
+}
 
-int64_t monotonic_ns(void);
-int64_t system_ns(void);
-int64_t thread_cpu_ns(void);
-
-/* Reads the system time minus the monotonic time; returns the latter. */
-int64_t clock_difference(int64_t *difference_ns);
+static inline int64_t monotonic_ns(void) { return read_clock(CLOCK_MONOTONIC); }
+static inline int64_t system_ns(void) { return read_clock(CLOCK_REALTIME); }
 
 /* ros.c */
 
@@ -87,10 +89,6 @@ void ros_fini(ros_t *ros);
 type_t *ros_type(const char *name);
 bool begins_with_header(type_t *type);
 rmw_qos_profile_t next_qos(channel_t *channel);
-int ros_publisher(
-  rcl_node_t *node, type_t *type, const rmw_qos_profile_t *qos, const char *topic,
-  rcl_publisher_t *made);
-int ros_publish(rcl_publisher_t *publisher, const void *data, size_t size);
 
 /* player.c, monitor.c: each is configured over a channel, and serves it until told to end. */
 int player_serve(channel_t *channel, rcl_node_t *node);

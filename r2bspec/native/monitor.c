@@ -22,6 +22,9 @@
 #define MIN_STALL_NS 100000000
 #define STALL_FILE "monitor.held"
 #define STAMP_END 12
+/* Clocks are read one after the other, and again if the reads were interrupted. */
+#define MAX_READ_NS 20000
+#define MAX_READS 5
 
 /* A file of rows of int64, to which one is appended in one write: r2bspec/ipc/sample_files.py. */
 typedef struct rows {
@@ -80,6 +83,20 @@ static void rows_close(rows_t *rows)
 }
 
 /* ---- recording ---- */
+
+/* Reads the system time minus the monotonic time; returns the latter. */
+static int64_t clock_difference(int64_t *difference_ns)
+{
+  int64_t before_ns, there_ns, after_ns;
+  int reads = 0;
+  do {
+    before_ns = monotonic_ns();
+    there_ns = system_ns();
+    after_ns = monotonic_ns();
+  } while (after_ns - before_ns > MAX_READ_NS && ++reads < MAX_READS);
+  *difference_ns = there_ns - before_ns - (after_ns - before_ns) / 2;
+  return after_ns;
+}
 
 static int64_t read_stamp(const rcl_serialized_message_t *message)
 {
@@ -254,13 +271,13 @@ static int run_loop(monitor_t *monitor)
     {.fd = fileno(monitor->channel->in), .events = POLLIN},
     {.fd = monitor->wake_fd, .events = POLLIN},
   };
-  int64_t began_ns = monotonic_ns(), cpu_ns = thread_cpu_ns();
+  int64_t began_ns = monotonic_ns(), cpu_ns = read_clock(CLOCK_THREAD_CPUTIME_ID);
   int status = 0;
   while (status == 0) {
     (void)poll(ready, 2, IDLE_MS);
     /* From wait to wait, since the process can be stopped in any part of a round. */
     const int64_t row[2] = {began_ns, monotonic_ns()};
-    const int64_t active_ns = thread_cpu_ns() - cpu_ns;
+    const int64_t active_ns = read_clock(CLOCK_THREAD_CPUTIME_ID) - cpu_ns;
     if (row[1] - row[0] > IDLE_MS * INT64_C(1000000) + active_ns + MIN_STALL_NS) {
       status = rows_append(&monitor->stalls, row);
     }

@@ -19,8 +19,8 @@
 
 /* From the command to the first due time, so that the first step is not late. */
 #define START_DELAY_NS 20000000
-/* A late player never sleeps, so it also looks for commands after so many events. */
-#define EVENTS_PER_LOOK 64
+/* A late player never sleeps, so it also looks for commands after so many entries. */
+#define ENTRIES_PER_LOOK 64
 /* More than the lateness of most sleeps. */
 #define INITIAL_SPIN_NS 150000
 #define MIN_SPIN_NS 30000
@@ -42,7 +42,6 @@ typedef struct mapping {
 typedef struct source {
   rcl_publisher_t publisher;
   bool has_header;
-  char *path;
   mapping_t buffer; /* its messages */
 } source_t;
 
@@ -51,7 +50,8 @@ typedef struct source {
 typedef struct entry {
   int64_t due_ns, stamp_ns, published_ns, done_ns;
   int64_t inputs, offset, add_ns;
-  int32_t size, place, source;
+  int32_t size, place;
+  int16_t source, is_published;
   int32_t left; /* entries of the event, from this one on */
   int32_t step, complete;
 } entry_t;
@@ -60,37 +60,28 @@ typedef struct entry {
 typedef struct playback {
   int64_t published;
   char magic[8];
-  int64_t count, has_stamps, earliest_stamp_ns;
+  int64_t count, is_loaded, has_stamps;
+  int64_t least_ns; /* the least time of the beginning, or stamp if it has no stamps */
   entry_t entries[];
 } playback_t;
 
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the files are little-endian");
-_Static_assert(sizeof(playback_t) == 40 && sizeof(entry_t) == 80, "as Python writes them");
+_Static_assert(sizeof(playback_t) == 48 && sizeof(entry_t) == 80, "as Python writes them");
 
 typedef struct player {
   channel_t *channel;
   rcl_node_t *node;
   source_t *sources;
   int64_t source_count;
-  int64_t last_stamp_ns;
   int64_t spin_ns;
 } player_t;
 
 /* ---- files ---- */
 
-static void unmap(mapping_t *mapping)
-{
-  if (mapping->data != NULL) {
-    munmap(mapping->data, mapping->size);
-  }
-  *mapping = (mapping_t){0};
-}
-
-/* Maps a whole file, which may be empty, in place of what was mapped: `shared` with other
- * processes, or with a copy of each page that is written to. */
+/* Maps a whole file, which may be empty: `shared` with other processes, or with a copy of each page
+ * that is written to. */
 static int map_file(mapping_t *mapping, const char *path, bool shared)
 {
-  unmap(mapping);
   const int fd = open(path, (shared ? O_RDWR : O_RDONLY) | O_CLOEXEC);
   if (fd < 0) {
     return fail_file(path);
@@ -109,48 +100,47 @@ static int map_file(mapping_t *mapping, const char *path, bool shared)
   return failed;
 }
 
+static void unmap(const mapping_t *mapping)
+{
+  if (mapping->data != NULL) {
+    munmap(mapping->data, mapping->size);
+  }
+}
+
 static bool within(int64_t first, int64_t count, int64_t total)
 {
   return first >= 0 && count >= 0 && first <= total && count <= total - first;
 }
 
-/* Why a playback cannot be played, or NULL. */
-static const char *check(const player_t *player, const mapping_t *file)
+/* Whether all that it refers to exists. */
+static bool is_whole(const player_t *player, const entry_t *entry, int64_t entries_left)
 {
-  playback_t *playback = (void *)file->data;
-  if (file->size < sizeof(*playback) || memcmp(playback->magic, "R2BPLAY3", 8) != 0) {
-    return "it begins otherwise";
-  }
-  const size_t bytes = file->size - sizeof(*playback);
-  if (bytes % sizeof(entry_t) != 0 || playback->count != (int64_t)(bytes / sizeof(entry_t))) {
-    return "it is truncated";
-  }
-  for (int64_t i = 0; i < playback->count; ++i) {
-    entry_t *each = &playback->entries[i];
-    if (!within(each->source, 1, player->source_count) || each->left < 1 ||
-        !within(i, each->left, playback->count)) {
-      return "an entry is damaged";
-    }
-    const mapping_t *buffer = &player->sources[each->source].buffer;
-    if (!within(each->offset, each->size, (int64_t)buffer->size)) {
-      return "a file of messages is shorter than its index says";
-    }
-    if (each->place != NO_PLACE && !within(each->place, STAMP_BYTES, each->size)) {
-      return "a stamp is outside of its message";
-    }
-    /* Its page is made writable before it is needed. */
-    each->published_ns = 0;
-  }
-  return NULL;
+  return within(entry->source, 1, player->source_count) &&
+         within(entry->offset, entry->size,
+                (int64_t)player->sources[entry->source].buffer.size) &&
+         (entry->place == NO_PLACE || within(entry->place, STAMP_BYTES, entry->size)) &&
+         within(1, entry->left, entries_left + 1) && entry->left > 0;
 }
 
+/* To be unmapped in any case. */
 static int open_playback(const player_t *player, mapping_t *file, const char *path)
 {
   if (map_file(file, path, true) < 0) {
     return -1;
   }
-  const char *why = check(player, file);
-  return why == NULL ? 0 : fail(HARNESS_FAULT, "%s cannot be played: %s", path, why);
+  playback_t *playback = (void *)file->data;
+  const size_t entries = (file->size - sizeof(*playback)) / sizeof(entry_t);
+  bool whole = file->size >= sizeof(*playback) && memcmp(playback->magic, "R2BPLAY4", 8) == 0 &&
+               playback->count == (int64_t)entries &&
+               file->size == sizeof(*playback) + entries * sizeof(entry_t);
+  for (int64_t i = 0; whole && i < playback->count; ++i) {
+    whole = is_whole(player, &playback->entries[i], playback->count - i);
+    /* Its page is made writable before it is needed. */
+    playback->entries[i].published_ns = 0;
+  }
+  return whole ? 0
+               : fail(HARNESS_FAULT, "%s is damaged, or a file of messages is shorter than its index",
+                      path);
 }
 
 /* ---- stamps ---- */
@@ -160,71 +150,43 @@ static char *data_of(const player_t *player, const entry_t *entry)
   return player->sources[entry->source].buffer.data + entry->offset;
 }
 
-static uint32_t in_order(uint32_t value, bool little)
-{
-  return little ? value : __builtin_bswap32(value);
-}
-
 static void write_stamp(const player_t *player, const entry_t *entry, int64_t stamp_ns)
 {
   if (entry->place == NO_PLACE) {
     return;
   }
   char *data = data_of(player, entry);
-  const bool little = data[1] & 1;
   const int64_t whole_ns = stamp_ns + entry->add_ns;
   const int64_t rest_ns = (whole_ns % NS_PER_S + NS_PER_S) % NS_PER_S;
-  const uint32_t words[2] = {in_order((uint32_t)((whole_ns - rest_ns) / NS_PER_S), little),
-                             in_order((uint32_t)rest_ns, little)};
+  uint32_t words[2] = {(uint32_t)((whole_ns - rest_ns) / NS_PER_S), (uint32_t)rest_ns};
+  if ((data[1] & 1) == 0) { /* big-endian */
+    words[0] = __builtin_bswap32(words[0]);
+    words[1] = __builtin_bswap32(words[1]);
+  }
   memcpy(data + entry->place, words, STAMP_BYTES);
 }
 
-/* This happens before waiting: writing to messages that are no longer in the cache takes time,
- * which would delay each publication. */
-static void stamp_event(player_t *player, entry_t *event, const int64_t *epoch_ns)
+/* The stamp is the time of publication; each is unique. */
+static void stamp_now(entry_t *event, int64_t least_ns)
 {
-  if (epoch_ns != NULL) {
-    event->stamp_ns += *epoch_ns;
-  } else {
-    const int64_t early_ns = event->due_ns - monotonic_ns();
-    event->stamp_ns = system_ns() + (early_ns > 0 ? early_ns : 0);
-    if (event->stamp_ns <= player->last_stamp_ns) {
-      event->stamp_ns = player->last_stamp_ns + 1;
-    }
-  }
-  if (event->stamp_ns > player->last_stamp_ns) {
-    player->last_stamp_ns = event->stamp_ns;
-  }
-  for (int32_t i = 0; i < event->left; ++i) {
-    write_stamp(player, &event[i], event->stamp_ns);
-  }
-}
-
-/* The system time of the beginning, to which the stamps of a recording are shifted. It is later if
- * a stamp would otherwise repeat, because stamps may be ahead of the clock. */
-static int64_t find_epoch(const player_t *player, const playback_t *playback, int64_t begin_ns)
-{
-  const int64_t epoch_ns = system_ns() + begin_ns - monotonic_ns();
-  const int64_t least_ns = player->last_stamp_ns + 1 - playback->earliest_stamp_ns;
-  return epoch_ns > least_ns ? epoch_ns : least_ns;
+  const int64_t early_ns = event->due_ns - monotonic_ns();
+  const int64_t stamp_ns = system_ns() + (early_ns > 0 ? early_ns : 0);
+  event->stamp_ns = stamp_ns > least_ns ? stamp_ns : least_ns;
 }
 
 /* ---- playing ---- */
 
 /* Sleeps, then spins; learns for how long it must spin. True, perhaps earlier, for a command. */
-static bool wait_until(player_t *player, int64_t due_ns)
+static bool wait_until(player_t *player, int64_t due_ns, bool looks)
 {
-  bool slept = false;
-  int64_t left_ns;
-  while ((left_ns = due_ns - monotonic_ns()) > player->spin_ns) {
-    if (channel_wait(player->channel, left_ns - player->spin_ns)) {
-      return true;
-    }
-    slept = true;
+  const int64_t sleep_ns = due_ns - monotonic_ns() - player->spin_ns;
+  if ((sleep_ns > 0 || looks) && channel_wait(player->channel, sleep_ns > 0 ? sleep_ns : 0)) {
+    return true;
   }
-  if (slept && left_ns <= 0 && player->spin_ns < MAX_SPIN_NS) {
+  const bool is_late = monotonic_ns() >= due_ns;
+  if (sleep_ns > 0 && is_late && player->spin_ns < MAX_SPIN_NS) {
     player->spin_ns += LATE_STEP_NS;
-  } else if (slept && left_ns > 0 && player->spin_ns > MIN_SPIN_NS) {
+  } else if (sleep_ns > 0 && !is_late && player->spin_ns > MIN_SPIN_NS) {
     player->spin_ns -= EARLY_STEP_NS;
   }
   while (monotonic_ns() < due_ns) {
@@ -232,17 +194,26 @@ static bool wait_until(player_t *player, int64_t due_ns)
   return false;
 }
 
-static int publish_event(player_t *player, entry_t *event)
+static int publish(const player_t *player, const entry_t *entry)
 {
-  const entry_t *last = event + event->left - 1;
+  const rcl_serialized_message_t message = {
+    .buffer = (uint8_t *)data_of(player, entry),
+    .buffer_length = (size_t)entry->size,
+    .buffer_capacity = (size_t)entry->size,
+    .allocator = rcl_get_default_allocator(),
+  };
+  const rcl_publisher_t *publisher = &player->sources[entry->source].publisher;
+  return rcl_publish_serialized_message(publisher, &message, NULL) == RCL_RET_OK
+           ? 0
+           : fail_rcl("publishing a message");
+}
+
+static int publish_event(const player_t *player, entry_t *event)
+{
   /* What a latency counts from: before the first call that publishes. */
   event->published_ns = monotonic_ns();
-  for (const entry_t *each = event; each <= last; ++each) {
-    /* What is before the same message is only a stamp. */
-    const bool is_stamp = each < last && each[1].source == each->source &&
-                          each[1].offset == each->offset;
-    if (!is_stamp && ros_publish(&player->sources[each->source].publisher, data_of(player, each),
-                                 (size_t)each->size) < 0) {
+  for (int32_t i = 0; i < event->left; ++i) {
+    if (event[i].is_published && publish(player, &event[i]) < 0) {
       return -1;
     }
   }
@@ -254,14 +225,25 @@ static int publish_event(player_t *player, entry_t *event)
 static int play_events(player_t *player, playback_t *playback)
 {
   const int64_t begin_ns = monotonic_ns() + START_DELAY_NS;
-  const int64_t epoch_ns = find_epoch(player, playback, begin_ns);
+  /* To which the stamps of a recording are shifted. */
+  const int64_t now_ns = system_ns() + START_DELAY_NS;
+  const int64_t epoch_ns = now_ns > playback->least_ns ? now_ns : playback->least_ns;
+  int64_t least_stamp_ns = playback->least_ns;
   int steps = 0;
-  for (int64_t i = 0, events = 0; i < playback->count; i += playback->entries[i].left, ++events) {
+  for (int64_t i = 0; i < playback->count; i += playback->entries[i].left) {
     entry_t *event = &playback->entries[i];
     event->due_ns += begin_ns;
-    stamp_event(player, event, playback->has_stamps ? &epoch_ns : NULL);
-    if (wait_until(player, event->due_ns) ||
-        (events % EVENTS_PER_LOOK == 0 && channel_wait(player->channel, 0))) {
+    if (playback->has_stamps) {
+      event->stamp_ns += epoch_ns;
+    } else {
+      stamp_now(event, least_stamp_ns);
+    }
+    least_stamp_ns = event->stamp_ns + 1;
+    /* Before waiting: writing to messages that have left the cache would delay a publication. */
+    for (int32_t each = 0; each < event->left; ++each) {
+      write_stamp(player, &event[each], event->stamp_ns);
+    }
+    if (wait_until(player, event->due_ns, i % ENTRIES_PER_LOOK == 0)) {
       break;
     }
     if (publish_event(player, event) < 0) {
@@ -274,12 +256,30 @@ static int play_events(player_t *player, playback_t *playback)
   return steps;
 }
 
+/* Reads all messages from the disk, and copies the pages that stamps are written to, before any of
+ * them is played. */
+static void touch(const player_t *player, const playback_t *playback)
+{
+  for (int64_t i = 0; i < playback->count; ++i) {
+    const volatile char *data = data_of(player, &playback->entries[i]);
+    for (int32_t place = 0; place < playback->entries[i].size; place += PAGE_BYTES) {
+      (void)data[place];
+    }
+    write_stamp(player, &playback->entries[i], 0);
+  }
+}
+
 static int play(player_t *player, const char *path)
 {
   mapping_t file = {0};
   int steps = open_playback(player, &file, path);
   if (steps == 0) {
-    steps = play_events(player, (void *)file.data);
+    playback_t *playback = (void *)file.data;
+    if (playback->is_loaded) {
+      steps = play_events(player, playback);
+    } else {
+      touch(player, playback);
+    }
   }
   unmap(&file);
   return steps < 0 ? -1 : channel_reply(player->channel, "played %d\n", steps);
@@ -287,50 +287,36 @@ static int play(player_t *player, const char *path)
 
 /* ---- commands ---- */
 
-/* Reads all messages of a playback from the disk, and copies the pages that stamps are written to,
- * before any of them is played. */
-static int load(player_t *player, const char *path)
+/* Makes the input {TYPE QOS TOPIC BUFFER}. */
+static int add_source(player_t *player, channel_t *channel)
 {
-  for (int64_t i = 0; i < player->source_count; ++i) {
-    if (map_file(&player->sources[i].buffer, player->sources[i].path, false) < 0) {
-      return -1;
-    }
+  source_t *source = &player->sources[player->source_count];
+  type_t *type = ros_type(next_word(channel));
+  rcl_publisher_options_t options = rcl_publisher_get_default_options();
+  options.qos = next_qos(channel);
+  source->publisher = rcl_get_zero_initialized_publisher();
+  if (type == NULL) {
+    return -1;
   }
-  mapping_t file = {0};
-  const int failed = open_playback(player, &file, path);
-  const playback_t *playback = (const void *)file.data;
-  for (int64_t i = 0; failed == 0 && i < playback->count; ++i) {
-    const volatile char *data = data_of(player, &playback->entries[i]);
-    for (int32_t place = 0; place < playback->entries[i].size; place += PAGE_BYTES) {
-      (void)data[place];
-    }
-    write_stamp(player, &playback->entries[i], 0);
+  if (rcl_publisher_init(&source->publisher, player->node, type, next_word(channel), &options) !=
+      RCL_RET_OK) {
+    return fail_rcl("creating a publisher");
   }
-  unmap(&file);
-  return failed < 0 ? -1 : channel_reply(player->channel, "ready\n");
+  player->source_count += 1;
+  source->has_header = begins_with_header(type);
+  return map_file(&source->buffer, next_word(channel), false);
 }
 
 /* player INPUTS {TYPE QOS TOPIC BUFFER} */
 static int configure(player_t *player)
 {
-  channel_t *channel = player->channel;
-  const int64_t inputs = next_number(channel);
+  const int64_t inputs = next_number(player->channel);
   player->sources = calloc(inputs < 0 ? 1 : (size_t)inputs + 1, sizeof(source_t));
-  if (player->sources == NULL) {
-    return fail_memory();
+  int failed = player->sources == NULL ? fail_memory() : 0;
+  while (failed == 0 && player->source_count < inputs) {
+    failed = add_source(player, player->channel);
   }
-  for (; player->source_count < inputs; ++player->source_count) {
-    source_t *source = &player->sources[player->source_count];
-    type_t *type = ros_type(next_word(channel));
-    const rmw_qos_profile_t qos = next_qos(channel);
-    if (type == NULL ||
-        ros_publisher(player->node, type, &qos, next_word(channel), &source->publisher) < 0) {
-      return -1;
-    }
-    source->has_header = begins_with_header(type);
-    source->path = strdup(next_word(channel));
-  }
-  return 0;
+  return failed;
 }
 
 /* Sends a number for each input: whether its type begins with a header, or its subscriptions. */
@@ -351,9 +337,6 @@ static int send_numbers(player_t *player, const char *reply, bool headers)
 static int execute(player_t *player)
 {
   const char *command = next_word(player->channel);
-  if (strcmp(command, "follow") == 0) {
-    return load(player, next_word(player->channel));
-  }
   if (strcmp(command, "count") == 0) {
     return send_numbers(player, "matched", false);
   }
@@ -362,16 +345,6 @@ static int execute(player_t *player)
   }
   /* Others are ignored: a stop that arrived after the last event. */
   return strcmp(command, "shutdown") == 0 || *command == '\0';
-}
-
-static void clean_up(player_t *player)
-{
-  for (int64_t i = 0; i < player->source_count; ++i) {
-    ignore_rcl(rcl_publisher_fini(&player->sources[i].publisher, player->node));
-    unmap(&player->sources[i].buffer);
-    free(player->sources[i].path);
-  }
-  free(player->sources);
 }
 
 int player_serve(channel_t *channel, rcl_node_t *node)
@@ -386,6 +359,10 @@ int player_serve(channel_t *channel, rcl_node_t *node)
   while (status == 0) {
     status = execute(&player);
   }
-  clean_up(&player);
+  for (int64_t i = 0; i < player.source_count; ++i) {
+    ignore_rcl(rcl_publisher_fini(&player.sources[i].publisher, node));
+    unmap(&player.sources[i].buffer);
+  }
+  free(player.sources);
   return status < 0 ? -1 : 0;
 }

@@ -92,28 +92,3 @@ rmw_qos_profile_t next_qos(channel_t *channel)
   qos.depth = (size_t)next_number(channel);
   return qos;
 }
-
-int ros_publisher(
-  rcl_node_t *node, type_t *type, const rmw_qos_profile_t *qos, const char *topic,
-  rcl_publisher_t *made)
-{
-  rcl_publisher_options_t options = rcl_publisher_get_default_options();
-  options.qos = *qos;
-  *made = rcl_get_zero_initialized_publisher();
-  return rcl_publisher_init(made, node, type, topic, &options) == RCL_RET_OK
-           ? 0
-           : fail_rcl("creating a publisher");
-}
-
-int ros_publish(rcl_publisher_t *publisher, const void *data, size_t size)
-{
-  const rcl_serialized_message_t message = {
-    .buffer = (uint8_t *)data,
-    .buffer_length = size,
-    .buffer_capacity = size,
-    .allocator = rcl_get_default_allocator(),
-  };
-  return rcl_publish_serialized_message(publisher, &message, NULL) == RCL_RET_OK
-           ? 0
-           : fail_rcl("publishing a message");
-}

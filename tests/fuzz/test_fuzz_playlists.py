@@ -14,7 +14,7 @@ pytest.importorskip("rclpy")
 
 from native_playlists import SANITIZERS, LonePlayer, player_without_ros
 from r2bspec.ipc.buffers import BufferWriter, buffer_path
-from r2bspec.ipc.playback_file import write_playback
+from r2bspec.ipc.playback_file import write_playback, write_playlist
 from r2bspec.ipc.playlist import read_round
 from r2bspec.ipc.schedule import (
     BetweenMessage,
@@ -84,7 +84,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> list[Files]:
     for number, schedule in enumerate(SCHEDULES):
         playlist, playback = folder / f"playlist-{number}", folder / f"playback-{number}"
         made = read_round(schedule, topics, [True, False], folder)
-        write_playback(playlist, made, 1.0, made.steps)
+        write_playlist(playlist, made)
         write_playback(playback, made, 1e6, 4)
         buffers = tuple(buffer_path(folder, topic, "cdr") for topic in topics)
         found.append(Files(playlist.read_bytes(), playback.read_bytes(), buffers))
@@ -135,10 +135,10 @@ def test_a_truncated_one_is_refused(playing: Playing, files: list[Files]) -> Non
     for each in files:
         for size in range(0, len(each.playlist), 5):
             found = playing(each.playlist[:size], each.playback, each.buffers)
-            assert "cannot be played" in found
+            assert "is damaged" in found
         for size in range(0, len(each.playback), 5):
             found = playing(each.playlist, each.playback[:size], each.buffers)
-            assert "cannot be played" in found
+            assert "is damaged" in found
 
 
 def test_a_source_that_the_player_does_not_have_is_refused(
@@ -146,7 +146,7 @@ def test_a_source_that_the_player_does_not_have_is_refused(
 ) -> None:
     for each in files:
         found = playing(each.playlist, each.playback, each.buffers[:1])
-        assert "an entry is damaged" in found
+        assert "is damaged" in found
 
 
 def test_a_buffer_that_is_too_short_is_refused(

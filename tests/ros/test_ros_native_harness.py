@@ -122,7 +122,7 @@ class Harness:
     def ask(self, child: ManagedProcess, command: Any, kind: Any = protocol.Matched) -> Any:
         return self.children.request(child, command, kind, HANG_S)
 
-    def configure(self, player: ManagedProcess, monitor: ManagedProcess) -> None:
+    def configure_player(self, player: ManagedProcess) -> None:
         inputs = (
             InputPlan(topic=TOPIC, type=IMAGE, source=TOPIC, bag_topic="", qos=QoS(depth=100)),
         )
@@ -136,6 +136,9 @@ class Harness:
         assert ready.headers == {TOPIC: True}
         schedule = CyclicSchedule(steps=tuple((n,) for n in range(len(SIZES))))
         self.ask(player, protocol.Follow(schedule=schedule), protocol.Ready)
+
+    def configure(self, player: ManagedProcess, monitor: ManagedProcess) -> None:
+        self.configure_player(player)
         watched = protocol.ConfigureMonitor(monitors=(OUT,), rows_dir=str(self.rows))
         assert self.ask(monitor, watched, protocol.Ready).rmw
         self.ask(monitor, protocol.Subscribe(monitors=(OUT,)))
@@ -421,15 +424,12 @@ def test_what_fails_is_said_and_the_process_ends(
     assert monitor.process.wait(HANG_S) == 1
 
 
-def test_a_buffer_that_is_shorter_than_its_index_is_refused(
-    harness: Harness, ends: tuple[ManagedProcess, ManagedProcess]
-) -> None:
-    player, _ = ends
+def test_a_buffer_that_is_shorter_than_its_index_is_refused(harness: Harness) -> None:
     path = harness.buffers / "r2b%image.cdr"
     os.truncate(path, path.stat().st_size - 1)
-    schedule = CyclicSchedule(steps=tuple((n,) for n in range(len(SIZES))))
+    player = harness.start("player")
     with pytest.raises(ProcessFailedError, match="shorter than its index"):
-        harness.ask(player, protocol.Follow(schedule=schedule), protocol.Ready)
+        harness.configure_player(player)
 
 
 HOST = """

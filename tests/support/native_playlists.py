@@ -21,7 +21,7 @@ def player_without_ros(flags: Sequence[str] = ()) -> Path:
     included = hashlib.sha256((_NATIVE / "player.c").read_bytes()).hexdigest()
     return build(
         "player_without_ros",
-        [Path(__file__).with_name("player_without_ros.c"), _NATIVE / "timing.c"],
+        [Path(__file__).with_name("player_without_ros.c")],
         find_ros(),
         kind="program",
         # What a source includes has to change the digest of the build.

@@ -24,6 +24,7 @@ int fail(const char *code, const char *format, ...)
 
 int fail_file(const char *path) { return fail("", "%s cannot be read", path); }
 int fail_memory(void) { return fail("", "no memory"); }
+int fail_rcl(const char *what) { return fail("", "%s failed", what); }
 void ignore_rcl(rcl_ret_t status) { (void)status; }
 
 int channel_reply(channel_t *channel, const char *format, ...)
@@ -37,11 +38,11 @@ int channel_reply(channel_t *channel, const char *format, ...)
   return 0;
 }
 
-/* A damaged time may be years ahead: whoever waits for it is told to stop. */
+/* A damaged time may be years ahead: a player that waits for it is told to stop. */
 bool channel_wait(channel_t *channel, int64_t timeout_ns)
 {
   (void)channel;
-  return timeout_ns > NS_PER_S;
+  return timeout_ns > 2 * START_DELAY_NS;
 }
 
 char *next_word(channel_t *channel)
@@ -51,7 +52,6 @@ char *next_word(channel_t *channel)
 }
 
 int64_t next_number(channel_t *channel) { return channel == NULL; }
-void part_ends(void) {}
 bool begins_with_header(type_t *type) { return type != NULL; }
 rmw_qos_profile_t next_qos(channel_t *channel) { (void)channel; return rmw_qos_profile_default; }
 
@@ -61,22 +61,16 @@ type_t *ros_type(const char *name)
   return NULL;
 }
 
-int ros_publisher(
-  rcl_node_t *node, type_t *type, const rmw_qos_profile_t *qos, const char *topic,
-  rcl_publisher_t *made)
+rcl_ret_t rcl_publish_serialized_message(
+  const rcl_publisher_t *publisher, const rcl_serialized_message_t *message,
+  rmw_publisher_allocation_t *allocation)
 {
-  (void)node, (void)type, (void)qos, (void)topic, (void)made;
-  return 0;
-}
-
-int ros_publish(rcl_publisher_t *publisher, const void *data, size_t size)
-{
-  (void)publisher;
-  const volatile char *bytes = data;
-  for (size_t i = 0; i < size; ++i, ++published) {
+  (void)publisher, (void)allocation;
+  const volatile uint8_t *bytes = message->buffer;
+  for (size_t i = 0; i < message->buffer_length; ++i, ++published) {
     (void)bytes[i];
   }
-  return 0;
+  return RCL_RET_OK;
 }
 
 static void answer(char *line)
@@ -85,16 +79,20 @@ static void answer(char *line)
   player_t player = {.channel = &channel, .spin_ns = MIN_SPIN_NS};
   const char *playlist = strsep(&line, " "), *playback = strsep(&line, " ");
   player.sources = calloc(MOST_BUFFERS, sizeof(source_t));
-  for (char *word; *(word = strsep(&line, " \n")) != '\0';) {
-    player.sources[player.source_count++].path = strdup(word);
+  int failed = 0;
+  for (char *word; failed == 0 && *(word = strsep(&line, " \n")) != '\0';) {
+    failed = map_file(&player.sources[player.source_count++].buffer, word, false);
   }
   published = 0;
-  if (load(&player, playlist) == 0) {
+  if (failed == 0 && play(&player, playlist) == 0) {
     (void)play(&player, playback);
   }
   printf("%s: %zu bytes\n", text, published);
   fflush(stdout);
-  clean_up(&player);
+  for (int64_t i = 0; i < player.source_count; ++i) {
+    unmap(&player.sources[i].buffer);
+  }
+  free(player.sources);
 }
 
 int main(void)

@@ -180,9 +180,13 @@ def test_the_counts_of_a_player_are_those_of_its_inputs_and_transforms(tmp_path:
     codec = NativeCodec()
     codec.encode(player(tmp_path, (TF_STATIC, TF)))
     assert codec.decode(b"ready 1 0\n") == protocol.Ready(headers={"/in": True})
-    assert codec.decode(b"ready") == protocol.Ready()
     assert codec.decode(b"matched 2 1\n") == protocol.Matched(counts={"/in": 2, TF: 1})
     assert codec.decode(b"played 17\n") == protocol.Played(steps=17)
+    write_buffer(tmp_path, "/loaded", IMAGE, bytes(20))
+    followed(tmp_path, codec, CyclicSchedule(steps=((0,),)))
+    assert codec.decode(b"played 0\n") == protocol.Ready()
+    codec.encode(protocol.Play(rate_hz=1.0, steps=1))
+    assert codec.decode(b"played 1\n") == protocol.Played(steps=1)
 
 
 def test_the_counts_of_a_monitor_are_those_of_its_topics_and_of_what_is_watched() -> None:

@@ -89,16 +89,19 @@ def test_steps_of_all_playbacks_are_one_sequence(tmp_path: Path) -> None:
     for start in range(7):
         for stop in (*range(7), None):
             assert rows.read(start, stop).tolist() == whole[start:stop].tolist()
+    assert rows.last_stamp_ns() == 301
     # Another reader, and one that has not looked before, see the same.
     assert player.reader().read().tolist() == whole.tolist()
 
 
-def test_a_recording_tells_the_player_its_earliest_stamp(tmp_path: Path) -> None:
+def test_no_stamp_of_an_earlier_playback_is_repeated(tmp_path: Path) -> None:
     made = timeline([-1, 0, 1])
     made.entries["stamp_ns"] = [-900, 7, -5]
-    write_playback(tmp_path / "recorded", made, 0.0, 4)
-    write_playback(tmp_path / "cyclic", CyclicRound(entries([0]), 1, np.zeros(1)), 1.0, 1)
-    for name, expected in (("recorded", [6, 1, -5]), ("cyclic", [1, 0, 0])):
-        header = np.fromfile(tmp_path / name, dtype="<i8", count=5)
-        assert header[0] == 0
-        assert header[2:].tolist() == expected
+    write_playback(tmp_path / "recorded", made, 0.0, 4, last_stamp_ns=100)
+    cyclic = CyclicRound(entries([0]), 1, np.zeros(1))
+    write_playback(tmp_path / "cyclic", cyclic, 1.0, 1, last_stamp_ns=100)
+    # The earliest stamp of the recording is 5 ns before its beginning.
+    for name, expected in (("recorded", [6, 1, 106]), ("cyclic", [1, 0, 101])):
+        header = np.fromfile(tmp_path / name, dtype="<i8", count=6)
+        assert header[[0, 3]].tolist() == [0, 1]
+        assert header[[2, 4, 5]].tolist() == expected
