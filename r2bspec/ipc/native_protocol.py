@@ -23,8 +23,8 @@ A reply is one line of words; the text at its end is written as it is::
     ready                   Ready
     ready {HEADER}          Ready, of a player: 0 or 1 for each input
     ready RMW               Ready, of a monitor
-    matched {COUNT}         Matched: of each input, or of each topic in the order of the commands;
-                            -1 for one without a subscription
+    matched {COUNT}         Matched: of each input of a player, or of each topic of a monitor, the
+                            latest one first; -1 for one without a subscription
     played STEPS            Played; for a playlist, Ready
     failed CODE TEXT        Failed
 """
@@ -85,7 +85,7 @@ class NativeCodec:
         self._playbacks = 0
         # Steps that were played of earlier schedules.
         self._steps_before = 0
-        # In the order of the commands, with whether it is watched for a while only.
+        # In the order of the counts, with whether it is watched for a while only.
         self._topics: list[tuple[str, bool]] = []
 
     def encode(self, message: Any) -> bytes:
@@ -116,10 +116,10 @@ class NativeCodec:
                 types = dict.fromkeys(each.type for each in monitors)
                 return ["monitor", folder, str(len(types)), *types]
             case protocol.Subscribe(monitors=monitors):
-                self._topics += [(each.topic, False) for each in monitors]
+                self._add_topics(monitors, is_watched=False)
                 return ["subscribe", str(len(monitors)), *_topic_words(monitors)]
             case protocol.Watch(monitors=monitors):
-                self._topics += [(each.topic, True) for each in monitors]
+                self._add_topics(monitors, is_watched=True)
                 return ["watch", str(len(monitors)), *_topic_words(monitors)]
             case protocol.Unwatch():
                 self._topics = [each for each in self._topics if not each[1]]
@@ -155,6 +155,10 @@ class NativeCodec:
         write_playback(path, self._round, rate_hz, steps, first, last_stamp_ns)
         return path
 
+    def _add_topics(self, monitors: Iterable[MonitorPlan], *, is_watched: bool) -> None:
+        for each in monitors:
+            self._topics.insert(0, (each.topic, is_watched))
+
     def decode(self, line: bytes) -> protocol.Reply:
         """Read a reply.
 
@@ -173,7 +177,8 @@ class NativeCodec:
             case "ready":
                 return protocol.Ready(rmw=rest)
             case "matched":
-                found = zip(self._topics, words, strict=True)
+                # The count of a topic with several subscriptions is that of the latest one.
+                found = reversed([*zip(self._topics, words, strict=True)])
                 return protocol.Matched(
                     counts={topic: int(count) for (topic, _), count in found if count != "-1"}
                 )

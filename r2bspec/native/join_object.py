@@ -16,7 +16,7 @@ SOCKET_VARIABLE = "R2BSPEC_JOIN_SOCKET"
 PROCESS_VARIABLE = "R2BSPEC_JOIN_PROCESS"
 """Has the name of the process in the plan; what it starts inherits it."""
 
-_SOURCES = [Path(__file__).with_name(each) for each in ("join.c", "hello.c")]
+_SOURCE = Path(__file__).with_name("join.c")
 _SEPARATORS = " :"
 """No path with one of them can be preloaded."""
 
@@ -31,7 +31,7 @@ def join_object(
     """
     path = build(
         "r2bspec_join.so",
-        _SOURCES,
+        [_SOURCE],
         find_ros(environ),
         kind="library",
         compiler=find_compiler(environ),

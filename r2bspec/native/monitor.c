@@ -47,7 +47,7 @@ typedef struct monitor {
   rcl_node_t *node;
   char *rows_dir;
   rows_t stalls;
-  watched_t *watched; /* in the order in which they were commanded */
+  watched_t *watched; /* the latest one first */
   rcl_serialized_message_t message; /* reused; rcl grows it to the largest one */
   int wake_fd;
 } monitor_t;
@@ -179,30 +179,18 @@ static void remove_watched(monitor_t *monitor, bool all)
   }
 }
 
-static watched_t *add_watched(monitor_t *monitor, bool temporary)
-{
-  watched_t **last = &monitor->watched;
-  while (*last != NULL) {
-    last = &(*last)->next;
-  }
-  *last = calloc(1, sizeof(watched_t));
-  if (*last != NULL) {
-    (*last)->temporary = temporary;
-    (*last)->wake_fd = monitor->wake_fd;
-    (*last)->rows.fd = -1;
-  }
-  return *last;
-}
-
 /* Subscribes to {TYPE FILE QOS TOPIC}. A topic that is watched for a while is left out if its type
  * is not installed. */
 static int subscribe_to(monitor_t *monitor, bool temporary)
 {
   channel_t *channel = monitor->channel;
-  watched_t *each = add_watched(monitor, temporary);
+  watched_t *each = calloc(1, sizeof(*each));
   if (each == NULL) {
     return fail_memory();
   }
+  *each = (watched_t){
+    .next = monitor->watched, .temporary = temporary, .rows.fd = -1, .wake_fd = monitor->wake_fd};
+  monitor->watched = each;
   type_t *type = ros_type(next_word(channel));
   const char *file = next_word(channel);
   if (type != NULL && rows_open(&each->rows, monitor->rows_dir, file, 5) < 0) {
@@ -232,18 +220,18 @@ static int subscribe_to(monitor_t *monitor, bool temporary)
 
 /* ---- commands ---- */
 
-/* The publishers of each topic, or -1 where it has no subscription. */
+/* The publishers of each topic, or -1 where it has no subscription; the latest one first. */
 static int send_matches(monitor_t *monitor)
 {
-  int failed = channel_reply(monitor->channel, "matched");
-  for (watched_t *each = monitor->watched; each != NULL && failed == 0; each = each->next) {
+  (void)channel_reply(monitor->channel, "matched");
+  for (watched_t *each = monitor->watched; each != NULL; each = each->next) {
     size_t count = 0;
     if (each->subscribed) {
       ignore_rcl(rcl_subscription_get_publisher_count(&each->subscription, &count));
     }
-    failed = channel_reply(monitor->channel, " %zd", each->subscribed ? (ssize_t)count : -1);
+    (void)channel_reply(monitor->channel, " %zd", each->subscribed ? (ssize_t)count : -1);
   }
-  return failed < 0 ? -1 : channel_reply(monitor->channel, "\n");
+  return channel_reply(monitor->channel, "\n");
 }
 
 /* Executes the next command; 1 for the one that ends the monitor. */

@@ -90,9 +90,9 @@ class _Asking:
     hello: Hello
     connection: socket.socket
 
-    def say(self, line: str) -> None:
-        with contextlib.suppress(OSError):
-            self.connection.sendall(f"{line}\n".encode())
+    def go_on(self) -> None:
+        """Let it initialise ROS."""
+        self.connection.close()
 
 
 class GraphJoins:
@@ -140,17 +140,17 @@ class GraphJoins:
         join = plan.join or JoinPlan()
         asking = self._wait_for(child, plan, timeout_s)
         self._joined.append(asking)
-        for part in ("player", "monitor"):
-            if join.player if part == "player" else join.monitors:
-                self._command(asking, child, f"start {part} {self._files.library}")
-                connection = self._connection(child, asking.hello.pid, part)
-                self._supervisor.add_joined_part(child, part, connection)
+        wanted = {"player": join.player, "monitor": bool(join.monitors)}
+        parts = [part for part, is_wanted in wanted.items() if is_wanted]
+        self._start(asking, child, parts)
+        for part in parts:
+            connection = self._connection(child, asking.hello.pid, part)
+            self._supervisor.add_joined_part(child, part, connection)
 
     def release(self) -> None:
         """Let all processes go on: the publishers of the harness exist."""
         for each in (*self._joined, *self._asking):
-            each.say("go")
-            each.connection.close()
+            each.go_on()
         self._joined.clear()
         self._asking.clear()
 
@@ -192,8 +192,7 @@ class GraphJoins:
                 if is_meant(each.hello, program):
                     return each
                 seen.append(" ".join(each.hello.arguments[:3]))
-                each.say("go")
-                each.connection.close()
+                each.go_on()
             if idle.update() > patience_s and not has_loaded_ros(family(child.pid)):
                 raise not_joinable(
                     child.name,
@@ -208,13 +207,15 @@ class GraphJoins:
             f"initialised ROS with what was preloaded{others}".replace("  ", " "),
         )
 
-    def _command(self, asking: _Asking, child: ManagedProcess, line: str) -> None:
-        """Say a line to a process that waits.
+    def _start(self, asking: _Asking, child: ManagedProcess, parts: Iterable[str]) -> None:
+        """Start parts in a process that waits (``join.c``).
 
         Raises:
             NotJoinableError: it answers that it cannot, or does not answer.
         """
-        asking.say(line)
+        command = ",".join(parts).encode() + b" " + os.fsencode(self._files.library)
+        with contextlib.suppress(OSError):
+            asking.connection.sendall(command)
         asking.connection.setblocking(False)
         received = b""
         deadline = time.monotonic() + _ANSWER_TIMEOUT_S
@@ -236,7 +237,7 @@ class GraphJoins:
         try:
             reply = NativeCodec().decode(received)
         except (msgspec.DecodeError, ValueError):
-            raise not_joinable(child.name, f"it does not answer {line.split()[0]!r}") from None
+            raise not_joinable(child.name, "it does not load the harness") from None
         if isinstance(reply, protocol.Failed):
             raise not_joinable(child.name, reply.message)
 

@@ -199,11 +199,11 @@ def test_the_counts_of_a_monitor_are_those_of_its_topics_and_of_what_is_watched(
     codec.encode(protocol.Subscribe(monitors=(a,)))
     assert codec.decode(b"matched 1") == protocol.Matched(counts={"/a": 1})
     codec.encode(protocol.Watch(monitors=(b, c)))
-    assert codec.decode(b"matched 1 -1 3") == protocol.Matched(counts={"/a": 1, "/c": 3})
+    assert codec.decode(b"matched 3 -1 1") == protocol.Matched(counts={"/a": 1, "/c": 3})
     codec.encode(protocol.Subscribe(monitors=(d,)))
-    assert codec.decode(b"matched 1 -1 3 2") == protocol.Matched(counts={"/a": 1, "/c": 3, "/d": 2})
+    assert codec.decode(b"matched 2 3 -1 1") == protocol.Matched(counts={"/a": 1, "/c": 3, "/d": 2})
     codec.encode(protocol.Unwatch())
-    assert codec.decode(b"matched 0 1") == protocol.Matched(counts={"/a": 0, "/d": 1})
+    assert codec.decode(b"matched 1 0") == protocol.Matched(counts={"/a": 0, "/d": 1})
 
 
 def test_a_failure_has_its_code_a_text_and_what_to_do() -> None:
