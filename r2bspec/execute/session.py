@@ -336,7 +336,8 @@ class Session:
         return protocol.ConfigureObserver(
             guarded=guarded_topics(self._plan),
             static_dir=str(self._buffer_dir) if self._has_static else "",
-            clock=self._plan.clock,
+            # In a live run, a node of the graph publishes it.
+            clock=self._plan.clock and bool(self._plan.inputs),
         )
 
     @property

@@ -1,45 +1,47 @@
 """The messages of `r2bspec.ipc.protocol` as native players and monitors read and write them.
 
-A command is one line of words separated by spaces; other bytes in a word are written as %XX::
+A command is some words, each followed by a zero byte; how many come is known from those before::
 
     harness                                         ConfigureHarness
-    player INPUTS {TOPIC TYPE QOS BUFFER}           ConfigurePlayer
-    follow PLAYLIST                                 Follow, after the playlist was written
+    player INPUTS {TYPE QOS TOPIC BUFFER}           ConfigurePlayer
+    play PLAYLIST                                   Follow, after the playlist was written
     play PLAYBACK                                   Play, after the playback file was written
     monitor ROWS-DIR TYPES {TYPE}                   ConfigureMonitor
-    subscribe TOPICS {NAME TOPIC TYPE QOS}          Subscribe
-    watch TOPICS {NAME TOPIC TYPE QOS}              Watch
+    subscribe TOPICS {TYPE FILE QOS TOPIC}          Subscribe
+    watch TOPICS {TYPE FILE QOS TOPIC}              Watch
     unwatch                                         Unwatch
     count                                           CountMatches
-    stop, shutdown                                  Stop, Shutdown
+    stop                                            Stop
+    shutdown                                        Shutdown
 
-The INPUTS of a player are those of the plan, and /tf after them if it is played. A QOS is
-``reliable,volatile,keep_last,10``.
+The INPUTS of a player are those of the plan, and /tf after them if it is played. A QOS is four
+words: the numbers that rmw has for reliability, durability and history, and the depth. A FILE is
+the name of a file of rows in ROWS-DIR.
 
-A reply is one line of words, too; the text at its end is written as it is::
+A reply is one line of words; the text at its end is written as it is::
 
     ready                   Ready
     ready {HEADER}          Ready, of a player: 0 or 1 for each input
     ready RMW               Ready, of a monitor
-    matched {COUNT}         Matched: of each input, or of each topic in the order of the commands;
-                            "-" for one without a subscription
-    played STEPS            Played
+    matched {COUNT}         Matched: of each input of a player, or of each topic of a monitor, the
+                            latest one first; -1 for one without a subscription
+    played STEPS            Played; for a playlist, Ready
     failed CODE TEXT        Failed
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 import msgspec
 
 from r2bspec.ipc import buffers, protocol
 from r2bspec.ipc.playback_events import Round
-from r2bspec.ipc.playback_file import PlaybackReader, playback_path, write_playback
-from r2bspec.ipc.playlist import write_playlist
+from r2bspec.ipc.playback_file import PlaybackReader, playback_path, write_playback, write_playlist
+from r2bspec.ipc.playlist import read_round
 from r2bspec.ipc.schedule import Schedule
 from r2bspec.ipc.transform_stamps import TF, TF_QOS, TF_TYPE
 from r2bspec.language.spec import QoS
@@ -53,6 +55,11 @@ _SIMPLE: dict[type, str] = {
     protocol.Shutdown: "shutdown",
 }
 
+
+_RELIABILITY = {"reliable": 1, "best_effort": 2}
+_DURABILITY = {"transient_local": 1, "volatile": 2}
+_HISTORY = {"keep_last": 1, "keep_all": 2}
+"""As in ``rmw/types.h``."""
 
 _HINTS = {
     "R2B651": "Make room on that disk, or choose another folder with --output.",
@@ -73,22 +80,22 @@ class NativeCodec:
         self._played: PlaybackReader | None = None
         self._round: Round | None = None
         self._headers: dict[str, bool] = {}
+        self._is_loading = False
         self._playlists = 0
         self._playbacks = 0
         # Steps that were played of earlier schedules.
         self._steps_before = 0
-        # In the order of the commands, with whether it is watched for a while only.
+        # In the order of the counts, with whether it is watched for a while only.
         self._topics: list[tuple[str, bool]] = []
 
     def encode(self, message: Any) -> bytes:
-        """Encode a command as one line; for `Follow` and `Play`, this also writes their files.
+        """Encode a command; for `Follow` and `Play`, this also writes their files.
 
         Raises:
             OSError: a file cannot be written, or a buffer is missing.
             ValueError: a native part knows no such command, or a message on /tf is damaged.
         """
-        words = [quote(word, safe="/,_-.+~") for word in self._words(message)]
-        return " ".join(words).encode() + b"\n"
+        return b"".join(os.fsencode(word) + b"\0" for word in self._words(message))
 
     def _words(self, message: Any) -> list[str]:
         match message:
@@ -100,17 +107,19 @@ class NativeCodec:
                 self._played = PlaybackReader(Path(message.rows), ())
                 return ["player", *_player_words(message)]
             case protocol.Follow(schedule=schedule):
-                return ["follow", str(self._write_playlist(schedule))]
+                self._is_loading = True
+                return ["play", str(self._write_playlist(schedule))]
             case protocol.Play(rate_hz=rate_hz, steps=steps):
+                self._is_loading = False
                 return ["play", str(self._write_playback(rate_hz, steps))]
             case protocol.ConfigureMonitor(monitors=monitors, rows_dir=folder):
                 types = dict.fromkeys(each.type for each in monitors)
                 return ["monitor", folder, str(len(types)), *types]
             case protocol.Subscribe(monitors=monitors):
-                self._topics += [(each.topic, False) for each in monitors]
+                self._add_topics(monitors, is_watched=False)
                 return ["subscribe", str(len(monitors)), *_topic_words(monitors)]
             case protocol.Watch(monitors=monitors):
-                self._topics += [(each.topic, True) for each in monitors]
+                self._add_topics(monitors, is_watched=True)
                 return ["watch", str(len(monitors)), *_topic_words(monitors)]
             case protocol.Unwatch():
                 self._topics = [each for each in self._topics if not each[1]]
@@ -128,9 +137,10 @@ class NativeCodec:
         stamped = [
             each.timestamp == "header" and self._headers.get(each.topic, False) for each in inputs
         ]
-        self._round = write_playlist(
-            path, schedule, [each.source for each in inputs], stamped, Path(self._player.buffer_dir)
+        self._round = read_round(
+            schedule, [each.source for each in inputs], stamped, Path(self._player.buffer_dir)
         )
+        write_playlist(path, self._round)
         self._steps_before = self._played.count()
         return path
 
@@ -141,8 +151,13 @@ class NativeCodec:
         path = playback_path(Path(self._player.rows), self._playbacks)
         # A playback may have been stopped: the next one goes on after the last complete step.
         first = (self._played.count() - self._steps_before) % self._round.steps
-        write_playback(path, self._round, rate_hz, steps, first)
+        last_stamp_ns = self._played.last_stamp_ns()
+        write_playback(path, self._round, rate_hz, steps, first, last_stamp_ns)
         return path
+
+    def _add_topics(self, monitors: Iterable[MonitorPlan], *, is_watched: bool) -> None:
+        for each in monitors:
+            self._topics.insert(0, (each.topic, is_watched))
 
     def decode(self, line: bytes) -> protocol.Reply:
         """Read a reply.
@@ -162,10 +177,13 @@ class NativeCodec:
             case "ready":
                 return protocol.Ready(rmw=rest)
             case "matched":
-                found = zip(self._topics, words, strict=True)
+                # The count of a topic with several subscriptions is that of the latest one.
+                found = reversed([*zip(self._topics, words, strict=True)])
                 return protocol.Matched(
-                    counts={topic: int(count) for (topic, _), count in found if count != "-"}
+                    counts={topic: int(count) for (topic, _), count in found if count != "-1"}
                 )
+            case "played" if self._is_loading:
+                return protocol.Ready()
             case "played":
                 return protocol.Played(steps=int(rest))
             case "failed":
@@ -181,15 +199,19 @@ def _player_words(command: protocol.ConfigurePlayer) -> Iterator[str]:
         inputs.append((TF, TF_TYPE, TF_QOS, TF))
     yield str(len(inputs))
     for topic, kind, qos, source in inputs:
-        yield from (topic, kind, _qos_word(qos), str(buffers.buffer_path(folder, source, "cdr")))
+        path = buffers.buffer_path(folder, source, "cdr")
+        yield from (kind, *_qos_words(qos), topic, str(path))
 
 
 def _topic_words(monitors: Iterable[MonitorPlan]) -> Iterator[str]:
     for each in monitors:
         if each.qos is None:
             raise ValueError(f"{each.topic} is subscribed to with a known quality of service")
-        yield from (each.name, each.topic, each.type, _qos_word(each.qos))
+        yield from (each.type, f"{each.name}.rows", *_qos_words(each.qos), each.topic)
 
 
-def _qos_word(qos: QoS) -> str:
-    return f"{qos.reliability},{qos.durability},{qos.history},{qos.depth}"
+def _qos_words(qos: QoS) -> Iterator[str]:
+    yield str(_RELIABILITY[qos.reliability])
+    yield str(_DURABILITY[qos.durability])
+    yield str(_HISTORY[qos.history])
+    yield str(qos.depth)

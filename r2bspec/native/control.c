@@ -64,15 +64,15 @@ int fail_memory(void)
 
 /* ---- the channel ---- */
 
-int channel_next(channel_t *channel, char **line)
+char *next_word(channel_t *channel)
 {
-  const ssize_t length = getline(&channel->line, &channel->capacity, channel->in);
-  if (length <= 0 || channel->line[length - 1] != '\n') {
-    return -1;
-  }
-  channel->line[length - 1] = '\0';
-  *line = channel->line;
-  return 0;
+  const ssize_t length = getdelim(&channel->word, &channel->capacity, '\0', channel->in);
+  return length > 0 && channel->word[length - 1] == '\0' ? channel->word : "";
+}
+
+int64_t next_number(channel_t *channel)
+{
+  return strtoll(next_word(channel), NULL, 10);
 }
 
 bool channel_wait(channel_t *channel, int64_t timeout_ns)
@@ -92,71 +92,32 @@ int channel_reply(channel_t *channel, const char *format, ...)
   return sent < 0 ? fail_file("the control channel") : 0;
 }
 
-static int hexadecimal(char digit)
-{
-  const char *digits = "0123456789ABCDEF";
-  const char *found = digit == '\0' ? NULL : strchr(digits, digit);
-  return found == NULL ? -1 : (int)(found - digits);
-}
-
-char *next_word(char **rest)
-{
-  char *word = strsep(rest, " ");
-  if (word == NULL) {
-    return "";
-  }
-  char *out = word;
-  for (const char *in = word; *in != '\0'; ++in) {
-    if (*in == '%' && hexadecimal(in[1]) >= 0 && hexadecimal(in[2]) >= 0) {
-      *out++ = (char)(16 * hexadecimal(in[1]) + hexadecimal(in[2]));
-      in += 2;
-    } else {
-      *out++ = *in;
-    }
-  }
-  *out = '\0';
-  return word;
-}
-
-int64_t next_number(char **rest)
-{
-  return strtoll(next_word(rest), NULL, 10);
-}
-
 /* ---- the parts ---- */
 
 static pthread_t parts[MAX_PARTS];
 static size_t part_count;
 static atomic_int failed_parts;
 
-/* A process of its own whose parts have other channels: nothing but its end is commanded here. */
-static int host_serve(channel_t *channel)
-{
-  char *line;
-  if (channel_reply(channel, "ready\n") == 0) {
-    while (channel_next(channel, &line) == 0 && strcmp(line, "shutdown") != 0) {
-    }
-  }
-  return 0;
-}
-
 static int play_role(channel_t *channel)
 {
-  char *line;
-  if (channel_next(channel, &line) < 0) {
+  const char *role = next_word(channel);
+  if (strcmp(role, "harness") == 0) {
+    /* A process whose parts have other channels: nothing but its end is commanded here. */
+    const int failed = channel_reply(channel, "ready\n");
+    (void)next_word(channel);
+    return failed;
+  }
+  const bool player = strcmp(role, "player") == 0;
+  if (!player && strcmp(role, "monitor") != 0) {
     return 0;
   }
-  const char *role = next_word(&line);
-  if (strcmp(role, "player") == 0) {
-    return player_serve(channel, line);
+  ros_t ros;
+  int status = ros_init(&ros, role);
+  if (status == 0) {
+    status = (player ? player_serve : monitor_serve)(channel, &ros.node);
   }
-  if (strcmp(role, "monitor") == 0) {
-    return monitor_serve(channel, line);
-  }
-  if (strcmp(role, "harness") == 0) {
-    return host_serve(channel);
-  }
-  return strcmp(role, "shutdown") == 0 ? 0 : fail(HARNESS_FAULT, "there is no role '%s'", role);
+  ros_fini(&ros);
+  return status;
 }
 
 void part_serve(int fd)
@@ -166,6 +127,7 @@ void part_serve(int fd)
     close(fd);
     return;
   }
+  (void)fcntl(fd, F_SETFD, FD_CLOEXEC);
   /* So that poll() tells of everything that has not been read. */
   setvbuf(channel.in, NULL, _IONBF, 0);
   if (play_role(&channel) < 0) {
@@ -173,7 +135,7 @@ void part_serve(int fd)
     fprintf(stderr, "r2bspec harness: %s\n", fault);
     failed_parts += 1;
   }
-  free(channel.line);
+  free(channel.word);
   fclose(channel.in);
 }
 
@@ -187,7 +149,6 @@ int r2bspec_harness_serve(int fd)
 {
   sigset_t all, before;
   sigfillset(&all);
-  (void)fcntl(fd, F_SETFD, FD_CLOEXEC);
   int status = EAGAIN;
   if (part_count < MAX_PARTS) {
     /* Signals are for the threads of the process; those of the middleware inherit this, too. */

@@ -15,6 +15,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
+#include <time.h>
 
 #include <rcl/error_handling.h>
 #include <rcl/rcl.h>
@@ -37,21 +38,19 @@ void part_serve(int fd);
 
 typedef struct channel {
   FILE *in; /* without a buffer */
-  char *line;
+  char *word;
   size_t capacity;
 } channel_t;
 
-/* The next line, without its end; it is valid until the next call. -1 when the channel is closed. */
-int channel_next(channel_t *channel, char **line);
+/* The next word of a command, of which each ends with a zero byte; it is valid until the next call.
+ * Empty when the channel is closed. */
+char *next_word(channel_t *channel);
+int64_t next_number(channel_t *channel);
 /* Sleeps until a command can be read or the time is over; true for a command. */
 bool channel_wait(channel_t *channel, int64_t timeout_ns);
-/* Sends a reply: a line of words. */
+/* Sends a part of a reply, which is a line of words. */
 int channel_reply(channel_t *channel, const char *format, ...)
   __attribute__((format(printf, 2, 3)));
-
-/* The words of a command, separated by spaces; percent signs encode other bytes. */
-char *next_word(char **rest);
-int64_t next_number(char **rest);
 
 #define HARNESS_FAULT "R2B630"
 #define DISK_FAULT "R2B651"
@@ -65,35 +64,15 @@ void ignore_rcl(rcl_ret_t status);
 int fail_file(const char *path);
 int fail_memory(void);
 
-/* timing.c */
+static inline int64_t read_clock(clockid_t clock)
+{
+  struct timespec now;
+  clock_gettime(clock, &now);
+  return now.tv_sec * NS_PER_S + now.tv_nsec;
+}
 
-int64_t monotonic_ns(void);
-int64_t system_ns(void);
-int64_t thread_cpu_ns(void);
-
-/* Waits for due times and learns for how long it must spin. For one thread. */
-typedef struct pacer {
-  int64_t spin_ns;
-} pacer_t;
-
-void pacer_init(pacer_t *pacer);
-/* Returns at a time, or earlier and true if there is a command. */
-bool pacer_wait(pacer_t *pacer, int64_t due_ns, channel_t *channel);
-
-/* Reads the system time minus the monotonic time; returns the latter. */
-int64_t clock_difference(int64_t *difference_ns);
-
-/* rows.c: files of samples. */
-
-typedef struct rows {
-  char *path;
-  int fd;
-  size_t row_bytes;
-} rows_t;
-
-int rows_open(rows_t *rows, const char *path, size_t width);
-int rows_append(rows_t *rows, const int64_t *values);
-void rows_close(rows_t *rows);
+static inline int64_t monotonic_ns(void) { return read_clock(CLOCK_MONOTONIC); }
+static inline int64_t system_ns(void) { return read_clock(CLOCK_REALTIME); }
 
 /* ros.c */
 
@@ -109,74 +88,10 @@ void ros_fini(ros_t *ros);
 /* The type support of a name such as sensor_msgs/msg/Image; NULL if it is not installed. */
 type_t *ros_type(const char *name);
 bool begins_with_header(type_t *type);
-int parse_qos(char *text, rmw_qos_profile_t *qos);
-int ros_publisher(
-  ros_t *ros, type_t *type, const char *topic, const rmw_qos_profile_t *qos, rcl_publisher_t *made);
-int ros_publish(rcl_publisher_t *publisher, const void *data, size_t size);
+rmw_qos_profile_t next_qos(channel_t *channel);
 
-/* Called when a part begins to end, if a process of its own sets it: some middlewares hang then. */
-extern void (*harness_on_end)(void);
-
-/* playlist.c: the files of a player. */
-
-typedef struct mapping {
-  char *data;
-  size_t size;
-} mapping_t;
-
-/* Maps a whole file, in place of what was mapped: `shared` with other processes, or with a copy of
- * each page that is written to. */
-int mapping_open(mapping_t *mapping, const char *path, bool shared);
-void mapping_close(mapping_t *mapping);
-
-/* An input of the plan, or /tf after them. */
-typedef struct source {
-  rcl_publisher_t publisher;
-  bool has_header;
-  char *path;
-  mapping_t buffer; /* its messages */
-} source_t;
-
-/* A message that is published, or only the place of a further stamp in the next message. */
-typedef struct message {
-  int64_t source, offset, size;
-  int64_t place; /* of a stamp, in the message, or NO_PLACE */
-  int64_t add_ns; /* to the stamp of the event */
-  int64_t is_published;
-} message_t;
-
-#define NO_PLACE INT64_C(-1)
-
-/* Messages that are published at one time. The first four are completed by the player; before, the
- * due time is relative to the beginning, and so is the stamp if the playback has stamps. */
-typedef struct event {
-  int64_t due_ns, stamp_ns, published_ns, done_ns;
-  int64_t inputs; /* of the step */
-  int32_t step;
-  int32_t complete; /* steps, once this is published */
-  int32_t first, count; /* messages */
-} event_t;
-
-typedef struct table_header {
-  int64_t published; /* events */
-  char magic[8];
-  int64_t items, has_stamps, earliest_stamp_ns;
-} table_header_t;
-
-typedef struct table {
-  mapping_t file;
-  table_header_t *header;
-  void *items;
-} table_t;
-
-/* Open the messages of a player, and what is to be published of them; to be closed in any case. */
-int messages_open(table_t *table, const char *path, const source_t *sources, int64_t source_count);
-int playback_open(table_t *table, const char *path, const table_t *messages);
-void table_close(table_t *table);
-void message_stamp(const message_t *message, const source_t *sources, int64_t stamp_ns);
-
-/* player.c, monitor.c: each serves a channel until told to end; `rest` are words of the command. */
-int player_serve(channel_t *channel, char *rest);
-int monitor_serve(channel_t *channel, char *rest);
+/* player.c, monitor.c: each is configured over a channel, and serves it until told to end. */
+int player_serve(channel_t *channel, rcl_node_t *node);
+int monitor_serve(channel_t *channel, rcl_node_t *node);
 
 #endif

@@ -13,9 +13,7 @@ PROGRAM = "r2bspec_harness"
 LIBRARY = "libr2bspec_harness.so"
 
 _FOLDER = Path(__file__).parent
-_SOURCES = (
-    *("control.c", "hello.c", "monitor.c", "player.c", "playlist.c", "ros.c", "rows.c", "timing.c"),
-)
+_SOURCES = ("control.c", "monitor.c", "player.c", "ros.c")
 _FLAGS = ("-fwrapv",)
 
 

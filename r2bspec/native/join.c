@@ -6,11 +6,10 @@
  * controller then has the harness loaded and its parts started, and lets the node go on once their
  * publishers exist. All other processes stay as they are.
  *
- * No header of ROS is used, so that it can be loaded wherever libc is. Lines on the socket:
- *
- *   start PART LIBRARY   start a part, which connects to the socket itself, from the library at a
- *                        path; answered by "ready", or "failed" with a code and a message
- *   go                   let the node go on; so does the end of the channel
+ * No header of ROS is used, so that it can be loaded wherever libc is. For the process that is
+ * meant, the controller sends "PART,PART LIBRARY": the parts, which will connect to the socket
+ * themselves, and the path of the library that has them. The answer is "ready", or "failed" with a
+ * code and a message. The node goes on when the controller closes the connection.
  */
 #include <dlfcn.h>
 #include <stdatomic.h>
@@ -23,7 +22,7 @@
 
 #define SOCKET_VARIABLE "R2BSPEC_JOIN_SOCKET"
 #define PROCESS_VARIABLE "R2BSPEC_JOIN_PROCESS"
-#define MAX_ANSWER 1024
+#define MAX_LINE 8192
 #define NOT_INITIALISED 1 /* RCL_RET_ERROR */
 
 typedef int init_t(int, char const *const *, const void *, void *);
@@ -61,55 +60,37 @@ static void leave_environment(void)
   unsetenv(PROCESS_VARIABLE);
 }
 
-/* Starts a part from a library; returns what failed, or NULL. */
-static const char *start_part(const char *socket_path, const char *part, const char *library)
+/* Starts what a command says; returns what failed, or NULL. */
+static const char *start_parts(const char *socket_path, char *command)
 {
-  void *loaded = dlopen(library, RTLD_NOW | RTLD_LOCAL);
-  start_t *start = loaded == NULL ? NULL : (start_t *)dlsym(loaded, "r2bspec_harness_start");
+  char *parts = strsep(&command, " ");
+  void *library = command == NULL ? NULL : dlopen(command, RTLD_NOW | RTLD_LOCAL);
+  start_t *start = library == NULL ? NULL : (start_t *)dlsym(library, "r2bspec_harness_start");
   if (start == NULL) {
     return dlerror();
   }
   leave_environment();
-  const int status = start(socket_path, part);
+  int status = 0;
+  for (char *part = strsep(&parts, ","); part != NULL && status == 0; part = strsep(&parts, ",")) {
+    status = start(socket_path, part);
+  }
   return status < 0 ? strerror(-status) : NULL;
 }
 
-static void answer(int fd, const char *fault)
+static void join(const char *socket_path, const char *process)
 {
-  char line[MAX_ANSWER] = "ready\n";
-  if (fault != NULL) {
-    snprintf(line, sizeof(line), "failed R2B674 %.900s\n", fault);
+  char line[MAX_LINE] = "";
+  const int fd = say_hello(socket_path, "process", process);
+  /* It is in the environment, which will be changed. */
+  char *path = strdup(socket_path);
+  if (fd >= 0 && path != NULL && recv(fd, line, sizeof(line) - 1, 0) > 0) {
+    const char *fault = start_parts(path, line);
+    snprintf(line, sizeof(line), fault == NULL ? "ready\n" : "failed R2B674 %s\n", fault);
+    (void)send(fd, line, strlen(line), MSG_NOSIGNAL);
+    (void)recv(fd, line, sizeof(line), 0);
   }
-  (void)send(fd, line, strlen(line), MSG_NOSIGNAL);
-}
-
-static void serve(FILE *in, const char *socket_path)
-{
-  char *line = NULL;
-  size_t capacity = 0;
-  while (getline(&line, &capacity, in) > 0) {
-    char *rest = line;
-    rest[strcspn(rest, "\n")] = '\0';
-    if (strcmp(strsep(&rest, " "), "start") != 0) {
-      break;
-    }
-    const char *part = strsep(&rest, " ");
-    answer(fileno(in), start_part(socket_path, part, rest));
-  }
-  free(line);
-}
-
-static void join(void)
-{
-  const char *variable = getenv(SOCKET_VARIABLE), *process = getenv(PROCESS_VARIABLE);
-  char *socket_path = variable == NULL || process == NULL ? NULL : strdup(variable);
-  const int fd = socket_path == NULL ? -1 : say_hello(socket_path, "process", process);
-  FILE *in = fd < 0 ? NULL : fdopen(fd, "r");
-  if (in != NULL) {
-    serve(in, socket_path);
-    fclose(in);
-  }
-  free(socket_path);
+  free(path);
+  close(fd);
 }
 
 __attribute__((visibility("default"))) int rcl_init(
@@ -117,9 +98,11 @@ __attribute__((visibility("default"))) int rcl_init(
 {
   static atomic_flag asked = ATOMIC_FLAG_INIT;
   init_t *init = real_init(__builtin_return_address(0));
+  const char *socket_path = getenv(SOCKET_VARIABLE), *process = getenv(PROCESS_VARIABLE);
   /* Once: the parts of the harness initialise contexts of their own, during the first call. */
-  if (init != NULL && !atomic_flag_test_and_set(&asked)) {
-    join();
+  if (init != NULL && socket_path != NULL && process != NULL &&
+      !atomic_flag_test_and_set(&asked)) {
+    join(socket_path, process);
   }
   return init == NULL ? NOT_INITIALISED : init(argc, argv, options, context);
 }

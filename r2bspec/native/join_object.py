@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from r2bspec.native.build import build, find_compiler
@@ -16,12 +16,14 @@ SOCKET_VARIABLE = "R2BSPEC_JOIN_SOCKET"
 PROCESS_VARIABLE = "R2BSPEC_JOIN_PROCESS"
 """Has the name of the process in the plan; what it starts inherits it."""
 
-_SOURCES = [Path(__file__).with_name(each) for each in ("join.c", "hello.c")]
+_SOURCE = Path(__file__).with_name("join.c")
 _SEPARATORS = " :"
 """No path with one of them can be preloaded."""
 
 
-def join_object(environ: Mapping[str, str] = os.environ, cache: Path | None = None) -> Path:
+def join_object(
+    environ: Mapping[str, str] = os.environ, flags: Sequence[str] = (), cache: Path | None = None
+) -> Path:
     """The object to preload; see ``join.c``.
 
     Raises:
@@ -29,10 +31,11 @@ def join_object(environ: Mapping[str, str] = os.environ, cache: Path | None = No
     """
     path = build(
         "r2bspec_join.so",
-        _SOURCES,
+        [_SOURCE],
         find_ros(environ),
         kind="library",
         compiler=find_compiler(environ),
+        flags=flags,
         libraries=("-ldl",),
         cache=cache,
     )

@@ -6,6 +6,8 @@
  */
 #include "harness.h"
 
+#include <errno.h>
+#include <fcntl.h>
 #include <poll.h>
 #include <stdlib.h>
 #include <string.h>
@@ -20,8 +22,19 @@
 #define MIN_STALL_NS 100000000
 #define STALL_FILE "monitor.held"
 #define STAMP_END 12
+/* Clocks are read one after the other, and again if the reads were interrupted. */
+#define MAX_READ_NS 20000
+#define MAX_READS 5
+
+/* A file of rows of int64, to which one is appended in one write: r2bspec/ipc/sample_files.py. */
+typedef struct rows {
+  char *path;
+  int fd;
+  size_t row_bytes;
+} rows_t;
 
 typedef struct watched {
+  struct watched *next;
   rcl_subscription_t subscription;
   bool subscribed, temporary, has_header;
   rows_t rows;
@@ -31,16 +44,59 @@ typedef struct watched {
 
 typedef struct monitor {
   channel_t *channel;
-  ros_t ros;
+  rcl_node_t *node;
   char *rows_dir;
   rows_t stalls;
-  watched_t **watched; /* in the order in which they were commanded */
-  size_t count;
+  watched_t *watched; /* the latest one first */
   rcl_serialized_message_t message; /* reused; rcl grows it to the largest one */
   int wake_fd;
 } monitor_t;
 
+/* ---- files ---- */
+
+static int rows_open(rows_t *rows, const char *folder, const char *file, size_t width)
+{
+  rows->row_bytes = width * sizeof(int64_t);
+  if (asprintf(&rows->path, "%s/%s", folder, file) < 0) {
+    rows->path = NULL;
+    return fail_memory();
+  }
+  rows->fd = open(rows->path, O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0600);
+  return rows->fd < 0 ? fail_file(rows->path) : 0;
+}
+
+static int rows_append(rows_t *rows, const int64_t *values)
+{
+  const ssize_t written = write(rows->fd, values, rows->row_bytes);
+  if (written >= 0 && (size_t)written < rows->row_bytes) {
+    errno = ENOSPC;
+  }
+  return written == (ssize_t)rows->row_bytes ? 0 : fail_file(rows->path);
+}
+
+static void rows_close(rows_t *rows)
+{
+  if (rows->fd >= 0) {
+    close(rows->fd);
+  }
+  free(rows->path);
+}
+
 /* ---- recording ---- */
+
+/* Reads the system time minus the monotonic time; returns the latter. */
+static int64_t clock_difference(int64_t *difference_ns)
+{
+  int64_t before_ns, there_ns, after_ns;
+  int reads = 0;
+  do {
+    before_ns = monotonic_ns();
+    there_ns = system_ns();
+    after_ns = monotonic_ns();
+  } while (after_ns - before_ns > MAX_READ_NS && ++reads < MAX_READS);
+  *difference_ns = there_ns - before_ns - (after_ns - before_ns) / 2;
+  return after_ns;
+}
 
 static int64_t read_stamp(const rcl_serialized_message_t *message)
 {
@@ -57,12 +113,11 @@ static int64_t read_stamp(const rcl_serialized_message_t *message)
 }
 
 /* Records every message that has arrived. */
-static int drain(monitor_t *monitor, watched_t *each)
+static int drain(watched_t *each, rcl_serialized_message_t *message)
 {
   for (;;) {
     rmw_message_info_t info = rmw_get_zero_initialized_message_info();
-    const rcl_ret_t status =
-      rcl_take_serialized_message(&each->subscription, &monitor->message, &info, NULL);
+    const rcl_ret_t status = rcl_take_serialized_message(&each->subscription, message, &info, NULL);
     if (status == RCL_RET_SUBSCRIPTION_TAKE_FAILED) {
       rcl_reset_error();
       return 0;
@@ -73,12 +128,24 @@ static int drain(monitor_t *monitor, watched_t *each)
     int64_t difference_ns;
     const int64_t taken_ns = clock_difference(&difference_ns);
     const int64_t row[5] = {
-      each->has_header ? read_stamp(&monitor->message) : 0, info.received_timestamp, taken_ns,
-      (int64_t)monitor->message.buffer_length, difference_ns};
+      each->has_header ? read_stamp(message) : 0, info.received_timestamp, taken_ns,
+      (int64_t)message->buffer_length, difference_ns};
     if (rows_append(&each->rows, row) < 0) {
       return -1;
     }
   }
+}
+
+static int drain_all(monitor_t *monitor)
+{
+  eventfd_t wakes;
+  (void)eventfd_read(monitor->wake_fd, &wakes);
+  for (watched_t *each = monitor->watched; each != NULL; each = each->next) {
+    if (atomic_exchange(&each->has_messages, false) && drain(each, &monitor->message) < 0) {
+      return -1;
+    }
+  }
+  return 0;
 }
 
 /* Called by the middleware, on a thread of its own or on that of a publisher in this process. */
@@ -91,77 +158,53 @@ static void on_messages(const void *subject, size_t count)
   }
 }
 
-static int drain_all(monitor_t *monitor)
-{
-  eventfd_t wakes;
-  (void)eventfd_read(monitor->wake_fd, &wakes);
-  for (size_t i = 0; i < monitor->count; ++i) {
-    watched_t *each = monitor->watched[i];
-    if (atomic_exchange(&each->has_messages, false) && drain(monitor, each) < 0) {
-      return -1;
-    }
-  }
-  return 0;
-}
-
 /* ---- topics ---- */
 
-static int open_rows(
-  const monitor_t *monitor, const char *name, const char *suffix, rows_t *rows, size_t width)
+/* Unsubscribes from all topics, or from those that are watched for a while; their rows stay. */
+static void remove_watched(monitor_t *monitor, bool all)
 {
-  char *path = NULL;
-  if (asprintf(&path, "%s/%s%s", monitor->rows_dir, name, suffix) < 0) {
+  for (watched_t **at = &monitor->watched; *at != NULL;) {
+    watched_t *each = *at;
+    if (!all && !each->temporary) {
+      at = &each->next;
+      continue;
+    }
+    *at = each->next;
+    if (each->subscribed) {
+      ignore_rcl(rcl_subscription_set_on_new_message_callback(&each->subscription, NULL, NULL));
+      ignore_rcl(rcl_subscription_fini(&each->subscription, monitor->node));
+    }
+    rows_close(&each->rows);
+    free(each);
+  }
+}
+
+/* Subscribes to {TYPE FILE QOS TOPIC}. A topic that is watched for a while is left out if its type
+ * is not installed. */
+static int subscribe_to(monitor_t *monitor, bool temporary)
+{
+  channel_t *channel = monitor->channel;
+  watched_t *each = calloc(1, sizeof(*each));
+  if (each == NULL) {
     return fail_memory();
   }
-  const int failed = rows_open(rows, path, width);
-  free(path);
-  return failed;
-}
-
-/* Unsubscribes; the rows stay in their file. */
-static void free_watched(monitor_t *monitor, watched_t *each)
-{
-  if (each->subscribed) {
-    ignore_rcl(rcl_subscription_set_on_new_message_callback(&each->subscription, NULL, NULL));
-    ignore_rcl(rcl_subscription_fini(&each->subscription, &monitor->ros.node));
-  }
-  rows_close(&each->rows);
-  free(each);
-}
-
-static watched_t *add_watched(monitor_t *monitor, bool temporary)
-{
-  watched_t **grown = realloc(monitor->watched, (monitor->count + 1) * sizeof(*grown));
-  watched_t *each = grown == NULL ? NULL : calloc(1, sizeof(*each));
-  monitor->watched = grown == NULL ? monitor->watched : grown;
-  if (each == NULL) {
-    (void)fail_memory();
-    return NULL;
-  }
-  each->temporary = temporary;
-  each->wake_fd = monitor->wake_fd;
-  each->rows.fd = -1;
-  monitor->watched[monitor->count++] = each;
-  return each;
-}
-
-/* Subscribes to {NAME TOPIC TYPE QOS}, and waits for no publisher. A topic that is watched for a
- * while is left out if its type is not installed. */
-static int subscribe_to(monitor_t *monitor, char **rest, bool temporary)
-{
-  watched_t *each = add_watched(monitor, temporary);
-  const char *name = next_word(rest), *topic = next_word(rest);
-  type_t *type = ros_type(next_word(rest));
-  rcl_subscription_options_t options = rcl_subscription_get_default_options();
-  if (each == NULL || parse_qos(next_word(rest), &options.qos) < 0 || type == NULL) {
-    return each != NULL && type == NULL && temporary ? 0 : -1;
-  }
-  if (open_rows(monitor, name, ".rows", &each->rows, 5) < 0) {
+  *each = (watched_t){
+    .next = monitor->watched, .temporary = temporary, .rows.fd = -1, .wake_fd = monitor->wake_fd};
+  monitor->watched = each;
+  type_t *type = ros_type(next_word(channel));
+  const char *file = next_word(channel);
+  if (type != NULL && rows_open(&each->rows, monitor->rows_dir, file, 5) < 0) {
     return -1;
+  }
+  rcl_subscription_options_t options = rcl_subscription_get_default_options();
+  options.qos = next_qos(channel);
+  const char *topic = next_word(channel);
+  if (type == NULL) {
+    return temporary ? 0 : -1;
   }
   each->has_header = begins_with_header(type);
   each->subscription = rcl_get_zero_initialized_subscription();
-  if (rcl_subscription_init(&each->subscription, &monitor->ros.node, type, topic, &options) !=
+  if (rcl_subscription_init(&each->subscription, monitor->node, type, topic, &options) !=
       RCL_RET_OK) {
     return fail_rcl("creating a subscription");
   }
@@ -177,66 +220,37 @@ static int subscribe_to(monitor_t *monitor, char **rest, bool temporary)
 
 /* ---- commands ---- */
 
-/* The publishers of each topic, or "-" where it has no subscription. */
+/* The publishers of each topic, or -1 where it has no subscription; the latest one first. */
 static int send_matches(monitor_t *monitor)
 {
-  int failed = channel_reply(monitor->channel, "matched");
-  for (size_t i = 0; i < monitor->count && failed == 0; ++i) {
-    const watched_t *each = monitor->watched[i];
+  (void)channel_reply(monitor->channel, "matched");
+  for (watched_t *each = monitor->watched; each != NULL; each = each->next) {
     size_t count = 0;
     if (each->subscribed) {
       ignore_rcl(rcl_subscription_get_publisher_count(&each->subscription, &count));
-      failed = channel_reply(monitor->channel, " %zu", count);
-    } else {
-      failed = channel_reply(monitor->channel, " -");
     }
+    (void)channel_reply(monitor->channel, " %zd", each->subscribed ? (ssize_t)count : -1);
   }
-  return failed < 0 ? -1 : channel_reply(monitor->channel, "\n");
-}
-
-static int subscribe(monitor_t *monitor, char *rest, bool temporary)
-{
-  for (int64_t left = next_number(&rest); left > 0; --left) {
-    if (subscribe_to(monitor, &rest, temporary) < 0) {
-      return -1;
-    }
-  }
-  return send_matches(monitor);
-}
-
-static int unwatch(monitor_t *monitor)
-{
-  size_t kept = 0;
-  for (size_t i = 0; i < monitor->count; ++i) {
-    watched_t *each = monitor->watched[i];
-    if (each->temporary) {
-      free_watched(monitor, each);
-    } else {
-      monitor->watched[kept++] = each;
-    }
-  }
-  monitor->count = kept;
-  return send_matches(monitor);
+  return channel_reply(monitor->channel, "\n");
 }
 
 /* Executes the next command; 1 for the one that ends the monitor. */
 static int execute(monitor_t *monitor)
 {
-  char *rest;
-  if (channel_next(monitor->channel, &rest) < 0) {
+  const char *command = next_word(monitor->channel);
+  const bool temporary = strcmp(command, "watch") == 0;
+  if (temporary || strcmp(command, "subscribe") == 0) {
+    for (int64_t left = next_number(monitor->channel); left > 0; --left) {
+      if (subscribe_to(monitor, temporary) < 0) {
+        return -1;
+      }
+    }
+  } else if (strcmp(command, "unwatch") == 0) {
+    remove_watched(monitor, false);
+  } else if (strcmp(command, "count") != 0) {
     return 1;
   }
-  const char *command = next_word(&rest);
-  if (strcmp(command, "subscribe") == 0 || strcmp(command, "watch") == 0) {
-    return subscribe(monitor, rest, command[0] == 'w');
-  }
-  if (strcmp(command, "unwatch") == 0) {
-    return unwatch(monitor);
-  }
-  if (strcmp(command, "count") == 0) {
-    return send_matches(monitor);
-  }
-  return strcmp(command, "shutdown") == 0;
+  return send_matches(monitor);
 }
 
 static int run_loop(monitor_t *monitor)
@@ -245,13 +259,13 @@ static int run_loop(monitor_t *monitor)
     {.fd = fileno(monitor->channel->in), .events = POLLIN},
     {.fd = monitor->wake_fd, .events = POLLIN},
   };
-  int64_t began_ns = monotonic_ns(), cpu_ns = thread_cpu_ns();
+  int64_t began_ns = monotonic_ns(), cpu_ns = read_clock(CLOCK_THREAD_CPUTIME_ID);
   int status = 0;
   while (status == 0) {
     (void)poll(ready, 2, IDLE_MS);
     /* From wait to wait, since the process can be stopped in any part of a round. */
     const int64_t row[2] = {began_ns, monotonic_ns()};
-    const int64_t active_ns = thread_cpu_ns() - cpu_ns;
+    const int64_t active_ns = read_clock(CLOCK_THREAD_CPUTIME_ID) - cpu_ns;
     if (row[1] - row[0] > IDLE_MS * INT64_C(1000000) + active_ns + MIN_STALL_NS) {
       status = rows_append(&monitor->stalls, row);
     }
@@ -268,59 +282,42 @@ static int run_loop(monitor_t *monitor)
 }
 
 /* monitor ROWS-DIR TYPES {TYPE}: of the topics to which it will subscribe. */
-static int configure(monitor_t *monitor, char *rest)
+static int configure(monitor_t *monitor)
 {
-  monitor->wake_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
-  monitor->rows_dir = strdup(next_word(&rest));
+  monitor->rows_dir = strdup(next_word(monitor->channel));
   if (monitor->wake_fd < 0 || monitor->rows_dir == NULL) {
     return fail_memory();
   }
-  for (int64_t left = next_number(&rest); left > 0; --left) {
-    if (ros_type(next_word(&rest)) == NULL) {
+  for (int64_t left = next_number(monitor->channel); left > 0; --left) {
+    if (ros_type(next_word(monitor->channel)) == NULL) {
       return -1;
     }
   }
-  if (open_rows(monitor, STALL_FILE, "", &monitor->stalls, 2) < 0) {
+  if (rows_open(&monitor->stalls, monitor->rows_dir, STALL_FILE, 2) < 0) {
     return -1;
   }
-  const rmw_node_t *node = rcl_node_get_rmw_handle(&monitor->ros.node);
+  const rmw_node_t *node = rcl_node_get_rmw_handle(monitor->node);
   return channel_reply(monitor->channel, "ready %s\n", node->implementation_identifier);
 }
 
-static void clean_up(monitor_t *monitor)
-{
-  if (harness_on_end != NULL) {
-    harness_on_end();
-  }
-  for (size_t i = 0; i < monitor->count; ++i) {
-    free_watched(monitor, monitor->watched[i]);
-  }
-  free(monitor->watched);
-  free(monitor->rows_dir);
-  rows_close(&monitor->stalls);
-  ros_fini(&monitor->ros);
-  ignore_rcl(rmw_serialized_message_fini(&monitor->message));
-  if (monitor->wake_fd >= 0) {
-    close(monitor->wake_fd);
-  }
-}
-
-int monitor_serve(channel_t *channel, char *rest)
+int monitor_serve(channel_t *channel, rcl_node_t *node)
 {
   monitor_t monitor = {
     .channel = channel,
+    .node = node,
     .stalls.fd = -1,
     .message = rmw_get_zero_initialized_serialized_message(),
-    .wake_fd = -1,
+    .wake_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK),
   };
   monitor.message.allocator = rcl_get_default_allocator();
-  int status = ros_init(&monitor.ros, "monitor");
-  if (status == 0) {
-    status = configure(&monitor, rest);
-  }
+  int status = configure(&monitor);
   if (status == 0) {
     status = run_loop(&monitor);
   }
-  clean_up(&monitor);
+  remove_watched(&monitor, true);
+  ignore_rcl(rmw_serialized_message_fini(&monitor.message));
+  rows_close(&monitor.stalls);
+  free(monitor.rows_dir);
+  close(monitor.wake_fd);
   return status < 0 ? -1 : 0;
 }

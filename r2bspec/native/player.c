@@ -1,151 +1,322 @@
-/* The player: publishes prepared messages at the times of a file.
+/* The player: publishes prepared messages at the times of a file, and writes into it what it did.
  *
  * The load is open-loop: an event is due at its time whether or not the graph has answered the one
  * before. A late one is published at once, and its lateness is recorded. All inputs of a step have
  * the same unique stamp, so that each output can be matched to its input.
+ *
+ * Files are checked when they are opened: nothing of a damaged one reaches beyond the files. Their
+ * arithmetic wraps around (-fwrapv), so that wrong times are nothing but wrong times.
  */
 #include "harness.h"
 
+#include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
+#include <sys/prctl.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 /* From the command to the first due time, so that the first step is not late. */
 #define START_DELAY_NS 20000000
-/* A late player never sleeps, so it also looks for commands after so many events. */
-#define EVENTS_PER_LOOK 64
+/* A late player never sleeps, so it also looks for commands after so many entries. */
+#define ENTRIES_PER_LOOK 64
+/* More than the lateness of most sleeps. */
+#define INITIAL_SPIN_NS 150000
+#define MIN_SPIN_NS 30000
+/* A larger lateness comes from other work on the core; spinning does not help against it. */
+#define MAX_SPIN_NS 300000
+/* The share of sleeps that may end late is 4 %: these two are in balance there. */
+#define LATE_STEP_NS 3840
+#define EARLY_STEP_NS 160
+#define STAMP_BYTES 8
+#define NO_PLACE (-1)
+#define PAGE_BYTES 4096 /* or a multiple of it */
+
+typedef struct mapping {
+  char *data;
+  size_t size;
+} mapping_t;
+
+/* An input of the plan, or /tf after them. */
+typedef struct source {
+  rcl_publisher_t publisher;
+  bool has_header;
+  mapping_t buffer; /* its messages */
+} source_t;
+
+/* r2bspec/ipc/playback_events.py: a message of an event, or one more stamp in the message after it.
+ * The first three times are relative until an event is played. */
+typedef struct entry {
+  int64_t due_ns, stamp_ns, published_ns, done_ns;
+  int64_t inputs, offset, add_ns;
+  int32_t size, place;
+  int16_t source, is_published;
+  int32_t left; /* entries of the event, from this one on */
+  int32_t step, complete;
+} entry_t;
+
+/* r2bspec/ipc/playback_file.py */
+typedef struct playback {
+  int64_t published;
+  char magic[8];
+  int64_t count, is_loaded, has_stamps;
+  int64_t least_ns; /* the least time of the beginning, or stamp if it has no stamps */
+  entry_t entries[];
+} playback_t;
+
+_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the files are little-endian");
+_Static_assert(sizeof(playback_t) == 48 && sizeof(entry_t) == 80, "as Python writes them");
 
 typedef struct player {
   channel_t *channel;
-  ros_t ros;
+  rcl_node_t *node;
   source_t *sources;
   int64_t source_count;
-  table_t messages;
-  int64_t last_stamp_ns;
-  pacer_t pacer;
+  int64_t spin_ns;
 } player_t;
 
-static const message_t *first_message(const player_t *player, const event_t *event)
+/* ---- files ---- */
+
+/* Maps a whole file, which may be empty: `shared` with other processes, or with a copy of each page
+ * that is written to. */
+static int map_file(mapping_t *mapping, const char *path, bool shared)
 {
-  return (const message_t *)player->messages.items + event->first;
+  const int fd = open(path, (shared ? O_RDWR : O_RDONLY) | O_CLOEXEC);
+  if (fd < 0) {
+    return fail_file(path);
+  }
+  struct stat found;
+  void *data = fstat(fd, &found) < 0 ? MAP_FAILED : NULL;
+  if (data == NULL && found.st_size > 0) {
+    data = mmap(NULL, (size_t)found.st_size, PROT_READ | PROT_WRITE,
+                shared ? MAP_SHARED : MAP_PRIVATE, fd, 0);
+  }
+  const int failed = data == MAP_FAILED ? fail_file(path) : 0;
+  close(fd);
+  if (failed == 0 && data != NULL) {
+    *mapping = (mapping_t){.data = data, .size = (size_t)found.st_size};
+  }
+  return failed;
 }
 
-/* This happens before waiting: writing to messages that are no longer in the cache takes time,
- * which would delay each publication. */
-static void stamp_event(player_t *player, event_t *event, const int64_t *epoch_ns)
+static void unmap(const mapping_t *mapping)
 {
-  if (epoch_ns != NULL) {
-    event->stamp_ns += *epoch_ns;
-  } else {
-    const int64_t early_ns = event->due_ns - monotonic_ns();
-    event->stamp_ns = system_ns() + (early_ns > 0 ? early_ns : 0);
-    if (event->stamp_ns <= player->last_stamp_ns) {
-      event->stamp_ns = player->last_stamp_ns + 1;
-    }
-  }
-  if (event->stamp_ns > player->last_stamp_ns) {
-    player->last_stamp_ns = event->stamp_ns;
-  }
-  const message_t *messages = first_message(player, event);
-  for (int64_t i = 0; i < event->count; ++i) {
-    message_stamp(&messages[i], player->sources, event->stamp_ns);
+  if (mapping->data != NULL) {
+    munmap(mapping->data, mapping->size);
   }
 }
 
-static int publish_event(player_t *player, event_t *event)
+static bool within(int64_t first, int64_t count, int64_t total)
 {
-  const message_t *messages = first_message(player, event);
+  return first >= 0 && count >= 0 && first <= total && count <= total - first;
+}
+
+/* Whether all that it refers to exists. */
+static bool is_whole(const player_t *player, const entry_t *entry, int64_t entries_left)
+{
+  return within(entry->source, 1, player->source_count) &&
+         within(entry->offset, entry->size,
+                (int64_t)player->sources[entry->source].buffer.size) &&
+         (entry->place == NO_PLACE || within(entry->place, STAMP_BYTES, entry->size)) &&
+         within(1, entry->left, entries_left + 1) && entry->left > 0;
+}
+
+/* To be unmapped in any case. */
+static int open_playback(const player_t *player, mapping_t *file, const char *path)
+{
+  if (map_file(file, path, true) < 0) {
+    return -1;
+  }
+  playback_t *playback = (void *)file->data;
+  const size_t entries = (file->size - sizeof(*playback)) / sizeof(entry_t);
+  bool whole = file->size >= sizeof(*playback) && memcmp(playback->magic, "R2BPLAY4", 8) == 0 &&
+               playback->count == (int64_t)entries &&
+               file->size == sizeof(*playback) + entries * sizeof(entry_t);
+  for (int64_t i = 0; whole && i < playback->count; ++i) {
+    whole = is_whole(player, &playback->entries[i], playback->count - i);
+    /* Its page is made writable before it is needed. */
+    playback->entries[i].published_ns = 0;
+  }
+  return whole ? 0
+               : fail(HARNESS_FAULT, "%s is damaged, or a file of messages is shorter than its index",
+                      path);
+}
+
+/* ---- stamps ---- */
+
+static char *data_of(const player_t *player, const entry_t *entry)
+{
+  return player->sources[entry->source].buffer.data + entry->offset;
+}
+
+static void write_stamp(const player_t *player, const entry_t *entry, int64_t stamp_ns)
+{
+  if (entry->place == NO_PLACE) {
+    return;
+  }
+  char *data = data_of(player, entry);
+  const int64_t whole_ns = stamp_ns + entry->add_ns;
+  const int64_t rest_ns = (whole_ns % NS_PER_S + NS_PER_S) % NS_PER_S;
+  uint32_t words[2] = {(uint32_t)((whole_ns - rest_ns) / NS_PER_S), (uint32_t)rest_ns};
+  if ((data[1] & 1) == 0) { /* big-endian */
+    words[0] = __builtin_bswap32(words[0]);
+    words[1] = __builtin_bswap32(words[1]);
+  }
+  memcpy(data + entry->place, words, STAMP_BYTES);
+}
+
+/* The stamp is the time of publication; each is unique. */
+static void stamp_now(entry_t *event, int64_t least_ns)
+{
+  const int64_t early_ns = event->due_ns - monotonic_ns();
+  const int64_t stamp_ns = system_ns() + (early_ns > 0 ? early_ns : 0);
+  event->stamp_ns = stamp_ns > least_ns ? stamp_ns : least_ns;
+}
+
+/* ---- playing ---- */
+
+/* Sleeps, then spins; learns for how long it must spin. True, perhaps earlier, for a command. */
+static bool wait_until(player_t *player, int64_t due_ns, bool looks)
+{
+  const int64_t sleep_ns = due_ns - monotonic_ns() - player->spin_ns;
+  if ((sleep_ns > 0 || looks) && channel_wait(player->channel, sleep_ns > 0 ? sleep_ns : 0)) {
+    return true;
+  }
+  const bool is_late = monotonic_ns() >= due_ns;
+  if (sleep_ns > 0 && is_late && player->spin_ns < MAX_SPIN_NS) {
+    player->spin_ns += LATE_STEP_NS;
+  } else if (sleep_ns > 0 && !is_late && player->spin_ns > MIN_SPIN_NS) {
+    player->spin_ns -= EARLY_STEP_NS;
+  }
+  while (monotonic_ns() < due_ns) {
+  }
+  return false;
+}
+
+static int publish(const player_t *player, const entry_t *entry)
+{
+  const rcl_serialized_message_t message = {
+    .buffer = (uint8_t *)data_of(player, entry),
+    .buffer_length = (size_t)entry->size,
+    .buffer_capacity = (size_t)entry->size,
+    .allocator = rcl_get_default_allocator(),
+  };
+  const rcl_publisher_t *publisher = &player->sources[entry->source].publisher;
+  return rcl_publish_serialized_message(publisher, &message, NULL) == RCL_RET_OK
+           ? 0
+           : fail_rcl("publishing a message");
+}
+
+static int publish_event(const player_t *player, entry_t *event)
+{
   /* What a latency counts from: before the first call that publishes. */
   event->published_ns = monotonic_ns();
-  for (int64_t i = 0; i < event->count; ++i) {
-    source_t *source = &player->sources[messages[i].source];
-    const char *data = source->buffer.data + messages[i].offset;
-    if (messages[i].is_published &&
-        ros_publish(&source->publisher, data, (size_t)messages[i].size) < 0) {
+  for (int32_t i = 0; i < event->left; ++i) {
+    if (event[i].is_published && publish(player, &event[i]) < 0) {
       return -1;
     }
   }
-  event->done_ns = monotonic_ns();
+  event[event->left - 1].done_ns = monotonic_ns();
   return 0;
 }
 
-/* The system time of the beginning, to which the stamps of a recording are shifted. It is later if
- * a stamp would otherwise repeat, because stamps may be ahead of the clock. */
-static int64_t find_epoch(const player_t *player, const table_t *playback, int64_t begin_ns)
-{
-  const int64_t epoch_ns = system_ns() + begin_ns - monotonic_ns();
-  const int64_t least_ns = player->last_stamp_ns + 1 - playback->header->earliest_stamp_ns;
-  return epoch_ns > least_ns ? epoch_ns : least_ns;
-}
-
 /* Plays until the last event or until a command arrives; returns how many steps are complete. */
-static int play_events(player_t *player, table_t *playback)
+static int play_events(player_t *player, playback_t *playback)
 {
-  event_t *events = playback->items;
   const int64_t begin_ns = monotonic_ns() + START_DELAY_NS;
-  const int64_t epoch_ns = find_epoch(player, playback, begin_ns);
+  /* To which the stamps of a recording are shifted. */
+  const int64_t now_ns = system_ns() + START_DELAY_NS;
+  const int64_t epoch_ns = now_ns > playback->least_ns ? now_ns : playback->least_ns;
+  int64_t least_stamp_ns = playback->least_ns;
   int steps = 0;
-  for (int64_t i = 0; i < playback->header->items; ++i) {
-    events[i].due_ns += begin_ns;
-    stamp_event(player, &events[i], playback->header->has_stamps ? &epoch_ns : NULL);
-    if (pacer_wait(&player->pacer, events[i].due_ns, player->channel) ||
-        (i % EVENTS_PER_LOOK == 0 && channel_wait(player->channel, 0))) {
+  for (int64_t i = 0; i < playback->count; i += playback->entries[i].left) {
+    entry_t *event = &playback->entries[i];
+    event->due_ns += begin_ns;
+    if (playback->has_stamps) {
+      event->stamp_ns += epoch_ns;
+    } else {
+      stamp_now(event, least_stamp_ns);
+    }
+    least_stamp_ns = event->stamp_ns + 1;
+    /* Before waiting: writing to messages that have left the cache would delay a publication. */
+    for (int32_t each = 0; each < event->left; ++each) {
+      write_stamp(player, &event[each], event->stamp_ns);
+    }
+    if (wait_until(player, event->due_ns, i % ENTRIES_PER_LOOK == 0)) {
       break;
     }
-    if (publish_event(player, &events[i]) < 0) {
+    if (publish_event(player, event) < 0) {
       return -1;
     }
-    steps = events[i].complete;
+    steps = event->complete;
     /* The event before the count: a reader sees complete events only. */
-    __atomic_store_n(&playback->header->published, i + 1, __ATOMIC_RELEASE);
+    __atomic_store_n(&playback->published, i + event->left, __ATOMIC_RELEASE);
   }
   return steps;
 }
 
+/* Reads all messages from the disk, and copies the pages that stamps are written to, before any of
+ * them is played. */
+static void touch(const player_t *player, const playback_t *playback)
+{
+  for (int64_t i = 0; i < playback->count; ++i) {
+    const volatile char *data = data_of(player, &playback->entries[i]);
+    for (int32_t place = 0; place < playback->entries[i].size; place += PAGE_BYTES) {
+      (void)data[place];
+    }
+    write_stamp(player, &playback->entries[i], 0);
+  }
+}
+
 static int play(player_t *player, const char *path)
 {
-  table_t playback = {0};
-  int steps = playback_open(&playback, path, &player->messages);
+  mapping_t file = {0};
+  int steps = open_playback(player, &file, path);
   if (steps == 0) {
-    steps = play_events(player, &playback);
+    playback_t *playback = (void *)file.data;
+    if (playback->is_loaded) {
+      steps = play_events(player, playback);
+    } else {
+      touch(player, playback);
+    }
   }
-  table_close(&playback);
+  unmap(&file);
   return steps < 0 ? -1 : channel_reply(player->channel, "played %d\n", steps);
 }
 
-static int load(player_t *player, const char *path)
+/* ---- commands ---- */
+
+/* Makes the input {TYPE QOS TOPIC BUFFER}. */
+static int add_source(player_t *player, channel_t *channel)
 {
-  table_close(&player->messages);
-  for (int64_t i = 0; i < player->source_count; ++i) {
-    if (mapping_open(&player->sources[i].buffer, player->sources[i].path, false) < 0) {
-      return -1;
-    }
+  source_t *source = &player->sources[player->source_count];
+  type_t *type = ros_type(next_word(channel));
+  rcl_publisher_options_t options = rcl_publisher_get_default_options();
+  options.qos = next_qos(channel);
+  source->publisher = rcl_get_zero_initialized_publisher();
+  if (type == NULL) {
+    return -1;
   }
-  return messages_open(&player->messages, path, player->sources, player->source_count) < 0
-           ? -1
-           : channel_reply(player->channel, "ready\n");
+  if (rcl_publisher_init(&source->publisher, player->node, type, next_word(channel), &options) !=
+      RCL_RET_OK) {
+    return fail_rcl("creating a publisher");
+  }
+  player->source_count += 1;
+  source->has_header = begins_with_header(type);
+  return map_file(&source->buffer, next_word(channel), false);
 }
 
-/* player INPUTS {TOPIC TYPE QOS BUFFER} */
-static int configure(player_t *player, char *rest)
+/* player INPUTS {TYPE QOS TOPIC BUFFER} */
+static int configure(player_t *player)
 {
-  const int64_t inputs = next_number(&rest);
+  const int64_t inputs = next_number(player->channel);
   player->sources = calloc(inputs < 0 ? 1 : (size_t)inputs + 1, sizeof(source_t));
-  if (player->sources == NULL) {
-    return fail_memory();
+  int failed = player->sources == NULL ? fail_memory() : 0;
+  while (failed == 0 && player->source_count < inputs) {
+    failed = add_source(player, player->channel);
   }
-  for (; player->source_count < inputs; ++player->source_count) {
-    source_t *source = &player->sources[player->source_count];
-    const char *topic = next_word(&rest);
-    type_t *type = ros_type(next_word(&rest));
-    rmw_qos_profile_t qos;
-    if (type == NULL || parse_qos(next_word(&rest), &qos) < 0 ||
-        ros_publisher(&player->ros, type, topic, &qos, &source->publisher) < 0) {
-      return -1;
-    }
-    source->has_header = begins_with_header(type);
-    source->path = strdup(next_word(&rest));
-  }
-  return 0;
+  return failed;
 }
 
 /* Sends a number for each input: whether its type begins with a header, or its subscriptions. */
@@ -163,52 +334,35 @@ static int send_numbers(player_t *player, const char *reply, bool headers)
 }
 
 /* Executes a command; 1 for the one that ends the player. */
-static int execute(player_t *player, char *line)
+static int execute(player_t *player)
 {
-  const char *command = next_word(&line);
-  if (strcmp(command, "follow") == 0) {
-    return load(player, next_word(&line));
-  }
+  const char *command = next_word(player->channel);
   if (strcmp(command, "count") == 0) {
     return send_numbers(player, "matched", false);
   }
   if (strcmp(command, "play") == 0) {
-    return play(player, next_word(&line));
+    return play(player, next_word(player->channel));
   }
   /* Others are ignored: a stop that arrived after the last event. */
-  return strcmp(command, "shutdown") == 0;
+  return strcmp(command, "shutdown") == 0 || *command == '\0';
 }
 
-static void clean_up(player_t *player)
+int player_serve(channel_t *channel, rcl_node_t *node)
 {
-  if (harness_on_end != NULL) {
-    harness_on_end();
-  }
-  table_close(&player->messages);
-  for (int64_t i = 0; i < player->source_count; ++i) {
-    ignore_rcl(rcl_publisher_fini(&player->sources[i].publisher, &player->ros.node));
-    mapping_close(&player->sources[i].buffer);
-    free(player->sources[i].path);
-  }
-  free(player->sources);
-  ros_fini(&player->ros);
-}
-
-int player_serve(channel_t *channel, char *rest)
-{
-  player_t player = {.channel = channel};
-  int status = ros_init(&player.ros, "player");
+  player_t player = {.channel = channel, .node = node, .spin_ns = INITIAL_SPIN_NS};
+  int status = configure(&player);
   if (status == 0) {
-    status = configure(&player, rest);
-  }
-  if (status == 0) {
-    pacer_init(&player.pacer);
     status = send_numbers(&player, "ready", true);
   }
-  char *line;
-  while (status == 0 && channel_next(channel, &line) == 0) {
-    status = execute(&player, line);
+  /* The slack of timers is 50 us by default; without this call sleeps just end later. */
+  (void)prctl(PR_SET_TIMERSLACK, 1UL, 0UL, 0UL, 0UL);
+  while (status == 0) {
+    status = execute(&player);
   }
-  clean_up(&player);
+  for (int64_t i = 0; i < player.source_count; ++i) {
+    ignore_rcl(rcl_publisher_fini(&player.sources[i].publisher, node));
+    unmap(&player.sources[i].buffer);
+  }
+  free(player.sources);
   return status < 0 ? -1 : 0;
 }

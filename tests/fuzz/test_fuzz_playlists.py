@@ -12,10 +12,10 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from native_playlists import SANITIZERS, PlaylistReader, playlist_reader
+from native_playlists import SANITIZERS, LonePlayer, player_without_ros
 from r2bspec.ipc.buffers import BufferWriter, buffer_path
-from r2bspec.ipc.playback_file import write_playback
-from r2bspec.ipc.playlist import write_playlist
+from r2bspec.ipc.playback_file import write_playback, write_playlist
+from r2bspec.ipc.playlist import read_round
 from r2bspec.ipc.schedule import (
     BetweenMessage,
     CyclicSchedule,
@@ -51,14 +51,14 @@ SCHEDULES: tuple[Schedule, ...] = (
 
 
 @pytest.fixture(scope="module")
-def reader() -> Iterator[PlaylistReader]:
+def player() -> Iterator[LonePlayer]:
     try:
-        program = playlist_reader(SANITIZERS)
+        program = player_without_ros(SANITIZERS)
     except BuildError as error:
         if "san" in str(error):
             pytest.skip(f"the compiler has no sanitizers here: {error}")
         raise
-    with PlaylistReader(program) as made:
+    with LonePlayer(program) as made:
         yield made
 
 
@@ -83,29 +83,30 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> list[Files]:
     found = []
     for number, schedule in enumerate(SCHEDULES):
         playlist, playback = folder / f"playlist-{number}", folder / f"playback-{number}"
-        made = write_playlist(playlist, schedule, topics, [True, False], folder)
-        write_playback(playback, made, 10.0, 4)
+        made = read_round(schedule, topics, [True, False], folder)
+        write_playlist(playlist, made)
+        write_playback(playback, made, 1e6, 4)
         buffers = tuple(buffer_path(folder, topic, "cdr") for topic in topics)
         found.append(Files(playlist.read_bytes(), playback.read_bytes(), buffers))
     return found
 
 
-class Reading:
-    """Reads files from bytes."""
+class Playing:
+    """Plays files from bytes."""
 
-    def __init__(self, reader: PlaylistReader, folder: Path) -> None:
-        self._reader = reader
+    def __init__(self, player: LonePlayer, folder: Path) -> None:
+        self._player = player
         self._playlist, self._playback = folder / "playlist", folder / "playback"
 
     def __call__(self, playlist: bytes, playback: bytes, buffers: tuple[Path, ...]) -> str:
         self._playlist.write_bytes(playlist)
         self._playback.write_bytes(playback)
-        return self._reader.read(self._playlist, self._playback, buffers)
+        return self._player.play(self._playlist, self._playback, buffers)
 
 
 @pytest.fixture
-def reading(reader: PlaylistReader, tmp_path: Path) -> Reading:
-    return Reading(reader, tmp_path)
+def playing(player: LonePlayer, tmp_path: Path) -> Playing:
+    return Playing(player, tmp_path)
 
 
 def damaged(whole: bytes, chance: random.Random) -> bytes:
@@ -124,48 +125,48 @@ def damaged(whole: bytes, chance: random.Random) -> bytes:
     return bytes(made)
 
 
-def test_whole_ones_are_played(reading: Reading, files: list[Files]) -> None:
-    # Steps and what is between them; in the recording, a round of three messages and one more.
-    played = [reading(each.playlist, each.playback, each.buffers) for each in files]
-    assert played == [f"played {16 * (4 + 3)}", f"played {16 * (3 + 3)}"]
+def test_whole_ones_are_played(playing: Playing, files: list[Files]) -> None:
+    # Steps and what is between them; in the recording, two rounds of three messages.
+    played = [playing(each.playlist, each.playback, each.buffers) for each in files]
+    assert played == [f"played 4: {16 * (4 + 3)} bytes", f"played 4: {16 * (3 + 3)} bytes"]
 
 
-def test_a_truncated_one_is_refused(reading: Reading, files: list[Files]) -> None:
+def test_a_truncated_one_is_refused(playing: Playing, files: list[Files]) -> None:
     for each in files:
         for size in range(0, len(each.playlist), 5):
-            found = reading(each.playlist[:size], each.playback, each.buffers)
-            assert "cannot be played" in found
+            found = playing(each.playlist[:size], each.playback, each.buffers)
+            assert "is damaged" in found
         for size in range(0, len(each.playback), 5):
-            found = reading(each.playlist, each.playback[:size], each.buffers)
-            assert "cannot be played" in found
+            found = playing(each.playlist, each.playback[:size], each.buffers)
+            assert "is damaged" in found
 
 
 def test_a_source_that_the_player_does_not_have_is_refused(
-    reading: Reading, files: list[Files]
+    playing: Playing, files: list[Files]
 ) -> None:
     for each in files:
-        found = reading(each.playlist, each.playback, each.buffers[:1])
-        assert "a message has no input" in found
+        found = playing(each.playlist, each.playback, each.buffers[:1])
+        assert "is damaged" in found
 
 
 def test_a_buffer_that_is_too_short_is_refused(
-    reading: Reading, files: list[Files], tmp_path: Path
+    playing: Playing, files: list[Files], tmp_path: Path
 ) -> None:
     short = tmp_path / "short"
     for size in (0, 15, 31):
         short.write_bytes(bytes(size))
         for each in files:
-            found = reading(each.playlist, each.playback, (short, each.buffers[1]))
+            found = playing(each.playlist, each.playback, (short, each.buffers[1]))
             assert "shorter than its index" in found
 
 
-def test_damage_never_crashes_the_reader(reading: Reading, files: list[Files]) -> None:
+def test_damage_never_crashes_the_player(playing: Playing, files: list[Files]) -> None:
     chance = random.Random(13)  # noqa: S311 - damage that is the same each time
     ends = {"played": 0, "refused": 0}
     for number in range(ROUNDS):
         each = files[number % 2]
         in_playlist = chance.randrange(2)
-        found = reading(
+        found = playing(
             damaged(each.playlist, chance) if in_playlist else each.playlist,
             each.playback if in_playlist else damaged(each.playback, chance),
             each.buffers,

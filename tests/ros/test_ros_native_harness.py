@@ -21,7 +21,9 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from c_nodes import c_node
 from native_playlists import SANITIZERS
+from r2bspec.execute.bringup.graph_joins import GraphJoins, JoinFiles
 from r2bspec.execute.errors import ProcessFailedError, RunError
 from r2bspec.execute.processes.ros_domain import reserved_domain
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
@@ -36,9 +38,11 @@ from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.ipc.schedule import CyclicSchedule
 from r2bspec.ipc.stall_log import StallLogReader
 from r2bspec.language.spec import QoS
+from r2bspec.native.build import find_compiler
 from r2bspec.native.errors import BuildError
 from r2bspec.native.harness_library import harness_library, harness_program
-from r2bspec.plan.plan import InputPlan, MonitorPlan
+from r2bspec.native.join_object import join_object
+from r2bspec.plan.plan import InputPlan, JoinPlan, MonitorPlan, ProcessPlan
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS
 from ros_runs import Bench, relay_spec
 from ros_runs import nothing_left as nothing_left
@@ -77,15 +81,18 @@ class Harness:
             writer.append(number, data)
         writer.close()
 
+    def environment(self) -> dict[str, str]:
+        return os.environ | {
+            RUN_ID_VARIABLE: self.run_id,
+            "ROS_DOMAIN_ID": str(self.domain),
+            # What middleware and interpreter keep until the end of their process is not ours.
+            "ASAN_OPTIONS": "detect_leaks=0",
+        }
+
     def start(
         self, name: str, parts: tuple[str, ...] = (), flags: tuple[str, ...] = ()
     ) -> ManagedProcess:
-        environment = os.environ | {
-            RUN_ID_VARIABLE: self.run_id,
-            "ROS_DOMAIN_ID": str(self.domain),
-            # What the middleware keeps until the end of its process is not ours.
-            "ASAN_OPTIONS": "detect_leaks=0",
-        }
+        environment = self.environment()
         log = self.folder / f"{name}.log"
         program = [str(harness_program(flags=flags))]
         return self.children.start(
@@ -105,7 +112,7 @@ class Harness:
             "observer",
             "observer",
             [sys.executable, "-P", "-m", "r2bspec.harness.child"],
-            os.environ | {RUN_ID_VARIABLE: self.run_id, "ROS_DOMAIN_ID": str(self.domain)},
+            self.environment(),
             cwd=self.folder,
             log=self.folder / "observer.log",
         )
@@ -115,7 +122,7 @@ class Harness:
     def ask(self, child: ManagedProcess, command: Any, kind: Any = protocol.Matched) -> Any:
         return self.children.request(child, command, kind, HANG_S)
 
-    def configure(self, player: ManagedProcess, monitor: ManagedProcess) -> None:
+    def configure_player(self, player: ManagedProcess) -> None:
         inputs = (
             InputPlan(topic=TOPIC, type=IMAGE, source=TOPIC, bag_topic="", qos=QoS(depth=100)),
         )
@@ -129,6 +136,9 @@ class Harness:
         assert ready.headers == {TOPIC: True}
         schedule = CyclicSchedule(steps=tuple((n,) for n in range(len(SIZES))))
         self.ask(player, protocol.Follow(schedule=schedule), protocol.Ready)
+
+    def configure(self, player: ManagedProcess, monitor: ManagedProcess) -> None:
+        self.configure_player(player)
         watched = protocol.ConfigureMonitor(monitors=(OUT,), rows_dir=str(self.rows))
         assert self.ask(monitor, watched, protocol.Ready).rmw
         self.ask(monitor, protocol.Subscribe(monitors=(OUT,)))
@@ -136,6 +146,14 @@ class Harness:
     def match(self, *ends: ManagedProcess, count: int = 1) -> None:
         deadline = time.monotonic() + HANG_S
         while any(self.ask(each, protocol.CountMatches()).counts[TOPIC] < count for each in ends):
+            assert time.monotonic() < deadline
+            self.children.pump(0.02)
+
+    def discover(self, observer: ManagedProcess) -> None:
+        """Wait until the observer knows the publisher."""
+        deadline = time.monotonic() + HANG_S
+        command = protocol.Discover(topics=(TOPIC,))
+        while not self.ask(observer, command, protocol.Discovered).writers[TOPIC]:
             assert time.monotonic() < deadline
             self.children.pump(0.02)
 
@@ -179,6 +197,7 @@ def test_messages_arrive_as_they_were_with_the_stamp_of_their_step(
     player, _ = ends
     again = msgspec.structs.replace(OUT, name=".again")
     recorder = harness.start_observer()
+    harness.discover(recorder)
     harness.ask(recorder, protocol.Record(monitors=(again,), folder=str(harness.rows)))
     harness.match(recorder)
     harness.match(player, count=2)
@@ -283,6 +302,78 @@ def test_sanitizers_find_nothing(harness: Harness) -> None:
         assert (harness.folder / f"{name}.log").read_text() == ""
 
 
+@pytest.mark.parametrize("kind", ["C", "Python"])
+def test_sanitizers_find_nothing_in_a_process_that_is_joined(harness: Harness, kind: str) -> None:
+    try:
+        files = JoinFiles(join_object(flags=SANITIZERS), harness_library(flags=SANITIZERS))
+    except BuildError as error:
+        if "san" in str(error):
+            pytest.skip(f"the compiler has no sanitizers here: {error}")
+        raise
+    joins = GraphJoins(harness.children, harness.folder, files)
+    program = [sys.executable, "-c", PYTHON_NODE] if kind == "Python" else [str(c_node("relay"))]
+    node = harness.children.start(
+        "node",
+        "command",
+        [*program, "--ros-args", "-r", f"input:={TOPIC}"],
+        joins.environment("node", sanitized(harness.environment())),
+        cwd=harness.folder,
+        log=harness.folder / "node.log",
+    )
+    join = JoinPlan(player=True, monitors=("out",))
+    plan = ProcessPlan(
+        name="node", role="command", phase="measure", argv=tuple(program), env={}, join=join
+    )
+    joins.join(node, plan, HANG_S)
+    player, monitor = node.parts["player"], node.parts["monitor"]
+    harness.configure(player, monitor)
+    joins.release()
+    joins.close()
+    harness.match(player, count=2)
+    harness.ask(player, protocol.Play(rate_hz=100.0, steps=7), protocol.Played)
+    harness.received("out", 7)
+    harness.children.end([node])
+    assert node.process.poll() == 0, node.log_tail()
+    text = (harness.folder / "node.log").read_text()
+    assert "Sanitizer" not in text, text
+    assert "runtime error" not in text, text
+
+
+PYTHON_NODE = """
+import signal, sys, threading, rclpy
+from rclpy.executors import ExternalShutdownException
+from sensor_msgs.msg import Image
+rclpy.init(args=sys.argv)
+node = rclpy.create_node("node")
+node.create_subscription(Image, "input", lambda _: None, 100)
+try:
+    rclpy.spin(node)
+except (KeyboardInterrupt, ExternalShutdownException):
+    pass
+node.destroy_node()
+"""
+
+
+def sanitized(environment: dict[str, str]) -> dict[str, str]:
+    """For a program without sanitizers, into which objects with them are loaded.
+
+    Exceptions of the middleware need the C++ library from the beginning.
+    """
+    names = ("libasan.so", "libubsan.so", "libstdc++.so")
+    found = [
+        subprocess.run(
+            [*find_compiler(), f"-print-file-name={each}"],
+            stdout=subprocess.PIPE,
+            text=True,
+            check=True,
+        ).stdout.strip()
+        for each in names
+    ]
+    # What is preloaded first by the harness itself allocates nothing.
+    options = f"{environment['ASAN_OPTIONS']}:verify_asan_link_order=0"
+    return environment | {"LD_PRELOAD": ":".join(found), "ASAN_OPTIONS": options}
+
+
 def test_a_monitor_that_did_not_run_says_for_how_long(
     harness: Harness, ends: tuple[ManagedProcess, ManagedProcess]
 ) -> None:
@@ -333,15 +424,12 @@ def test_what_fails_is_said_and_the_process_ends(
     assert monitor.process.wait(HANG_S) == 1
 
 
-def test_a_buffer_that_is_shorter_than_its_index_is_refused(
-    harness: Harness, ends: tuple[ManagedProcess, ManagedProcess]
-) -> None:
-    player, _ = ends
+def test_a_buffer_that_is_shorter_than_its_index_is_refused(harness: Harness) -> None:
     path = harness.buffers / "r2b%image.cdr"
     os.truncate(path, path.stat().st_size - 1)
-    schedule = CyclicSchedule(steps=tuple((n,) for n in range(len(SIZES))))
+    player = harness.start("player")
     with pytest.raises(ProcessFailedError, match="shorter than its index"):
-        harness.ask(player, protocol.Follow(schedule=schedule), protocol.Ready)
+        harness.configure_player(player)
 
 
 HOST = """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import subprocess
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,27 +16,28 @@ _NATIVE = Path(r2bspec.native.__file__).parent
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
 
-def playlist_reader(flags: Sequence[str] = ()) -> Path:
-    """The program of ``playlist_reader.c``."""
+def player_without_ros(flags: Sequence[str] = ()) -> Path:
+    """The program of ``player_without_ros.c``."""
+    included = hashlib.sha256((_NATIVE / "player.c").read_bytes()).hexdigest()
     return build(
-        "playlist_reader",
-        [_NATIVE / "playlist.c", Path(__file__).with_name("playlist_reader.c")],
+        "player_without_ros",
+        [Path(__file__).with_name("player_without_ros.c")],
         find_ros(),
         kind="program",
-        flags=(f"-I{_NATIVE}", "-fwrapv", *flags),
-        libraries=(),
+        # What a source includes has to change the digest of the build.
+        flags=(f"-I{_NATIVE}", f"-DINCLUDED={included}", "-fwrapv", *flags),
     )
 
 
-class PlaylistReader:
-    """Reads files of players one after another in one process."""
+class LonePlayer:
+    """Plays files one after another in one process."""
 
     def __init__(self, program: Path) -> None:
         self._process = subprocess.Popen(
             [program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
 
-    def __enter__(self) -> PlaylistReader:
+    def __enter__(self) -> LonePlayer:
         return self
 
     def __exit__(
@@ -47,8 +49,8 @@ class PlaylistReader:
         self._process.communicate(timeout=30)
         assert self._process.returncode == 0, "it crashed"
 
-    def read(self, playlist: Path, playback: Path, buffers: Sequence[Path]) -> str:
-        """``played N`` for N bytes of messages, or why a file was refused."""
+    def play(self, playlist: Path, playback: Path, buffers: Sequence[Path]) -> str:
+        """``played N`` for N steps, or why a file was refused, and how much was published."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         print(playlist, playback, *buffers, file=self._process.stdin, flush=True)

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from r2bspec.ipc.buffers import BufferWriter
-from r2bspec.ipc.playback_events import EVENT_DTYPE
+from r2bspec.ipc.playback_events import ENTRY_DTYPE
 from r2bspec.ipc.playback_file import HEADER_BYTES, write_playback
-from r2bspec.ipc.playlist import write_playlist
+from r2bspec.ipc.playlist import read_round
 from r2bspec.ipc.schedule import (
     ALL_INPUTS,
     NO_STEP,
@@ -130,26 +130,36 @@ def played_events(
     with TemporaryDirectory() as scratch:
         folder = Path(scratch)
         sources = _write_buffers(folder, schedule)
-        playlist, playback = folder / "playlist", folder / "playback"
-        made = write_playlist(playlist, schedule, sources, [False] * len(sources), folder)
+        playback = folder / "playback"
+        made = read_round(schedule, sources, [False] * len(sources), folder)
         write_playback(playback, made, rate_hz, steps, first)
-        entries = np.fromfile(playlist, dtype="<i8", offset=HEADER_BYTES).reshape(-1, 6)
-        messages = [
-            (int(source), int(offset) // MESSAGE_BYTES, int(shift_ns))
-            for source, offset, _, _, shift_ns, _ in entries
-        ]
-        events = np.fromfile(playback, dtype=EVENT_DTYPE, offset=HEADER_BYTES)
-        return [
-            PlayedEvent(
-                int(each["due_ns"]),
-                int(each["step"]),
-                tuple(messages[each["first"] : each["first"] + each["count"]]),
-                int(each["inputs"]),
-                int(each["stamp_ns"]),
-                int(each["complete"]),
+        entries = np.fromfile(playback, dtype=ENTRY_DTYPE, offset=HEADER_BYTES)
+        found, begin = [], 0
+        while begin < entries.size:
+            each = entries[begin]
+            event = entries[begin : begin + int(each["left"])]
+            assert event["left"].tolist() == list(range(event.size, 0, -1))
+            for name in ("due_ns", "stamp_ns", "inputs", "step", "complete"):
+                assert len(set(event[name])) == 1
+            found.append(
+                PlayedEvent(
+                    int(each["due_ns"]),
+                    int(each["step"]),
+                    tuple(
+                        (
+                            int(one["source"]),
+                            int(one["offset"]) // MESSAGE_BYTES,
+                            int(one["add_ns"]),
+                        )
+                        for one in event
+                    ),
+                    int(each["inputs"]),
+                    int(each["stamp_ns"]),
+                    int(each["complete"]),
+                )
             )
-            for each in events
-        ]
+            begin += event.size
+        return found
 
 
 def _write_buffers(folder: Path, schedule: Schedule) -> list[str]:

@@ -12,12 +12,15 @@ import os
 import socket
 import struct
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import msgspec
 
+from r2bspec.execute.bringup.idle_nodes import idle_patience_s, starts_others
+from r2bspec.execute.bringup.idle_time import IdleTime, family
 from r2bspec.execute.errors import NotInstalledError
 from r2bspec.execute.processes.joinable import not_joinable
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
@@ -36,6 +39,7 @@ _POLL_S: Final = 0.005
 _PEER: Final = struct.Struct("3i")
 """Process, user and group, as in ``struct ucred``."""
 
+_RCL: Final = b"/librcl.so"
 _WRAPPERS: Final = ("ros2", "launch")
 """Programs that initialise ROS for themselves before they start the node."""
 
@@ -86,9 +90,9 @@ class _Asking:
     hello: Hello
     connection: socket.socket
 
-    def say(self, line: str) -> None:
-        with contextlib.suppress(OSError):
-            self.connection.sendall(f"{line}\n".encode())
+    def go_on(self) -> None:
+        """Let it initialise ROS."""
+        self.connection.close()
 
 
 class GraphJoins:
@@ -134,19 +138,19 @@ class GraphJoins:
             RunError: it has exited.
         """
         join = plan.join or JoinPlan()
-        asking = self._wait_for(child, join, time.monotonic() + timeout_s)
+        asking = self._wait_for(child, plan, timeout_s)
         self._joined.append(asking)
-        for part in ("player", "monitor"):
-            if join.player if part == "player" else join.monitors:
-                self._command(asking, child, f"start {part} {self._files.library}")
-                connection = self._connection(child, asking.hello.pid, part)
-                self._supervisor.add_joined_part(child, part, connection)
+        wanted = {"player": join.player, "monitor": bool(join.monitors)}
+        parts = [part for part, is_wanted in wanted.items() if is_wanted]
+        self._start(asking, child, parts)
+        for part in parts:
+            connection = self._connection(child, asking.hello.pid, part)
+            self._supervisor.add_joined_part(child, part, connection)
 
     def release(self) -> None:
         """Let all processes go on: the publishers of the harness exist."""
         for each in (*self._joined, *self._asking):
-            each.say("go")
-            each.connection.close()
+            each.go_on()
         self._joined.clear()
         self._asking.clear()
 
@@ -170,32 +174,48 @@ class GraphJoins:
         self._listener.close()
         os.close(self._folder_fd)
 
-    def _wait_for(self, child: ManagedProcess, join: JoinPlan, deadline: float) -> _Asking:
+    def _wait_for(self, child: ManagedProcess, plan: ProcessPlan, timeout_s: float) -> _Asking:
+        """Wait until the process that is meant asks.
+
+        A process that does nothing, and in which nothing has loaded ROS, is not waited for until
+        the deadline; a launch file may start its nodes with a delay.
+        """
+        program = plan.join.program if plan.join is not None else ""
         seen: list[str] = []
+        idle = IdleTime(lambda: family(child.pid))
+        patience_s = timeout_s if starts_others(plan) else idle_patience_s(timeout_s)
+        deadline = time.monotonic() + timeout_s
         while time.monotonic() < deadline:
             self.poll()
             for each in [one for one in self._asking if one.hello.process == child.name]:
                 self._asking.remove(each)
-                if is_meant(each.hello, join.program):
+                if is_meant(each.hello, program):
                     return each
                 seen.append(" ".join(each.hello.arguments[:3]))
-                each.say("go")
-                each.connection.close()
+                each.go_on()
+            if idle.update() > patience_s and not has_loaded_ros(family(child.pid)):
+                raise not_joinable(
+                    child.name,
+                    f"none of its programs has loaded ROS, and they have been idle for "
+                    f"{patience_s:.3g} s",
+                )
             self._supervisor.pump(_POLL_S)
         others = f" (others did: {'; '.join(seen[:5])})" if seen else ""
         raise not_joinable(
             child.name,
-            f"none of its programs {'named ' + join.program if join.program else ''}has "
+            f"none of its programs {'named ' + program if program else ''}has "
             f"initialised ROS with what was preloaded{others}".replace("  ", " "),
         )
 
-    def _command(self, asking: _Asking, child: ManagedProcess, line: str) -> None:
-        """Say a line to a process that waits.
+    def _start(self, asking: _Asking, child: ManagedProcess, parts: Iterable[str]) -> None:
+        """Start parts in a process that waits (``join.c``).
 
         Raises:
             NotJoinableError: it answers that it cannot, or does not answer.
         """
-        asking.say(line)
+        command = ",".join(parts).encode() + b" " + os.fsencode(self._files.library)
+        with contextlib.suppress(OSError):
+            asking.connection.sendall(command)
         asking.connection.setblocking(False)
         received = b""
         deadline = time.monotonic() + _ANSWER_TIMEOUT_S
@@ -217,7 +237,7 @@ class GraphJoins:
         try:
             reply = NativeCodec().decode(received)
         except (msgspec.DecodeError, ValueError):
-            raise not_joinable(child.name, f"it does not answer {line.split()[0]!r}") from None
+            raise not_joinable(child.name, "it does not load the harness") from None
         if isinstance(reply, protocol.Failed):
             raise not_joinable(child.name, reply.message)
 
@@ -229,6 +249,19 @@ class GraphJoins:
                 return self._connected.pop((pid, part))
             self._supervisor.pump(_POLL_S)
         raise not_joinable(child.name, f"its {part} did not connect")
+
+
+def has_loaded_ros(pids: Iterable[int]) -> bool:
+    """Whether a process has loaded ROS, or may have: one whose memory cannot be looked at."""
+    for pid in pids:
+        try:
+            if _RCL in Path(f"/proc/{pid}/maps").read_bytes():
+                return True
+        except FileNotFoundError:
+            continue
+        except OSError:
+            return True
+    return False
 
 
 def is_meant(hello: Hello, program: str) -> bool:

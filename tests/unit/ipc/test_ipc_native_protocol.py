@@ -1,7 +1,8 @@
-"""Messages of native parts are lines of words; schedules and playbacks go into files."""
+"""Commands of native parts are words and replies are lines; schedules and playbacks are files."""
 
 from __future__ import annotations
 
+import os
 import resource
 import signal
 import struct
@@ -16,7 +17,7 @@ from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import BufferWriter
 from r2bspec.ipc.disk_errors import is_refusal
 from r2bspec.ipc.native_protocol import NativeCodec
-from r2bspec.ipc.playback_events import EVENT_DTYPE
+from r2bspec.ipc.playback_events import ENTRY_DTYPE
 from r2bspec.ipc.playback_file import HEADER_BYTES, PlaybackReader
 from r2bspec.ipc.schedule import CyclicSchedule, CyclicTransform
 from r2bspec.ipc.transform_stamps import TF, TF_STATIC, TF_TYPE
@@ -34,11 +35,10 @@ TRANSFORM = (
 )
 
 
-def line(command: object, codec: NativeCodec | None = None) -> str:
-    text = (codec or NativeCodec()).encode(command).decode("ascii")
-    assert text.endswith("\n")
-    assert text.count("\n") == 1
-    return text[:-1]
+def words(command: object, codec: NativeCodec | None = None) -> list[str]:
+    text = (codec or NativeCodec()).encode(command)
+    assert text.endswith(b"\0")
+    return [os.fsdecode(each) for each in text[:-1].split(b"\0")]
 
 
 def player(folder: Path, transforms: tuple[str, ...] = ()) -> protocol.ConfigurePlayer:
@@ -60,51 +60,55 @@ def write_buffer(folder: Path, topic: str, kind: str, *messages: bytes) -> None:
 @pytest.mark.parametrize(
     ("command", "expected"),
     [
-        (protocol.Unwatch(), "unwatch"),
-        (protocol.CountMatches(), "count"),
-        (protocol.Stop(), "stop"),
-        (protocol.Shutdown(), "shutdown"),
-        (protocol.ConfigureHarness(parts=("player", "monitor")), "harness"),
+        (protocol.Unwatch(), ["unwatch"]),
+        (protocol.CountMatches(), ["count"]),
+        (protocol.Stop(), ["stop"]),
+        (protocol.Shutdown(), ["shutdown"]),
+        (protocol.ConfigureHarness(parts=("player", "monitor")), ["harness"]),
         (
             protocol.ConfigureMonitor(monitors=(OUT, NAMED), rows_dir="/rows"),
-            f"monitor /rows 1 {IMAGE}",
+            ["monitor", "/rows", "1", IMAGE],
         ),
         (
             protocol.Subscribe(monitors=(NAMED, OUT)),
-            (
-                f"subscribe 2 b /out {IMAGE} best_effort,volatile,keep_last,3 "
-                f"out /out {IMAGE} reliable,volatile,keep_last,10"
-            ),
+            [
+                *("subscribe", "2", IMAGE, "b.rows", "2", "2", "1", "3", "/out"),
+                *(IMAGE, "out.rows", "1", "2", "1", "10", "/out"),
+            ],
         ),
         (
             protocol.Watch(monitors=(OUT,)),
-            f"watch 1 out /out {IMAGE} reliable,volatile,keep_last,10",
+            ["watch", "1", IMAGE, "out.rows", "1", "2", "1", "10", "/out"],
         ),
         (
-            protocol.ConfigureMonitor(monitors=(), rows_dir="/a b\n%c/\N{SNOWMAN}"),
-            "monitor /a%20b%0A%25c/%E2%98%83 0",
+            protocol.ConfigureMonitor(monitors=(), rows_dir="/a b\n%c/\N{SNOWMAN}\udcff"),
+            ["monitor", "/a b\n%c/\N{SNOWMAN}\udcff", "0"],
         ),
     ],
 )
-def test_a_command_is_one_line_of_words(command: object, expected: str) -> None:
-    assert line(command) == expected
+def test_a_command_is_words(command: object, expected: list[str]) -> None:
+    assert words(command) == expected
 
 
 def test_a_player_has_its_inputs_and_transforms_after_them(tmp_path: Path) -> None:
-    qos = "reliable,volatile,keep_last"
-    own = f"/in {IMAGE} {qos},10 {tmp_path}/loaded.cdr"
-    assert line(player(tmp_path)) == f"player 1 {own}"
-    assert line(player(tmp_path, (TF, TF_STATIC))) == (
-        f"player 2 {own} /tf {TF_TYPE} {qos},100 {tmp_path}/tf.cdr"
-    )
+    own = [IMAGE, "1", "2", "1", "10", "/in", f"{tmp_path}/loaded.cdr"]
+    assert words(player(tmp_path)) == ["player", "1", *own]
+    tf = [TF_TYPE, "1", "2", "1", "100", "/tf", f"{tmp_path}/tf.cdr"]
+    assert words(player(tmp_path, (TF, TF_STATIC))) == ["player", "2", *own, *tf]
 
 
-def followed(folder: Path, codec: NativeCodec, schedule: CyclicSchedule) -> list[int]:
-    """The entries of the playlist."""
-    path = Path(line(protocol.Follow(schedule=schedule), codec).removeprefix("follow "))
+def followed(folder: Path, codec: NativeCodec, schedule: CyclicSchedule) -> list[list[int]]:
+    """Of each entry of the playlist: source, offset, size, place, what is added to the stamp."""
+    path = Path(words(protocol.Follow(schedule=schedule), codec)[1])
     assert path.parent == folder
-    entries: list[int] = np.fromfile(path, dtype="<i8", offset=HEADER_BYTES).tolist()
-    return entries
+    return [
+        [int(each[name]) for name in ("source", "offset", "size", "place", "add_ns")]
+        for each in played(path)
+    ]
+
+
+def played(path: Path) -> Any:
+    return np.fromfile(path, dtype=ENTRY_DTYPE, offset=HEADER_BYTES)
 
 
 def test_each_schedule_has_a_playlist_of_its_own(tmp_path: Path) -> None:
@@ -112,9 +116,8 @@ def test_each_schedule_has_a_playlist_of_its_own(tmp_path: Path) -> None:
     codec = NativeCodec()
     codec.encode(player(tmp_path))
     both = followed(tmp_path, codec, CyclicSchedule(steps=((0,), (1,))))
-    # Source, offset, size, place, what is added to the stamp, whether it is published.
-    assert both == [0, 0, 20, -1, 0, 1, 0, 20, 30, -1, 0, 1]
-    assert followed(tmp_path, codec, CyclicSchedule(steps=((1,),))) == [0, 20, 30, -1, 0, 1]
+    assert both == [[0, 0, 20, -1, 0], [0, 20, 30, -1, 0]]
+    assert followed(tmp_path, codec, CyclicSchedule(steps=((1,),))) == [[0, 20, 30, -1, 0]]
 
 
 @pytest.mark.parametrize(
@@ -130,11 +133,7 @@ def test_a_header_gets_the_stamp_where_there_is_one(
     codec.encode(msgspec.structs.replace(player(tmp_path), inputs=(given,)))
     assert codec.decode(f"ready {header}".encode()) == protocol.Ready(headers={"/in": bool(header)})
     found = followed(tmp_path, codec, CyclicSchedule(steps=((0,),)))
-    assert found == [0, 0, size, place, 0, 1]
-
-
-def played(path: Path) -> Any:
-    return np.fromfile(path, dtype=EVENT_DTYPE, offset=HEADER_BYTES)
+    assert found == [[0, 0, size, place, 0]]
 
 
 def test_a_playback_goes_on_where_the_last_one_was_stopped(tmp_path: Path) -> None:
@@ -146,9 +145,9 @@ def test_a_playback_goes_on_where_the_last_one_was_stopped(tmp_path: Path) -> No
     rows = PlaybackReader(tmp_path / "played", PLAYBACK_FIELDS)
     for number, first, complete in ((1, 0, 3), (2, 3, 4), (3, 2, 0)):
         path = tmp_path / f"played-{number}"
-        assert line(protocol.Play(rate_hz=10.0, steps=4), codec) == f"play {path}"
+        assert words(protocol.Play(rate_hz=10.0, steps=4), codec) == ["play", str(path)]
         found = played(path)
-        assert found["first"].tolist() == [(first + n) % 5 for n in range(4)]
+        assert found["offset"].tolist() == [20 * ((first + n) % 5) for n in range(4)]
         assert found["step"].tolist() == [0, 1, 2, 3]
         assert found["due_ns"].tolist() == [n * 10**8 for n in range(4)]
         # The player publishes so many of them.
@@ -156,7 +155,7 @@ def test_a_playback_goes_on_where_the_last_one_was_stopped(tmp_path: Path) -> No
     assert rows.count() == 7
     followed(tmp_path, codec, schedule)
     codec.encode(protocol.Play(rate_hz=10.0, steps=1))
-    assert played(tmp_path / "played-4")["first"].tolist() == [0]
+    assert played(tmp_path / "played-4")["offset"].tolist() == [0]
 
 
 def test_a_full_disk_is_an_error_with_the_file(tmp_path: Path) -> None:
@@ -175,15 +174,21 @@ def test_a_full_disk_is_an_error_with_the_file(tmp_path: Path) -> None:
         signal.signal(signal.SIGXFSZ, handler)
     assert caught.value.filename == str(tmp_path / "played-1")
     assert is_refusal(caught.value)
+    # What is not whole is not taken for a playback.
+    assert PlaybackReader(tmp_path / "played", PLAYBACK_FIELDS).read().size == 0
 
 
 def test_the_counts_of_a_player_are_those_of_its_inputs_and_transforms(tmp_path: Path) -> None:
     codec = NativeCodec()
     codec.encode(player(tmp_path, (TF_STATIC, TF)))
     assert codec.decode(b"ready 1 0\n") == protocol.Ready(headers={"/in": True})
-    assert codec.decode(b"ready") == protocol.Ready()
     assert codec.decode(b"matched 2 1\n") == protocol.Matched(counts={"/in": 2, TF: 1})
     assert codec.decode(b"played 17\n") == protocol.Played(steps=17)
+    write_buffer(tmp_path, "/loaded", IMAGE, bytes(20))
+    followed(tmp_path, codec, CyclicSchedule(steps=((0,),)))
+    assert codec.decode(b"played 0\n") == protocol.Ready()
+    codec.encode(protocol.Play(rate_hz=1.0, steps=1))
+    assert codec.decode(b"played 1\n") == protocol.Played(steps=1)
 
 
 def test_the_counts_of_a_monitor_are_those_of_its_topics_and_of_what_is_watched() -> None:
@@ -194,11 +199,11 @@ def test_the_counts_of_a_monitor_are_those_of_its_topics_and_of_what_is_watched(
     codec.encode(protocol.Subscribe(monitors=(a,)))
     assert codec.decode(b"matched 1") == protocol.Matched(counts={"/a": 1})
     codec.encode(protocol.Watch(monitors=(b, c)))
-    assert codec.decode(b"matched 1 - 3") == protocol.Matched(counts={"/a": 1, "/c": 3})
+    assert codec.decode(b"matched 3 -1 1") == protocol.Matched(counts={"/a": 1, "/c": 3})
     codec.encode(protocol.Subscribe(monitors=(d,)))
-    assert codec.decode(b"matched 1 - 3 2") == protocol.Matched(counts={"/a": 1, "/c": 3, "/d": 2})
+    assert codec.decode(b"matched 2 3 -1 1") == protocol.Matched(counts={"/a": 1, "/c": 3, "/d": 2})
     codec.encode(protocol.Unwatch())
-    assert codec.decode(b"matched 0 1") == protocol.Matched(counts={"/a": 0, "/d": 1})
+    assert codec.decode(b"matched 1 0") == protocol.Matched(counts={"/a": 0, "/d": 1})
 
 
 def test_a_failure_has_its_code_a_text_and_what_to_do() -> None:
@@ -223,14 +228,14 @@ def test_damaged_transforms_are_an_error(tmp_path: Path) -> None:
     codec.encode(player(tmp_path, (TF,)))
     write_buffer(tmp_path, TF, TF_TYPE, whole)
     stamp = 5 * 10**9 + 7
-    assert followed(tmp_path, codec, schedule)[-6:] == [1, 0, len(whole), 8, stamp - 10, 1]
-    two = b"\0\1\0\0" + struct.pack("<I", 2) + 2 * b"".join(TRANSFORM[2:])
+    assert followed(tmp_path, codec, schedule)[1:] == [[1, 0, len(whole), 8, stamp - 10]]
+    one = b"".join(TRANSFORM[2:])
+    two = b"\0\1\0\0" + struct.pack("<I", 2) + 2 * one
     write_buffer(tmp_path, TF, TF_TYPE, two)
-    found = followed(tmp_path, codec, schedule)[-12:]
-    # The first of the two stamps is only written.
-    second = 8 + len(b"".join(TRANSFORM[2:]))
-    assert found[:6] == [1, 0, len(two), 8, stamp - 10, 0]
-    assert found[6:] == [1, 0, len(two), second, stamp - 10, 1]
+    assert followed(tmp_path, codec, schedule)[1:] == [
+        [1, 0, len(two), 8, stamp - 10],
+        [1, 0, len(two), 8 + len(one), stamp - 10],
+    ]
     for size in range(8, len(whole), 7):
         write_buffer(tmp_path, TF, TF_TYPE, whole[:size])
         with pytest.raises(ValueError, match="/tf is truncated"):
@@ -239,11 +244,11 @@ def test_damaged_transforms_are_an_error(tmp_path: Path) -> None:
 
 def test_what_a_native_part_does_not_know_is_an_error() -> None:
     with pytest.raises(ValueError, match="no command of a native part: Survey"):
-        line(protocol.Survey())
+        words(protocol.Survey())
     unknown = msgspec.structs.replace(OUT, qos=None)
     with pytest.raises(ValueError, match="known quality of service"):
-        line(protocol.Subscribe(monitors=(unknown,)))
+        words(protocol.Subscribe(monitors=(unknown,)))
     with pytest.raises(ValueError, match="configured before"):
-        line(protocol.Follow(schedule=CyclicSchedule(steps=((0,),))))
+        words(protocol.Follow(schedule=CyclicSchedule(steps=((0,),))))
     with pytest.raises(ValueError, match="before it plays"):
-        line(protocol.Play(rate_hz=1.0, steps=1))
+        words(protocol.Play(rate_hz=1.0, steps=1))

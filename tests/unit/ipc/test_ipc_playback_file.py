@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from r2bspec.ipc.playback_events import EVENT_DTYPE, CyclicRound, Round, TimelineRound
+from r2bspec.ipc.playback_events import ENTRY_DTYPE, CyclicRound, Round, TimelineRound
 from r2bspec.ipc.playback_events import complete_steps as complete
 from r2bspec.ipc.playback_file import HEADER_BYTES, PlaybackReader, playback_path, write_playback
 from r2bspec.record.run_record import PLAYBACK_FIELDS
@@ -16,8 +16,8 @@ from r2bspec.record.run_record import PLAYBACK_FIELDS
 OVERLAPPING = [0, -1, 1, 0, 2]
 
 
-def events(steps: list[int]) -> Any:
-    found = np.zeros(len(steps), EVENT_DTYPE)
+def entries(steps: list[int]) -> Any:
+    found = np.zeros(len(steps), ENTRY_DTYPE)
     found["step"] = steps
     found["complete"] = complete(found["step"])
     found["due_ns"] = 10 * np.arange(len(steps))
@@ -37,11 +37,11 @@ class Player:
         path = playback_path(self._path, self._files)
         write_playback(path, made, 10.0, steps)
         self._count = np.memmap(path, dtype="<i8", mode="r+", shape=(1,))
-        self._events = np.memmap(path, dtype=EVENT_DTYPE, mode="r+", offset=HEADER_BYTES)
+        self._entries = np.memmap(path, dtype=ENTRY_DTYPE, mode="r+", offset=HEADER_BYTES)
 
     def publish(self) -> None:
         number = int(self._count[0])
-        event = self._events[number : number + 1]
+        event = self._entries[number : number + 1]
         event["published_ns"] = event["due_ns"] + 1
         event["done_ns"] = event["due_ns"] + 2
         event["stamp_ns"] = 100 * self._files + number
@@ -52,7 +52,7 @@ class Player:
 
 
 def timeline(steps: list[int]) -> TimelineRound:
-    return TimelineRound(events(steps), max(steps) + 1, period_ns=1000, stamp_period_ns=500)
+    return TimelineRound(entries(steps), max(steps) + 1, period_ns=1000, stamp_period_ns=500)
 
 
 def test_a_step_counts_when_it_and_all_before_it_are_complete(tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ def test_a_step_counts_when_it_and_all_before_it_are_complete(tmp_path: Path) ->
 def test_steps_of_all_playbacks_are_one_sequence(tmp_path: Path) -> None:
     player = Player(tmp_path)
     rows = player.reader()
-    made = CyclicRound(events([0, 1]), 2, np.array([0.0, 1.0]))
+    made = CyclicRound(entries([0, 1]), 2, np.array([0.0, 1.0]))
     for published in (3, 0, 2):
         player.begin(made, 5)
         for _ in range(published):
@@ -89,16 +89,19 @@ def test_steps_of_all_playbacks_are_one_sequence(tmp_path: Path) -> None:
     for start in range(7):
         for stop in (*range(7), None):
             assert rows.read(start, stop).tolist() == whole[start:stop].tolist()
+    assert rows.last_stamp_ns() == 301
     # Another reader, and one that has not looked before, see the same.
     assert player.reader().read().tolist() == whole.tolist()
 
 
-def test_a_recording_tells_the_player_its_earliest_stamp(tmp_path: Path) -> None:
+def test_no_stamp_of_an_earlier_playback_is_repeated(tmp_path: Path) -> None:
     made = timeline([-1, 0, 1])
-    made.events["stamp_ns"] = [-900, 7, -5]
-    write_playback(tmp_path / "recorded", made, 0.0, 4)
-    write_playback(tmp_path / "cyclic", CyclicRound(events([0]), 1, np.zeros(1)), 1.0, 1)
-    for name, expected in (("recorded", [6, 1, -5]), ("cyclic", [1, 0, 0])):
-        header = np.fromfile(tmp_path / name, dtype="<i8", count=5)
-        assert header[0] == 0
-        assert header[2:].tolist() == expected
+    made.entries["stamp_ns"] = [-900, 7, -5]
+    write_playback(tmp_path / "recorded", made, 0.0, 4, last_stamp_ns=100)
+    cyclic = CyclicRound(entries([0]), 1, np.zeros(1))
+    write_playback(tmp_path / "cyclic", cyclic, 1.0, 1, last_stamp_ns=100)
+    # The earliest stamp of the recording is 5 ns before its beginning.
+    for name, expected in (("recorded", [6, 1, 106]), ("cyclic", [1, 0, 101])):
+        header = np.fromfile(tmp_path / name, dtype="<i8", count=6)
+        assert header[[0, 3]].tolist() == [0, 1]
+        assert header[[2, 4, 5]].tolist() == expected
