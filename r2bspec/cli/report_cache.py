@@ -175,9 +175,10 @@ class ReportCache:
             if self._states.digest_bytes(content) != signed[:_DIGEST_LENGTH]:
                 return _Stored()
             found = msgspec.json.decode(content, type=_Stored)
-            os.utime(place)  # used last, and removed last
         except (OSError, ValueError, msgspec.DecodeError, RecursionError):
             return _Stored()
+        with contextlib.suppress(OSError):
+            os.utime(place)  # used last, and removed last
         return found
 
 
