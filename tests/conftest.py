@@ -8,9 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from hypothesis import settings
 
 if TYPE_CHECKING:
     from r2bspec.bags.recording import SyntheticDataset
+
+
+# A first example that imports or compiles something, on a busy machine, is no failure. The rest is
+# as Hypothesis has it, which in a CI job draws the same examples each time.
+settings.register_profile("without deadline", settings(), deadline=None)
+settings.load_profile("without deadline")
 
 
 def pytest_configure() -> None:
@@ -21,6 +28,8 @@ def pytest_configure() -> None:
     """
     # Tests make runs at the same time, on purpose; those of the lock have a lock of their own.
     os.environ["R2BSPEC_NO_LOCK"] = "1"
+    # A report that an earlier test left says nothing of what is tested.
+    os.environ["R2BSPEC_NO_CACHE"] = "1"
     # Output is plainer and rarer in a CI job; tests of that set the variable themselves.
     os.environ.pop("CI", None)
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

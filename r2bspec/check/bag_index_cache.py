@@ -8,13 +8,11 @@ indexed again. If the cache cannot be read or written, bags are indexed without 
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from r2bspec.private_files import private_files
-from r2bspec.untrusted.decompression_budget import chosen_max_bytes
 from r2bspec.untrusted.safe_json import read_json
 
 if TYPE_CHECKING:
@@ -37,7 +35,11 @@ def cached_index(location: BagLocation) -> BagIndex:
     """
     from r2bspec.datasets.locate_bag import index as index_location
 
-    entry = _cache_file(location.path) if location.path is not None else None
+    if location.path is None:
+        return index_location(location)
+    from r2bspec.untrusted.decompression_budget import chosen_max_bytes
+
+    entry = _cache_file(location.path)
     # What was indexed under other limits may be more than the user allows now.
     if entry is None or chosen_max_bytes() is not None:
         return index_location(location)
@@ -54,6 +56,8 @@ def cached_index(location: BagLocation) -> BagIndex:
 
 def _cache_file(bag: Path) -> Path | None:
     """The cache file for the index of a bag; None if the bag is not worth caching."""
+    import hashlib
+
     try:
         files = sorted(bag.iterdir()) if bag.is_dir() else [bag]
         stats = [(file, file.stat()) for file in files[:_MAX_FILES]]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+
+import msgspec
 
 from r2bspec.check.check_context import Context
 from r2bspec.check.requirement_metrics import KnownMetric, known_metrics
@@ -20,8 +21,7 @@ MAX_LOG_MARGIN = math.log(1.5)
 """The widest margin that is proposed: with it, a graph may become 50 % slower."""
 
 
-@dataclass(frozen=True)
-class NarrowMargin:
+class NarrowMargin(msgspec.Struct, frozen=True):
     """A requirement whose margin is below the noise.
 
     Attributes:

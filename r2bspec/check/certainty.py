@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from msgspec.structs import replace
 
 from r2bspec.check.check_context import Context
 from r2bspec.check.finding import Finding

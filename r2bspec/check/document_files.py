@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from r2bspec.check.bag_index_cache import cached_index
+from r2bspec.untrusted.looked_up_files import note_folder
 from r2bspec.wiring.companion_files import CompanionFiles, CompanionReader
 
 if TYPE_CHECKING:
@@ -47,6 +48,8 @@ class DocumentFiles:
         location = None
         try:
             location = locate(bag, self._base_dir)
+            if location.path is not None:
+                note_folder(location.path)
             return location, cached_index(location), None
         except DataError as error:
             return location, None, error

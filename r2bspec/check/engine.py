@@ -10,7 +10,7 @@ earlier rule suppresses is dropped.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import islice
+from itertools import chain, islice
 from typing import TYPE_CHECKING
 
 from r2bspec.check.check_context import Context
@@ -118,9 +118,13 @@ def _apply_rules(context: Context) -> list[Diagnostic]:
     found: list[Diagnostic] = []
     suppressed: set[str] = set()
     for rule in all_rules():
+        findings = rule.find(context)
+        first = next(findings, None)
+        if first is None:
+            continue
         # A rule suppresses findings of later rules, but not its own.
         unsuppressed = (
-            each for each in rule.find(context) if suppressed.isdisjoint(each.suppressed_by)
+            each for each in chain((first,), findings) if suppressed.isdisjoint(each.suppressed_by)
         )
         kept = list(islice(unsuppressed, MAX_PROBLEMS + 1))
         made = [to_diagnostic(each, rule.code, rule.severity, context.loaded) for each in kept]

@@ -39,3 +39,33 @@ def _section(key: str, text: str) -> str:
     if "\n" not in body and not body.lstrip().startswith("-") and ": " not in body.split("{")[0]:
         return f"{key}: {body.strip()}"
     return f"{key}:\n{textwrap.indent(body, '  ')}"
+
+
+def april_tag_example(truth: str = "", slos: str = "") -> str:
+    """A complete spec that finds the tag of r2b_storage, for the rules about ground truth.
+
+    Args:
+        truth: the value of the monitor's `truth`; none without it.
+        slos: the text of that section.
+    """
+    monitor = {"topic": "output", "format": "geometry_msgs/msg/PoseArray"}
+    if truth:
+        monitor["truth"] = truth
+    keys = "\n".join(f"  {key}: {value}" for key, value in monitor.items())
+    return example(
+        data_loader="""
+            bag: r2b_storage
+            topics: {/d455_1_rgb_image: image_raw, /d455_1_rgb_camera_info: info_raw}
+        """,
+        playback="""
+            inputs:
+              image: {from: image_raw, format: sensor_msgs/msg/Image}
+              camera_info: {from: info_raw, format: sensor_msgs/msg/CameraInfo}
+        """,
+        graph="""
+            nodes:
+              tags: {python: r2bspec.nodes.AprilTagNode, remappings: {detections: output}}
+        """,
+        monitors=f"output:\n{keys}",
+        **({"slos": slos} if slos else {}),
+    )

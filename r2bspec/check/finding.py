@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Set
-from dataclasses import dataclass
 from typing import Literal
+
+import msgspec
 
 from r2bspec.diagnostics.diagnostic import Path
 
@@ -12,8 +13,7 @@ SeverityName = Literal["error", "warning", "info"]
 """A `r2bspec.diagnostics.diagnostic.Severity`, as rules write it."""
 
 
-@dataclass(frozen=True, slots=True)
-class Pointer:
+class Pointer(msgspec.Struct, frozen=True):
     """Another place of the spec that explains a finding: the value at `path`, or its key."""
 
     message: str
@@ -21,8 +21,7 @@ class Pointer:
     key: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
+class Finding(msgspec.Struct, frozen=True, kw_only=True):
     """One problem.
 
     Attributes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import contextlib
 import importlib.util
 import os
 import re
@@ -11,7 +12,12 @@ from collections.abc import Iterator
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
-from r2bspec.untrusted.safe_file import read_bytes
+from r2bspec.untrusted.looked_up_files import (
+    environment_variable,
+    note_lookup,
+    shared_lookup,
+)
+from r2bspec.untrusted.safe_file import is_there, names_in, read_bytes
 
 _MAX_SOURCE_BYTES = 1_000_000
 _VERSION = re.compile(r"<version[^>]*>([^<]{1,100})</version>")
@@ -19,30 +25,50 @@ _INDEX = "share/ament_index/resource_index"
 _PACKAGE_INDEX = f"{_INDEX}/packages"
 
 
+@shared_lookup
 def find_module(name: str) -> ModuleSpec | None:
     """Find a module by its dotted name, without importing its parent packages."""
     top, *below = name.split(".")
+    _note_search(top, [*_unseen_folders(), *sys.path])
     try:
         found = PathFinder.find_spec(top, _unseen_folders()) or importlib.util.find_spec(top)
     except (ImportError, ValueError):
         found = None
+    _note_origin(found)
     path = top
     for part in below:
         if found is None or found.submodule_search_locations is None:
             return None
         path = f"{path}.{part}"
-        found = PathFinder.find_spec(path, list(found.submodule_search_locations))
+        folders = list(found.submodule_search_locations)
+        _note_search(part, folders)
+        found = PathFinder.find_spec(path, folders)
+        _note_origin(found)
     return found
+
+
+def _note_search(name: str, folders: list[str]) -> None:
+    """Take notice of the folders in which a module is searched, and of its own, if it has one."""
+    for each in folders:
+        # The times of a folder change when a file comes or goes.
+        note_lookup(Path(each))
+        note_lookup(Path(each, name))
+
+
+def _note_origin(found: ModuleSpec | None) -> None:
+    if found is not None and found.has_location and found.origin:
+        note_lookup(Path(found.origin))
 
 
 def _unseen_folders() -> list[str]:
     """The folders of PYTHONPATH, where this interpreter ignores it (``-I``): processes do not."""
     if not sys.flags.ignore_environment:
         return []
-    entries = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    entries = (environment_variable("PYTHONPATH") or "").split(os.pathsep)
     return [str(Path(each).absolute()) for each in entries if each]
 
 
+@shared_lookup
 def top_level_names(source: Path) -> frozenset[str] | None:
     """The names that a Python file defines, or None if its text does not determine them.
 
@@ -84,32 +110,46 @@ def _assigned_names(part: ast.AST) -> Iterator[str]:
             yield each.id
 
 
+@shared_lookup
+def is_on_path(program: str) -> bool:
+    """Whether the folders of ``$PATH`` have a program of that name."""
+    for each in (environment_variable("PATH") or os.defpath).split(os.pathsep):
+        note_lookup(Path(each, program))
+    import shutil
+
+    return shutil.which(program) is not None
+
+
 def ament_prefixes() -> list[Path]:
     """The folders in which ROS packages are installed."""
-    return [Path(each) for each in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if each]
+    prefixes = environment_variable("AMENT_PREFIX_PATH") or ""
+    return [Path(each) for each in prefixes.split(":") if each]
 
 
-def ament_packages() -> set[str]:
+@shared_lookup
+def ament_packages() -> frozenset[str]:
     """The names of all installed ROS packages."""
     found: set[str] = set()
     for prefix in ament_prefixes():
-        try:
-            found.update(each.name for each in (prefix / _PACKAGE_INDEX).iterdir())
-        except OSError:
-            continue
-    return found
+        with contextlib.suppress(OSError):
+            found.update(names_in(prefix / _PACKAGE_INDEX))
+    return frozenset(found)
 
 
-def package_executables(package: str) -> set[str]:
+@shared_lookup
+def package_executables(package: str) -> frozenset[str]:
     """The names of the executables of a ROS package."""
     found: set[str] = set()
     for prefix in ament_prefixes():
-        try:
-            entries = list(os.scandir(prefix / "lib" / package))
-        except OSError:
-            continue
-        found.update(each.name for each in entries if os.access(each.path, os.X_OK))
-    return found
+        folder = prefix / "lib" / package
+        with contextlib.suppress(OSError):
+            found.update(each for each in names_in(folder) if _is_executable(folder / each))
+    return frozenset(found)
+
+
+def _is_executable(file: Path) -> bool:
+    note_lookup(file)
+    return os.access(file, os.X_OK)
 
 
 def package_plugins(package: str) -> set[str]:
@@ -144,14 +184,16 @@ def _index_text(entry: Path) -> str:
         return ""
 
 
+@shared_lookup
 def package_share(package: str) -> Path | None:
     """The share folder of a ROS package, or None if it is not installed."""
     for prefix in ament_prefixes():
-        if (prefix / _PACKAGE_INDEX / package).exists():
+        if is_there(prefix / _PACKAGE_INDEX / package):
             return prefix / "share" / package
     return None
 
 
+@shared_lookup
 def package_version(package: str) -> str:
     """The version of an installed ROS package, from its package.xml; empty if unknown."""
     share = package_share(package) if package else None

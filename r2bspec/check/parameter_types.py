@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+
+import msgspec
 
 from r2bspec.check.check_context import Context
 from r2bspec.diagnostics.diagnostic import Path
@@ -31,8 +32,7 @@ def parameter_type(value: ParameterValue) -> ParameterType | None:
     return next((array for _, name, array in _TYPES if name == only), None)
 
 
-@dataclass(frozen=True, slots=True)
-class ParameterOverride:
+class ParameterOverride(msgspec.Struct, frozen=True):
     """A parameter that the spec or a parameter file sets.
 
     Attributes:

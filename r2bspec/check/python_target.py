@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
+
+import msgspec
 
 from r2bspec.untrusted.safe_file import real_path
 
 
-@dataclass(frozen=True, slots=True)
-class PythonTarget:
+class PythonTarget(msgspec.Struct, frozen=True):
     """A class or function in a module or a file.
 
     Attributes:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import lru_cache
+
+import msgspec
 
 from r2bspec.check.check_context import Context
 from r2bspec.check.spec_requirements import LocatedRequirement
@@ -12,8 +13,7 @@ from r2bspec.measure.errors import MetricError
 from r2bspec.measure.metric_catalogue import MetricInfo, resolve
 
 
-@dataclass(frozen=True, slots=True)
-class KnownMetric:
+class KnownMetric(msgspec.Struct, frozen=True):
     """A requirement whose metric exists; `monitor` is None if it applies to no single monitor."""
 
     located: LocatedRequirement
@@ -21,8 +21,7 @@ class KnownMetric:
     info: MetricInfo
 
 
-@dataclass(frozen=True, slots=True)
-class UnknownMetric:
+class UnknownMetric(msgspec.Struct, frozen=True):
     """A requirement whose metric or monitor does not exist."""
 
     located: LocatedRequirement

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+
+import msgspec
 
 from r2bspec.check.check_context import Context
 from r2bspec.check.finding import Findings, SeverityName
@@ -11,8 +12,7 @@ from r2bspec.diagnostics.code_pages import Page
 from r2bspec.diagnostics.diagnostic import Severity
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rule:
+class Rule(msgspec.Struct, frozen=True, kw_only=True):
     """One rule: title, reason, examples, and the function that finds violations.
 
     Attributes:

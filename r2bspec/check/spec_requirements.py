@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Literal
+
+import msgspec
 
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.confidence import CONFIDENCE
@@ -13,8 +14,7 @@ from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Spec
 
 
-@dataclass(frozen=True, slots=True)
-class LocatedRequirement:
+class LocatedRequirement(msgspec.Struct, frozen=True):
     """A requirement of an objective, or a condition of the search.
 
     Attributes:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import os
-import platform
+import re
+import sys
 from pathlib import Path
 from typing import Final
 
 from r2bspec.plan.host_match import MachineFacts
+from r2bspec.untrusted.looked_up_files import environment_variable, shared_lookup
+from r2bspec.untrusted.safe_file import names_in
 
 LABELS_VARIABLE: Final = "R2BSPEC_LABELS"
 """The labels of this machine, as ``robot=carter,floor=2``."""
@@ -20,18 +22,25 @@ ARCHITECTURES: Final = (
 )
 """As the kernel calls them."""
 
+_RCLPY: Final = re.compile(r"ros[-_.](\w+?)[-_.]rclpy-[^-]+\.(?:dist|egg)-info$", re.IGNORECASE)
+"""The folder with the metadata of the wheel of a distribution: importing what reads it takes longer
+than all of this module."""
+
+SHARED_MEMORY: Final = "/dev/shm"  # noqa: S108 -- only its size is read
+
 _NVIDIA: Final = Path("/proc/driver/nvidia/gpus")
 _OTHER_GPUS: Final = {"/dev/nvhost-gpu": "NVIDIA Tegra", "/dev/kfd": "AMD"}
 
 
+@shared_lookup
 def this_machine() -> MachineFacts:
     """Architecture, CPUs, GPUs, ROS distribution and labels of this machine."""
     return MachineFacts(
-        arch=platform.machine(),
+        arch=os.uname().machine,
         cores=len(os.sched_getaffinity(0)),
         gpus=gpus(),
         ros_distro=ros_distro(),
-        labels=labels_of(os.environ.get(LABELS_VARIABLE, "")),
+        labels=labels_of(environment_variable(LABELS_VARIABLE) or ""),
     )
 
 
@@ -44,17 +53,30 @@ def gpus() -> tuple[str, ...]:
         return tuple(name for file, name in _OTHER_GPUS.items() if Path(file).exists())
 
 
+def shared_memory_bytes() -> int | None:
+    """The size of the file system for shared memory; None where there is none."""
+    try:
+        found = os.statvfs(SHARED_MEMORY)
+    except OSError:
+        return None
+    return found.f_blocks * found.f_frsize
+
+
 def ros_distro() -> str:
     """The ROS distribution: a sourced one, or that of the wheels; empty if there is none."""
-    if distribution := os.environ.get("ROS_DISTRO"):
+    if distribution := environment_variable("ROS_DISTRO"):
         return distribution
-    for each in ROS_DISTROS:
-        try:
-            importlib.metadata.version(f"ros-{each}-rclpy")
-        except importlib.metadata.PackageNotFoundError:
-            continue
-        return each
-    return ""
+    installed = {
+        found[1] for each in sys.path for found in map(_RCLPY.match, _names_in(each)) if found
+    }
+    return next((each for each in ROS_DISTROS if each in installed), "")
+
+
+def _names_in(folder: str) -> list[str]:
+    try:
+        return names_in(Path(folder or "."))
+    except OSError:
+        return []
 
 
 def labels_of(text: str) -> dict[str, str]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import cache
 from itertools import islice
+
+import msgspec
 
 from r2bspec.check.check_context import Context
 
@@ -11,8 +13,7 @@ _MIN_ESTIMATED_MESSAGES = 5
 """Below this number an estimate is useless, and reading the messages is cheap."""
 
 
-@dataclass(frozen=True, slots=True)
-class MessageCount:
+class MessageCount(msgspec.Struct, frozen=True):
     """A number of messages; `exact` is False for an estimate from the mean rate."""
 
     messages: int
@@ -53,6 +54,7 @@ def window_message_counts(context: Context) -> dict[str, MessageCount]:
     return found
 
 
+@cache  # of a pure function: the catalogue and its datasets do not change
 def _count_rendered(name: str, topic: str, start_ns: int, end_ns: int) -> int:
     from r2bspec.bags.errors import DataError
     from r2bspec.bags.recording import Window

@@ -2,29 +2,31 @@
 
 Of a document only its findings are kept, and its text where they refer to it, so that memory
 does not grow with the number of files. Many files are distributed among processes, one for each
-CPU; the order of the results is that of the files in either case.
+CPU; the order of the results is that of the files in either case. What checks a document is
+imported with the first one: where the cache knows them all, nothing of it is needed.
 """
 
 from __future__ import annotations
 
 import gc
 import os
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import click
 
+from r2bspec.cli.file_report import CheckOptions, FileReport
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.diagnostics.waivers import may_contain_waiver
 from r2bspec.errors import R2bspecError
-from r2bspec.language.case_findings import merge_case_findings
-from r2bspec.language.load_spec import LoadedSpec, load_cases
+from r2bspec.untrusted.looked_up_files import looked_up_files, shared_lookups
 
 if TYPE_CHECKING:
-    from r2bspec.language.untrusted_environment import UntrustedSpecs
+    from r2bspec.cli.report_cache import Dependencies, ReportCache
+    from r2bspec.language.load_spec import LoadedSpec
 
 T = TypeVar("T")
 
@@ -35,51 +37,78 @@ long as checking ten files."""
 _MIN_FILES_PER_WORKER = 16
 
 
-@dataclass(frozen=True, slots=True)
-class CheckOptions:
-    """The options for every file."""
-
-    sets: tuple[str, ...] = ()
-    variables: Mapping[str, str] | None = None
-    case: str = ""
-    allow_paths: tuple[Path, ...] = ()
-    untrusted: UntrustedSpecs | None = None
-    offline: bool = False
-    resolved: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class FileReport:
-    """One file after its check.
-
-    Attributes:
-        file: its name for the user.
-        cases: the number of checked cases; 1 without a matrix.
-        complete: whether all rules were applied, which needs a well-formed document.
-        findings: all findings, sorted by place.
-        texts: the texts that the findings refer to, by file name.
-        resolved: if requested, every case with all substitutions done, by the file's name and the
-            case.
-    """
+class _Checked(NamedTuple):
+    """The report of a file as it was named, and what it depends on, for the cache."""
 
     file: str
-    cases: int
-    complete: bool
-    findings: tuple[Diagnostic, ...]
-    texts: Mapping[str, str]
-    resolved: Mapping[str, str] = field(default_factory=dict)
+    report: FileReport
+    dependencies: Dependencies | None = None
 
 
-def check_files(files: Sequence[str], options: CheckOptions) -> Iterator[FileReport]:
+def check_files(
+    files: Sequence[str], options: CheckOptions, cache: ReportCache | None = None
+) -> Iterator[FileReport]:
     """Check every file, in the order given.
+
+    Args:
+        files: by name; ``-`` is standard input.
+        options: for all of them.
+        cache: has the reports of files that are as they were, and gets the others.
 
     Raises:
         InternalError, WorkerEndedError: the check of a file crashed; after the reports of the
             others.
     """
+    from r2bspec.cli.internal_error import InternalError, WorkerEndedError
+
+    known = {} if cache is None else {file: cache.get(file) for file in files}
+    rest = [file for file in files if known.get(file) is None]
     # Documents are trees: frequent collection of cycles takes time and frees nothing.
     gc.set_threshold(50_000, 20, 20)
-    check_one = partial(check_file, options=options)
+    check_one = partial(_check_noting, options=options, cache=cache, started_ns=time.time_ns())
+    checked = _checked(check_one, rest)
+    following = iter(files)
+    failure: R2bspecError | None = None
+    try:
+        with shared_lookups():
+            for each in checked:
+                yield from _reports_before(each.file, following, known)
+                if cache is not None:
+                    cache.put(*each)
+                yield each.report
+    except (InternalError, WorkerEndedError) as error:
+        failure = error
+    finally:
+        if cache is not None:
+            cache.write()
+    yield from _reports_before(None, following, known)
+    if failure is not None:
+        raise failure
+
+
+def _reports_before(
+    file: str | None, files: Iterator[str], known: Mapping[str, FileReport | None]
+) -> Iterator[FileReport]:
+    """The known reports of the files up to one; that one is taken from the files, too."""
+    for each in files:
+        if each == file:
+            return
+        report = known.get(each)
+        if report is not None:
+            yield report
+
+
+def _check_noting(
+    file: str, options: CheckOptions, cache: ReportCache | None, started_ns: int
+) -> _Checked:
+    if cache is None:
+        return _Checked(file, check_file(file, options))
+    with looked_up_files() as seen:
+        report = check_file(file, options)
+    return _Checked(file, report, cache.dependencies(seen, started_ns))
+
+
+def _checked(check_one: Callable[[str], _Checked], files: Sequence[str]) -> Iterator[_Checked]:
     workers = min(len(os.sched_getaffinity(0)), len(files) // _MIN_FILES_PER_WORKER)
     if len(files) < MIN_PARALLEL_FILES or workers < 2 or "-" in files:
         yield from _one_after_another(check_one, files)
@@ -97,8 +126,8 @@ def check_files(files: Sequence[str], options: CheckOptions) -> Iterator[FileRep
 
 
 def _one_after_another(
-    check_one: Callable[[str], FileReport], files: Sequence[str]
-) -> Iterator[FileReport]:
+    check_one: Callable[[str], _Checked], files: Sequence[str]
+) -> Iterator[_Checked]:
     from r2bspec.cli.internal_error import InternalError, UncheckedFiles
 
     failures = UncheckedFiles()
@@ -148,6 +177,8 @@ def check_text(text: str, file: str, options: CheckOptions) -> list[Diagnostic]:
 
 
 def _load(source: Path | str, file: str, options: CheckOptions) -> tuple[LoadedSpec, ...]:
+    from r2bspec.language.load_spec import load_cases
+
     return load_cases(
         source,
         file=file,
@@ -164,6 +195,8 @@ def _findings(cases: tuple[LoadedSpec, ...], options: CheckOptions) -> list[Diag
     # All cases have the same texts.
     waived = any(map(may_contain_waiver, {text for one in cases for text in one.texts.values()}))
     if not waived and all(each.spec is None for each in cases):
+        from r2bspec.language.case_findings import merge_case_findings
+
         return merge_case_findings(cases, [each.diagnostics for each in cases])
     from r2bspec.check.engine import check_cases
 

@@ -7,14 +7,16 @@ from __future__ import annotations
 
 import functools
 import os
-import shlex
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
-from click.shell_completion import CompletionItem
 
-Complete = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
+Complete = Callable[[click.Context, click.Parameter, str], "list[CompletionItem]"]
 
 
 def _proposals(values: Callable[[click.Context], Iterable[str]]) -> Complete:
@@ -25,6 +27,8 @@ def _proposals(values: Callable[[click.Context], Iterable[str]]) -> Complete:
         ctx: click.Context, _param: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
         try:
+            from click.shell_completion import CompletionItem
+
             return [CompletionItem(each) for each in values(ctx) if each.startswith(incomplete)]
         except Exception:  # a traceback in the middle of a command line helps no user
             return []
@@ -38,6 +42,8 @@ def _spec_of(_ctx: click.Context) -> Path:
     From the words that the shell passes on: an option without a value, which is what is completed,
     ends the parsing of the command line, so that click does not know its arguments.
     """
+    import shlex
+
     words = shlex.split(os.environ.get("COMP_WORDS", ""))
     return next(Path(word) for word in words[2:] if Path(word).is_file())
 

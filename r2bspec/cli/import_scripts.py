@@ -112,7 +112,8 @@ def _import(
 
 def _add_errors_of_spec(spec: ImportedSpec, target: Path | None, findings: _Findings) -> None:
     """Add what `validate` calls an error in the spec, whatever this machine has."""
-    from r2bspec.cli.check_files import CheckOptions, check_text
+    from r2bspec.cli.check_files import check_text
+    from r2bspec.cli.file_report import CheckOptions
 
     name = str(target) if target is not None else f"{spec.name}{SUFFIX}"
     found = check_text(spec.text, name, CheckOptions(offline=True))

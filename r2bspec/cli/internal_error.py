@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import os
-import platform
-import tempfile
-import traceback
-from dataclasses import dataclass
 from pathlib import Path
+
+import msgspec
 
 from r2bspec._version import __version__
 from r2bspec.errors import R2bspecError
@@ -22,8 +20,7 @@ _ISSUE_LABELS = ("issues", "issue tracker", "bug tracker", "bugs", "repository",
 """Labels of project URLs at which a problem can be reported, the most precise first."""
 
 
-@dataclass(frozen=True, slots=True)
-class Crash:
+class Crash(msgspec.Struct, frozen=True):
     """An unforeseen error as another process can be told of it.
 
     Attributes:
@@ -97,6 +94,8 @@ class UncheckedFiles:
 
 
 def _formatted(error: BaseException) -> list[str]:
+    import traceback
+
     try:
         return traceback.format_exception(error)
     except (RecursionError, MemoryError, ValueError):
@@ -105,6 +104,8 @@ def _formatted(error: BaseException) -> list[str]:
 
 
 def _place(error: BaseException) -> str:
+    import traceback
+
     found = ""
     for frame, line in traceback.walk_tb(error.__traceback__):
         file = Path(frame.f_code.co_filename)
@@ -131,6 +132,9 @@ def _issue_tracker() -> str:
 
 def _keep(crash: Crash) -> str:
     """Write the traceback to a new file that only its owner can read; says where it is."""
+    import platform
+    import tempfile
+
     system = f"r2bspec {__version__}, Python {platform.python_version()}, {platform.platform()}"
     text = f"{system}\n{crash.doing}\n{crash.trace}"
     try:

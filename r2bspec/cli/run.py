@@ -106,6 +106,9 @@ if TYPE_CHECKING:
     help="With --on: how often an invalid run is made again, on the same host.",
 )
 @connection_options
+@click.option(
+    "--timings", is_flag=True, help="Print where the time of the run went, to standard error."
+)
 @click.option("--no-wait", is_flag=True, help="Refuse to run while this host runs a benchmark.")
 @click.option("--no-lock", is_flag=True, help="Run even while this host runs a benchmark.")
 @click.option(

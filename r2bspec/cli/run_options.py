@@ -37,6 +37,7 @@ class RunOptions:
     record_outputs: bool = False
     profile: str | None = None
     profile_node: str | None = None
+    timings: bool = False
     no_wait: bool = False
     no_lock: bool = False
     on: str | None = None
@@ -98,6 +99,10 @@ class RunOptions:
             )
         if self.profile is not None and self.compares:
             raise click.UsageError("--profile cannot be combined with --against or --control")
+        if self.timings and (self.compares or self.needs_suite or self.on is not None):
+            raise click.UsageError(
+                "--timings is of one run on this host; 'phases' in each record.json has the times"
+            )
         if self.profile_node is not None and self.profile is None:
             raise click.UsageError("--profile-node needs --profile")
         if self.force and not (self.against or self.baseline is not None):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -51,7 +52,9 @@ def _run(selection: SpecSelection, options: RunOptions, folder: _Folder) -> int:
         estimate = estimate_time(single_run_plan(prepared.plan))
         remaining = RemainingTime(estimate, runs=runs)
         text = f"about {time_text(runs * estimate.seconds)}, {runs} runs"
+    asked_ns = time.monotonic_ns()
     with locked_host(name, options):
+        waited_ns = time.monotonic_ns() - asked_ns
         if not options.quiet:
             echo(f"{name}: {text}", err=True)
         result = execute(prepared, selection, options, folder.path, remaining)
@@ -61,7 +64,21 @@ def _run(selection: SpecSelection, options: RunOptions, folder: _Folder) -> int:
     if options.output_format == "json" or takes_stdout(options.reports):
         echo(folder_line(folder.path), err=True)
     write_reports_of(options, folder.path, selection.spec)
+    if options.timings:
+        _show_timings(folder.path, waited_ns)
     return result.verdict.exit_code
+
+
+def _show_timings(folder: Path, waited_ns: int) -> None:
+    """Print where the time of the command went until now, without the wait for the host."""
+    import psutil
+
+    from r2bspec.record.run_folder import open_run
+    from r2bspec.report.terminal.phase_table import show_phases
+
+    now_ns = time.monotonic_ns()
+    began_ns = now_ns - round((time.time() - psutil.Process().create_time()) * 1e9)
+    show_phases(open_run(folder).record, began_ns + waited_ns, now_ns)
 
 
 class _Folder:

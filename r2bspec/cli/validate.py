@@ -17,7 +17,7 @@ from r2bspec.report.findings.finding_formats import FORMATS
 from r2bspec.report.output import echo, echo_document
 
 if TYPE_CHECKING:
-    from r2bspec.cli.check_files import CheckOptions, FileReport
+    from r2bspec.cli.file_report import CheckOptions, FileReport
     from r2bspec.diagnostics import Diagnostic
     from r2bspec.errors import R2bspecError
 
@@ -48,6 +48,11 @@ if TYPE_CHECKING:
     "--quiet", "-q", is_flag=True, help="Print nothing but findings: no summary at the end."
 )
 @click.option("--watch", is_flag=True, help="Check again whenever a file changes; end with Ctrl-C.")
+@click.option(
+    "--no-cache",
+    is_flag=True,
+    help="Check every file, also those of which nothing has changed since an earlier check.",
+)
 def command(
     paths: tuple[str, ...],
     output_format: str,
@@ -59,14 +64,17 @@ def command(
     strict: bool,
     quiet: bool,
     watch: bool,
+    no_cache: bool,
 ) -> int:
     """Check specs and report problems.
 
     PATH is a file, a folder (all *.r2b.yaml below it), a pattern such as 'specs/*.yaml', or -
     for standard input. All cases of a matrix are checked, unless --case selects one.
     """
-    from r2bspec.cli.check_files import CheckOptions, check_files, check_text
+    from r2bspec.cli.check_files import check_files, check_text
+    from r2bspec.cli.file_report import CheckOptions
     from r2bspec.cli.internal_error import InternalError, WorkerEndedError
+    from r2bspec.cli.report_cache import ReportCache
     from r2bspec.cli.spec_files import spec_files
 
     check_options = CheckOptions(*values, offline=offline, resolved=resolved)
@@ -86,10 +94,11 @@ def command(
         changes = repair(files, lambda text, file: check_text(text, file, check_options), write=fix)
         if diff:
             return ExitStatus.FINDINGS_OR_FAILED if changes else ExitStatus.OK
+    cache = None if no_cache else ReportCache.of_check(files, check_options)
     checked: list[FileReport] = []
     crash: R2bspecError | None = None
     try:
-        checked.extend(check_files(files, check_options))
+        checked.extend(check_files(files, check_options, cache))
     except (InternalError, WorkerEndedError) as error:
         crash = error
     failing = {"error", "warning"} if strict else {"error"}

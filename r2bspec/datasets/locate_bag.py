@@ -6,14 +6,16 @@ import os
 from functools import cache
 from pathlib import Path
 
-from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.errors import BAG_NOT_FOUND, DataError
 from r2bspec.bags.recording import BagIndex, BagLocation
 from r2bspec.datasets.sequences import SEQUENCES, describe, unknown_dataset_error
 from r2bspec.diagnostics.quote import clip
+from r2bspec.untrusted.looked_up_files import environment_variable, note_lookup
+from r2bspec.untrusted.safe_file import is_folder, is_there, names_in
 
 _MAX_NAME_LENGTH = 4095  # that of Linux
 DATASETS_VARIABLE = "R2B_DATASETS"
+_USERS = Path("/etc/passwd")
 
 
 def locate(bag: str, base_dir: Path) -> BagLocation:
@@ -36,9 +38,8 @@ def locate(bag: str, base_dir: Path) -> BagLocation:
             code=BAG_NOT_FOUND,
             hint=f"a path has at most {_MAX_NAME_LENGTH:,}",
         )
-    # Unlike those of pathlib, these take a name that cannot be for one that is not there.
-    path = base_dir / os.path.expanduser(bag)  # noqa: PTH111
-    if bag and os.path.exists(path):  # noqa: PTH110
+    path = base_dir / _expanded(bag)
+    if bag and is_there(path):
         return BagLocation(kind="recorded", path=path)
     if "/" in bag:
         raise DataError(
@@ -56,7 +57,7 @@ def locate_dataset(name: str) -> BagLocation:
         DataError: R2B307; R2B301 where ``$R2B_DATASETS`` is no folder.
     """
     real = _datasets_folder()
-    if real is not None and name and os.path.exists(real / name):  # noqa: PTH110
+    if real is not None and name and is_there(real / name):
         return BagLocation(kind="recorded", path=real / name, dataset=name)
     if name not in SEQUENCES:
         raise unknown_dataset_error(name, known_datasets())
@@ -70,6 +71,8 @@ def index(location: BagLocation) -> BagIndex:
         DataError: as `index_bag`.
     """
     if location.path is not None:
+        from r2bspec.bags.bag_index import index_bag
+
         return index_bag(location.path)
     return _index_synthetic(location.dataset or "")
 
@@ -86,17 +89,25 @@ def known_datasets() -> tuple[str, ...]:
         DataError: ``$R2B_DATASETS`` is no folder (R2B301).
     """
     real = _datasets_folder()
-    recorded = [each.name for each in real.iterdir() if each.is_dir()] if real else []
+    recorded = [each for each in names_in(real) if is_folder(real / each)] if real else []
     return tuple(sorted({*SEQUENCES, *recorded}))
+
+
+def _expanded(path: str) -> str:
+    """A path with the home folder in place of ``~``."""
+    if path.startswith("~"):
+        note_lookup(_USERS)
+        environment_variable("HOME")
+    return os.path.expanduser(path)  # noqa: PTH111 - that of pathlib raises for unknown users
 
 
 def _datasets_folder() -> Path | None:
     """The folder of recorded datasets; None if the variable is not set."""
-    value = os.environ.get(DATASETS_VARIABLE, "")
+    value = environment_variable(DATASETS_VARIABLE) or ""
     if not value:
         return None
-    folder = Path(os.path.expanduser(value))  # noqa: PTH111
-    if not os.path.isdir(folder):  # noqa: PTH112
+    folder = Path(_expanded(value))
+    if not is_folder(folder):
         # The synthetic data would be another measurement than the one requested.
         raise DataError(
             f"${DATASETS_VARIABLE} is {folder}, which is not a folder",

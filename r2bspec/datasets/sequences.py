@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+
+import msgspec
 
 from r2bspec.bags.errors import DATASET_UNKNOWN, TOPIC_NOT_IN_BAG, WINDOW_OUTSIDE_BAG, DataError
 from r2bspec.bags.recording import BagIndex, TopicInfo, Window, WritableStorage
@@ -32,8 +32,7 @@ OFFERED_QOS = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Sequence:
+class Sequence(msgspec.Struct, frozen=True):
     """A sequence that can be rendered; it lasts `DURATION_NS`.
 
     Attributes:
@@ -82,6 +81,8 @@ def find_sequence(name: str) -> Sequence:
 
 def unknown_dataset_error(name: str, known: Collection[str]) -> DataError:
     """The error for an unknown dataset name."""
+    import difflib
+
     close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
     return DataError(
         f"there is no dataset {quote(name)}",
@@ -103,6 +104,8 @@ def select_sources(name: str, topics: Collection[str] | None) -> tuple[TopicSour
         return tuple(sources[topic] for topic in sorted(sources))
     wanted = {topic if topic.startswith("/") else f"/{topic}" for topic in topics}
     for topic in sorted(wanted - sources.keys()):
+        import difflib
+
         close = difflib.get_close_matches(topic, sources, n=1, cutoff=0.5)
         raise DataError(
             f"dataset {name} has no topic {topic}",

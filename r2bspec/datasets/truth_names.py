@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+
+import msgspec
 
 from r2bspec.bags.recording import BagLocation
-from r2bspec.datasets.read_truth import read_ground_truth
 from r2bspec.datasets.scene.rig import IMAGE, STEREO_PAIRS
-from r2bspec.datasets.scene.scenes import find_scene
 from r2bspec.datasets.sequences import SEQUENCES
 
 
-@dataclass(frozen=True, slots=True)
-class TruthNames:
+class TruthNames(msgspec.Struct, frozen=True):
     """The names that `truth.name` can have.
 
     Attributes:
@@ -37,6 +35,8 @@ def truth_names(location: BagLocation, topics: Collection[str]) -> TruthNames | 
     """
     if location.path is None:
         return _synthetic(location.dataset or "", {f"/{each.strip('/')}" for each in topics})
+    from r2bspec.datasets.read_truth import read_ground_truth
+
     known = read_ground_truth(location.path)
     if known is None:
         return None
@@ -45,6 +45,8 @@ def truth_names(location: BagLocation, topics: Collection[str]) -> TruthNames | 
 
 
 def _synthetic(dataset: str, topics: Collection[str]) -> TruthNames:
+    from r2bspec.datasets.scene.scenes import find_scene
+
     images = {each.name for each in SEQUENCES[dataset].sources if each.type == IMAGE}
     made = images.intersection(topics)
     shows_tag = find_scene(dataset).tag is not None

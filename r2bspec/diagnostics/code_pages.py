@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import msgspec
 
 from r2bspec.diagnostics.diagnostic import Severity
 
@@ -19,8 +19,7 @@ FAMILIES = {
 """The family of a code, by its first digit."""
 
 
-@dataclass(frozen=True, slots=True)
-class Page:
+class Page(msgspec.Struct, frozen=True):
     """The explanation of one diagnostic code.
 
     Attributes:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from enum import StrEnum
+
+import msgspec
 
 Path = tuple[str | int, ...]
 """The place of a value in the document: keys and list indices from the root."""
@@ -24,8 +25,7 @@ class Certainty(StrEnum):
     ENVIRONMENT = "environment"
 
 
-@dataclass(frozen=True, slots=True)
-class Span:
+class Span(msgspec.Struct, frozen=True, gc=False):
     """A part of a file. Lines and columns count from 1, in characters; the end is exclusive."""
 
     file: str
@@ -40,24 +40,21 @@ class Span:
         return cls(file, 1, 1, 1, 1)
 
 
-@dataclass(frozen=True, slots=True)
-class Related:
+class Related(msgspec.Struct, frozen=True, gc=False):
     """Another place related to a problem."""
 
     message: str
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class Edit:
+class Edit(msgspec.Struct, frozen=True, gc=False):
     """A replacement that is safe to apply automatically."""
 
     span: Span
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class Diagnostic:
+class Diagnostic(msgspec.Struct, frozen=True, gc=False):
     """One problem: its code, severity, message, place, and how to fix it.
 
     Attributes:
@@ -76,7 +73,7 @@ class Diagnostic:
     help: str = ""
     related: tuple[Related, ...] = ()
     edit: Edit | None = None
-    certainty: Certainty = field(default=Certainty.CERTAIN)
+    certainty: Certainty = Certainty.CERTAIN
 
     @property
     def sort_key(self) -> tuple[str, int, int, str, str]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
+from functools import lru_cache
 from itertools import islice
 
 _MAX_CANDIDATES = 1000
@@ -19,6 +19,13 @@ def did_you_mean(wrong: str, known: Iterable[str]) -> str:
     """
     if len(wrong) > _MAX_NAME_LENGTH:
         return ""
-    by_fold = {name.casefold(): name for name in islice(known, _MAX_CANDIDATES)}
+    return _closest(wrong, tuple(islice(known, _MAX_CANDIDATES)))
+
+
+@lru_cache(maxsize=200)  # many specs name the same thing that is not installed
+def _closest(wrong: str, known: tuple[str, ...]) -> str:
+    import difflib
+
+    by_fold = {name.casefold(): name for name in known}
     close = difflib.get_close_matches(wrong.casefold(), by_fold, n=1, cutoff=0.6)
     return by_fold[close[0]] if close else ""

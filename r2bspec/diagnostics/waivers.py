@@ -12,9 +12,11 @@ import contextlib
 import re
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any
+
+import msgspec
+from msgspec.structs import replace
 
 from r2bspec.diagnostics.diagnostic import Diagnostic, Severity, Span
 from r2bspec.diagnostics.quote import quote
@@ -42,8 +44,7 @@ _MACHINE_DEPENDENT = re.compile(r"R2B(?:202|[36]\d\d)$")
 _UNREADABLE_CODE = re.compile(r"R2B[01]\d\d$")
 
 
-@dataclass(frozen=True, slots=True)
-class Waiver:
+class Waiver(msgspec.Struct, frozen=True):
     """One code that one comment waives.
 
     Attributes:

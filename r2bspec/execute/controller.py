@@ -22,7 +22,7 @@ from r2bspec.check.installed_packages import find_module
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.bringup.commands import run_setup_step
 from r2bspec.execute.bringup.graph_joins import build_join_files
-from r2bspec.execute.bringup.launcher import Launcher
+from r2bspec.execute.bringup.launcher import Launcher, message_packages
 from r2bspec.execute.errors import (
     GraphMismatchError,
     InterruptedRunError,
@@ -42,6 +42,7 @@ from r2bspec.execute.inputs.preprocess import preprocess
 from r2bspec.execute.measurement.measurement import Measurement
 from r2bspec.execute.measurement.run_reporter import RunReporter
 from r2bspec.execute.measurement.time_budget import TimeBudget
+from r2bspec.execute.phase_clock import PhaseClock
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.executables import resolve_argv
 from r2bspec.execute.processes.joinable import require_joinable
@@ -59,7 +60,7 @@ from r2bspec.execute.profile.profiled_iteration import (
 from r2bspec.execute.profile.profilers import find_profiler
 from r2bspec.execute.profile.usable import require_usable
 from r2bspec.execute.progress import Progress
-from r2bspec.execute.session import Session
+from r2bspec.execute.session import MEASURE_PHASE, Session
 from r2bspec.execute.start_sequence import StartSequence
 from r2bspec.ipc.buffers import largest_message_bytes
 from r2bspec.ipc.clocks import ClockOffsetTracker
@@ -158,6 +159,7 @@ class _Controller:
         self._machine = describe_machine()
         self._versions = describe_versions()
         self._events: list[tuple[int, str]] = []
+        self._clock = PhaseClock()
         self._clocks = ClockOffsetTracker()
         self._datasets: tuple[ResolvedDataset, ...] = ()
         # Checked several times a second, and empty for most plans.
@@ -171,8 +173,10 @@ class _Controller:
             self._check,
             lambda child: self._resources.add(child.pid),
             make_redactor(plan.environment, os.environ),
+            self._clock,
         )
         self._launchers: list[Launcher] = []
+        self._early_launcher: Launcher | None = None
         self._starts: StartSequence | None = None
         self._accuracy: tuple[AccuracyRecord, ...] = ()
         self._measurements: list[Measurement] = []
@@ -230,6 +234,7 @@ class _Controller:
             self._set_up(domain)
             self._check_programs_installed()
             if "load" in self._plan.phases:
+                self._start_early(domain)
                 self._load()
             if "preprocess" in self._plan.phases:
                 self._phase("preprocess", "running the preprocessors")
@@ -254,12 +259,13 @@ class _Controller:
 
     def _check_programs_installed(self) -> None:
         """Check that every program exists before any is started, but after the setup steps."""
-        for process in self._plan.processes:
-            argv = resolve_argv(process)
-            if process.join is not None:
-                require_joinable(process.name, argv)
-        if self._plan.harness.placement == "graph":
-            build_join_files()
+        with self._clock.waiting("programs: found, or built"):
+            for process in self._plan.processes:
+                argv = resolve_argv(process)
+                if process.join is not None:
+                    require_joinable(process.name, argv)
+            if self._plan.harness.placement == "graph":
+                build_join_files()
 
     def _domain(self) -> contextlib.AbstractContextManager[int]:
         """A reserved domain; the user's own domain if the graph has external nodes."""
@@ -325,9 +331,29 @@ class _Controller:
 
         Preprocessors may publish larger messages than those in the bag, so each phase has its own.
         """
-        made = Launcher(self._supervisor, self._environment(domain), self._folder, self._base_dir)
+        made = self._new_launcher(domain)
+        if self._early_launcher is not None:
+            made.adopt_early(self._early_launcher)
         self._launchers.append(made)
         return made
+
+    def _new_launcher(self, domain: int) -> Launcher:
+        return Launcher(self._supervisor, self._environment(domain), self._folder, self._base_dir)
+
+    def _start_early(self, domain: int) -> None:
+        """Let the processes that come next import ROS while the recordings are read.
+
+        With the harness in the graph they would ask for it, which they can only later.
+        """
+        phase = "preprocess" if "preprocess" in self._plan.phases else MEASURE_PHASE
+        if phase == MEASURE_PHASE and self._plan.harness.placement == "graph":
+            return
+        self._early_launcher = self._new_launcher(domain)
+        self._early_launcher.start_early(
+            (each for each in self._plan.processes if each.phase == phase),
+            message_packages(self._plan),
+            observer=phase == MEASURE_PHASE,
+        )
 
     def _environment(self, domain: int) -> RunEnvironment:
         return RunEnvironment(
@@ -488,6 +514,7 @@ class _Controller:
         self._folder.write_record(self._record(RunError("the run was killed", code="R2B671")))
 
     def _phase(self, name: str, text: str) -> None:
+        self._clock.begin(name)
         self._events.append((time.monotonic_ns(), f"phase {name}"))
         self._progress.phase(name, text)
 
@@ -548,6 +575,7 @@ class _Controller:
             unplayed=sessions[0].unplayed if sessions else (),
             profiles=self._profiles,
             accuracy=self._accuracy,
+            phases=self._clock.phases(),
         )
 
 

@@ -25,9 +25,11 @@ from r2bspec.execute.bringup.launcher import (
     Launcher,
     expected_subscriptions,
     graph_error,
+    message_packages,
     subscription_counts,
     wait_until_matched,
 )
+from r2bspec.execute.bringup.monitor_subscriptions import MonitorSubscriptions
 from r2bspec.execute.bringup.readiness import wait_for_probe
 from r2bspec.execute.bringup.spec_mismatches import related_differences
 from r2bspec.execute.bringup.start_deadline import StartDeadline
@@ -57,6 +59,8 @@ from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervis
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import buffered_transforms
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
+from r2bspec.ipc.transform_stamps import TF_STATIC
+from r2bspec.judge.statistics.load_scipy import load_scipy
 from r2bspec.measure.samples import SegmentSamples
 from r2bspec.plan.plan import MonitorPlan, Plan, ProcessPlan
 from r2bspec.plan.taps import all_taps, tap_monitors
@@ -82,6 +86,11 @@ _IDLE_WINDOW_S = 1.0
 
 _DIAGNOSED_ATTEMPT = 3
 """After this attempt without output the path is traced, so that the reason is said early."""
+
+
+def _is_judged(plan: Plan) -> bool:
+    """Whether statistics are computed while a run lasts, or at its end."""
+    return bool(plan.objectives or plan.search or plan.sustained_hz)
 
 
 class Session:
@@ -178,14 +187,13 @@ class Session:
         Raises:
             RunError: a process does not respond, or exited.
         """
-        if self._monitor is None or self._segment_player is None or not self._plan.play:
+        if self._segment_player is None or not self._plan.play:
             return {}
         from r2bspec.execute.measurement.output_recording import OutputRecorder
 
         return OutputRecorder(
             self._plan,
             self._supervisor,
-            self._monitor,
             self._segment_player,
             self._rows_dir,
             self._folder,
@@ -210,14 +218,13 @@ class Session:
         Raises:
             RunError: a process does not respond, or exited.
         """
-        if self._monitor is None or self._segment_player is None or not self._plan.inputs:
+        if self._segment_player is None or not self._plan.inputs:
             return ()
         from r2bspec.execute.measurement.truth_comparison import TruthComparison
 
         return TruthComparison(
             self._plan,
             self._supervisor,
-            self._monitor,
             self._segment_player,
             self.schedule,
             self._rows_dir,
@@ -241,9 +248,11 @@ class Session:
         else:
             player, monitor = self._start_harness()
         self._reporter.phase("graph", "starting the graph")
+        # While nodes start, and before anything is played; a later start finds it imported.
+        scipy = load_scipy() if _is_judged(self._plan) else None
         deadline = StartDeadline(self._plan.start_timeout_ns)
         # Not before the harness overhead was measured, which its start would disturb.
-        observer = self._observer = self._launcher.start_observer(guarded_topics(self._plan))
+        observer = self._observer = self._launcher.start_observer(self._observer_settings())
         if monitor is None:
             player, monitor = self._start_joined_nodes(deadline)
         else:
@@ -259,6 +268,7 @@ class Session:
             self._reporter.progress,
             on_segment=self._reporter.segment,
             schedule=self.schedule,
+            static_publisher=observer if self._has_static else None,
             resources=self._reporter.resources,
             confirms=self.confirms,
             start=self.start,
@@ -273,6 +283,9 @@ class Session:
                 self._launcher.differences,
                 self._reporter.note,
             )
+        if scipy is not None:
+            with self._supervisor.waiting("SciPy: imported"):
+                scipy.join()
         self._warm_up(self._segment_player, deadline)
         segment_player = self._segment_player
         segment_player.on_output_stopped = lambda segment, plan: self._diagnose_stopped_output(
@@ -283,15 +296,12 @@ class Session:
     def _start_harness(self) -> tuple[ManagedProcess | None, ManagedProcess]:
         """Start the player and the monitor, and measure the overhead of the harness.
 
-        A live run has no player. A later start does not measure the overhead, which other
-        processes would disturb; so those of Python nodes are started with these, and all import
-        ROS at the same time. Their nodes are created as late as in the first start.
+        A live run has no player. The processes of Python nodes are started with these, and all
+        import ROS at the same time. They are idle before the overhead is measured, which they
+        would disturb; their nodes are created after it.
         """
         plan, launcher = self._plan, self._launcher
-        if self._is_later:
-            launcher.start_hosts_early(
-                each for each in plan.processes if each.phase == MEASURE_PHASE
-            )
+        launcher.start_early(self._node_processes(), message_packages(plan))
         player = self._parts.start("player") if plan.inputs else None
         monitor = self._parts.start("monitor")
         commands: list[tuple[ManagedProcess, Any]] = [
@@ -310,7 +320,7 @@ class Session:
             [(player, self._player_settings(self._rows_dir)), *commands]
         )
         self._load_schedule(player, ready)
-        if not self._is_later:
+        if not self._is_later and "floor" in plan.phases:
             self._measure_overhead(player, monitor, self._rows_dir)
         return player, monitor
 
@@ -320,8 +330,20 @@ class Session:
             buffer_dir=str(self._buffer_dir),
             rows=str(rows_dir / PLAYBACK_ROWS),
             transforms=buffered_transforms(self._buffer_dir),
-            clock=self._plan.clock,
         )
+
+    def _observer_settings(self) -> protocol.ConfigureObserver:
+        return protocol.ConfigureObserver(
+            guarded=guarded_topics(self._plan),
+            static_dir=str(self._buffer_dir) if self._has_static else "",
+            # In a live run, a node of the graph publishes it.
+            clock=self._plan.clock and bool(self._plan.inputs),
+        )
+
+    @property
+    def _has_static(self) -> bool:
+        """Whether /tf_static is published."""
+        return TF_STATIC in buffered_transforms(self._buffer_dir)
 
     def _measure_overhead_alone(self) -> None:
         """Measure the overhead of a harness that will run in processes of the graph.
@@ -330,7 +352,7 @@ class Session:
         graph starts: a graph would answer what is played.
         """
         inputs = self._plan.inputs
-        if self._is_later or not inputs or not can_be_measured(inputs):
+        if self._is_later or "floor" not in self._plan.phases or not can_be_measured(inputs):
             return
         rows_dir = self._rows_dir / "overhead"
         rows_dir.mkdir()
@@ -344,7 +366,8 @@ class Session:
         )
         self._load_schedule(player, ready)
         self._measure_overhead(player, monitor, rows_dir)
-        self._supervisor.end(list(self._supervisor))
+        alone = {player.pid, monitor.pid}
+        self._supervisor.end([each for each in self._supervisor if each.pid in alone])
 
     def _start_joined_nodes(
         self, deadline: StartDeadline
@@ -360,7 +383,8 @@ class Session:
         self._launcher.joins = joins
         try:
             if self._is_later:
-                self._launcher.start_hosts_early(self._node_processes())
+                packages = message_packages(self._plan)
+                self._launcher.start_early(self._node_processes(), packages, observer=False)
             self._start_nodes(deadline, harness.configure)
         finally:
             joins.close()
@@ -386,6 +410,8 @@ class Session:
     def _measure_overhead(
         self, player: ManagedProcess, monitor: ManagedProcess, rows_dir: Path
     ) -> None:
+        if can_be_measured(self._plan.inputs):
+            self._launcher.wait_until_imported()
         began_ns = time.monotonic_ns()
         self._reporter.phase("floor", "measuring the harness overhead")
         found = measure_harness_overhead(
@@ -442,8 +468,10 @@ class Session:
     ) -> None:
         """Create the subscriptions of the monitor, after the nodes; wait until all are matched."""
         plan, supervisor = self._plan, self._supervisor
-        supervisor.request(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
+        monitors = (*plan.monitors, *tap_monitors(plan.monitors))
+        subscriptions = MonitorSubscriptions(supervisor, observer, monitor, monitors)
         self._launcher.wait_for_observer(observer)
+        subscriptions.update()
         if plan.external:
             self._launcher.mark_external_nodes()
             wait_for_external(plan, supervisor, observer, deadline)
@@ -451,24 +479,26 @@ class Session:
         watched += [each.topic for each in all_taps(plan.monitors)]
         wanted = {monitor: dict.fromkeys(watched, 1)}
         if player is not None:
-            wanted[player] = {
+            transforms = subscription_counts(self._launcher, buffered_transforms(self._buffer_dir))
+            if TF_STATIC in transforms:
+                wanted[observer] = {TF_STATIC: transforms.pop(TF_STATIC)}
+            wanted[player] = transforms | {
                 each.topic: expected_subscriptions(plan, each.topic, MEASURE_PHASE)
                 for each in plan.inputs
-            } | subscription_counts(self._launcher, buffered_transforms(self._buffer_dir))
-        wait_until_matched(
-            supervisor,
-            self._launcher,
-            wanted,
-            plan,
-            MEASURE_PHASE,
-            deadline,
-            self._reporter.note,
-        )
+            }
+        with supervisor.waiting("endpoints: matched"):
+            wait_until_matched(
+                supervisor,
+                self._launcher,
+                wanted,
+                plan,
+                MEASURE_PHASE,
+                deadline,
+                self._reporter.note,
+                subscriptions.update,
+            )
         ends = [(each.topic, each.type, "publishes") for each in plan.inputs]
-        ends += [
-            (each.topic, each.type, "subscribes")
-            for each in (*plan.monitors, *tap_monitors(plan.monitors))
-        ]
+        ends += [(each.topic, each.type, "subscribes") for each in monitors]
         wait_for_mutual_discovery(supervisor, self._launcher, ends)
 
     def _wait_until_ready(self, observer: ManagedProcess) -> None:

@@ -7,13 +7,14 @@ happens to a run whose host is lost is decided by the client, which knows what i
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import secrets
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import msgspec
 
@@ -21,6 +22,9 @@ from r2bspec.fleet.errors import FleetError, HostLostError
 from r2bspec.fleet.host_facts import HostFacts, read_facts
 from r2bspec.fleet.host_messages import FACTS, SLOT, Request, decode, encode
 from r2bspec.fleet.security import FleetAddress, quiet_logs, require_distributed
+
+if TYPE_CHECKING:
+    from distributed.security import Security
 
 _POLL_S: Final = 1.0
 _CONNECT_S: Final = 10.0
@@ -96,26 +100,27 @@ class FleetClient:
         return True
 
     async def _identity(self) -> Any:
-        import asyncio
-
         asked = self._client.scheduler.identity(n_workers=-1)
         return await asyncio.wait_for(asked, _CONNECT_S)
 
     def _connect(self) -> Any:
         from distributed import Client
 
+        security = self._address.security()
         try:
+            # Client would wait for ever for a server that is no scheduler.
+            asyncio.run(asyncio.wait_for(_identity(self._address, security), _CONNECT_S))
             return Client(  # type: ignore[no-untyped-call]
                 self._address.scheduler,
-                security=self._address.security(),
+                security=security,
                 timeout=_CONNECT_S,
                 set_as_default=False,
                 name="r2bspec",
             )
-        except (OSError, TimeoutError, ValueError) as error:
+        except Exception as error:  # what a server that is none says may be taken for anything
+            reason = str(error) or f"nothing that a scheduler says within {_CONNECT_S:g} s"
             raise FleetError(
-                f"the scheduler {self._address.scheduler} does not answer: "
-                f"{error or type(error).__name__}",
+                f"the scheduler {self._address.scheduler} does not answer: {reason}",
                 hint="Start one with 'dask scheduler', and workers with 'r2bspec fleet worker'.",
             ) from error
 
@@ -203,6 +208,23 @@ class FleetClient:
             if future is not None:
                 with contextlib.suppress(Exception):
                     future.cancel()  # type: ignore[no-untyped-call]
+
+
+async def _identity(address: FleetAddress, security: Security | None) -> Any:
+    """What a scheduler says of itself."""
+    from distributed.comm.core import connect
+    from distributed.core import send_recv
+
+    options: dict[str, Any] = {}
+    if security is not None:
+        options = security.get_connection_args("client")  # type: ignore[no-untyped-call]
+    comm = await connect(  # type: ignore[no-untyped-call]
+        address.scheduler, timeout=_CONNECT_S, **options
+    )
+    try:
+        return await send_recv(comm, op="identity", n_workers=0)
+    finally:
+        comm.abort()
 
 
 def _host(address: str, worker: dict[str, Any]) -> Host | None:

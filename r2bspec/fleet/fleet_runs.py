@@ -8,6 +8,7 @@ ends; the host gets a new one when it returns.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import queue
 import threading
@@ -36,6 +37,8 @@ _POLLS_A_SECOND: Final = 50.0
 """Hosts whose state is asked for in a second: the answer of the scheduler has all of them."""
 _MAX_TRANSFERS: Final = 3
 _INVALID: Final = "invalid"
+_CONFIRM: Final = "-confirm"
+"""Ends the identity of a run that confirms another one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,10 +67,13 @@ class FleetLimits:
     Attributes:
         lost_s: how long runs wait for hosts that left.
         retry_invalid: how often an invalid run is made again, on the same host.
+        losses: how often the host of one run may leave: a run that takes all memory of its host
+            would end every worker that it is given to.
     """
 
     lost_s: float = 600.0
     retry_invalid: int = 1
+    losses: int = 20
 
 
 class Ended(NamedTuple):
@@ -94,6 +100,7 @@ class _Entry:
     bundle: Bundle
     needs: tuple[str, ...]
     attempt: int = 1
+    losses: int = 0
     refused: dict[str, R2bspecError] = field(default_factory=dict)
     since: float = field(default_factory=time.monotonic)
     ended: bool = False
@@ -211,7 +218,7 @@ class FleetRuns:
             if entry.needs not in answers:
                 self._show(entry, host, "being checked there")
                 try:
-                    self._offer(host, entry)
+                    self._offer(host, entry, self._job(entry, host.name))
                     answers[entry.needs] = None
                 except HostLostError:
                     return
@@ -222,17 +229,15 @@ class FleetRuns:
             if (refusal := answers[entry.needs]) is not None:
                 entry.refused[host.name] = refusal
 
-    def _offer(self, host: Host, entry: _Entry) -> Job:
-        """Send a run to a host.
+    def _offer(self, host: Host, entry: _Entry, job: Job) -> None:
+        """Send a run to a host, with what the host lacks.
 
         Raises:
             R2bspecError: the host cannot make it.
         """
-        job = self._job(entry, host.name)
         prepared = offer(self._client, host, job, entry.bundle, self._check)
         if prepared.problems:
             raise error_of(prepared.problems[0])
-        return job
 
     def _end_impossible(self) -> None:
         """End the runs that every host has refused."""
@@ -326,56 +331,76 @@ class FleetRuns:
             HostFullError: the host has no room.
         """
         while True:
-            job = self._offer(host, entry)
-            self._write(entry, host, job, "sent")
-            self._show(entry, host, "playing")
-            request = Request(what="play", job=job)
-            played = self._client.ask(host, request, Played, check=self._check)
-            self._show(entry, host, "being fetched")
+            job = self._job(entry, host.name)
+            played = self._play_and_fetch(host, entry, job)
             error = error_of(played.problem) if played.problem is not None else None
-            again = played.outcome == _INVALID and entry.attempt <= self._limits.retry_invalid
-            target = entry.run.folder
-            if again:
-                target = target.with_name(f"{target.name}.invalid-{entry.attempt}")
-            if played.size:
-                self._fetch(host, played, target)
+            again = self._is_made_again(entry, played)
             if self._history is not None and error is None and not again:
                 self._judge_by_history(host, entry, self._history)
             state = "invalid" if again else "failed" if error is not None else "done"
             self._write(entry, host, job, state, str(error or played.outcome))
-            self._client.ask(host, Request(what="drop", identity=job.identity), dict)
+            self._drop(host, job)
             if not again:
                 return error
             self._on_note(f"{entry.run.name} on {host.name} is invalid and made again")
             entry.attempt += 1
+
+    def _is_made_again(self, entry: _Entry, played: Played) -> bool:
+        return played.outcome == _INVALID and entry.attempt <= self._limits.retry_invalid
+
+    def _play_and_fetch(self, host: Host, entry: _Entry, job: Job) -> Played:
+        """Have a job played and its folder here, whatever the host removed for other clients.
+
+        A host that has played the job and still has it answers at once.
+
+        Raises:
+            R2bspecError: as `_play_on`.
+        """
+        number = 0
+        while True:
+            number += 1
+            self._offer(host, entry, job)
+            self._write(entry, host, job, "sent")
+            self._show(entry, host, "being confirmed" if _confirms(job) else "playing")
+            try:
+                request = Request(what="play", job=job)
+                played = self._client.ask(host, request, Played, check=self._check)
+                if played.size:
+                    self._show(entry, host, "being fetched")
+                    target = self._target(entry, job, played)
+                    fetch(self._client, host, played, self._root, target)
+                return played
+            except TransferError:
+                if number == _MAX_TRANSFERS:
+                    raise
+
+    def _target(self, entry: _Entry, job: Job, played: Played) -> Path:
+        folder = entry.run.folder
+        if _confirms(job):
+            return folder / CONFIRMATION_FOLDER
+        if self._is_made_again(entry, played):
+            return folder.with_name(f"{folder.name}.invalid-{entry.attempt}")
+        return folder
+
+    def _drop(self, host: Host, job: Job) -> None:
+        """Let a host remove what is here; one that is lost does when it needs the room."""
+        with contextlib.suppress(R2bspecError):
+            self._client.ask(host, Request(what="drop", identity=job.identity), dict)
 
     def _judge_by_history(self, host: Host, entry: _Entry, history: FleetHistory) -> None:
         """Judge a run by earlier ones of its host; a failure is confirmed there by a second run."""
         folder = entry.run.folder
         plan = history.confirmation(folder, entry.run.head.plan)
         if plan is not None:
-            self._show(entry, host, "being confirmed")
             job = self._job(entry, host.name)
             head = msgspec.structs.replace(job.head, plan=canonical_json(plan).decode())
-            identity = f"{job.identity}-confirm"
+            identity = f"{job.identity}{_CONFIRM}"
             job = msgspec.structs.replace(job, head=head, identity=identity)
-            request = Request(what="play", job=job)
-            played = self._client.ask(host, request, Played, check=self._check)
+            played = self._play_and_fetch(host, entry, job)
             if played.problem is not None:
                 raise error_of(played.problem)
-            self._fetch(host, played, folder / CONFIRMATION_FOLDER)
-            self._client.ask(host, Request(what="drop", identity=identity), dict)
+            self._drop(host, job)
         history.add(folder)
-
-    def _fetch(self, host: Host, played: Played, target: Path) -> None:
-        for number in range(_MAX_TRANSFERS):
-            try:
-                fetch(self._client, host, played, self._root, target)
-            except TransferError:
-                if number == _MAX_TRANSFERS - 1:
-                    raise
-            else:
-                return
 
     def _give_back(self, entry: _Entry, host: Host, lost: HostLostError) -> None:
         with self._changed:
@@ -383,9 +408,17 @@ class FleetRuns:
             if self._closing:
                 return
             self._journal.write(self._place(entry), host.name, "", entry.attempt, "lost", str(lost))
+            entry.losses += 1
             entry.since = time.monotonic()
-            self._waiting.insert(0, entry)
-            self._changed.notify_all()
+            is_last = entry.losses > self._limits.losses
+            if not is_last:
+                self._waiting.insert(0, entry)
+                self._changed.notify_all()
+        if is_last:
+            text = f"the host of the run left the fleet {entry.losses} times, {host.name} at last"
+            hint = "The run may take more memory than its host has: try it on that machine alone."
+            self._end(entry, host.name, HostLostError(text, hint=hint))
+            return
         self._on_note(f"{host.name} is lost; {entry.run.name} will be made again")
 
     def _refused(self, entry: _Entry, host: Host, error: R2bspecError) -> None:
@@ -423,6 +456,10 @@ class FleetRuns:
 
     def _show(self, entry: _Entry, host: Host, text: str) -> None:
         self._status[id(entry)] = (host.name, text)
+
+
+def _confirms(job: Job) -> bool:
+    return job.identity.endswith(_CONFIRM)
 
 
 def _bundle(run: FleetRun, known: dict[tuple[int, int], Bundle]) -> Bundle:

@@ -104,6 +104,11 @@ class Job(_Message, frozen=True, kw_only=True):
     recordings: tuple[SentRecording, ...]
 
 
+def sides_of(job: Job) -> tuple[Side, ...]:
+    """The benchmarks of a job: one, or both of a comparison of two specs."""
+    return (job.head,) if job.base is None else (job.head, job.base)
+
+
 class Problem(_Message, frozen=True, kw_only=True):
     """An error on a host, as it is shown."""
 

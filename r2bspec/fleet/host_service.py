@@ -7,7 +7,6 @@ import fcntl
 import os
 import subprocess
 import sys
-import tarfile
 import threading
 import time
 from collections.abc import Iterator
@@ -20,7 +19,7 @@ import msgspec
 from r2bspec.check.this_machine import LABELS_VARIABLE
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
-from r2bspec.fleet.bundle import digest_of, needs_of
+from r2bspec.fleet.bundle import digest_of
 from r2bspec.fleet.errors import HostFullError, HostLostError, TransferError, VersionDiffersError
 from r2bspec.fleet.host_facts import HostFacts
 from r2bspec.fleet.host_messages import (
@@ -30,13 +29,14 @@ from r2bspec.fleet.host_messages import (
     Prepared,
     Problem,
     Request,
-    Side,
     decode,
     encode,
     failed,
     problem_of,
+    sides_of,
 )
-from r2bspec.fleet.host_store import HostStore, full_disk, inside, remove
+from r2bspec.fleet.host_store import HostStore, full_disk, remove
+from r2bspec.fleet.host_validation import HostValidation, other_recordings
 from r2bspec.fleet.permissions import check_allowed
 from r2bspec.fleet.play_run import (
     ENDED_FILE,
@@ -46,6 +46,7 @@ from r2bspec.fleet.play_run import (
     RUN_FOLDER,
     RunState,
 )
+from r2bspec.fleet.run_archive import pack
 from r2bspec.plan.canonical_json import parse_plan
 from r2bspec.plan.host_match import unmet
 from r2bspec.private_files import user_umask
@@ -54,12 +55,8 @@ from r2bspec.record.atomic_files import write_atomically
 _PLAYED_FILE: Final = "played.json"
 _ARCHIVE: Final = "run.tar.gz"
 _MAX_PIECE_BYTES: Final = 32 << 20
-_COMPRESSION: Final = 1
-"""Samples and logs shrink to a fraction even so; the time is taken after the run, not during it."""
-_RUN_UNWRITABLE: Final = "R2B651"
-_VALIDATE_S: Final = 300.0
-_VALID_S: Final = 600.0
-"""For so long a spec without errors is not checked again: a suite offers it twice, and often."""
+_NO_ROOM: Final = frozenset({"R2B651", "R2B664"})
+"""A run that could not be written, and shared memory that is too small: another host may do."""
 
 
 @dataclass
@@ -79,11 +76,12 @@ class HostService:
     _playing: str = ""
     _child: subprocess.Popen[bytes] | None = None
     _closing: bool = False
-    _valid: dict[str, float] = field(default_factory=dict)
+    _validation: HostValidation = field(init=False)
 
     def __post_init__(self) -> None:
         labels = ",".join(f"{name}={value}" for name, value in self.facts.labels.items())
         self.environment = {**os.environ, **self.environment, LABELS_VARIABLE: labels}
+        self._validation = HostValidation(self.facts.name, self.environment)
 
     def answer(self, content: bytes, piece: bytes) -> bytes:
         """Answer a request; a problem is an answer, too.
@@ -149,7 +147,7 @@ class HostService:
         self._check_version(job)
         if (self.store.spool(job.identity) / _PLAYED_FILE).exists():
             return Prepared(played=True)
-        for side in _sides(job):
+        for side in sides_of(job):
             plan = parse_plan(side.plan.encode(), "the plan of the client")
             check_allowed(plan, self.facts.allows, self.facts.name)
             if lacks := unmet(plan.requires or None, self.facts.machine):
@@ -173,57 +171,10 @@ class HostService:
 
     def _problems(self, job: Job, tree: Path) -> Iterator[Problem]:
         """Why a job cannot be run here: recordings that are elsewhere, and what `validate` says."""
-        from r2bspec.bags.digest import hash_files
-
-        for recording in job.recordings:
-            if recording.absolute and (
-                not Path(recording.path).exists()
-                or hash_files(Path(recording.path)) != recording.sha256
-            ):
-                yield Problem(
-                    code="R2B301",
-                    message=f"{recording.path} is not on this host, or is another recording",
-                    hint="Name recordings relative to the spec or by $R2B_DATASETS: they are sent.",
-                    exit_status=ExitStatus.USAGE,
-                )
-        for side in _sides(job):
+        yield from other_recordings(job)
+        for side in sides_of(job):
             if side.spec_text:
-                yield from self._findings(job, side, tree)
-
-    def _findings(self, job: Job, side: Side, tree: Path) -> Iterator[Problem]:
-        """The errors that `validate` finds here, in a process that sees what is installed now."""
-        name = needs_of(parse_plan(side.plan.encode(), "the plan of the client"), job.bundle)
-        if time.monotonic() - self._valid.get(name, -_VALID_S) < _VALID_S:
-            return
-        folder = tree if side.base_dir == "." else inside(tree, side.base_dir)
-        file = folder / f".{name[:16]}.r2b.yaml"
-        file.write_text(side.spec_text)
-        try:
-            done = subprocess.run(
-                [sys.executable, "-P", "-m", "r2bspec", "validate", "--format", "json", str(file)],
-                stdin=subprocess.DEVNULL,
-                capture_output=True,
-                env=self.environment,
-                timeout=_VALIDATE_S,
-                check=False,
-            )
-        finally:
-            file.unlink(missing_ok=True)
-        try:
-            found = msgspec.json.decode(done.stdout, type=_Findings)
-        except msgspec.MsgspecError as error:
-            text = done.stderr.decode(errors="replace").strip()
-            raise TransferError(f"validate failed on the host {self.facts.name}: {text}") from error
-        self._valid = {**self._valid, name: time.monotonic()} if not found.errors else self._valid
-        for each in found.findings:
-            # Those about objectives do not concern a smoke run, as for one that is not sent.
-            if each.severity == "error" and not (job.smoke and each.code.startswith("R2B5")):
-                yield Problem(
-                    code=each.code,
-                    message=each.message,
-                    hint=each.help or "",
-                    exit_status=ExitStatus.USAGE,
-                )
+                yield from self._validation.problems(job, side, tree)
 
     def _play(self, job: Job) -> Played:
         self._check_version(job)
@@ -238,9 +189,14 @@ class HostService:
             return msgspec.json.decode((spool / _PLAYED_FILE).read_bytes(), type=Played)
 
     def _play_in(self, spool: Path, job: Job) -> None:
-        for side in _sides(job):
+        for side in sides_of(job):
             plan = parse_plan(side.plan.encode(), "the plan of the client")
             check_allowed(plan, self.facts.allows, self.facts.name)
+        if next(self.store.missing(job), None) is not None:
+            raise TransferError(
+                f"the host {self.facts.name} has removed files of {job.name} for those of others",
+                hint="Start its worker with a larger --cache-limit.",
+            )
         _wait_for(spool / LOCK_FILE)
         remove(spool)
         spool.mkdir(mode=0o700, parents=True)
@@ -252,10 +208,10 @@ class HostService:
             raise HostLostError(f"the worker of the host {self.facts.name} was ended")
         ended = _ended(spool, job, status)
         problem = ended.problem
-        if problem is not None and problem.code == _RUN_UNWRITABLE:
+        if problem is not None and problem.code in _NO_ROOM:
             remove(spool)
             raise HostFullError(
-                f"the host {self.facts.name} cannot store the run: {problem.message}",
+                f"the host {self.facts.name} has no room for the run: {problem.message}",
                 hint=problem.hint,
             )
         size, sha256 = _pack(spool)
@@ -288,28 +244,14 @@ class HostService:
 
     def _piece(self, request: Request) -> bytes:
         archive = self.store.spool(request.identity) / _ARCHIVE
+        if not archive.exists():
+            raise TransferError(f"the host {self.facts.name} has removed the run")
         with archive.open("rb") as stream:
             stream.seek(request.offset)
             return b"=" + stream.read(min(request.size, _MAX_PIECE_BYTES))
 
     def _in_use(self) -> frozenset[str]:
         return frozenset({self._playing} if self._playing else ())
-
-
-class _Found(msgspec.Struct):
-    code: str
-    severity: str
-    message: str
-    help: str | None = None
-
-
-class _Findings(msgspec.Struct):
-    errors: int
-    findings: list[_Found]
-
-
-def _sides(job: Job) -> tuple[Side, ...]:
-    return (job.head,) if job.base is None else (job.head, job.base)
 
 
 def _contents(job: Job) -> Iterator[str]:
@@ -341,20 +283,10 @@ def _pack(spool: Path) -> tuple[int, str]:
     if not run.is_dir():
         return 0, ""
     archive = spool / _ARCHIVE
-    with tarfile.open(archive, "w:gz", compresslevel=_COMPRESSION) as tar:
-        tar.add(run, arcname=".", recursive=True, filter=_plain)
+    pack(run, archive)
     remove(run)
     sha256, size = digest_of(archive)
     return size, sha256
-
-
-def _plain(entry: tarfile.TarInfo) -> tarfile.TarInfo | None:
-    """Files and folders, without the names and numbers of users; nothing else is in a run."""
-    if not (entry.isfile() or entry.isdir()):
-        return None
-    entry.uid = entry.gid = 0
-    entry.uname = entry.gname = ""
-    return entry
 
 
 def _is_locked(file: Path) -> bool:

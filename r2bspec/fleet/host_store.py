@@ -32,6 +32,8 @@ DEFAULT_LIMIT_BYTES: Final = 20 << 30
 _FULL: Final = frozenset({errno.ENOSPC, errno.EDQUOT})
 _KINDS: Final = ("objects", "recordings", "work", "spool")
 _PART: Final = ".part"
+_HEADSTART_S: Final = {"spool": 86_400.0}
+"""So much later counts a run as used: it would have to be played again, and not only sent."""
 
 
 @contextlib.contextmanager
@@ -215,7 +217,7 @@ class HostStore:
         """
         entries = sorted(
             (each for kind in _KINDS for each in (self.root / kind).iterdir()),
-            key=lambda each: each.lstat().st_mtime,
+            key=lambda each: each.lstat().st_mtime + _HEADSTART_S.get(each.parent.name, 0.0),
         )
         sizes = {each: _size(each) for each in entries}
         total = sum(sizes.values())

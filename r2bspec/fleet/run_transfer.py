@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
-import tarfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
@@ -14,6 +13,7 @@ from r2bspec.fleet.bundle import Bundle, digest_of
 from r2bspec.fleet.client import FleetClient, Host
 from r2bspec.fleet.errors import TransferError
 from r2bspec.fleet.host_messages import Job, Missing, Played, Prepared, Request
+from r2bspec.fleet.run_archive import unpack
 
 PIECE_BYTES: Final = 4 << 20
 """Small enough to pass through a scheduler, and to be repeated over a slow link."""
@@ -22,7 +22,6 @@ INCOMING: Final = ".incoming"
 """In the folder of a suite: archives that have not arrived as a whole yet."""
 
 _ATTEMPTS: Final = 3
-_MAX_RUN_BYTES: Final = 64 << 30
 
 
 def offer(
@@ -104,7 +103,7 @@ def fetch(client: FleetClient, host: Host, played: Played, root: Path, folder: P
         raise TransferError(f"the run did not arrive as the host {host.name} sent it")
     unpacked = incoming / played.identity
     shutil.rmtree(unpacked, ignore_errors=True)
-    _unpack(archive, unpacked)
+    unpack(archive, unpacked)
     folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     if folder.exists():
         shutil.rmtree(folder)
@@ -112,27 +111,3 @@ def fetch(client: FleetClient, host: Host, played: Played, root: Path, folder: P
     archive.unlink()
     with contextlib.suppress(OSError):
         incoming.rmdir()
-
-
-def _unpack(archive: Path, target: Path) -> None:
-    """Unpack plain files and folders only.
-
-    Raises:
-        TransferError: the archive has something else, or leads out of the folder.
-    """
-    target.mkdir(mode=0o700)
-    total = 0
-    try:
-        with tarfile.open(archive, "r:gz") as tar:
-            for entry in tar:
-                total += entry.size
-                if not (entry.isfile() or entry.isdir()) or total > _MAX_RUN_BYTES:
-                    raise TransferError(f"the archive of a run has the entry {entry.name!r}")
-                tar.extract(entry, target, filter="data")
-    except tarfile.TarError as error:
-        raise TransferError(f"the archive of a run is damaged: {error}") from error
-    for parent, folders, files in os.walk(target):
-        for name in folders:
-            Path(parent, name).chmod(0o700)
-        for name in files:
-            Path(parent, name).chmod(0o600)

@@ -44,6 +44,7 @@ class FleetAddress:
 
         Raises:
             FleetNotInstalledError: Dask distributed is missing.
+            InsecureFleetError: a file is no certificate, or not of its key.
         """
         require_distributed()
         from distributed.security import Security
@@ -56,9 +57,18 @@ class FleetAddress:
             for role in ("client", "worker", "scheduler")
             for kind, path in files.items()
         }
-        return Security(  # type: ignore[no-untyped-call]
+        made = Security(  # type: ignore[no-untyped-call]
             tls_ca_file=str(self.ca), require_encryption=True, **roles
         )
+        try:
+            made.get_connection_args("client")  # type: ignore[no-untyped-call] # reads the files
+        except (OSError, ValueError) as error:
+            named = ", ".join(map(str, (self.ca, self.certificate, self.key)))
+            raise InsecureFleetError(
+                f"the certificates cannot be used: {error}",
+                hint=f"Their files are {named}; 'r2bspec fleet certificates' makes new ones.",
+            ) from error
+        return made
 
 
 def fleet_address(

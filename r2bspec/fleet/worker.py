@@ -84,7 +84,7 @@ async def _serve(
     loop = asyncio.get_running_loop()
     for each in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(each, ended.set)
-    told = ""
+    on_state(told := f"connecting to {settings.address.scheduler}")
     while not ended.is_set():
         worker = _make_worker(service, settings)
         try:

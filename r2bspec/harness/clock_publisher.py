@@ -30,7 +30,8 @@ def clock_message(time_ns: int) -> bytes:
 class ClockPublisher:
     """Publishes the system time on /clock 100 times per second, from its construction.
 
-    The stamps that the player writes are of the system clock, so that both agree for a node.
+    The stamps that the player writes are of the system clock, so that both agree for a node. Each
+    message has the time at which it is published; periods that were missed are left out.
     """
 
     def __init__(self, node: Node) -> None:
@@ -47,5 +48,7 @@ class ClockPublisher:
         self._thread.join()
 
     def _publish(self) -> None:
-        while not self._ended.wait(_PERIOD_S):
+        due_s = time.monotonic() + _PERIOD_S
+        while not self._ended.wait(max(0.0, due_s - time.monotonic())):
             self._publisher.publish(clock_message(time.time_ns()))
+            due_s = max(due_s + _PERIOD_S, time.monotonic())

@@ -19,9 +19,6 @@ _SWITCH_INTERVAL_S = 0.0002
 """How long a thread may hold the interpreter lock while others wait. The default of 5 ms would
 delay the nodes by as much whenever one of them computes."""
 
-_END_TIMEOUT_NS = 2 * 10**9
-"""How long the parts may take to end; a blocked one ends with the process."""
-
 
 class InProcessHarness:
     """Player and monitor as threads of this process, and its Python nodes."""
@@ -29,7 +26,6 @@ class InProcessHarness:
     def __init__(self, channel: Channel, settings: protocol.ConfigureHarness) -> None:
         self._channel = channel
         self._library = ctypes.CDLL(os.environ.pop(protocol.NATIVE_LIBRARY_VARIABLE))
-        self._library.r2bspec_harness_stop.argtypes = [ctypes.c_int64]
         for part in settings.parts:
             number = int(os.environ.pop(protocol.control_variable(part)))
             if status := self._library.r2bspec_harness_serve(number):
@@ -46,4 +42,4 @@ class InProcessHarness:
                 case _:
                     return
         finally:
-            self._library.r2bspec_harness_stop(_END_TIMEOUT_NS)
+            self._library.r2bspec_harness_join()

@@ -54,6 +54,15 @@ def message_class(type_name: str) -> Any:
         raise TypeNotFoundError(f"message type {type_name} is not installed") from error
 
 
+def is_installed(type_name: str) -> bool:
+    """Whether a message type is installed."""
+    try:
+        message_class(type_name)
+    except TypeNotFoundError:
+        return False
+    return True
+
+
 def begins_with_header(type_name: str) -> bool:
     """Whether the first field of a type is a std_msgs/Header, so that its stamp can be read.
 

@@ -34,7 +34,8 @@ def play_role(channel: Channel) -> int:
     try:
         command = channel.receive()
         if isinstance(command, protocol.Prepare):
-            importlib.import_module("r2bspec.harness.node_host")
+            _prepare(command)
+            channel.send(protocol.Prepared())
             command = channel.receive()
         _make_role(channel, command).serve()
     except ChannelClosedError:
@@ -45,6 +46,15 @@ def play_role(channel: Channel) -> int:
             channel.send(_failure(error))
         return ExitStatus.FINDINGS_OR_FAILED
     return ExitStatus.OK
+
+
+def _prepare(command: protocol.Prepare) -> None:
+    """Import what takes time and is the same for all nodes; their own modules come later."""
+    importlib.import_module("r2bspec.harness.node_host")
+    for package in command.packages:
+        # What is missing is an error of the node that needs it.
+        with contextlib.suppress(ImportError):
+            importlib.import_module(f"{package}.msg")
 
 
 def _make_role(channel: Channel, command: protocol.Command) -> Role:

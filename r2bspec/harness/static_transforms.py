@@ -1,4 +1,4 @@
-"""The publisher of /tf_static of the loader."""
+"""The publisher of /tf_static."""
 
 from __future__ import annotations
 

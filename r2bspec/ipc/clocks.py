@@ -1,8 +1,7 @@
-"""Converting times of the system clock to the monotonic clock, which all times of a run use.
+"""Noticing that the system clock is set during a run.
 
-The middleware records arrivals on the system clock. This clock can be set at any time, manually or
-over the network; the monotonic clock cannot. The offset of the two is therefore checked whenever a
-message is taken, so that a step of the system clock is detected and does not affect the times.
+This clock can be set at any time, manually or over the network; the monotonic clock, which all
+times of a run use, cannot. What a step means for arrivals is in `r2bspec.ipc.arrivals`.
 """
 
 from __future__ import annotations
@@ -36,51 +35,31 @@ class ClockOffsetTracker:
         self._system_ns = system_ns
         self.total_step_ns = 0
         self.steps = 0
-        self._last_read_ns, self._difference_ns = self._read()
-        self._difference_before_ns = self._difference_ns
-        self._no_step_until_ns = self._last_read_ns
+        self._last_read_ns, self._difference_ns = read_clocks(monotonic_ns, system_ns)
 
     def update(self) -> int:
         """Check whether the system clock was set; returns the monotonic time in ns."""
-        now_ns, difference_ns = self._read()
+        now_ns, difference_ns = read_clocks(self._monotonic_ns, self._system_ns)
         moved_ns = difference_ns - self._difference_ns
         if abs(moved_ns) > _MIN_STEP_NS + _MAX_SLEW * (now_ns - self._last_read_ns):
             self.steps += 1
             self.total_step_ns += moved_ns
-            self._difference_before_ns = self._difference_ns
-            self._no_step_until_ns = self._last_read_ns
         self._last_read_ns, self._difference_ns = now_ns, difference_ns
         return now_ns
 
-    def arrival(self, arrived_system_ns: int) -> tuple[int, int]:
-        """The arrival time of a message that is taken now, and the current time; monotonic, in ns.
 
-        If a message arrived before a step of the clock and is taken after it, its converted time
-        is impossible: in the future, or before the last check without a step. Then the previous
-        offset is used.
-
-        Args:
-            arrived_system_ns: the arrival time on the system clock; 0 if the middleware gives
-                none. The time of taking then takes its place, and both are equal.
-        """
-        taken_ns = self.update()
-        if arrived_system_ns <= 0:
-            return taken_ns, taken_ns
-        arrived_ns = arrived_system_ns - self._difference_ns
-        if not self._no_step_until_ns <= arrived_ns <= taken_ns:
-            arrived_ns = arrived_system_ns - self._difference_before_ns
-        return min(arrived_ns, taken_ns), taken_ns
-
-    def _read(self) -> tuple[int, int]:
-        """The monotonic time, and the system time minus the monotonic time."""
-        closest_ns, found = -1, (0, 0)
-        for _ in range(_MAX_READS):
-            before_ns = self._monotonic_ns()
-            system_ns = self._system_ns()
-            took_ns = self._monotonic_ns() - before_ns
-            if closest_ns < 0 or took_ns < closest_ns:
-                closest_ns = took_ns
-                found = before_ns + took_ns, system_ns - before_ns - took_ns // 2
-            if closest_ns <= _MAX_READ_NS:
-                break
-        return found
+def read_clocks(
+    monotonic_ns: Callable[[], int] = time.monotonic_ns, system_ns: Callable[[], int] = time.time_ns
+) -> tuple[int, int]:
+    """The monotonic time, and the system time minus the monotonic time, in ns."""
+    closest_ns, found = -1, (0, 0)
+    for _ in range(_MAX_READS):
+        before_ns = monotonic_ns()
+        there_ns = system_ns()
+        took_ns = monotonic_ns() - before_ns
+        if closest_ns < 0 or took_ns < closest_ns:
+            closest_ns = took_ns
+            found = before_ns + took_ns, there_ns - before_ns - took_ns // 2
+        if closest_ns <= _MAX_READ_NS:
+            break
+    return found

@@ -1,40 +1,54 @@
-"""The commands of `r2bspec.ipc.protocol` as native players and monitors read them.
+"""The messages of `r2bspec.ipc.protocol` as native players and monitors read and write them.
 
-A command is one line of words separated by spaces; other bytes in a word are written as %XX. The
-replies are the JSON lines of `protocol`, so they are decoded like those of any other process::
+A command is some words, each followed by a zero byte; how many come is known from those before::
 
     harness                                         ConfigureHarness
-    player ROWS CLOCK STATIC-FILE STATIC-BYTES PLANNED INPUTS {TOPIC TYPE QOS STAMPED}
-    follow PLAYLIST                                 Follow, after the playlist was written
-    play RATE-HZ STEPS                              Play
-    monitor ROWS-DIR TOPICS {NAME TOPIC TYPE QOS}   ConfigureMonitor
-    subscribe                                       Subscribe
-    watch CONTENT TOPICS {NAME TOPIC TYPE QOS}      Watch
+    player INPUTS {TYPE QOS TOPIC BUFFER}           ConfigurePlayer
+    play PLAYLIST                                   Follow, after the playlist was written
+    play PLAYBACK                                   Play, after the playback file was written
+    monitor ROWS-DIR TYPES {TYPE}                   ConfigureMonitor
+    subscribe TOPICS {TYPE FILE QOS TOPIC}          Subscribe
+    watch TOPICS {TYPE FILE QOS TOPIC}              Watch
     unwatch                                         Unwatch
     count                                           CountMatches
-    stop, shutdown                                  Stop, Shutdown
+    stop                                            Stop
+    shutdown                                        Shutdown
 
-The INPUTS of a player are the PLANNED ones of the plan, and /tf after them if it is played. A QOS
-is ``reliable,volatile,keep_last,10``, or ``-`` for that of the publisher; CLOCK, STAMPED and
-CONTENT are 0 or 1; STATIC-FILE is empty if nothing is latched.
+The INPUTS of a player are those of the plan, and /tf after them if it is played. A QOS is four
+words: the numbers that rmw has for reliability, durability and history, and the depth. A FILE is
+the name of a file of rows in ROWS-DIR.
+
+A reply is one line of words; the text at its end is written as it is::
+
+    ready                   Ready
+    ready {HEADER}          Ready, of a player: 0 or 1 for each input
+    ready RMW               Ready, of a monitor
+    matched {COUNT}         Matched: of each input of a player, or of each topic of a monitor, the
+                            latest one first; -1 for one without a subscription
+    played STEPS            Played; for a playlist, Ready
+    failed CODE TEXT        Failed
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
+
+import msgspec
 
 from r2bspec.ipc import buffers, protocol
-from r2bspec.ipc.playlist import write_playlist
-from r2bspec.ipc.transform_stamps import TF, TF_QOS, TF_STATIC, TF_TYPE
+from r2bspec.ipc.playback_events import Round
+from r2bspec.ipc.playback_file import PlaybackReader, playback_path, write_playback, write_playlist
+from r2bspec.ipc.playlist import read_round
+from r2bspec.ipc.schedule import Schedule
+from r2bspec.ipc.transform_stamps import TF, TF_QOS, TF_TYPE
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import MonitorPlan
 
 _SIMPLE: dict[type, str] = {
     protocol.ConfigureHarness: "harness",
-    protocol.Subscribe: "subscribe",
     protocol.Unwatch: "unwatch",
     protocol.CountMatches: "count",
     protocol.Stop: "stop",
@@ -42,70 +56,162 @@ _SIMPLE: dict[type, str] = {
 }
 
 
-class NativeEncoder:
-    """Encodes the commands for one native part, whose configuration it remembers."""
+_RELIABILITY = {"reliable": 1, "best_effort": 2}
+_DURABILITY = {"transient_local": 1, "volatile": 2}
+_HISTORY = {"keep_last": 1, "keep_all": 2}
+"""As in ``rmw/types.h``."""
+
+_HINTS = {
+    "R2B651": "Make room on that disk, or choose another folder with --output.",
+    "R2B681": "Install its package, or source the workspace that contains it.",
+}
+"""What to do, by the code of a failure."""
+
+
+class NativeCodec:
+    """Writes the commands for one native part, and reads its replies.
+
+    Names are not sent back, so it remembers the configuration. The files of a player are written
+    here, too.
+    """
 
     def __init__(self) -> None:
         self._player: protocol.ConfigurePlayer | None = None
+        self._played: PlaybackReader | None = None
+        self._round: Round | None = None
+        self._headers: dict[str, bool] = {}
+        self._is_loading = False
         self._playlists = 0
+        self._playbacks = 0
+        # Steps that were played of earlier schedules.
+        self._steps_before = 0
+        # In the order of the counts, with whether it is watched for a while only.
+        self._topics: list[tuple[str, bool]] = []
 
-    def __call__(self, message: Any) -> bytes:
-        """Encode a command as one line; for `Follow`, this also writes the playlist.
+    def encode(self, message: Any) -> bytes:
+        """Encode a command; for `Follow` and `Play`, this also writes their files.
 
         Raises:
-            OSError: the playlist cannot be written, or a buffer is missing.
-            ValueError: a native part knows no such command.
+            OSError: a file cannot be written, or a buffer is missing.
+            ValueError: a native part knows no such command, or a message on /tf is damaged.
         """
-        words = [quote(word, safe="/,_-.+~") for word in self._words(message)]
-        return " ".join(words).encode() + b"\n"
+        return b"".join(os.fsencode(word) + b"\0" for word in self._words(message))
 
     def _words(self, message: Any) -> list[str]:
         match message:
             case protocol.ConfigurePlayer():
                 self._player = message
+                topics = [each.topic for each in message.inputs]
+                topics += [TF] if TF in message.transforms else []
+                self._topics = [(each, False) for each in topics]
+                self._played = PlaybackReader(Path(message.rows), ())
                 return ["player", *_player_words(message)]
             case protocol.Follow(schedule=schedule):
-                if self._player is None:
-                    raise ValueError("a player is configured before it gets a schedule")
-                self._playlists += 1
-                path = Path(f"{self._player.rows}.playlist-{self._playlists}")
-                sources = [each.source for each in self._player.inputs]
-                write_playlist(path, schedule, sources, Path(self._player.buffer_dir))
-                return ["follow", str(path)]
+                self._is_loading = True
+                return ["play", str(self._write_playlist(schedule))]
             case protocol.Play(rate_hz=rate_hz, steps=steps):
-                return ["play", repr(float(rate_hz)), str(steps)]
+                self._is_loading = False
+                return ["play", str(self._write_playback(rate_hz, steps))]
             case protocol.ConfigureMonitor(monitors=monitors, rows_dir=folder):
-                return ["monitor", folder, str(len(monitors)), *_topic_words(monitors)]
-            case protocol.Watch(monitors=monitors, with_content=content):
-                flag = str(int(content))
-                return ["watch", flag, str(len(monitors)), *_topic_words(monitors)]
+                types = dict.fromkeys(each.type for each in monitors)
+                return ["monitor", folder, str(len(types)), *types]
+            case protocol.Subscribe(monitors=monitors):
+                self._add_topics(monitors, is_watched=False)
+                return ["subscribe", str(len(monitors)), *_topic_words(monitors)]
+            case protocol.Watch(monitors=monitors):
+                self._add_topics(monitors, is_watched=True)
+                return ["watch", str(len(monitors)), *_topic_words(monitors)]
+            case protocol.Unwatch():
+                self._topics = [each for each in self._topics if not each[1]]
         word = _SIMPLE.get(type(message))
         if word is None:
             raise ValueError(f"no command of a native part: {type(message).__name__}")
         return [word]
 
+    def _write_playlist(self, schedule: Schedule) -> Path:
+        if self._player is None or self._played is None:
+            raise ValueError("a player is configured before it gets a schedule")
+        self._playlists += 1
+        path = Path(f"{self._player.rows}.playlist-{self._playlists}")
+        inputs = self._player.inputs
+        stamped = [
+            each.timestamp == "header" and self._headers.get(each.topic, False) for each in inputs
+        ]
+        self._round = read_round(
+            schedule, [each.source for each in inputs], stamped, Path(self._player.buffer_dir)
+        )
+        write_playlist(path, self._round)
+        self._steps_before = self._played.count()
+        return path
+
+    def _write_playback(self, rate_hz: float, steps: int) -> Path:
+        if self._player is None or self._played is None or self._round is None:
+            raise ValueError("a player gets a schedule before it plays")
+        self._playbacks += 1
+        path = playback_path(Path(self._player.rows), self._playbacks)
+        # A playback may have been stopped: the next one goes on after the last complete step.
+        first = (self._played.count() - self._steps_before) % self._round.steps
+        last_stamp_ns = self._played.last_stamp_ns()
+        write_playback(path, self._round, rate_hz, steps, first, last_stamp_ns)
+        return path
+
+    def _add_topics(self, monitors: Iterable[MonitorPlan], *, is_watched: bool) -> None:
+        for each in monitors:
+            self._topics.insert(0, (each.topic, is_watched))
+
+    def decode(self, line: bytes) -> protocol.Reply:
+        """Read a reply.
+
+        Raises:
+            msgspec.DecodeError: the line is none of a native part.
+        """
+        word, _, rest = line.decode(errors="replace").rstrip("\n").partition(" ")
+        words = rest.split()
+        match word:
+            case "ready" if self._player is not None:
+                planned = (each.topic for each in self._player.inputs)
+                flags = (each == "1" for each in words)
+                headers = dict(zip(planned, flags, strict=False))
+                self._headers |= headers
+                return protocol.Ready(headers=headers)
+            case "ready":
+                return protocol.Ready(rmw=rest)
+            case "matched":
+                # The count of a topic with several subscriptions is that of the latest one.
+                found = reversed([*zip(self._topics, words, strict=True)])
+                return protocol.Matched(
+                    counts={topic: int(count) for (topic, _), count in found if count != "-1"}
+                )
+            case "played" if self._is_loading:
+                return protocol.Ready()
+            case "played":
+                return protocol.Played(steps=int(rest))
+            case "failed":
+                code, _, text = rest.partition(" ")
+                return protocol.Failed(code=code, message=text, hint=_HINTS.get(code, ""))
+        raise msgspec.DecodeError(f"no reply of a native part: {word}")
+
 
 def _player_words(command: protocol.ConfigurePlayer) -> Iterator[str]:
     folder = Path(command.buffer_dir)
-    static, size = "", 0
-    if TF_STATIC in command.transforms:
-        static = str(buffers.buffer_path(folder, TF_STATIC, "cdr"))
-        size = buffers.read_index(folder, TF_STATIC).sizes[0]
-    has_tf = TF in command.transforms
-    yield from (command.rows, str(int(command.clock)), static, str(size))
-    yield from (str(len(command.inputs)), str(len(command.inputs) + has_tf))
-    for each in command.inputs:
-        yield from (each.topic, each.type, _qos_word(each.qos))
-        yield str(int(each.timestamp == "header"))
-    if has_tf:
-        yield from (TF, TF_TYPE, _qos_word(TF_QOS), "0")
+    inputs = [(each.topic, each.type, each.qos, each.source) for each in command.inputs]
+    if TF in command.transforms:
+        inputs.append((TF, TF_TYPE, TF_QOS, TF))
+    yield str(len(inputs))
+    for topic, kind, qos, source in inputs:
+        path = buffers.buffer_path(folder, source, "cdr")
+        yield from (kind, *_qos_words(qos), topic, str(path))
 
 
 def _topic_words(monitors: Iterable[MonitorPlan]) -> Iterator[str]:
     for each in monitors:
-        qos = "-" if each.qos is None else _qos_word(each.qos)
-        yield from (each.name, each.topic, each.type, qos)
+        if each.qos is None:
+            raise ValueError(f"{each.topic} is subscribed to with a known quality of service")
+        yield from (each.type, f"{each.name}.rows", *_qos_words(each.qos), each.topic)
 
 
-def _qos_word(qos: QoS) -> str:
-    return f"{qos.reliability},{qos.durability},{qos.history},{qos.depth}"
+def _qos_words(qos: QoS) -> Iterator[str]:
+    yield str(_RELIABILITY[qos.reliability])
+    yield str(_DURABILITY[qos.durability])
+    yield str(_HISTORY[qos.history])
+    yield str(qos.depth)

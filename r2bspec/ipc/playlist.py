@@ -1,174 +1,148 @@
-"""Playlists: a schedule and where its messages are, for the native player.
-
-A playlist is one file of little-endian int64, which `r2bspec/native/schedule.c` maps and checks::
-
-    magic "R2BPLAY1", cyclic, files, path_bytes, messages, places, refs, events, steps,
-    period_ns, stamp_period_ns, origin_ns, earliest_stamp_ns
-    paths       NUL-terminated, together `path_bytes` long, which is a multiple of 8
-    messages    source, file, offset, size, first_place, places
-    places      position in the message, recorded stamp in ns: of the stamps of transforms
-    refs        message, stamp minus that of the step in ns
-    events      step in the round or -1, at, inputs, stamp_ns, origin_ns, first_ref, refs
-
-The events are one round. `at` is the due time in ns; in a cyclic schedule, it is a float64 in steps
-from the beginning of the round, and 0 for steps. The meaning of everything else is that of
-`r2bspec.ipc.schedule`.
-"""
+"""Playlists: a schedule and where its messages are, as one round of what the player gets."""
 
 from __future__ import annotations
 
-import struct
-from array import array
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from r2bspec.ipc import buffers
-from r2bspec.ipc.disk_errors import named_errors
-from r2bspec.ipc.schedule import (
-    ALL_INPUTS,
-    NO_STEP,
-    CyclicSchedule,
-    Schedule,
-    TimelineSchedule,
+from r2bspec.ipc.header_stamps import STAMP_BYTES
+from r2bspec.ipc.playback_events import (
+    ENTRY_DTYPE,
+    CyclicRound,
+    Round,
+    TimelineRound,
+    complete_steps,
 )
+from r2bspec.ipc.schedule import ALL_INPUTS, NO_STEP, CyclicSchedule, Schedule, TimelineSchedule
 from r2bspec.ipc.transform_stamps import TF, StampedTransforms
 
-_MAGIC = b"R2BPLAY1"
-_HEADER = struct.Struct("<8s12q")
+_STAMP_POSITION = STAMP_BYTES - 8
+_NO_PLACE = (-1, 0)
 
 
-class _Playlist:
-    """The arrays of a playlist while it is written."""
+class _Buffers:
+    """Where the messages of all sources are; a source is read when the first of them is played."""
 
-    def __init__(self) -> None:
-        self.files: list[str] = []
-        self.messages = array("q")
-        self.places = array("q")
-        self.refs = array("q")
-        self.events = array("q")
-        self._numbers: dict[tuple[int, int], int] = {}
-
-    def add_source(
-        self, source: int, folder: Path, topic: str, positions: set[int], *, shifted: bool
+    def __init__(
+        self, sources: Sequence[str], stamped: Sequence[bool], folder: Path, *, shifts: bool
     ) -> None:
-        """Add the messages of a buffer; the stamps in them are `shifted` if they are transforms."""
-        if not positions:
-            return
-        self.files.append(str(buffers.buffer_path(folder, topic, "cdr")))
-        transforms = buffers.read_messages(folder, topic, positions) if shifted else {}
-        offset = 0
-        for position, size in enumerate(buffers.read_index(folder, topic).sizes):
-            if position in positions:
-                first = len(self.places) // 2
-                if shifted:
-                    for place, stamp_ns in StampedTransforms(transforms[position]).places():
-                        self.places.extend((place, stamp_ns))
-                self._numbers[source, position] = len(self.messages) // 6
-                places = len(self.places) // 2 - first
-                self.messages.extend((source, len(self.files) - 1, offset, size, first, places))
-            offset += size
+        self._topics = [*sources, TF]
+        self._stamped = [*stamped, False]
+        self._folder = folder
+        self._transforms = b""
+        if shifts and buffers.buffer_path(folder, TF, "cdr").exists():
+            self._transforms = buffers.buffer_path(folder, TF, "cdr").read_bytes()
+        self._found: dict[int, tuple[tuple[int, ...], list[int]]] = {}
 
-    def add_event(
+    def find(self, source: int, position: int) -> tuple[int, int, list[tuple[int, int]]]:
+        """The offset and the size of a message, and its stamps: the place and what is in it now."""
+        if source not in self._found:
+            sizes = buffers.read_index(self._folder, self._topics[source]).sizes
+            self._found[source] = sizes, np.cumsum([0, *sizes]).tolist()
+        offset, size = self._found[source][1][position], self._found[source][0][position]
+        places = []
+        if source == len(self._topics) - 1 and self._transforms:
+            message = bytearray(self._transforms[offset : offset + size])
+            places = StampedTransforms(message).places()
+        elif self._stamped[source] and size >= STAMP_BYTES:
+            # The stamp of a header is replaced, whatever it is.
+            places = [(_STAMP_POSITION, 0)]
+        return offset, size, places or [_NO_PLACE]
+
+
+class _Entries:
+    """The entries of a round while it is made."""
+
+    def __init__(self, found: _Buffers) -> None:
+        self._buffers = found
+        self.rows: list[tuple[int, ...]] = []
+        self.at: list[float] = []
+
+    def add(
         self,
-        step: int,
-        at: int,
-        messages: Sequence[tuple[int, int]],
+        messages: Sequence[tuple[int, int, int]],
         *,
+        step: int,
         inputs: int = ALL_INPUTS,
+        at: float = 0.0,
+        due_ns: int = 0,
         stamp_ns: int = 0,
-        origin_ns: int = 0,
-        stamp_offsets_ns: Sequence[int] = (),
+        complete: int = 0,
     ) -> None:
-        first = len(self.refs) // 2
-        for number, message in enumerate(messages):
-            offset_ns = stamp_offsets_ns[number] if stamp_offsets_ns else 0
-            self.refs.extend((self._numbers[message], offset_ns))
-        self.events.extend((step, at, inputs, stamp_ns, origin_ns, first, len(messages)))
+        """Add an event; a message is its source, its position there, and a shift of its stamps."""
+        stamps = [
+            (offset, stamp_in_it_ns + shift_ns, size, place, source, number == len(places))
+            for source, position, shift_ns in messages
+            for offset, size, places in [self._buffers.find(source, position)]
+            for number, (place, stamp_in_it_ns) in enumerate(places, 1)
+        ]
+        for number, each in enumerate(stamps):
+            left = len(stamps) - number
+            self.rows.append((due_ns, stamp_ns, 0, 0, inputs, *each, left, step, complete))
+            self.at.append(at)
+
+    def array(self) -> NDArray[np.void]:
+        """The entries; of type `ENTRY_DTYPE`."""
+        return np.array(self.rows, dtype=ENTRY_DTYPE)
 
 
-def write_playlist(path: Path, schedule: Schedule, sources: Sequence[str], folder: Path) -> None:
-    """Write a schedule for the native player.
+def read_round(
+    schedule: Schedule, sources: Sequence[str], stamped: Sequence[bool], folder: Path
+) -> Round:
+    """One round of what the player gets for a schedule.
 
     Args:
-        path: of the new file.
         schedule: of the player.
         sources: the topics of the buffers, in the order of the inputs of the plan.
+        stamped: for each of them, whether its messages get the stamp of the step in their headers.
         folder: has the buffers, also that of /tf if the schedule plays it.
 
     Raises:
-        OSError: the disk is full, or a buffer is missing.
+        OSError: a buffer is missing.
         ValueError: a message on /tf is damaged.
     """
-    made = _Playlist()
-    shifts = schedule.shift_transforms if isinstance(schedule, TimelineSchedule) else True
-    topics = [*sources, TF]
-    used = schedule.positions_used()
-    for source, (topic, positions) in enumerate(zip(topics, used, strict=True)):
-        is_transform = source == len(sources)
-        made.add_source(source, folder, topic, positions, shifted=is_transform and shifts)
-    numbers = (
-        _add_cyclic(made, schedule)
-        if isinstance(schedule, CyclicSchedule)
-        else _add_timeline(made, schedule)
-    )
-    paths = b"".join(each.encode(errors="surrogateescape") + b"\0" for each in made.files)
-    paths += b"\0" * (-len(paths) % 8)
-    counts = (len(made.messages) // 6, len(made.places) // 2, len(made.refs) // 2)
-    header = _HEADER.pack(
-        _MAGIC,
-        int(isinstance(schedule, CyclicSchedule)),
-        *(len(made.files), len(paths), *counts, len(made.events) // 7, len(schedule.steps)),
-        *numbers,
-    )
-    with named_errors(path), path.open("wb") as file:
-        file.write(header + paths)
-        for each in (made.messages, made.places, made.refs, made.events):
-            file.write(each.tobytes())
+    if isinstance(schedule, CyclicSchedule):
+        return _cyclic_round(_Entries(_Buffers(sources, stamped, folder, shifts=True)), schedule)
+    shifts = schedule.shift_transforms
+    return _timeline_round(_Entries(_Buffers(sources, stamped, folder, shifts=shifts)), schedule)
 
 
-def _add_cyclic(made: _Playlist, schedule: CyclicSchedule) -> tuple[int, int, int, int]:
-    """Add the events of one round; they are those of one playback at one step per second."""
+def _cyclic_round(entries: _Entries, schedule: CyclicSchedule) -> CyclicRound:
+    columns = schedule.columns or tuple(range(len(schedule.steps[0])))
+    inputs = sum(1 << each for each in columns) if schedule.between else ALL_INPUTS
     extras = [each for each in schedule.without_step() if each[0] >= 0]
     taken = 0
-    for event in schedule.events(1.0, len(schedule.steps)):
-        if event.step == NO_STEP:
-            continue
-        made.add_event(
-            event.step,
-            0,
-            event.messages,
-            inputs=event.inputs,
-            stamp_offsets_ns=event.stamp_offsets_ns,
-        )
-        while taken < len(extras) and extras[taken][0] < event.step + 1:
-            at, message, origin_ns = extras[taken]
-            made.add_event(NO_STEP, _bits(at), (message,), origin_ns=origin_ns)
+    for step, positions in enumerate(schedule.steps):
+        shifts = schedule.stamp_offsets_ns[step : step + 1] or [(0,) * len(columns)]
+        of_step = list(zip(columns, positions, shifts[0], strict=True))
+        entries.add(of_step, step=step, inputs=inputs, at=float(step), complete=step + 1)
+        while taken < len(extras) and extras[taken][0] < step + 1:
+            at, (source, position), origin_ns = extras[taken]
+            between = [(source, position, -origin_ns)]
+            entries.add(between, step=NO_STEP, at=at, complete=step + 1)
             taken += 1
-    return (0, 0, 0, 0)
+    return CyclicRound(entries.array(), len(schedule.steps), np.array(entries.at))
 
 
-def _bits(value: float) -> int:
-    """A float64 as the int64 with the same bits."""
-    return int(struct.unpack("<q", struct.pack("<d", value))[0])
-
-
-def _add_timeline(made: _Playlist, schedule: TimelineSchedule) -> tuple[int, int, int, int]:
+def _timeline_round(entries: _Entries, schedule: TimelineSchedule) -> TimelineRound:
     for each in schedule.messages:
-        message = ((each.input, each.position),)
-        if each.step == NO_STEP:
-            made.add_event(NO_STEP, each.offset_ns, message)
-            continue
-        step = schedule.steps[each.step]
-        offsets_ns = schedule.stamp_offsets_ns[each.step] if schedule.stamp_offsets_ns else ()
-        made.add_event(
-            each.step,
-            each.offset_ns,
-            message,
-            inputs=step.inputs,
-            stamp_ns=step.stamp_ns,
-            stamp_offsets_ns=offsets_ns[each.input : each.input + 1],
+        stamp_ns, inputs, shift_ns = 0, ALL_INPUTS, 0
+        if each.step != NO_STEP:
+            step = schedule.steps[each.step]
+            stamp_ns, inputs = step.stamp_ns, step.inputs
+            if schedule.stamp_offsets_ns:
+                shift_ns = schedule.stamp_offsets_ns[each.step][each.input]
+        entries.add(
+            [(each.input, each.position, shift_ns)],
+            step=each.step,
+            inputs=inputs,
+            due_ns=each.offset_ns,
+            stamp_ns=stamp_ns - schedule.origin_ns,
         )
-    return (
-        *(schedule.period_ns, schedule.stamp_period_ns, schedule.origin_ns),
-        schedule.earliest_stamp_ns(),
-    )
+    found = entries.array()
+    found["complete"] = complete_steps(found["step"])
+    return TimelineRound(found, len(schedule.steps), schedule.period_ns, schedule.stamp_period_ns)

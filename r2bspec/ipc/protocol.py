@@ -52,15 +52,14 @@ class ConfigureLoader(_Message, frozen=True, kw_only=True, tag=True):
 class ConfigurePlayer(_Message, frozen=True, kw_only=True, tag=True):
     """Be the player: publish `inputs` and `transforms` (topics) from the buffers.
 
-    The reply, `Ready`, states which inputs have a header. `Follow` sets the schedule. With
-    `clock`, the system time is published on /clock until it ends.
+    The reply, `Ready`, states which inputs have a header. `Follow` sets the schedule. Of the
+    transforms, /tf is played; /tf_static is the observer's.
     """
 
     inputs: tuple[InputPlan, ...]
     buffer_dir: str
     rows: str
     transforms: tuple[str, ...] = ()
-    clock: bool = False
 
 
 class Follow(_Message, frozen=True, kw_only=True, tag=True):
@@ -70,7 +69,7 @@ class Follow(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class ConfigureMonitor(_Message, frozen=True, kw_only=True, tag=True):
-    """Be the monitor: record `monitors` to ``ROWS_DIR/NAME.rows``."""
+    """Be the monitor: record `monitors` to ``ROWS_DIR/NAME.rows``, from `Subscribe` on."""
 
     monitors: tuple[MonitorPlan, ...]
     rows_dir: str
@@ -79,10 +78,17 @@ class ConfigureMonitor(_Message, frozen=True, kw_only=True, tag=True):
 class ConfigureObserver(_Message, frozen=True, kw_only=True, tag=True):
     """Be the observer, which answers what discovery shows.
 
-    On the topics of `guarded`, every publisher is examined; see `ForeignPublisher`.
+    On the topics of `guarded`, every publisher is examined; see `ForeignPublisher`. It also
+    publishes what nodes need before anything is played, and what has no due times: before it is
+    ready, it has published /tf_static, latched, and with `clock` the system time on /clock.
+
+    Attributes:
+        static_dir: has the buffer of /tf_static; empty without one.
     """
 
     guarded: tuple[str, ...] = ()
+    static_dir: str = ""
+    clock: bool = False
 
 
 class ConfigureHost(_Message, frozen=True, kw_only=True, tag=True):
@@ -95,7 +101,9 @@ class ConfigureHost(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class Prepare(_Message, frozen=True, kw_only=True, tag=True):
-    """Import what a host of nodes needs; `ConfigureHost` follows. There is no reply."""
+    """Import rclpy and these packages of messages; the role follows. The reply is `Prepared`."""
+
+    packages: tuple[str, ...] = ()
 
 
 class ConfigureHarness(_Message, frozen=True, kw_only=True, tag=True):
@@ -131,30 +139,53 @@ class ConfigureComponents(_Message, frozen=True, kw_only=True, tag=True):
 
 
 class Subscribe(_Message, frozen=True, kw_only=True, tag=True):
-    """Create the subscriptions. A topic without a QoS waits until its publisher is discovered.
+    """Create subscriptions; the reply, `Matched`, is sent immediately.
 
-    The reply, `Matched`, is sent immediately; a topic that still waits has the count 0.
+    For a monitor: those of `monitors`, of which each has a QoS. For a loader: those of all topics
+    that it records. A topic whose publisher has not been discovered waits and has the count 0.
     """
+
+    monitors: tuple[MonitorPlan, ...] = ()
 
 
 class Watch(_Message, frozen=True, kw_only=True, tag=True):
     """Also record these topics until `Unwatch`. The reply is `Matched`.
 
-    A topic without a QoS uses that of its publisher. A topic that currently has no publisher, or
-    whose type is not installed, is not recorded. With `with_content`, whole messages are written to
-    ``ROWS_DIR/NAME.messages`` (`r2bspec.ipc.message_log`).
+    Each has a QoS. A topic whose type is not installed is not recorded.
     """
 
     monitors: tuple[MonitorPlan, ...]
-    with_content: bool = False
 
 
 class Unwatch(_Message, frozen=True, kw_only=True, tag=True):
     """Stop recording the topics of `Watch`; their rows stay. The reply is `Matched`."""
 
 
+class Record(_Message, frozen=True, kw_only=True, tag=True):
+    """Record whole messages of these topics until `EndRecording`. The reply is `Matched`.
+
+    The files are ``FOLDER/NAME.rows``, as those of a monitor, and ``FOLDER/NAME.messages``
+    (`r2bspec.ipc.message_log`). A topic uses the QoS of its publishers; one that currently has
+    none, or whose type is not installed, is not recorded.
+    """
+
+    monitors: tuple[MonitorPlan, ...]
+    folder: str
+
+
+class EndRecording(_Message, frozen=True, kw_only=True, tag=True):
+    """Complete the files of `Record`. The reply is `Matched`."""
+
+
 class CountMatches(_Message, frozen=True, kw_only=True, tag=True):
     """Query how many endpoints of other processes each endpoint is matched with."""
+
+
+class AwaitStatic(_Message, frozen=True, kw_only=True, tag=True):
+    """Wait until all matched subscriptions have received /tf_static, but not for long.
+
+    The reply is `Matched`.
+    """
 
 
 class Discover(_Message, frozen=True, kw_only=True, tag=True):
@@ -222,7 +253,10 @@ Command = (
     | Subscribe
     | Watch
     | Unwatch
+    | Record
+    | EndRecording
     | CountMatches
+    | AwaitStatic
     | Discover
     | Survey
     | ListParameters
@@ -234,18 +268,8 @@ Command = (
 )
 
 
-class Hello(_Message, frozen=True, kw_only=True, tag=True):
-    """The first message of a part that has connected by itself: `r2bspec_harness_start`.
-
-    With an empty `part` it is from a process of the graph that asks whether it gets parts
-    (``join.c``): `process` is the name of the process in the plan that it belongs to.
-    """
-
-    pid: int
-    executable: str
-    part: str
-    process: str = ""
-    arguments: tuple[str, ...] = ()
+class Prepared(_Message, frozen=True, kw_only=True, tag=True):
+    """Everything is imported: until its role follows, the process waits and uses no processor."""
 
 
 class Ready(_Message, frozen=True, kw_only=True, tag=True):
@@ -371,7 +395,7 @@ class Failed(_Message, frozen=True, kw_only=True, tag=True):
 
 
 Reply = (
-    Hello
+    Prepared
     | Ready
     | Matched
     | Discovered

@@ -1,15 +1,11 @@
 """Sample files that one process appends to while another reads them.
 
-A file begins with a header of 64 bytes, of which the first eight are the number of complete rows
-(little-endian int64); fixed-size rows of int64 follow. Rows are written before the count, so a
-process that reads the first `count` rows sees only complete ones, and the rows of a killed process
-can still be read.
+A file is nothing but rows of int64, little-endian and of a fixed size. Each is appended in one
+write; a reader ignores an incomplete row at the end, which a killed process may leave.
 """
 
 from __future__ import annotations
 
-import mmap
-import os
 import struct
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,27 +16,14 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-_HEADER_BYTES = 64
-_COUNT = struct.Struct("<q")
-
 
 class RowWriter:
-    """Appends rows of `width` int64 values; grows the file by doubling."""
+    """Appends rows of `width` int64 values to a new file, as ``rows.c`` does."""
 
-    def __init__(self, path: Path, width: int, capacity: int = 4096) -> None:
+    def __init__(self, path: Path, width: int) -> None:
         self._row = struct.Struct(f"<{width}q")
-        self._capacity = capacity
-        self._count = 0
         self._path = path
-        self._file = path.open("xb+")
-        self._map = self._map_file(capacity)
-
-    def _map_file(self, capacity: int) -> mmap.mmap:
-        size = _HEADER_BYTES + capacity * self._row.size
-        # Without the allocation, a full disk would cause SIGBUS at a later row.
-        with named_errors(self._path):
-            os.posix_fallocate(self._file.fileno(), 0, size)
-        return mmap.mmap(self._file.fileno(), size)
+        self._file = path.open("xb", buffering=0)
 
     def append(self, *values: int) -> None:
         """Append one row.
@@ -48,18 +31,11 @@ class RowWriter:
         Raises:
             OSError: the disk is full; it has the name of the file.
         """
-        if self._count == self._capacity:
-            self._capacity *= 2
-            old = self._map
-            self._map = self._map_file(self._capacity)
-            old.close()
-        self._row.pack_into(self._map, _HEADER_BYTES + self._count * self._row.size, *values)
-        self._count += 1
-        _COUNT.pack_into(self._map, 0, self._count)
+        with named_errors(self._path):
+            self._file.write(self._row.pack(*values))
 
     def close(self) -> None:
-        """Unmap and close."""
-        self._map.close()
+        """Close the file."""
         self._file.close()
 
 
@@ -75,11 +51,9 @@ class RowReader:
     def count(self) -> int:
         """The number of complete rows; 0 before the file exists."""
         try:
-            with self._path.open("rb") as file:
-                head = file.read(_COUNT.size)
+            return self._path.stat().st_size // self._dtype.itemsize
         except FileNotFoundError:
             return 0
-        return int(_COUNT.unpack(head)[0]) if len(head) == _COUNT.size else 0
 
     def read(self, start: int = 0, stop: int | None = None) -> NDArray[np.void]:
         """Copy the rows from `start` up to `stop`, or up to the last complete one."""
@@ -92,5 +66,5 @@ class RowReader:
             self._path,
             self._dtype,
             count=last - start,
-            offset=_HEADER_BYTES + start * self._dtype.itemsize,
+            offset=start * self._dtype.itemsize,
         )

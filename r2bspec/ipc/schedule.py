@@ -11,6 +11,8 @@ with its first message. The stamps of a round are those of the recording, shifte
 so that they stay consistent with each other; each round shifts them further by the recorded length
 of a round, so that no stamp is repeated.
 
+What is published when is computed by `r2bspec.ipc.playback_events`.
+
 Transforms can be played with both, and in a cyclic schedule the messages of inputs with a rate of
 their own. They belong to no step and do not count as steps.
 """
@@ -18,10 +20,7 @@ their own. They belong to no step and do not count as steps.
 from __future__ import annotations
 
 import bisect
-import itertools
 import math
-from collections.abc import Iterator
-from typing import NamedTuple
 
 import msgspec
 
@@ -30,36 +29,6 @@ NO_STEP = -1
 
 ALL_INPUTS = -1
 """The set of all inputs, as bits."""
-
-
-class PlaybackEvent(NamedTuple):
-    """Messages to be published at one time.
-
-    Attributes:
-        offset_ns: the due time, relative to the first step of the playback.
-        step: its number in the playback, or `NO_STEP`.
-        messages: (input, position in the input's buffer) of each message; the inputs are numbered
-            in the order of the plan, and the transforms follow the last one.
-        inputs: the inputs of which the complete step has messages, as bits.
-        stamp_ns: the stamp of the step, relative to the time of the first step; None for the time
-            of its publication.
-        origin_ns: for transforms, the recorded time that is shifted to `stamp_ns`; their stamps
-            are shifted by the same difference.
-        starts_step: whether the step begins with this event.
-        ends_step: whether the step ends with this event.
-        stamp_offsets_ns: for each of the messages, its stamp minus that of the step; empty if all
-            are 0.
-    """
-
-    offset_ns: int
-    step: int
-    messages: tuple[tuple[int, int], ...]
-    inputs: int = ALL_INPUTS
-    stamp_ns: int | None = None
-    origin_ns: int = 0
-    starts_step: bool = True
-    ends_step: bool = True
-    stamp_offsets_ns: tuple[int, ...] = ()
 
 
 class BetweenMessage(msgspec.Struct, frozen=True, array_like=True):
@@ -116,48 +85,9 @@ class CyclicSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="cyclic"):
         """How many steps are due within a time."""
         return round(duration_ns / 1e9 * rate_hz)
 
-    def positions_used(self) -> list[set[int]]:
-        """The positions that are played, for each input and then for the transforms."""
-        used: dict[int, set[int]] = {each: set() for each in self._inputs()}
-        for number, positions in zip(self._inputs(), zip(*self.steps, strict=True), strict=True):
-            used[number].update(positions)
-        for each in self.between:
-            used.setdefault(each.input, set()).add(each.position)
-        return [*(used[each] for each in sorted(used)), {each.position for each in self.transforms}]
-
     def _inputs(self) -> tuple[int, ...]:
         """The inputs of the steps, by their numbers in the plan."""
         return self.columns or tuple(range(len(self.steps[0])))
-
-    def events(self, rate_hz: float, steps: int, first: int = 0) -> Iterator[PlaybackEvent]:
-        """What to publish, in the order in which it is due.
-
-        Args:
-            rate_hz: steps per second.
-            steps: how many.
-            first: the step of the round to begin with.
-        """
-        period_ns = 1e9 / rate_hz
-        length = len(self.steps)
-        columns = self._inputs()
-        extras = self.without_step()
-        starts = [each[0] for each in extras]
-        inputs = sum(1 << each for each in columns) if self.between else ALL_INPUTS
-        for step in range(steps):
-            place = (first + step) % length
-            # Relative to the first due time, so that rounding errors do not accumulate.
-            yield PlaybackEvent(
-                round(step * period_ns),
-                step,
-                tuple(zip(columns, self.steps[place], strict=True)),
-                inputs,
-                stamp_offsets_ns=self.stamp_offsets_ns[place] if self.stamp_offsets_ns else (),
-            )
-            for at, message, origin_ns in extras[
-                bisect.bisect_left(starts, place) : bisect.bisect_left(starts, place + 1)
-            ]:
-                offset_ns = round((step + at - place) * period_ns)
-                yield PlaybackEvent(offset_ns, NO_STEP, (message,), origin_ns=origin_ns)
 
     def without_step(self) -> list[tuple[float, tuple[int, int], int]]:
         """What belongs to no step, by its due time: the time, the message and its `origin_ns`."""
@@ -231,67 +161,6 @@ class TimelineSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"
         del rate_hz
         rounds, rest_ns = divmod(duration_ns, self.period_ns)
         return rounds * len(self.steps) + bisect.bisect_left(self.due_offsets_ns(), rest_ns)
-
-    def positions_used(self) -> list[set[int]]:
-        """The positions that are played, for each input and then for the transforms."""
-        columns: list[set[int]] = [set() for _ in range(self.inputs + 1)]
-        for each in self.messages:
-            columns[each.input].add(each.position)
-        return columns
-
-    def earliest_stamp_ns(self) -> int:
-        """The first stamp relative to the beginning of the playback; usually negative or 0."""
-        return min(each.stamp_ns for each in self.steps) - self.origin_ns
-
-    def events(self, rate_hz: float, steps: int, first: int = 0) -> Iterator[PlaybackEvent]:
-        """What to publish, in the order in which it is due.
-
-        Each playback begins at the beginning of the recording, so that all are equal.
-
-        Args:
-            rate_hz: has no effect: the recording has its own times.
-            steps: how many; the last message ends the last of them.
-            first: has no effect.
-        """
-        del rate_hz, first
-        sizes = [0] * len(self.steps)
-        for each in self.messages:
-            if each.step != NO_STEP:
-                sizes[each.step] += 1
-        left: dict[int, int] = {}
-        closed = 0
-        for turn in itertools.count():
-            base, begin_ns = turn * len(self.steps), turn * self.period_ns
-            stamps_ns = turn * self.stamp_period_ns - self.origin_ns
-            for each in self.messages:
-                if closed == steps:
-                    return
-                played = ((each.input, each.position),)
-                offset_ns = begin_ns + each.offset_ns
-                if each.step == NO_STEP:
-                    yield PlaybackEvent(offset_ns, NO_STEP, played, stamp_ns=stamps_ns)
-                    continue
-                number = base + each.step
-                if number >= steps:
-                    continue
-                starts_step = number not in left
-                left[number] = left.get(number, sizes[each.step]) - 1
-                ends_step = left[number] == 0
-                closed += ends_step
-                step = self.steps[each.step]
-                stamp_ns = step.stamp_ns + stamps_ns
-                offsets_ns = self.stamp_offsets_ns[each.step] if self.stamp_offsets_ns else ()
-                yield PlaybackEvent(
-                    offset_ns,
-                    number,
-                    played,
-                    step.inputs,
-                    stamp_ns,
-                    0,
-                    starts_step,
-                    ends_step,
-                    offsets_ns[each.input : each.input + 1],
-                )
 
 
 Schedule = CyclicSchedule | TimelineSchedule

@@ -6,12 +6,12 @@ that read them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
+import msgspec
 
-@dataclass(frozen=True, slots=True)
-class BagFormat:
+
+class BagFormat(msgspec.Struct, frozen=True):
     """One storage format.
 
     Attributes:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+
+from msgspec.structs import replace
 
 from r2bspec.diagnostics import Diagnostic, Related, Span
 from r2bspec.diagnostics.quote import clip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import msgspec
 
 from r2bspec.diagnostics import Edit, Related, Span
 from r2bspec.diagnostics.quote import quote
@@ -20,8 +20,7 @@ from r2bspec.language.merge_key import Merge, merge_entries
 _TYPE_NAMES = {bool: "a boolean", int: "a number", float: "a number"}
 
 
-@dataclass(slots=True)
-class CollectionBuilder:
+class CollectionBuilder(msgspec.Struct):
     """A list or a map whose end has not been read yet.
 
     Attributes:
@@ -34,9 +33,9 @@ class CollectionBuilder:
     is_map: bool
     problems: DiagnosticCollector
     size: int = 1
-    items: list[TreeNode] = field(default_factory=list)
-    entries: dict[str, Entry] = field(default_factory=dict)
-    merges: list[Merge] = field(default_factory=list)
+    items: list[TreeNode] = msgspec.field(default_factory=list)
+    entries: dict[str, Entry] = msgspec.field(default_factory=dict)
+    merges: list[Merge] = msgspec.field(default_factory=list)
     key: TreeNode | None = None
 
     def add(self, node: TreeNode, size: int, span: Span) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path as FilePath
+
+import msgspec
 
 from r2bspec.diagnostics import Diagnostic, Path, Related
 from r2bspec.language.extend import extend, extend_siblings
@@ -18,8 +19,7 @@ from r2bspec.language.yaml_composer import compose
 Variables = Mapping[str, bool | int | float | str]
 
 
-@dataclass(slots=True)
-class ParsedDocument:
+class ParsedDocument(msgspec.Struct):
     """What all cases of a document share.
 
     Attributes:
@@ -34,9 +34,9 @@ class ParsedDocument:
     tree: TreeNode | None
     diagnostics: list[Diagnostic]
     sources: dict[str, Source]
-    files: dict[str, tuple[Related, ...]] = field(default_factory=dict)
-    entries: dict[Path, tuple[Related, ...]] = field(default_factory=dict)
-    incomplete: set[Path] = field(default_factory=set)
+    files: dict[str, tuple[Related, ...]] = msgspec.field(default_factory=dict)
+    entries: dict[Path, tuple[Related, ...]] = msgspec.field(default_factory=dict)
+    incomplete: set[Path] = msgspec.field(default_factory=set)
 
     @property
     def base_dir(self) -> FilePath:

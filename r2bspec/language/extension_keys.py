@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from r2bspec.language.located_tree import Entry, ListNode, MapNode, TreeNode
+from r2bspec.language.located_tree import Entry, MapNode, TreeNode
 
 PREFIX = "x-"
 
@@ -18,11 +18,11 @@ def without_extensions(root: TreeNode, schema: dict[str, Any]) -> TreeNode:
     done: dict[tuple[int, int], TreeNode] = {}
 
     def strip(node: TreeNode, rule: Any) -> TreeNode:
-        if not isinstance(rule, dict) or not isinstance(node, MapNode | ListNode):
+        if not isinstance(rule, dict) or not isinstance(node, MapNode):
             return node
         name = (id(node), id(rule))
         if name not in done:
-            done[name] = strip_map(node, rule) if isinstance(node, MapNode) else node
+            done[name] = strip_map(node, rule)
         return done[name]
 
     def strip_map(node: MapNode, rule: dict[str, Any]) -> MapNode:
@@ -34,10 +34,11 @@ def without_extensions(root: TreeNode, schema: dict[str, Any]) -> TreeNode:
             if known is not None and key.startswith(PREFIX):
                 changed = True
                 continue
-            value = strip(entry.value, known.get(key) if known is not None else below)
-            if value is not entry.value:
-                changed = True
-                entry = Entry(entry.key_span, value, entry.key_resolved)
+            if type(entry.value) is MapNode:
+                value = strip(entry.value, known.get(key) if known is not None else below)
+                if value is not entry.value:
+                    changed = True
+                    entry = Entry(entry.key_span, value, entry.key_resolved)
             entries[key] = entry
         return MapNode(entries, node.span) if changed else node
 

@@ -13,7 +13,8 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+
+import msgspec
 
 from r2bspec.diagnostics import Diagnostic, Related, Severity, Span, did_you_mean
 from r2bspec.diagnostics.quote import quote
@@ -40,8 +41,7 @@ MAX_CASE_VALUES = 100_000
 Values = Mapping[str, ScalarNode]
 
 
-@dataclass(frozen=True, slots=True)
-class MatrixCase:
+class MatrixCase(msgspec.Struct, frozen=True):
     """One case: its name, its values, and its place in the document."""
 
     name: str
@@ -49,8 +49,7 @@ class MatrixCase:
     span: Span
 
 
-@dataclass(slots=True)
-class Matrix:
+class Matrix(msgspec.Struct):
     """The cases of a document, and the problems of its matrix.
 
     Attributes:
@@ -60,7 +59,7 @@ class Matrix:
 
     span: Span
     matrix_cases: tuple[MatrixCase, ...] = ()
-    problems: DiagnosticCollector = field(default_factory=DiagnosticCollector)
+    problems: DiagnosticCollector = msgspec.field(default_factory=DiagnosticCollector)
 
 
 def matrix_of(root: TreeNode) -> Matrix | None:

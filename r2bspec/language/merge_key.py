@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+
+import msgspec
 
 from r2bspec.diagnostics.diagnostic import Span
 from r2bspec.language.located_tree import Entry, MapNode
 
 
-@dataclass(frozen=True, slots=True)
-class Merge:
+class Merge(msgspec.Struct, frozen=True):
     """A map to be merged, and the place of its ``<<``."""
 
     span: Span

@@ -8,8 +8,9 @@ has also a case in `r2bspec.harness.node_host`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Any, Final, Literal
+
+import msgspec
 
 from r2bspec.language.schema import name_patterns
 from r2bspec.language.schema.schema_builder import (
@@ -26,16 +27,14 @@ from r2bspec.language.schema.schema_builder import (
 NodeKindName = Literal["python", "plugin", "executable", "command", "launch", "external"]
 
 
-@dataclass(frozen=True, slots=True)
-class Refusal:
+class Refusal(msgspec.Struct, frozen=True):
     """Why a kind of node cannot have a key, and what to do; empty to remove the key."""
 
     why: str
     help: str = ""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class NodeKind:
+class NodeKind(msgspec.Struct, frozen=True, eq=False):
     """One kind of node.
 
     Attributes:
@@ -59,12 +58,12 @@ class NodeKind:
     name: NodeKindName
     keys: Mapping[str, Schema]
     role: Literal["host", "container", "command"] | None = "command"
-    refuses: Mapping[str, Refusal] = field(default_factory=dict)
+    refuses: Mapping[str, Refusal] = msgspec.field(default_factory=dict)
     by_others: bool = False
     names_own_nodes: bool = False
     any_program: bool = False
     listed_by: str = ""
-    snippet: Mapping[str, Any] = field(default_factory=dict)
+    snippet: Mapping[str, Any] = msgspec.field(default_factory=dict)
     suggested: int = 0
 
     @property

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+
+import msgspec
+from msgspec.structs import replace
 
 from r2bspec.diagnostics import Path, Span, did_you_mean, format_path
 from r2bspec.diagnostics.quote import quote
@@ -34,17 +36,15 @@ from r2bspec.language.yaml_composer import compose
 _PART = re.compile(r"\[(\d{1,9})\]|\['([^']*)'\]|(?:^|\.)([^.\[\]'=]+)")
 
 
-@dataclass(slots=True)
-class OverrideResult:
+class OverrideResult(msgspec.Struct):
     """The tree with the options applied, the problems, and the options as sources."""
 
     tree: TreeNode
-    problems: DiagnosticCollector = field(default_factory=DiagnosticCollector)
-    sources: dict[str, Source] = field(default_factory=dict)
+    problems: DiagnosticCollector = msgspec.field(default_factory=DiagnosticCollector)
+    sources: dict[str, Source] = msgspec.field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
-class _Option:
+class _Option(msgspec.Struct, frozen=True):
     """The text of an option, its path, and the offsets of each part and of the value."""
 
     source: Source

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+
+import msgspec
 
 from r2bspec.diagnostics import Span
 from r2bspec.language.located_tree import Entry, MapNode, ScalarNode, child, without
@@ -14,16 +15,14 @@ _INSTANCE = re.compile(INSTANCE.pattern)
 _VARIABLE = re.compile(VARIABLE.pattern)
 
 
-@dataclass(frozen=True, slots=True)
-class RepeatedEntry:
+class RepeatedEntry(msgspec.Struct, frozen=True):
     """An entry without its `repeat`, and its instances."""
 
     entry: MapNode
     instances: dict[str, Instance]
 
 
-@dataclass(frozen=True, slots=True)
-class Instance:
+class Instance(msgspec.Struct, frozen=True):
     """The place of an instance, and its variables."""
 
     span: Span

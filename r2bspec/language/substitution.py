@@ -19,8 +19,10 @@ The rules:
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from typing import Any
+
+import msgspec
+from msgspec.structs import replace
 
 from r2bspec.diagnostics import Certainty, Diagnostic, Related, Span, did_you_mean
 from r2bspec.diagnostics import Path as TreePath
@@ -50,12 +52,12 @@ from r2bspec.language.variable_declarations import (
 from r2bspec.language.variable_references import OPENING, MalformedReference, Reference, references
 from r2bspec.language.yaml_composer import MAX_EXPANDED_VALUES
 from r2bspec.language.yaml_scalars import ScalarError, ScalarValue, resolve
+from r2bspec.untrusted.looked_up_files import note_variable
 
 _DECLARATIONS = frozenset({"variables", "environment", "r2bspec"})
 
 
-@dataclass(frozen=True, slots=True)
-class SubstitutionResult:
+class SubstitutionResult(msgspec.Struct, frozen=True):
     """The tree after substitution, the problems, and the variables that were used.
 
     Attributes:
@@ -190,6 +192,10 @@ class _Substitution:
                     if name in entries:
                         self._report_clash(name, instance.key_span, entries[name].key_span)
                     entries.setdefault(name, instance)
+                continue
+            if _is_final(entry.value) and OPENING not in key and key not in entries:
+                # Most entries.
+                entries[key] = entry
                 continue
             value = self.walk(entry.value, known.get(key) if known is not None else below)
             new, sure = (key, True)
@@ -369,6 +375,7 @@ class _Substitution:
         if name in self._refused:
             return None
         text = self._environ.get(name)
+        note_variable(name, text)
         if text is None:
             span = self._inner(node, found.name_start, len(name))
             self.problems.error(
@@ -394,6 +401,13 @@ class _Substitution:
             return node.span
         source = self._sources.get(node.span.file)
         return inner_span(source, node.span, node.text, offset, length)
+
+
+def _is_final(node: TreeNode) -> bool:
+    """Whether a node is a single value without a reference, and no secret."""
+    if type(node) is not ScalarNode or node.secret:
+        return False
+    return type(node.value) is not str or OPENING not in node.value
 
 
 def _as_text(node: ScalarNode | UnknownNode) -> ScalarNode | UnknownNode:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import Any
+
+import msgspec
 
 from r2bspec.language.quantities import Quantity, QuantityError, Share
 from r2bspec.language.requirement_grammar import RequirementError, parse_requirement
 from r2bspec.language.schema.schema_builder import ALLOWED_WORDS, KIND, POSITIVE, QUANTITIES
 
 
-@dataclass(frozen=True, slots=True)
-class ValueProblem:
+class ValueProblem(msgspec.Struct, frozen=True):
     """Why a value is invalid.
 
     Attributes:

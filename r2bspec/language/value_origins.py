@@ -7,13 +7,14 @@ written. Without the places that led there, a finding would be hard to understan
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+
+import msgspec
+from msgspec.structs import replace
 
 from r2bspec.diagnostics import Diagnostic, Path, Related, Span
 
 
-@dataclass(frozen=True, slots=True)
-class ValueOrigins:
+class ValueOrigins(msgspec.Struct, frozen=True):
     """The origins of the values of one document.
 
     Attributes:
@@ -21,8 +22,8 @@ class ValueOrigins:
         entries: for the path of an entry made from another, the place that says so.
     """
 
-    files: Mapping[str, tuple[Related, ...]] = field(default_factory=dict)
-    entries: Mapping[Path, tuple[Related, ...]] = field(default_factory=dict)
+    files: Mapping[str, tuple[Related, ...]] = msgspec.field(default_factory=dict)
+    entries: Mapping[Path, tuple[Related, ...]] = msgspec.field(default_factory=dict)
 
     def origins_of(self, path: Path, span: Span) -> tuple[Related, ...]:
         """The places that led to the value at a path, which is written at `span`."""

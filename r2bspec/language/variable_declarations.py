@@ -11,7 +11,8 @@ and one of the choices.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+
+from msgspec.structs import replace
 
 from r2bspec.diagnostics import Related, Span, did_you_mean
 from r2bspec.diagnostics.quote import quote

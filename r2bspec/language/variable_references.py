@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Literal
+
+import msgspec
 
 OPENING = "$("
 
@@ -13,8 +14,7 @@ _REFERENCE = re.compile(r"\$\(\s*(var|env)\s+([A-Za-z_][A-Za-z0-9_]*)\s*\)")
 _UNPARSED_REFERENCE = re.compile(r"\$\([^()\s]*(?:\s+[^()]*)?\)?")
 
 
-@dataclass(frozen=True, slots=True)
-class Reference:
+class Reference(msgspec.Struct, frozen=True):
     """A reference, at ``text[start:end]``; its name begins at `name_start`."""
 
     start: int
@@ -24,8 +24,7 @@ class Reference:
     name_start: int
 
 
-@dataclass(frozen=True, slots=True)
-class MalformedReference:
+class MalformedReference(msgspec.Struct, frozen=True):
     """Text at ``text[start:end]`` that begins like a reference but is not one."""
 
     start: int

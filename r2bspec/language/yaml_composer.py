@@ -12,9 +12,9 @@ limit has a diagnostic of its own:
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
+import msgspec
 import yaml
 from yaml import events as ev
 
@@ -31,11 +31,11 @@ MAX_DEPTH = 100
 MAX_VALUES = 400_000
 MAX_EXPANDED_VALUES = 200_000
 
-_Loader: Any = getattr(yaml, "CLoader", yaml.Loader)
+_CParser: Any = getattr(getattr(yaml, "cyaml", None), "CParser", None)
+"""None where PyYAML was built without libyaml."""
 
 
-@dataclass(frozen=True, slots=True)
-class ComposeResult:
+class ComposeResult(msgspec.Struct, frozen=True):
     """The tree, or None if the text is not a document; and its problems."""
 
     tree: TreeNode | None
@@ -47,13 +47,21 @@ def compose(source: Source) -> ComposeResult:
     composer = _Composer(source)
     found = composer.problems.diagnostics
     try:
-        composer.run(yaml.parse(source.text, Loader=_Loader))
+        composer.run(_events(source.text))
     except StopReadingError:
         return ComposeResult(None, tuple(found))
     except yaml.YAMLError as error:
         found.append(explain_syntax_error(error, source))
         return ComposeResult(None, tuple(found))
     return ComposeResult(composer.root, tuple(found))
+
+
+def _events(text: str) -> Iterator[Any]:
+    """The events of the parser; those of libyaml without the detour that `yaml.parse` takes."""
+    if _CParser is None:
+        return cast("Iterator[Any]", yaml.parse(text, Loader=yaml.Loader))
+    # It ends with None.
+    return iter(_CParser(text).get_event, None)
 
 
 class _Composer:
@@ -68,16 +76,23 @@ class _Composer:
         self._documents = 0
 
     def run(self, parsed: Iterator[Any]) -> None:
+        # The loop over all events: what most of them need is written out in it.
+        scalar, add, file = self._scalar, self._add, self._source.file
         for event in parsed:
             kind = type(event)
             if kind is ev.ScalarEvent:
-                self._count(event)
-                self._add(self._scalar(event), 1, event.anchor)
-            elif kind is ev.MappingStartEvent or kind is ev.SequenceStartEvent:
-                self._start_collection(event, is_map=kind is ev.MappingStartEvent)
+                self._values += 1
+                start, end = event.start_mark, event.end_mark
+                span = Span(file, start.line + 1, start.column + 1, end.line + 1, end.column + 1)
+                if self._values > MAX_VALUES:
+                    self._too_many_values(span)
+                add(scalar(event, span), 1, event.anchor, span)
             elif kind is ev.MappingEndEvent or kind is ev.SequenceEndEvent:
                 done = self._open.pop()
-                self._add(done.node(_collection_span(done, event)), done.size, done.anchor)
+                span = _collection_span(done, event)
+                add(done.node(span), done.size, done.anchor, span)
+            elif kind is ev.MappingStartEvent or kind is ev.SequenceStartEvent:
+                self._start_collection(event, is_map=kind is ev.MappingStartEvent)
             elif kind is ev.AliasEvent:
                 self._alias(event)
             elif kind is ev.DocumentStartEvent:
@@ -100,18 +115,15 @@ class _Composer:
                 "move it to its own file, or remove the '---'",
             )
 
-    def _count(self, event: Any) -> None:
-        self._values += 1
-        if self._values > MAX_VALUES:
-            self.problems.stop(
-                "R2B002",
-                f"the document has more than {MAX_VALUES:,} keys and values",
-                self._span(event),
-                "check the path: a spec has a few hundred",
-            )
+    def _too_many_values(self, span: Span) -> None:
+        self.problems.stop(
+            "R2B002",
+            f"the document has more than {MAX_VALUES:,} keys and values",
+            span,
+            "check the path: a spec has a few hundred",
+        )
 
-    def _scalar(self, event: Any) -> TreeNode:
-        span = self._span(event)
+    def _scalar(self, event: Any, span: Span) -> TreeNode:
         if event.tag is not None:
             self._reject_tag(event, span)
             return UnknownNode(span)
@@ -127,8 +139,10 @@ class _Composer:
             return UnknownNode(span)
 
     def _start_collection(self, event: Any, *, is_map: bool) -> None:
-        self._count(event)
         span = self._span(event)
+        self._values += 1
+        if self._values > MAX_VALUES:
+            self._too_many_values(span)
         if event.tag is not None:
             self._reject_tag(event, span)
         if len(self._open) >= MAX_DEPTH:
@@ -149,7 +163,7 @@ class _Composer:
                 span,
                 "put the anchor on a smaller value, or write the value out",
             )
-            self._add(UnknownNode(span), 1, None)
+            self._add(UnknownNode(span), 1, None, span)
             return
         if name not in self._anchors:
             self.problems.error(
@@ -158,7 +172,7 @@ class _Composer:
                 span,
                 f"add '&{name}' to an earlier value, or quote the text if it is not an alias",
             )
-            self._add(UnknownNode(span), 1, None)
+            self._add(UnknownNode(span), 1, None, span)
             return
         node, size = self._anchors[name]
         self._shared += size
@@ -171,13 +185,11 @@ class _Composer:
             )
         self._add(node, size, None, span)
 
-    def _add(
-        self, node: TreeNode, size: int, anchor: str | None, used_at: Span | None = None
-    ) -> None:
+    def _add(self, node: TreeNode, size: int, anchor: str | None, used_at: Span) -> None:
         if anchor is not None:
             self._anchors[anchor] = (node, size)
         if self._open:
-            self._open[-1].add(node, size, used_at or node.span)
+            self._open[-1].add(node, size, used_at)
         else:
             self.root = node
 

@@ -16,6 +16,7 @@ from r2bspec.language.located_tree import TreeNode
 from r2bspec.language.source_text import Source
 from r2bspec.language.yaml_composer import compose
 from r2bspec.language_server.tentative_spec import tentative_context
+from r2bspec.untrusted.looked_up_files import shared_lookups
 from r2bspec.untrusted.unsaved_files import unsaved_files
 
 
@@ -72,7 +73,7 @@ def analyse(path: Path, text: str, unsaved: Mapping[Path, str] | None = None) ->
         text: the text, saved or not.
         unsaved: the texts of other open files, which take the place of what is on disk.
     """
-    with unsaved_files(unsaved or {}):
+    with unsaved_files(unsaved or {}), shared_lookups():
         cases = load_cases(text, file=str(path))
         files = DocumentFiles(cases[0].base_dir)
         contexts = tuple(context_of(each, files=files) for each in cases)

@@ -40,8 +40,9 @@ from r2bspec.language_server.text_positions import TextPositions
 from r2bspec.untrusted.errors import RefusedFileError
 from r2bspec.untrusted.safe_file import read_text
 
-DEBOUNCE_S: Final = 0.02
-"""Time without a change after which a text is analysed: less than between two key presses."""
+DEBOUNCE_S: Final = 0.005
+"""Time without a change after which a text is analysed: editors may send what belongs together in
+several notifications. Between two key presses is more, so that every one of them is shown."""
 
 MAX_WAIT_S: Final = 0.5
 """Time that a completion waits for the analysis of the text; then an older one must do."""
@@ -104,10 +105,9 @@ class SpecLanguageServer(LanguageServer):
 
     def analyse_soon(self, path: Path | None = None) -> None:
         """Analyse the specs that a document belongs to, or all of them."""
-        if self._task is not None:
-            self._task.cancel()
         self._waiting.update(self.specs.specs() if path is None else self.specs.affected_by(path))
-        self._task = asyncio.ensure_future(self._analyse_waiting())
+        if self._task is None or self._task.done():
+            self._task = asyncio.ensure_future(self._analyse_waiting())
 
     async def settled(self, path: Path) -> None:
         """Wait until the newest text of a spec is analysed, but not longer than a user would.
@@ -123,17 +123,30 @@ class SpecLanguageServer(LanguageServer):
             await asyncio.wait({self._task}, timeout=left)
 
     async def _analyse_waiting(self) -> None:
-        await asyncio.sleep(DEBOUNCE_S)
-        for path in [each for each in self.specs.specs() if each in self._waiting]:
+        """Analyse one document after the other, as long as there is one to analyse.
+
+        A thread cannot be stopped: two analyses at a time would only slow each other down.
+        """
+        await self._quiet()
+        while path := next((each for each in self.specs.specs() if each in self._waiting), None):
             generation = self.specs.generation
             analysis = await asyncio.to_thread(self.specs.analyse, path)
             if generation != self.specs.generation:
-                # Something has changed since: the next task shows what is true then.
-                return
+                # Something has changed since: what is true now is shown.
+                await self._quiet()
+                continue
             self._waiting.discard(path)
             self.specs.keep(analysis)
             self._publish(analysis)
+        self._waiting.clear()
         self._clear_others()
+
+    async def _quiet(self) -> None:
+        """Wait until nothing has changed for a moment."""
+        generation = None
+        while generation != self.specs.generation:
+            generation = self.specs.generation
+            await asyncio.sleep(DEBOUNCE_S)
 
     def _publish(self, analysis: Analysis) -> None:
         found = diagnostics_by_file(analysis, self.positions_of)

@@ -11,8 +11,10 @@ This module computes nothing and imports no NumPy, so that a spec can be checked
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
 from typing import Literal
+
+import msgspec
+from msgspec.structs import replace
 
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.language.requirement_grammar import Bound
@@ -44,8 +46,7 @@ PROCESS = "<process>"
 """Placeholder for the name of any process in the catalogue's names."""
 
 
-@dataclass(frozen=True, slots=True)
-class MetricInfo:
+class MetricInfo(msgspec.Struct, frozen=True):
     """One metric.
 
     Attributes:

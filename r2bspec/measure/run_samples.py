@@ -27,6 +27,8 @@ from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import ProcessRecord, RunRecord, Segment
 from r2bspec.record.sample_arrays import Rows
 
+_HARNESS_ROLES = ("player", "monitor", "harness", "observer")
+
 NO_STAMPS: NDArray[np.int64] = np.empty(0, np.int64)
 
 
@@ -185,10 +187,18 @@ def with_host_samples(
 
 
 def _by_name(processes: tuple[ProcessRecord, ...]) -> dict[str, frozenset[int]]:
+    """The indices of the processes of each name, those of the harness first.
+
+    The order in which processes are started says nothing: some are started ahead of their turn.
+    """
     named: dict[str, set[int]] = {}
-    for index, process in enumerate(processes):
+    for index, process in sorted(enumerate(processes), key=lambda each: _rank(each[1].role)):
         named.setdefault(process.name, set()).add(index)
     return {name: frozenset(indices) for name, indices in named.items()}
+
+
+def _rank(role: str) -> int:
+    return _HARNESS_ROLES.index(role) if role in _HARNESS_ROLES else len(_HARNESS_ROLES)
 
 
 def run_samples(

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
+
+import msgspec
 
 from r2bspec.language.spec import TruthKind
 
 
-@dataclass(frozen=True, slots=True)
-class TruthTraits:
+class TruthTraits(msgspec.Struct, frozen=True):
     """What a kind of truth says, and of what.
 
     Attributes:

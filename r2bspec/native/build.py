@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Literal
 
 from r2bspec.native.errors import BuildError
+from r2bspec.native.python_symbols import symbol_flags
 from r2bspec.native.ros_headers import RCL_PACKAGES, RosFiles
 from r2bspec.private_files import private_files
 
@@ -37,7 +38,6 @@ _KIND_FLAGS: dict[Kind, tuple[str, ...]] = {
 _LIBRARIES = ("-lrcl", "-lrmw", "-lrcutils", "-pthread", "-ldl")
 _TIMEOUT_S = 120.0
 _SHOWN_LINES = 60
-_PYTHON_SYMBOLS = Path(__file__).with_name("python_symbols.c")
 
 
 def find_compiler(environ: Mapping[str, str] = os.environ) -> list[str]:
@@ -95,10 +95,10 @@ def build(
         BuildError: there is no compiler, it rejects the sources, or the result cannot be kept.
     """
     command = [*(compiler or find_compiler())]
-    if kind == "program" and ros.wheels and "-lrcl" in libraries:
-        sources = [*sources, _PYTHON_SYMBOLS]
     includes = ros.include_folders([*RCL_PACKAGES, *packages])
     words = [*_FLAGS, *_KIND_FLAGS[kind], *flags]
+    if kind == "program" and ros.wheels and "-lrcl" in libraries:
+        words += symbol_flags()
     words += [f"-isystem{each}" for each in includes]
     links = [f"-L{each}" for each in ros.library_folders()] + [*libraries]
     digest = _digest(command, sources, includes, [name, kind, *words, *links])

@@ -5,62 +5,58 @@
  * Functions that can fail return 0 or a negative number; what failed is then kept for the thread
  * and reported on its channel by control.c. Times are in nanoseconds; on the monotonic clock unless
  * a name says otherwise. The files that are shared with the controller are described where Python
- * reads or writes them: r2bspec/ipc/{sample_files,message_log,playlist,native_protocol}.py.
+ * reads or writes them: r2bspec/ipc/{sample_files,message_log,native_protocol}.py.
  */
 #ifndef R2BSPEC_HARNESS_H
 #define R2BSPEC_HARNESS_H
 
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
+#include <time.h>
 
 #include <rcl/error_handling.h>
 #include <rcl/rcl.h>
 
 #define NS_PER_S INT64_C(1000000000)
-#define NO_STEP INT64_C(-1)
 #define PUBLIC __attribute__((visibility("default")))
 
-/* control.c: the parts of a process. */
+/* control.c: the parts of a process; not for several threads at once. */
 
 /* Starts a part that is controlled over a connected socket, which it will close. */
 PUBLIC int r2bspec_harness_serve(int fd);
 /* The same over a socket in the file system; the part says hello with its name. */
 PUBLIC int r2bspec_harness_start(const char *socket_path, const char *part);
-/* Waits for the end of the part that was started last, then ends the others; returns a status that
- * is not 0 if a part failed. */
+/* Waits for the end of all parts, for at most two seconds; 1 if one of them has failed, else 0. */
 PUBLIC int r2bspec_harness_join(void);
-/* Ends all parts, and waits for them for at most this time; returns as the other. */
-PUBLIC int r2bspec_harness_stop(int64_t timeout_ns);
+/* Serves a channel in this thread until it is told to end. */
+void part_serve(int fd);
 
 /* control.c: the channel of a part. */
 
 typedef struct channel {
-  int fd;
-  char *data;
-  size_t length;   /* bytes received */
-  size_t consumed; /* bytes of lines that were returned */
+  FILE *in; /* without a buffer */
+  char *word;
   size_t capacity;
 } channel_t;
 
-/* The next line, without its end; it is valid until the next call. -1 when the channel is closed. */
-int channel_next(channel_t *channel, char **line);
+/* The next word of a command, of which each ends with a zero byte; it is valid until the next call.
+ * Empty when the channel is closed. */
+char *next_word(channel_t *channel);
+int64_t next_number(channel_t *channel);
 /* Sleeps until a command can be read or the time is over; true for a command. */
 bool channel_wait(channel_t *channel, int64_t timeout_ns);
-/* Sends one line: a reply in JSON. */
-int channel_send(channel_t *channel, const char *text, size_t size);
+/* Sends a part of a reply, which is a line of words. */
 int channel_reply(channel_t *channel, const char *format, ...)
   __attribute__((format(printf, 2, 3)));
-void json_string(FILE *out, const char *text);
 
-/* The words of a command, separated by spaces; percent signs encode other bytes. */
-char *next_word(char **rest);
-int64_t next_number(char **rest);
+#define HARNESS_FAULT "R2B630"
+#define DISK_FAULT "R2B651"
 
-/* Keeps what failed, for the report; both return -1. */
-int fail(const char *code, const char *hint, const char *format, ...)
-  __attribute__((format(printf, 3, 4)));
+/* Keeps what failed, for the report; returns -1, as those below. */
+int fail(const char *code, const char *format, ...) __attribute__((format(printf, 2, 3)));
 int fail_rcl(const char *what);
 /* For calls whose failure changes nothing: forgets the error that rcl has kept. */
 void ignore_rcl(rcl_ret_t status);
@@ -68,108 +64,15 @@ void ignore_rcl(rcl_ret_t status);
 int fail_file(const char *path);
 int fail_memory(void);
 
-/* timing.c */
+static inline int64_t read_clock(clockid_t clock)
+{
+  struct timespec now;
+  clock_gettime(clock, &now);
+  return now.tv_sec * NS_PER_S + now.tv_nsec;
+}
 
-int64_t monotonic_ns(void);
-int64_t system_ns(void);
-int64_t thread_cpu_ns(void);
-
-/* Waits for due times and learns for how long it must spin. For one thread. */
-typedef struct pacer {
-  int64_t spin_ns;
-} pacer_t;
-
-void pacer_init(pacer_t *pacer);
-/* Returns at a time, or earlier and true if there is a command. */
-bool pacer_wait(pacer_t *pacer, int64_t due_ns, channel_t *channel);
-
-/* The offset of the system clock from the monotonic one, and its steps. */
-typedef struct clock_offset {
-  int64_t last_read_ns, difference_ns, difference_before_ns, no_step_until_ns;
-} clock_offset_t;
-
-void clock_offset_init(clock_offset_t *offset);
-int64_t clock_offset_update(clock_offset_t *offset);
-/* Converts the time of an arrival; returns the time of now. 0: the middleware gives none. */
-int64_t clock_offset_arrival(clock_offset_t *offset, int64_t arrived_system_ns, int64_t *arrived);
-
-/* rows.c: files of samples. */
-
-typedef struct rows {
-  char *path;
-  int fd;
-  int64_t *map;
-  size_t width, capacity, count;
-} rows_t;
-
-int rows_open(rows_t *rows, const char *path, size_t width, size_t capacity);
-int rows_reserve(rows_t *rows, size_t more);
-int rows_append(rows_t *rows, const int64_t *values);
-void rows_close(rows_t *rows);
-
-/* schedule.c: a schedule, and the messages that it plays, from a file. */
-
-typedef struct stamp_place {
-  int64_t position; /* in the message */
-  int64_t stamp_ns; /* recorded */
-} stamp_place_t;
-
-typedef struct message {
-  int64_t source, file, offset, size, first_place, places;
-} message_t;
-
-typedef struct message_ref {
-  int64_t message, stamp_offset_ns;
-} message_ref_t;
-
-typedef struct round_event {
-  int64_t step; /* in the round, or NO_STEP */
-  union {
-    double steps;
-    int64_t ns;
-  } at;
-  int64_t inputs, stamp_ns, origin_ns, first_ref, refs;
-} round_event_t;
-
-typedef struct playlist_header {
-  char magic[8];
-  int64_t cyclic, files, path_bytes, messages, places, refs, events, steps;
-  int64_t period_ns, stamp_period_ns, origin_ns, earliest_stamp_ns;
-} playlist_header_t;
-
-typedef struct playlist {
-  void *map;
-  size_t size;
-  const playlist_header_t *header;
-  const char *paths;
-  const message_t *messages;
-  const stamp_place_t *places;
-  const message_ref_t *refs;
-  const round_event_t *events;
-  int64_t *step_events; /* the first event of each step */
-  int64_t *step_sizes;  /* the events of each step */
-} playlist_t;
-
-/* One event of a playback; the messages are those of `source`. */
-typedef struct event {
-  int64_t offset_ns, step, stamp_ns, origin_ns;
-  bool has_stamp, starts_step, ends_step;
-  const round_event_t *source;
-} event_t;
-
-typedef struct cursor {
-  const playlist_t *list;
-  double period_ns;
-  int64_t steps, next_step, closed, turn, next;
-  int64_t *left;
-} cursor_t;
-
-/* Opens a playlist of messages of `sources` sources, and checks all of it. */
-int playlist_open(playlist_t *list, const char *path, int64_t sources);
-void playlist_close(playlist_t *list);
-int cursor_init(cursor_t *at, const playlist_t *list, double rate_hz, int64_t steps, int64_t first);
-bool cursor_next(cursor_t *at, event_t *event);
-void cursor_fini(cursor_t *at);
+static inline int64_t monotonic_ns(void) { return read_clock(CLOCK_MONOTONIC); }
+static inline int64_t system_ns(void) { return read_clock(CLOCK_REALTIME); }
 
 /* ros.c */
 
@@ -185,18 +88,10 @@ void ros_fini(ros_t *ros);
 /* The type support of a name such as sensor_msgs/msg/Image; NULL if it is not installed. */
 type_t *ros_type(const char *name);
 bool begins_with_header(type_t *type);
-int parse_qos(char *text, rmw_qos_profile_t *qos);
-/* What is compatible with all publishers of a topic: 1, or 0 if there are none. */
-int qos_of_publishers(ros_t *ros, const char *topic, rmw_qos_profile_t *qos);
-int ros_publisher(
-  ros_t *ros, type_t *type, const char *topic, const rmw_qos_profile_t *qos, rcl_publisher_t *made);
-int ros_publish(rcl_publisher_t *publisher, const void *data, size_t size);
+rmw_qos_profile_t next_qos(channel_t *channel);
 
-/* Called when a part begins to end, if a process of its own sets it: some middlewares hang then. */
-extern void (*harness_on_end)(void);
-
-/* player.c, monitor.c: each serves a channel until told to end; `rest` are words of the command. */
-int player_serve(channel_t *channel, char *rest);
-int monitor_serve(channel_t *channel, char *rest);
+/* player.c, monitor.c: each is configured over a channel, and serves it until told to end. */
+int player_serve(channel_t *channel, rcl_node_t *node);
+int monitor_serve(channel_t *channel, rcl_node_t *node);
 
 #endif

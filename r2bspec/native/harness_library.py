@@ -13,9 +13,8 @@ PROGRAM = "r2bspec_harness"
 LIBRARY = "libr2bspec_harness.so"
 
 _FOLDER = Path(__file__).parent
-_SOURCES = ("control.c", "monitor.c", "player.c", "ros.c", "rows.c", "schedule.c", "timing.c")
+_SOURCES = ("control.c", "monitor.c", "player.c", "ros.c")
 _FLAGS = ("-fwrapv",)
-_LIBRARIES = ("-lrcl", "-lrmw", "-lrcutils", "-pthread", "-ldl", "-lm")
 
 
 def harness_program(
@@ -55,6 +54,5 @@ def _build(
         kind=kind,
         compiler=find_compiler(environ),
         flags=(*_FLAGS, *flags),
-        libraries=_LIBRARIES,
         cache=cache,
     )

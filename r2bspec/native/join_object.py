@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from r2bspec.native.build import build, find_compiler
@@ -21,7 +21,9 @@ _SEPARATORS = " :"
 """No path with one of them can be preloaded."""
 
 
-def join_object(environ: Mapping[str, str] = os.environ, cache: Path | None = None) -> Path:
+def join_object(
+    environ: Mapping[str, str] = os.environ, flags: Sequence[str] = (), cache: Path | None = None
+) -> Path:
     """The object to preload; see ``join.c``.
 
     Raises:
@@ -33,6 +35,7 @@ def join_object(environ: Mapping[str, str] = os.environ, cache: Path | None = No
         find_ros(environ),
         kind="library",
         compiler=find_compiler(environ),
+        flags=flags,
         libraries=("-ldl",),
         cache=cache,
     )

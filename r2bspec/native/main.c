@@ -4,54 +4,49 @@
  */
 #include "harness.h"
 
-#include <pthread.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <unistd.h>
 
 #define CONTROL_FD "R2BSPEC_CONTROL_FD"
 #define USAGE_STATUS 2
-/* How long shutting ROS down may take: less than the controller waits before it sends SIGTERM. */
-#define MAX_END_S 8
 
-/* Serves an inherited channel; the variable is not for programs that this one might start. */
-static bool serve_variable(const char *name)
+/* The descriptor in a variable, or -1; the variable is not for programs that this one might start. */
+static int take_variable(const char *name)
 {
   const char *value = getenv(name);
-  if (value == NULL) {
-    return false;
-  }
-  const int fd = atoi(value);
+  const int fd = value == NULL ? -1 : atoi(value);
   unsetenv(name);
-  return r2bspec_harness_serve(fd) == 0;
+  return fd;
 }
 
-static void *exit_late(void *unused)
+static void exit_now(int signal)
 {
-  (void)unused;
-  sleep(MAX_END_S);
+  (void)signal;
   _exit(0);
-}
-
-static void start_exit_timer(void)
-{
-  pthread_t timer;
-  if (pthread_create(&timer, NULL, exit_late, NULL) == 0) {
-    pthread_detach(timer);
-  }
 }
 
 int main(void)
 {
-  harness_on_end = start_exit_timer;
-  /* Ctrl-C goes to the controller, which ends its children in order. */
-  signal(SIGINT, SIG_IGN);
-  (void)serve_variable(CONTROL_FD "_PLAYER");
-  (void)serve_variable(CONTROL_FD "_MONITOR");
-  if (!serve_variable(CONTROL_FD)) {
+  const int player = take_variable(CONTROL_FD "_PLAYER");
+  const int monitor = take_variable(CONTROL_FD "_MONITOR");
+  const int own = take_variable(CONTROL_FD);
+  if (own < 0) {
     fputs("this program is started by 'r2bspec run' and cannot be run alone\n", stderr);
     return USAGE_STATUS;
   }
+  /* Ctrl-C goes to the controller, which ends its children in order. */
+  signal(SIGINT, SIG_IGN);
+  signal(SIGPIPE, SIG_IGN);
+  /* This goes to a process that has been told to end, and hangs in its middleware. */
+  signal(SIGTERM, exit_now);
+  if (player >= 0) {
+    (void)r2bspec_harness_serve(player);
+  }
+  if (monitor >= 0) {
+    (void)r2bspec_harness_serve(monitor);
+  }
+  part_serve(own);
   const int status = r2bspec_harness_join();
   fflush(NULL);
   /* Threads of the middleware may still run; destructors at exit can then hang or crash after all

@@ -1,532 +1,368 @@
-/* The player: publishes prepared messages, step by step, on a schedule.
+/* The player: publishes prepared messages at the times of a file, and writes into it what it did.
  *
- * The load is open-loop: a step is due at its time whether or not the graph has answered the one
- * before. A late step is published at once, and its lateness is recorded. All inputs of a step have
+ * The load is open-loop: an event is due at its time whether or not the graph has answered the one
+ * before. A late one is published at once, and its lateness is recorded. All inputs of a step have
  * the same unique stamp, so that each output can be matched to its input.
+ *
+ * Files are checked when they are opened: nothing of a damaged one reaches beyond the files. Their
+ * arithmetic wraps around (-fwrapv), so that wrong times are nothing but wrong times.
  */
 #include "harness.h"
 
-#include <errno.h>
 #include <fcntl.h>
-#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <sys/prctl.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 /* From the command to the first due time, so that the first step is not late. */
 #define START_DELAY_NS 20000000
-#define ACKNOWLEDGED_NS (2 * NS_PER_S)
-#define CLOCK_PERIOD_NS 10000000
-#define CLOCK_TYPE "rosgraph_msgs/msg/Clock"
-#define TF_TYPE "tf2_msgs/msg/TFMessage"
-#define STAMP_POSITION 4
-#define STAMP_END 12
-/* A late player never sleeps, so it also looks for commands after so many events. */
-#define EVENTS_PER_LOOK 64
-/* Room that is made before playing: 10 MB. More is made while playing, by doubling. */
-#define MAX_RESERVED_ROWS ((int64_t)1 << 18)
-
-typedef struct input {
-  rcl_publisher_t publisher;
-  char *topic;
-  bool has_header, stamped;
-} input_t;
+/* A late player never sleeps, so it also looks for commands after so many entries. */
+#define ENTRIES_PER_LOOK 64
+/* More than the lateness of most sleeps. */
+#define INITIAL_SPIN_NS 150000
+#define MIN_SPIN_NS 30000
+/* A larger lateness comes from other work on the core; spinning does not help against it. */
+#define MAX_SPIN_NS 300000
+/* The share of sleeps that may end late is 4 %: these two are in balance there. */
+#define LATE_STEP_NS 3840
+#define EARLY_STEP_NS 160
+#define STAMP_BYTES 8
+#define NO_PLACE (-1)
+#define PAGE_BYTES 4096 /* or a multiple of it */
 
 typedef struct mapping {
   char *data;
   size_t size;
 } mapping_t;
 
-typedef struct clock_thread {
+/* An input of the plan, or /tf after them. */
+typedef struct source {
   rcl_publisher_t publisher;
-  pthread_t thread;
-  pthread_mutex_t lock;
-  pthread_cond_t ended;
-  bool runs, end;
-} clock_thread_t;
+  bool has_header;
+  mapping_t buffer; /* its messages */
+} source_t;
 
-/* The times of a step that has begun and is not in the file yet. */
-typedef struct open_step {
-  int64_t row[5];
-  bool done;
-} open_step_t;
+/* r2bspec/ipc/playback_events.py: a message of an event, or one more stamp in the message after it.
+ * The first three times are relative until an event is played. */
+typedef struct entry {
+  int64_t due_ns, stamp_ns, published_ns, done_ns;
+  int64_t inputs, offset, add_ns;
+  int32_t size, place;
+  int16_t source, is_published;
+  int32_t left; /* entries of the event, from this one on */
+  int32_t step, complete;
+} entry_t;
+
+/* r2bspec/ipc/playback_file.py */
+typedef struct playback {
+  int64_t published;
+  char magic[8];
+  int64_t count, is_loaded, has_stamps;
+  int64_t least_ns; /* the least time of the beginning, or stamp if it has no stamps */
+  entry_t entries[];
+} playback_t;
+
+_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the files are little-endian");
+_Static_assert(sizeof(playback_t) == 48 && sizeof(entry_t) == 80, "as Python writes them");
 
 typedef struct player {
   channel_t *channel;
-  ros_t ros;
-  clock_thread_t clock;
-  rcl_publisher_t static_publisher;
-  bool has_static;
-  input_t *inputs; /* those of the plan, then /tf where it is played */
-  int64_t input_count, planned;
-  playlist_t list;
-  mapping_t *files;
-  open_step_t *open_steps;
-  int64_t next; /* step of a cyclic round */
-  int64_t last_stamp_ns;
-  pacer_t pacer;
-  rows_t rows;
+  rcl_node_t *node;
+  source_t *sources;
+  int64_t source_count;
+  int64_t spin_ns;
 } player_t;
 
-/* ---- stamps ---- */
+/* ---- files ---- */
 
-static uint32_t in_order(uint32_t value, bool little)
+/* Maps a whole file, which may be empty: `shared` with other processes, or with a copy of each page
+ * that is written to. */
+static int map_file(mapping_t *mapping, const char *path, bool shared)
 {
-  return little ? value : __builtin_bswap32(value);
-}
-
-static void write_stamp(char *message, int64_t position, int64_t stamp_ns)
-{
-  const bool little = message[1] & 1;
-  int64_t seconds = stamp_ns / NS_PER_S;
-  int64_t rest_ns = stamp_ns % NS_PER_S;
-  if (rest_ns < 0) {
-    seconds -= 1;
-    rest_ns += NS_PER_S;
+  const int fd = open(path, (shared ? O_RDWR : O_RDONLY) | O_CLOEXEC);
+  if (fd < 0) {
+    return fail_file(path);
   }
-  const uint32_t words[2] = {
-    in_order((uint32_t)seconds, little), in_order((uint32_t)rest_ns, little)};
-  memcpy(message + position, words, sizeof(words));
-}
-
-static char *message_data(const player_t *player, const message_t *message)
-{
-  return player->files[message->file].data + message->offset;
-}
-
-static void stamp_message(const player_t *player, const message_t *message, int64_t stamp_ns,
-                          const event_t *event)
-{
-  char *data = message_data(player, message);
-  for (int64_t i = 0; i < message->places; ++i) {
-    const stamp_place_t *place = &player->list.places[message->first_place + i];
-    write_stamp(data, place->position, place->stamp_ns + stamp_ns - event->origin_ns);
-  }
-  if (player->inputs[message->source].stamped && message->size >= STAMP_END) {
-    write_stamp(data, STAMP_POSITION, stamp_ns);
-  }
-}
-
-/* This happens before waiting: writing to messages that are no longer in the cache takes time,
- * which would delay each publication. Returns the stamp of the event. */
-static int64_t stamp_event(player_t *player, const event_t *event, int64_t due_ns, int64_t epoch_ns)
-{
-  int64_t stamp_ns = epoch_ns + event->stamp_ns;
-  if (!event->has_stamp) {
-    const int64_t early_ns = due_ns - monotonic_ns();
-    stamp_ns = system_ns() + (early_ns > 0 ? early_ns : 0);
-    if (event->step != NO_STEP && stamp_ns <= player->last_stamp_ns) {
-      stamp_ns = player->last_stamp_ns + 1;
-    }
-  }
-  if (event->step != NO_STEP && stamp_ns > player->last_stamp_ns) {
-    player->last_stamp_ns = stamp_ns;
-  }
-  for (int64_t i = 0; i < event->source->refs; ++i) {
-    const message_ref_t *ref = &player->list.refs[event->source->first_ref + i];
-    const message_t *message = &player->list.messages[ref->message];
-    stamp_message(player, message, stamp_ns + ref->stamp_offset_ns, event);
-  }
-  return stamp_ns;
-}
-
-/* ---- the messages in memory ---- */
-
-static void unload(player_t *player)
-{
-  const int64_t files = player->list.header == NULL ? 0 : player->list.header->files;
-  for (int64_t i = 0; player->files != NULL && i < files; ++i) {
-    if (player->files[i].data != NULL) {
-      munmap(player->files[i].data, player->files[i].size);
-    }
-  }
-  free(player->files);
-  free(player->open_steps);
-  player->files = NULL;
-  player->open_steps = NULL;
-  playlist_close(&player->list);
-}
-
-/* Maps a file of messages: what is stamped becomes a page of this process, the rest is shared. */
-static int map_file(const char *path, mapping_t *mapping)
-{
   struct stat found;
-  const int fd = open(path, O_RDONLY | O_CLOEXEC);
-  if (fd < 0 || fstat(fd, &found) < 0) {
-    const int failed = fail_file(path);
-    if (fd >= 0) {
-      close(fd);
-    }
-    return failed;
+  void *data = fstat(fd, &found) < 0 ? MAP_FAILED : NULL;
+  if (data == NULL && found.st_size > 0) {
+    data = mmap(NULL, (size_t)found.st_size, PROT_READ | PROT_WRITE,
+                shared ? MAP_SHARED : MAP_PRIVATE, fd, 0);
   }
-  mapping->size = (size_t)found.st_size;
-  void *data = mmap(NULL, mapping->size, PROT_READ | PROT_WRITE, MAP_PRIVATE, fd, 0);
   const int failed = data == MAP_FAILED ? fail_file(path) : 0;
   close(fd);
-  mapping->data = failed == 0 ? data : NULL;
+  if (failed == 0 && data != NULL) {
+    *mapping = (mapping_t){.data = data, .size = (size_t)found.st_size};
+  }
   return failed;
 }
 
-/* Reads a message from the disk, and copies the pages that stamps are written to, before playing. */
-static int touch_message(const player_t *player, const message_t *message)
+static void unmap(const mapping_t *mapping)
 {
-  if ((size_t)(message->offset + message->size) > player->files[message->file].size) {
-    return fail("R2B630", "", "a file of messages is shorter than its index says");
+  if (mapping->data != NULL) {
+    munmap(mapping->data, mapping->size);
   }
-  volatile char *data = message_data(player, message);
-  const int64_t page = sysconf(_SC_PAGESIZE);
-  for (int64_t place = 0; place < message->size; place += page) {
-    (void)data[place];
-  }
-  for (int64_t i = 0; i < message->places; ++i) {
-    volatile char *stamp = data + player->list.places[message->first_place + i].position;
-    stamp[0] = stamp[0];
-    stamp[7] = stamp[7];
-  }
-  if (player->inputs[message->source].stamped && message->size >= STAMP_END) {
-    data[STAMP_POSITION] = data[STAMP_POSITION];
-    data[STAMP_END - 1] = data[STAMP_END - 1];
-  }
-  return 0;
 }
 
-static int load(player_t *player, const char *path)
+static bool within(int64_t first, int64_t count, int64_t total)
 {
-  unload(player);
-  if (playlist_open(&player->list, path, player->input_count) < 0) {
+  return first >= 0 && count >= 0 && first <= total && count <= total - first;
+}
+
+/* Whether all that it refers to exists. */
+static bool is_whole(const player_t *player, const entry_t *entry, int64_t entries_left)
+{
+  return within(entry->source, 1, player->source_count) &&
+         within(entry->offset, entry->size,
+                (int64_t)player->sources[entry->source].buffer.size) &&
+         (entry->place == NO_PLACE || within(entry->place, STAMP_BYTES, entry->size)) &&
+         within(1, entry->left, entries_left + 1) && entry->left > 0;
+}
+
+/* To be unmapped in any case. */
+static int open_playback(const player_t *player, mapping_t *file, const char *path)
+{
+  if (map_file(file, path, true) < 0) {
     return -1;
   }
-  const playlist_header_t *head = player->list.header;
-  player->files = calloc((size_t)head->files + 1, sizeof(mapping_t));
-  player->open_steps = calloc((size_t)head->steps, sizeof(open_step_t));
-  if (player->files == NULL || player->open_steps == NULL) {
-    return fail_memory();
+  playback_t *playback = (void *)file->data;
+  const size_t entries = (file->size - sizeof(*playback)) / sizeof(entry_t);
+  bool whole = file->size >= sizeof(*playback) && memcmp(playback->magic, "R2BPLAY4", 8) == 0 &&
+               playback->count == (int64_t)entries &&
+               file->size == sizeof(*playback) + entries * sizeof(entry_t);
+  for (int64_t i = 0; whole && i < playback->count; ++i) {
+    whole = is_whole(player, &playback->entries[i], playback->count - i);
+    /* Its page is made writable before it is needed. */
+    playback->entries[i].published_ns = 0;
   }
-  const char *name = player->list.paths;
-  for (int64_t i = 0; i < head->files; ++i, name += strlen(name) + 1) {
-    if (map_file(name, &player->files[i]) < 0) {
-      return -1;
-    }
+  return whole ? 0
+               : fail(HARNESS_FAULT, "%s is damaged, or a file of messages is shorter than its index",
+                      path);
+}
+
+/* ---- stamps ---- */
+
+static char *data_of(const player_t *player, const entry_t *entry)
+{
+  return player->sources[entry->source].buffer.data + entry->offset;
+}
+
+static void write_stamp(const player_t *player, const entry_t *entry, int64_t stamp_ns)
+{
+  if (entry->place == NO_PLACE) {
+    return;
   }
-  for (int64_t i = 0; i < head->messages; ++i) {
-    if (touch_message(player, &player->list.messages[i]) < 0) {
-      return -1;
-    }
+  char *data = data_of(player, entry);
+  const int64_t whole_ns = stamp_ns + entry->add_ns;
+  const int64_t rest_ns = (whole_ns % NS_PER_S + NS_PER_S) % NS_PER_S;
+  uint32_t words[2] = {(uint32_t)((whole_ns - rest_ns) / NS_PER_S), (uint32_t)rest_ns};
+  if ((data[1] & 1) == 0) { /* big-endian */
+    words[0] = __builtin_bswap32(words[0]);
+    words[1] = __builtin_bswap32(words[1]);
   }
-  player->next = 0;
-  return channel_reply(player->channel, "{\"say\":\"Ready\"}\n");
+  memcpy(data + entry->place, words, STAMP_BYTES);
+}
+
+/* The stamp is the time of publication; each is unique. */
+static void stamp_now(entry_t *event, int64_t least_ns)
+{
+  const int64_t early_ns = event->due_ns - monotonic_ns();
+  const int64_t stamp_ns = system_ns() + (early_ns > 0 ? early_ns : 0);
+  event->stamp_ns = stamp_ns > least_ns ? stamp_ns : least_ns;
 }
 
 /* ---- playing ---- */
 
-/* Rows are in the order in which steps begin. In a timeline a step may end after the next one has
- * begun; its row is complete only then. */
-static int record_event(player_t *player, const event_t *event, const int64_t *row, int64_t *count)
+/* Sleeps, then spins; learns for how long it must spin. True, perhaps earlier, for a command. */
+static bool wait_until(player_t *player, int64_t due_ns, bool looks)
 {
-  if (event->starts_step && event->ends_step && event->step == *count) {
-    *count += 1;
-    return rows_append(&player->rows, row);
+  const int64_t sleep_ns = due_ns - monotonic_ns() - player->spin_ns;
+  if ((sleep_ns > 0 || looks) && channel_wait(player->channel, sleep_ns > 0 ? sleep_ns : 0)) {
+    return true;
   }
-  const int64_t steps = player->list.header->steps;
-  open_step_t *open = &player->open_steps[event->step % steps];
-  if (event->starts_step) {
-    memcpy(open->row, row, sizeof(open->row));
+  const bool is_late = monotonic_ns() >= due_ns;
+  if (sleep_ns > 0 && is_late && player->spin_ns < MAX_SPIN_NS) {
+    player->spin_ns += LATE_STEP_NS;
+  } else if (sleep_ns > 0 && !is_late && player->spin_ns > MIN_SPIN_NS) {
+    player->spin_ns -= EARLY_STEP_NS;
   }
-  if (event->ends_step) {
-    memcpy(&open->row[3], &row[3], 2 * sizeof(int64_t));
-    open->done = true;
+  while (monotonic_ns() < due_ns) {
   }
-  while ((open = &player->open_steps[*count % steps])->done) {
-    open->done = false;
-    *count += 1;
-    if (rows_append(&player->rows, open->row) < 0) {
+  return false;
+}
+
+static int publish(const player_t *player, const entry_t *entry)
+{
+  const rcl_serialized_message_t message = {
+    .buffer = (uint8_t *)data_of(player, entry),
+    .buffer_length = (size_t)entry->size,
+    .buffer_capacity = (size_t)entry->size,
+    .allocator = rcl_get_default_allocator(),
+  };
+  const rcl_publisher_t *publisher = &player->sources[entry->source].publisher;
+  return rcl_publish_serialized_message(publisher, &message, NULL) == RCL_RET_OK
+           ? 0
+           : fail_rcl("publishing a message");
+}
+
+static int publish_event(const player_t *player, entry_t *event)
+{
+  /* What a latency counts from: before the first call that publishes. */
+  event->published_ns = monotonic_ns();
+  for (int32_t i = 0; i < event->left; ++i) {
+    if (event[i].is_published && publish(player, &event[i]) < 0) {
       return -1;
     }
   }
+  event[event->left - 1].done_ns = monotonic_ns();
   return 0;
 }
 
-static int publish_event(player_t *player, const event_t *event)
-{
-  for (int64_t i = 0; i < event->source->refs; ++i) {
-    const message_ref_t *ref = &player->list.refs[event->source->first_ref + i];
-    const message_t *message = &player->list.messages[ref->message];
-    rcl_publisher_t *publisher = &player->inputs[message->source].publisher;
-    if (ros_publish(publisher, message_data(player, message), (size_t)message->size) < 0) {
-      return -1;
-    }
-  }
-  return 0;
-}
-
-/* The system time of the beginning, to which the stamps of a timeline are shifted. It is later if a
- * stamp would otherwise repeat, because stamps may be ahead of the clock. */
-static int64_t find_epoch(const player_t *player, int64_t begin_ns)
-{
-  const int64_t epoch_ns = system_ns() + begin_ns - monotonic_ns();
-  const playlist_header_t *head = player->list.header;
-  const int64_t least_ns = player->last_stamp_ns + 1 - head->earliest_stamp_ns;
-  return head->cyclic || epoch_ns > least_ns ? epoch_ns : least_ns;
-}
-
-/* Plays until the last step or until a command arrives; counts the steps. */
-static int play_events(player_t *player, cursor_t *cursor, int64_t *count)
+/* Plays until the last event or until a command arrives; returns how many steps are complete. */
+static int play_events(player_t *player, playback_t *playback)
 {
   const int64_t begin_ns = monotonic_ns() + START_DELAY_NS;
-  const int64_t epoch_ns = find_epoch(player, begin_ns);
-  event_t event;
-  for (int64_t number = 0; cursor_next(cursor, &event); ++number) {
-    const int64_t due_ns = begin_ns + event.offset_ns;
-    const int64_t stamp_ns = stamp_event(player, &event, due_ns, epoch_ns);
-    if (pacer_wait(&player->pacer, due_ns, player->channel) ||
-        (number % EVENTS_PER_LOOK == 0 && channel_wait(player->channel, 0))) {
-      return 0;
+  /* To which the stamps of a recording are shifted. */
+  const int64_t now_ns = system_ns() + START_DELAY_NS;
+  const int64_t epoch_ns = now_ns > playback->least_ns ? now_ns : playback->least_ns;
+  int64_t least_stamp_ns = playback->least_ns;
+  int steps = 0;
+  for (int64_t i = 0; i < playback->count; i += playback->entries[i].left) {
+    entry_t *event = &playback->entries[i];
+    event->due_ns += begin_ns;
+    if (playback->has_stamps) {
+      event->stamp_ns += epoch_ns;
+    } else {
+      stamp_now(event, least_stamp_ns);
     }
-    /* What a latency counts from: before the first call that publishes. */
-    const int64_t published_ns = monotonic_ns();
-    if (publish_event(player, &event) < 0) {
+    least_stamp_ns = event->stamp_ns + 1;
+    /* Before waiting: writing to messages that have left the cache would delay a publication. */
+    for (int32_t each = 0; each < event->left; ++each) {
+      write_stamp(player, &event[each], event->stamp_ns);
+    }
+    if (wait_until(player, event->due_ns, i % ENTRIES_PER_LOOK == 0)) {
+      break;
+    }
+    if (publish_event(player, event) < 0) {
       return -1;
     }
-    const int64_t row[5] = {stamp_ns, due_ns, published_ns, monotonic_ns(), event.source->inputs};
-    if (event.step != NO_STEP && record_event(player, &event, row, count) < 0) {
-      return -1;
-    }
+    steps = event->complete;
+    /* The event before the count: a reader sees complete events only. */
+    __atomic_store_n(&playback->published, i + event->left, __ATOMIC_RELEASE);
   }
-  return 0;
+  return steps;
 }
 
-static int play(player_t *player, double rate_hz, int64_t steps)
+/* Reads all messages from the disk, and copies the pages that stamps are written to, before any of
+ * them is played. */
+static void touch(const player_t *player, const playback_t *playback)
 {
-  int64_t count = 0;
-  if (player->list.header != NULL) {
-    const playlist_header_t *head = player->list.header;
-    if (player->has_static) {
-      /* A subscription that does not answer delays nothing further. */
-      ignore_rcl(rcl_publisher_wait_for_all_acked(&player->static_publisher, ACKNOWLEDGED_NS));
+  for (int64_t i = 0; i < playback->count; ++i) {
+    const volatile char *data = data_of(player, &playback->entries[i]);
+    for (int32_t place = 0; place < playback->entries[i].size; place += PAGE_BYTES) {
+      (void)data[place];
     }
-    memset(player->open_steps, 0, (size_t)head->steps * sizeof(open_step_t));
-    cursor_t cursor;
-    const int64_t rows = steps < MAX_RESERVED_ROWS ? steps : MAX_RESERVED_ROWS;
-    if (rows_reserve(&player->rows, (size_t)rows) < 0 ||
-        cursor_init(&cursor, &player->list, rate_hz, steps, player->next) < 0) {
-      return -1;
-    }
-    const int failed = play_events(player, &cursor, &count);
-    cursor_fini(&cursor);
-    if (failed < 0) {
-      return -1;
-    }
-    player->next = head->cyclic ? (player->next + count) % head->steps : 0;
-  }
-  return channel_reply(player->channel, "{\"say\":\"Played\",\"steps\":%lld}\n", (long long)count);
-}
-
-/* ---- /clock and /tf_static ---- */
-
-static void *publish_clock(void *argument)
-{
-  clock_thread_t *clock = argument;
-  int64_t due_ns = monotonic_ns();
-  pthread_mutex_lock(&clock->lock);
-  while (!clock->end) {
-    due_ns += CLOCK_PERIOD_NS;
-    const struct timespec until = {.tv_sec = due_ns / NS_PER_S, .tv_nsec = due_ns % NS_PER_S};
-    if (pthread_cond_timedwait(&clock->ended, &clock->lock, &until) == ETIMEDOUT) {
-      char message[STAMP_END] = {0, 1};
-      write_stamp(message, STAMP_POSITION, system_ns());
-      (void)ros_publish(&clock->publisher, message, sizeof(message));
-    }
-  }
-  pthread_mutex_unlock(&clock->lock);
-  return NULL;
-}
-
-static int start_clock(player_t *player)
-{
-  clock_thread_t *clock = &player->clock;
-  rmw_qos_profile_t qos = rmw_qos_profile_default;
-  qos.depth = 1;
-  type_t *type = ros_type(CLOCK_TYPE);
-  if (type == NULL || ros_publisher(&player->ros, type, "/clock", &qos, &clock->publisher) < 0) {
-    return -1;
-  }
-  pthread_condattr_t monotonic;
-  pthread_mutex_init(&clock->lock, NULL);
-  pthread_condattr_init(&monotonic);
-  pthread_condattr_setclock(&monotonic, CLOCK_MONOTONIC);
-  pthread_cond_init(&clock->ended, &monotonic);
-  pthread_condattr_destroy(&monotonic);
-  errno = pthread_create(&clock->thread, NULL, publish_clock, clock);
-  clock->runs = errno == 0;
-  return clock->runs ? 0 : fail_file("a thread for /clock");
-}
-
-static void end_clock(clock_thread_t *clock)
-{
-  if (clock->runs) {
-    pthread_mutex_lock(&clock->lock);
-    clock->end = true;
-    pthread_cond_signal(&clock->ended);
-    pthread_mutex_unlock(&clock->lock);
-    pthread_join(clock->thread, NULL);
+    write_stamp(player, &playback->entries[i], 0);
   }
 }
 
-/* Latched, so that late subscriptions receive them. */
-static int publish_static(player_t *player, const char *path, int64_t size)
+static int play(player_t *player, const char *path)
 {
-  rmw_qos_profile_t qos = rmw_qos_profile_default;
-  qos.depth = 1;
-  qos.durability = RMW_QOS_POLICY_DURABILITY_TRANSIENT_LOCAL;
-  type_t *type = ros_type(TF_TYPE);
   mapping_t file = {0};
-  if (type == NULL ||
-      ros_publisher(&player->ros, type, "/tf_static", &qos, &player->static_publisher) < 0 ||
-      map_file(path, &file) < 0) {
-    return -1;
+  int steps = open_playback(player, &file, path);
+  if (steps == 0) {
+    playback_t *playback = (void *)file.data;
+    if (playback->is_loaded) {
+      steps = play_events(player, playback);
+    } else {
+      touch(player, playback);
+    }
   }
-  player->has_static = true;
-  const int failed = size < 0 || (size_t)size > file.size
-                       ? fail("R2B630", "", "%s is shorter than its index says", path)
-                       : ros_publish(&player->static_publisher, file.data, (size_t)size);
-  munmap(file.data, file.size);
-  return failed;
+  unmap(&file);
+  return steps < 0 ? -1 : channel_reply(player->channel, "played %d\n", steps);
 }
 
 /* ---- commands ---- */
 
-static int add_input(player_t *player, char **rest)
+/* Makes the input {TYPE QOS TOPIC BUFFER}. */
+static int add_source(player_t *player, channel_t *channel)
 {
-  input_t *input = &player->inputs[player->input_count];
-  input->topic = strdup(next_word(rest));
-  type_t *type = ros_type(next_word(rest));
-  rmw_qos_profile_t qos;
-  if (input->topic == NULL || type == NULL || parse_qos(next_word(rest), &qos) < 0 ||
-      ros_publisher(&player->ros, type, input->topic, &qos, &input->publisher) < 0) {
-    return input->topic == NULL ? fail_memory() : -1;
-  }
-  input->has_header = begins_with_header(type);
-  input->stamped = next_number(rest) != 0 && input->has_header;
-  player->input_count += 1;
-  return 0;
-}
-
-/* player ROWS CLOCK STATIC-FILE STATIC-BYTES PLANNED INPUTS {TOPIC TYPE QOS STAMPED} */
-static int configure(player_t *player, char *rest)
-{
-  const char *rows = next_word(&rest);
-  const bool clock = next_number(&rest) != 0;
-  const char *static_file = next_word(&rest);
-  const int64_t static_bytes = next_number(&rest);
-  player->planned = next_number(&rest);
-  const int64_t inputs = next_number(&rest);
-  if (player->planned < 0 || inputs < player->planned) {
-    return fail("R2B630", "", "a player has fewer inputs than are planned");
-  }
-  player->inputs = calloc((size_t)inputs + 1, sizeof(input_t));
-  if (player->inputs == NULL) {
-    return fail_memory();
-  }
-  /* Before anything else, so that all nodes, which are started later, receive them. */
-  if ((clock && start_clock(player) < 0) ||
-      (static_file[0] != '\0' && publish_static(player, static_file, static_bytes) < 0)) {
+  source_t *source = &player->sources[player->source_count];
+  type_t *type = ros_type(next_word(channel));
+  rcl_publisher_options_t options = rcl_publisher_get_default_options();
+  options.qos = next_qos(channel);
+  source->publisher = rcl_get_zero_initialized_publisher();
+  if (type == NULL) {
     return -1;
   }
-  while (player->input_count < inputs) {
-    if (add_input(player, &rest) < 0) {
-      return -1;
-    }
+  if (rcl_publisher_init(&source->publisher, player->node, type, next_word(channel), &options) !=
+      RCL_RET_OK) {
+    return fail_rcl("creating a publisher");
   }
-  return rows_open(&player->rows, rows, 5, 4096);
+  player->source_count += 1;
+  source->has_header = begins_with_header(type);
+  return map_file(&source->buffer, next_word(channel), false);
 }
 
-static int send_table(player_t *player, bool headers)
+/* player INPUTS {TYPE QOS TOPIC BUFFER} */
+static int configure(player_t *player)
 {
-  char *text = NULL;
-  size_t size = 0;
-  FILE *out = open_memstream(&text, &size);
-  if (out == NULL) {
-    return fail_memory();
+  const int64_t inputs = next_number(player->channel);
+  player->sources = calloc(inputs < 0 ? 1 : (size_t)inputs + 1, sizeof(source_t));
+  int failed = player->sources == NULL ? fail_memory() : 0;
+  while (failed == 0 && player->source_count < inputs) {
+    failed = add_source(player, player->channel);
   }
-  fputs(headers ? "{\"say\":\"Ready\",\"headers\":{" : "{\"say\":\"Matched\",\"counts\":{", out);
-  int64_t entries = headers ? player->planned : player->input_count + player->has_static;
-  for (int64_t i = 0; i < entries; ++i) {
-    const bool latched = i == player->input_count;
-    fputs(i > 0 ? "," : "", out);
-    json_string(out, latched ? "/tf_static" : player->inputs[i].topic);
-    if (headers) {
-      fprintf(out, ":%s", player->inputs[i].has_header ? "true" : "false");
-      continue;
-    }
-    size_t count = 0;
-    ignore_rcl(rcl_publisher_get_subscription_count(
-      latched ? &player->static_publisher : &player->inputs[i].publisher, &count));
-    fprintf(out, ":%zu", count);
-  }
-  fputs("}}\n", out);
-  const int failed = fclose(out) == 0 ? channel_send(player->channel, text, size) : fail_memory();
-  free(text);
   return failed;
 }
 
-/* Executes a command; 1 for the one that ends the player. */
-static int execute(player_t *player, char *line)
+/* Sends a number for each input: whether its type begins with a header, or its subscriptions. */
+static int send_numbers(player_t *player, const char *reply, bool headers)
 {
-  const char *command = next_word(&line);
-  if (strcmp(command, "follow") == 0) {
-    return load(player, next_word(&line));
+  int failed = channel_reply(player->channel, "%s", reply);
+  for (int64_t i = 0; i < player->source_count && failed == 0; ++i) {
+    size_t number = player->sources[i].has_header;
+    if (!headers) {
+      ignore_rcl(rcl_publisher_get_subscription_count(&player->sources[i].publisher, &number));
+    }
+    failed = channel_reply(player->channel, " %zu", number);
   }
+  return failed < 0 ? -1 : channel_reply(player->channel, "\n");
+}
+
+/* Executes a command; 1 for the one that ends the player. */
+static int execute(player_t *player)
+{
+  const char *command = next_word(player->channel);
   if (strcmp(command, "count") == 0) {
-    return send_table(player, false);
+    return send_numbers(player, "matched", false);
   }
   if (strcmp(command, "play") == 0) {
-    const double rate_hz = strtod(next_word(&line), NULL);
-    return play(player, rate_hz, next_number(&line));
+    return play(player, next_word(player->channel));
   }
-  /* Others are ignored: a stop that arrived after the last step. */
-  return strcmp(command, "shutdown") == 0;
+  /* Others are ignored: a stop that arrived after the last event. */
+  return strcmp(command, "shutdown") == 0 || *command == '\0';
 }
 
-static void clean_up(player_t *player)
+int player_serve(channel_t *channel, rcl_node_t *node)
 {
-  if (harness_on_end != NULL) {
-    harness_on_end();
-  }
-  end_clock(&player->clock);
-  rcl_node_t *node = &player->ros.node;
-  for (int64_t i = 0; i < player->input_count; ++i) {
-    ignore_rcl(rcl_publisher_fini(&player->inputs[i].publisher, node));
-    free(player->inputs[i].topic);
-  }
-  if (player->has_static) {
-    ignore_rcl(rcl_publisher_fini(&player->static_publisher, node));
-  }
-  if (player->clock.runs) {
-    ignore_rcl(rcl_publisher_fini(&player->clock.publisher, node));
-  }
-  unload(player);
-  free(player->inputs);
-  rows_close(&player->rows);
-  ros_fini(&player->ros);
-}
-
-int player_serve(channel_t *channel, char *rest)
-{
-  player_t player = {.channel = channel, .rows.fd = -1};
-  int status = ros_init(&player.ros, "player");
+  player_t player = {.channel = channel, .node = node, .spin_ns = INITIAL_SPIN_NS};
+  int status = configure(&player);
   if (status == 0) {
-    status = configure(&player, rest);
+    status = send_numbers(&player, "ready", true);
   }
-  if (status == 0) {
-    pacer_init(&player.pacer);
-    status = send_table(&player, true);
+  /* The slack of timers is 50 us by default; without this call sleeps just end later. */
+  (void)prctl(PR_SET_TIMERSLACK, 1UL, 0UL, 0UL, 0UL);
+  while (status == 0) {
+    status = execute(&player);
   }
-  char *line;
-  while (status == 0 && channel_next(channel, &line) == 0) {
-    status = execute(&player, line);
+  for (int64_t i = 0; i < player.source_count; ++i) {
+    ignore_rcl(rcl_publisher_fini(&player.sources[i].publisher, node));
+    unmap(&player.sources[i].buffer);
   }
-  clean_up(&player);
+  free(player.sources);
   return status < 0 ? -1 : 0;
 }

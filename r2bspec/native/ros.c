@@ -6,75 +6,43 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include <rcl/graph.h>
-#include <rmw/qos_string_conversions.h>
-
 #define NOT_INSTALLED "R2B681"
-#define INSTALL_HINT "Install its package, or source the workspace that contains it."
 #define HEADER_TYPE "std_msgs/msg/Header"
 #define MAX_SYMBOL 512
-
-/* A second at 1 kHz: a monitor that was not scheduled for a while loses no messages. */
-#define SUBSCRIPTION_DEPTH 1000
 
 /* rcl_init is not documented to be safe against itself. */
 static pthread_mutex_t init_lock = PTHREAD_MUTEX_INITIALIZER;
 
-static int init_context(ros_t *ros)
-{
-  const char *arguments[] = {"--ros-args", "--disable-external-lib-logs"};
-  rcl_init_options_t options = rcl_get_zero_initialized_init_options();
-  if (rcl_init_options_init(&options, rcl_get_default_allocator()) != RCL_RET_OK) {
-    return fail_rcl("initialising ROS");
-  }
-  const rcl_ret_t status = rcl_init(2, arguments, &options, &ros->context);
-  const int failed = status == RCL_RET_OK ? 0 : fail_rcl("initialising ROS");
-  ignore_rcl(rcl_init_options_fini(&options));
-  return failed;
-}
-
-static int init_node(ros_t *ros, const char *name)
-{
-  /* No part of the graph under test: nothing but the node, and no arguments of the process. */
-  rcl_node_options_t options = rcl_node_get_default_options();
-  options.use_global_arguments = false;
-  options.enable_rosout = false;
-  int failed = 0;
-  if (rcl_parse_arguments(0, NULL, options.allocator, &options.arguments) != RCL_RET_OK ||
-      rcl_node_init(&ros->node, name, "/r2bspec", &ros->context, &options) != RCL_RET_OK) {
-    failed = fail_rcl("creating a node");
-  }
-  ignore_rcl(rcl_node_options_fini(&options));
-  return failed;
-}
-
 int ros_init(ros_t *ros, const char *node_name)
 {
+  const char *arguments[] = {"--ros-args", "--disable-external-lib-logs"};
+  const rcl_allocator_t allocator = rcl_get_default_allocator();
+  rcl_init_options_t options = rcl_get_zero_initialized_init_options();
+  /* No part of the graph under test: nothing but the node, and no arguments of the process. */
+  rcl_node_options_t node_options = rcl_node_get_default_options();
+  node_options.use_global_arguments = false;
+  node_options.enable_rosout = false;
   ros->context = rcl_get_zero_initialized_context();
   ros->node = rcl_get_zero_initialized_node();
   pthread_mutex_lock(&init_lock);
-  int failed = init_context(ros);
-  if (failed == 0) {
-    failed = init_node(ros, node_name);
-  }
+  const bool made =
+    rcl_init_options_init(&options, allocator) == RCL_RET_OK &&
+    rcl_init(2, arguments, &options, &ros->context) == RCL_RET_OK &&
+    rcl_parse_arguments(0, NULL, allocator, &node_options.arguments) == RCL_RET_OK &&
+    rcl_node_init(&ros->node, node_name, "/r2bspec", &ros->context, &node_options) == RCL_RET_OK;
+  const int failed = made ? 0 : fail_rcl("initialising ROS");
+  ignore_rcl(rcl_node_options_fini(&node_options));
+  ignore_rcl(rcl_init_options_fini(&options));
   pthread_mutex_unlock(&init_lock);
   return failed;
 }
 
-void (*harness_on_end)(void) = NULL;
-
 void ros_fini(ros_t *ros)
 {
   pthread_mutex_lock(&init_lock);
-  if (rcl_node_is_valid_except_context(&ros->node)) {
-    ignore_rcl(rcl_node_fini(&ros->node));
-  }
-  if (rcl_context_is_valid(&ros->context)) {
-    ignore_rcl(rcl_shutdown(&ros->context));
-  }
-  if (ros->context.impl != NULL) {
-    ignore_rcl(rcl_context_fini(&ros->context));
-  }
+  ignore_rcl(rcl_node_fini(&ros->node));
+  ignore_rcl(rcl_shutdown(&ros->context));
+  ignore_rcl(rcl_context_fini(&ros->context));
   pthread_mutex_unlock(&init_lock);
 }
 
@@ -98,7 +66,7 @@ type_t *ros_type(const char *name)
       return handle();
     }
   }
-  (void)fail(NOT_INSTALLED, INSTALL_HINT, "message type %s is not installed", name);
+  (void)fail(NOT_INSTALLED, "message type %s is not installed", name);
   return NULL;
 }
 
@@ -115,70 +83,12 @@ bool begins_with_header(type_t *type)
          strcmp(first->nested_type_name.data, HEADER_TYPE) == 0;
 }
 
-int parse_qos(char *text, rmw_qos_profile_t *qos)
+rmw_qos_profile_t next_qos(channel_t *channel)
 {
-  *qos = rmw_qos_profile_default;
-  char *state = NULL;
-  const char *reliability = strtok_r(text, ",", &state);
-  const char *durability = strtok_r(NULL, ",", &state);
-  const char *history = strtok_r(NULL, ",", &state);
-  const char *depth = strtok_r(NULL, ",", &state);
-  if (depth == NULL) {
-    return fail("R2B630", "", "a quality of service is incomplete");
-  }
-  qos->reliability = rmw_qos_reliability_policy_from_str(reliability);
-  qos->durability = rmw_qos_durability_policy_from_str(durability);
-  qos->history = rmw_qos_history_policy_from_str(history);
-  qos->depth = (size_t)strtoull(depth, NULL, 10);
-  return 0;
-}
-
-int qos_of_publishers(ros_t *ros, const char *topic, rmw_qos_profile_t *qos)
-{
-  rcl_allocator_t allocator = rcl_get_default_allocator();
-  rmw_topic_endpoint_info_array_t found = rmw_get_zero_initialized_topic_endpoint_info_array();
-  if (rcl_get_publishers_info_by_topic(&ros->node, &allocator, topic, false, &found) !=
-      RCL_RET_OK) {
-    return fail_rcl("looking for publishers");
-  }
-  /* A subscription fits publishers that offer more than it asks for: the weakest offer decides. */
-  bool reliable = true, transient = true;
-  for (size_t i = 0; i < found.size; ++i) {
-    const rmw_qos_profile_t *offer = &found.info_array[i].qos_profile;
-    reliable &= offer->reliability == RMW_QOS_POLICY_RELIABILITY_RELIABLE;
-    transient &= offer->durability == RMW_QOS_POLICY_DURABILITY_TRANSIENT_LOCAL;
-  }
-  const int any = found.size > 0;
-  *qos = rmw_qos_profile_default;
-  qos->depth = SUBSCRIPTION_DEPTH;
-  qos->reliability =
-    reliable ? RMW_QOS_POLICY_RELIABILITY_RELIABLE : RMW_QOS_POLICY_RELIABILITY_BEST_EFFORT;
-  qos->durability =
-    transient ? RMW_QOS_POLICY_DURABILITY_TRANSIENT_LOCAL : RMW_QOS_POLICY_DURABILITY_VOLATILE;
-  ignore_rcl(rmw_topic_endpoint_info_array_fini(&found, &allocator));
-  return any;
-}
-
-int ros_publisher(
-  ros_t *ros, type_t *type, const char *topic, const rmw_qos_profile_t *qos, rcl_publisher_t *made)
-{
-  rcl_publisher_options_t options = rcl_publisher_get_default_options();
-  options.qos = *qos;
-  *made = rcl_get_zero_initialized_publisher();
-  return rcl_publisher_init(made, &ros->node, type, topic, &options) == RCL_RET_OK
-           ? 0
-           : fail_rcl("creating a publisher");
-}
-
-int ros_publish(rcl_publisher_t *publisher, const void *data, size_t size)
-{
-  const rcl_serialized_message_t message = {
-    .buffer = (uint8_t *)data,
-    .buffer_length = size,
-    .buffer_capacity = size,
-    .allocator = rcl_get_default_allocator(),
-  };
-  return rcl_publish_serialized_message(publisher, &message, NULL) == RCL_RET_OK
-           ? 0
-           : fail_rcl("publishing a message");
+  rmw_qos_profile_t qos = rmw_qos_profile_default;
+  qos.reliability = (rmw_qos_reliability_policy_t)next_number(channel);
+  qos.durability = (rmw_qos_durability_policy_t)next_number(channel);
+  qos.history = (rmw_qos_history_policy_t)next_number(channel);
+  qos.depth = (size_t)next_number(channel);
+  return qos;
 }

@@ -8,7 +8,6 @@ the only possible one.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import msgspec
 
@@ -19,8 +18,7 @@ from r2bspec.wiring.build_wiring import harness_topic
 from r2bspec.wiring.wiring import NodeWiring, Wiring
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
+class Place(msgspec.Struct, frozen=True):
     """Where one part of the harness runs.
 
     Attributes:

@@ -62,7 +62,7 @@ def estimate_time(plan: Plan) -> TimeEstimate:
         "load": _LOAD_S if "load" in plan.phases else 0.0,
         "preprocess": _PREPROCESS_S if "preprocess" in plan.phases else 0.0,
         "start": _HARNESS_START_S,
-        "floor": _HARNESS_OVERHEAD_S if plan.inputs else 0.0,
+        "floor": _HARNESS_OVERHEAD_S if "floor" in plan.phases else 0.0,
         "graph": _GRAPH_START_S + _PROCESS_START_S * len(plan.processes),
         "warm_up": plan.warm_up_ns / 1e9,
         "search": _search_s(plan),

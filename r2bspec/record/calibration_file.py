@@ -6,7 +6,6 @@ one calibration per benchmark (each case of a matrix is one) and kind of machine
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Final, Literal
 
@@ -116,5 +115,7 @@ def add_calibration(path: Path, benchmark: str, host: str, found: Calibration) -
     before = read_calibration_file(path) or CalibrationFile()
     hosts = {**before.benchmarks.get(benchmark, {}), host: found}
     after = CalibrationFile(benchmarks={**before.benchmarks, benchmark: hosts})
+    import json
+
     text = json.dumps(msgspec.to_builtins(after), indent=1, sort_keys=True, ensure_ascii=False)
     write_atomically(path, text.encode() + b"\n")

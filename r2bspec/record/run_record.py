@@ -23,6 +23,7 @@ from typing import Any, Literal
 import msgspec
 
 from r2bspec.language.spec import TruthKind
+from r2bspec.record.phase_times import PhaseTime
 
 PLAYBACK_FIELDS = (
     ("stamp_ns", "<i8"),
@@ -499,7 +500,7 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     graph was warmed up; empty in records of versions that did not state them, which had one start.
     `profiles` are those of an iteration that counts for nothing.
     `accuracy` has one entry for each monitor that is compared with the truth, unless the run ended
-    before that.
+    before that. `phases` say where the time went, and are empty in older records.
     """
 
     r2bspec_record: Literal[1] = 1
@@ -527,3 +528,4 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     profiles: tuple[ProfileRecord, ...] = ()
     ended_rates: tuple[EndedRate, ...] = ()
     accuracy: tuple[AccuracyRecord, ...] = ()
+    phases: tuple[PhaseTime, ...] = ()

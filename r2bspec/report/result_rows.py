@@ -9,6 +9,7 @@ from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.measure.distribution_parts import PARTS, Distribution, part_value
 from r2bspec.measure.metrics import MonitorMetrics, SegmentMetrics, UseMetrics
+from r2bspec.record.run_record import FloorRecord
 
 _COUNTS = (
     *("sent", "answered", "received", "missed", "duplicates", "reordered", "unmatched"),
@@ -37,7 +38,7 @@ class Row:
 
 
 def result_rows(result: Result) -> Iterator[Row]:
-    """All values by rate, pooled first, then by iteration; the peak and ratios last."""
+    """All values by rate, pooled first, then by iteration; peak, overhead and ratios last."""
     for rate in result.metrics.rates:
         for number, segment in (
             (None, rate.pooled),
@@ -50,8 +51,23 @@ def result_rows(result: Result) -> Iterator[Row]:
         # Without it the peak has no upper bound.
         if search.upper_hz is not None:
             yield Row(None, None, "", "peak.below", "Hz", search.upper_hz)
+    for floor in result.floor:
+        yield from _harness_overhead(floor)
     for one in result.verdict.requirements:
         yield from _compared(one)
+
+
+def _harness_overhead(floor: FloorRecord) -> Iterator[Row]:
+    """The overhead on one input, whose topic is the monitor of these rows."""
+    times = {"p50": floor.latency_p50_ns, "p99": floor.latency_p99_ns}
+    for part, value_ns in times.items():
+        if value_ns is not None:
+            name = f"harness_overhead.{part}"
+            yield Row(floor.rate_hz, None, floor.topic, name, "s", value_ns / 1e9)
+    counts = {"received": floor.received, "processes": floor.processes}
+    for part, count in counts.items():
+        name = f"harness_overhead.{part}"
+        yield Row(floor.rate_hz, None, floor.topic, name, "count", float(count))
 
 
 def _compared(one: RequirementVerdict) -> Iterator[Row]:

@@ -16,11 +16,6 @@ from typing import Any, Final, TypeVar, cast
 
 from r2bspec.untrusted.errors import RefusedDataError
 
-if sys.version_info >= (3, 14):
-    from compression import zstd
-else:
-    from backports import zstd
-
 MAX_PIECE_BYTES: Final = 256 << 20
 """The largest message or chunk; recorders write chunks of a few megabytes."""
 FREE_PIECE_BYTES: Final = 64 << 20
@@ -169,7 +164,7 @@ def unpack_zstd(data: bytes, stated_bytes: int | None = None) -> bytes:
         ValueError, zstd.ZstdError: it is damaged.
     """
     stated = zstd_size(data) if stated_bytes is None else stated_bytes
-    return _unpack(zstd.ZstdDecompressor, data, stated)
+    return _unpack(_zstd().ZstdDecompressor, data, stated)
 
 
 def zstd_size(head: bytes) -> int | None:
@@ -178,7 +173,17 @@ def zstd_size(head: bytes) -> int | None:
     Raises:
         zstd.ZstdError: this is no frame.
     """
-    return zstd.get_frame_info(head[:_MAX_FRAME_HEADER_BYTES]).decompressed_size
+    size: int | None = _zstd().get_frame_info(head[:_MAX_FRAME_HEADER_BYTES]).decompressed_size
+    return size
+
+
+def _zstd() -> Any:
+    # What asks for the limits only need not wait for it.
+    if sys.version_info >= (3, 14):
+        from compression import zstd
+    else:
+        from backports import zstd
+    return zstd
 
 
 def unpack_bz2(data: bytes, stated_bytes: int | None = None) -> bytes:

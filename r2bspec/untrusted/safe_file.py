@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 from r2bspec.untrusted.errors import OutsideFolderError, RefusedFileError, TooLargeError
-from r2bspec.untrusted.looked_up_files import note_lookup
+from r2bspec.untrusted.looked_up_files import note_lookup, note_read
 from r2bspec.untrusted.unsaved_files import unsaved_content
 
 KERNEL_FOLDERS: Final = (Path("/proc"), Path("/sys"))
@@ -62,6 +62,7 @@ def open_regular(path: Path, *, folders: Iterable[Path] | None = None) -> Binary
     try:
         _check_kind(place)
         _check_place(place, folders)
+        note_read(path)
         return os.fdopen(_open_itself(place), "rb")
     finally:
         os.close(place)
@@ -152,6 +153,16 @@ def is_folder(path: Path) -> bool:
         return stat.S_ISDIR(path.stat().st_mode)
     except (OSError, ValueError):
         return False
+
+
+def names_in(folder: Path) -> list[str]:
+    """The names of everything in a folder, sorted.
+
+    Raises:
+        OSError: there is no such folder, or the system refuses.
+    """
+    note_lookup(folder)
+    return sorted(os.listdir(folder))  # noqa: PTH208 - names alone are asked for
 
 
 def _open_place(path: Path) -> int:

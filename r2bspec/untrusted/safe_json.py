@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -74,6 +73,8 @@ def decode_python_json(content: bytes) -> object:
         msgspec.DecodeError: it is not JSON or not UTF-8, or nested too deeply.
     """
     try:
+        import json
+
         return json.loads(content)
     except RecursionError:
         raise msgspec.DecodeError("it is nested too deeply") from None

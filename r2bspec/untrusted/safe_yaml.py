@@ -7,9 +7,9 @@ the document with limits. Aliases and merge keys (``<<``) count with everything 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import Any, Final
 
+import msgspec
 import yaml
 
 MAX_DEPTH: Final = 100
@@ -81,8 +81,7 @@ def check_document(text: str) -> None:
         raise RefusedYamlError("it is not YAML", line) from None
 
 
-@dataclass(frozen=True, slots=True)
-class _Limits:
+class _Limits(msgspec.Struct, frozen=True):
     max_depth: int
     max_expanded: int
     max_values: int

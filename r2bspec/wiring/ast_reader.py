@@ -12,6 +12,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
@@ -23,6 +24,7 @@ from r2bspec.wiring.source_names import SourceNames
 
 _MAX_FILE_BYTES = 300_000
 """The parser needs up to 700 bytes of memory for each byte."""
+_MAX_KEPT_BYTES = 10_000
 _SIMPLE_STATEMENTS = (ast.Expr, ast.Assign, ast.AnnAssign)
 """Statements of a constructor that are executed exactly once."""
 
@@ -91,9 +93,15 @@ def read_python_file(
     folders = None if folder is None else (folder,)
     try:
         content = read_bytes(source, max_bytes=_MAX_FILE_BYTES, folders=folders, budget=budget)
-        return ast.parse(content)
+        return _parsed(content) if len(content) <= _MAX_KEPT_BYTES else ast.parse(content)
     except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
         return None
+
+
+@lru_cache(maxsize=8)
+def _parsed(content: bytes) -> ast.Module:
+    """The tree of a text that many specs name, or that an editor reads again and again."""
+    return ast.parse(content)
 
 
 def read_node_class(tree: ast.Module, name: str) -> InterfaceEntry | None:

@@ -11,8 +11,10 @@ from __future__ import annotations
 import ast
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
+
+import msgspec
 
 from r2bspec.language.spec import Node, Spec
 from r2bspec.untrusted import safe_file
@@ -39,8 +41,7 @@ _MAX_DEPTH = 50
 _MAX_VALUES = 50_000
 
 
-@dataclass(frozen=True, slots=True)
-class CompanionFiles:
+class CompanionFiles(msgspec.Struct, frozen=True):
     """The content of the companion files.
 
     Attributes:
@@ -51,11 +52,11 @@ class CompanionFiles:
         starts: how the nodes in Python files are started, likewise.
     """
 
-    interfaces: Mapping[str, InterfaceEntry] = field(default_factory=dict)
-    interface_errors: Mapping[str, str] = field(default_factory=dict)
-    parameter_files: Mapping[str, ParameterFile] = field(default_factory=dict)
-    sources: Mapping[str, InterfaceEntry] = field(default_factory=dict)
-    starts: Mapping[str, NodeStart] = field(default_factory=dict)
+    interfaces: Mapping[str, InterfaceEntry] = msgspec.field(default_factory=dict)
+    interface_errors: Mapping[str, str] = msgspec.field(default_factory=dict)
+    parameter_files: Mapping[str, ParameterFile] = msgspec.field(default_factory=dict)
+    sources: Mapping[str, InterfaceEntry] = msgspec.field(default_factory=dict)
+    starts: Mapping[str, NodeStart] = msgspec.field(default_factory=dict)
 
 
 NO_COMPANION_FILES = CompanionFiles()
@@ -172,6 +173,7 @@ def _read_interface(
         return str(error).partition("\n")[0] or type(error).__name__
 
 
+@lru_cache(maxsize=32)  # trees are the same objects as long as a file is the same
 def _read_class(
     tree: ast.Module | None, name: str
 ) -> tuple[InterfaceEntry | None, NodeStart | None]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
@@ -44,16 +43,14 @@ InterfaceSource = Literal["spec", "file", "catalogue", "table", "source", ""]
 """The source of a part of an interface; empty if it is unknown."""
 
 
-@dataclass(frozen=True, slots=True)
-class ParameterInfo:
+class ParameterInfo(msgspec.Struct, frozen=True):
     """A declared parameter: its ROS type, empty if unknown, and its default, if any."""
 
     type: ParameterType | Literal[""]
     default: ParameterValue | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Interface:
+class Interface(msgspec.Struct, frozen=True):
     """The topics of a node, by their names before remapping, with their types.
 
     Attributes:
@@ -77,8 +74,8 @@ class Interface:
     subscribes_from: InterfaceSource = ""
     publishes_from: InterfaceSource = ""
     parameters_from: InterfaceSource = ""
-    type_parameters: Mapping[str, str] = field(default_factory=dict)
-    qos: Mapping[str, QoS] = field(default_factory=dict)
+    type_parameters: Mapping[str, str] = msgspec.field(default_factory=dict)
+    qos: Mapping[str, QoS] = msgspec.field(default_factory=dict)
     other_remappable_names: tuple[str, ...] = ()
     described_package: str = ""
 
@@ -90,8 +87,7 @@ class Interface:
         return (*self.subscribes, *(name for name in self.publishes if name not in self.subscribes))
 
 
-@dataclass(frozen=True, slots=True)
-class InterfaceEntry:
+class InterfaceEntry(msgspec.Struct, frozen=True):
     """The interface of a kind of node in one source; unknown parts are None.
 
     Types and names may contain ``$(parameter x)``, the value of a parameter. A name may be
@@ -99,11 +95,11 @@ class InterfaceEntry:
     remapped.
     """
 
-    subscribes: Mapping[str, str] | None = field(default_factory=dict)
-    publishes: Mapping[str, str] | None = field(default_factory=dict)
-    parameters: Mapping[str, ParameterInfo] | None = field(default_factory=dict)
-    services: Mapping[str, str] = field(default_factory=dict)
-    qos: Mapping[str, QoS] = field(default_factory=dict)
+    subscribes: Mapping[str, str] | None = msgspec.field(default_factory=dict)
+    publishes: Mapping[str, str] | None = msgspec.field(default_factory=dict)
+    parameters: Mapping[str, ParameterInfo] | None = msgspec.field(default_factory=dict)
+    services: Mapping[str, str] = msgspec.field(default_factory=dict)
+    qos: Mapping[str, QoS] = msgspec.field(default_factory=dict)
     executable: str = ""
     origin: InterfaceSource = "table"
     described_package: str = ""
@@ -113,14 +109,13 @@ class InterfaceEntry:
 InterfaceTable = Mapping[str, InterfaceEntry]
 
 
-@dataclass(frozen=True, slots=True)
-class NamingContext:
+class NamingContext(msgspec.Struct, frozen=True):
     """What name resolution needs of a node: name, absolute namespace, rules and parameters."""
 
     name: str = ""
     namespace: str = "/"
-    remappings: Mapping[str, str] = field(default_factory=dict)
-    parameters: Mapping[str, ParameterValue] = field(default_factory=dict)
+    remappings: Mapping[str, str] = msgspec.field(default_factory=dict)
+    parameters: Mapping[str, ParameterValue] = msgspec.field(default_factory=dict)
 
 
 @cache

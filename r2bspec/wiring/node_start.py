@@ -9,8 +9,9 @@ process, as by ``ros2 run``, so that its process can hold no other node. A funct
 from __future__ import annotations
 
 import ast
-from dataclasses import dataclass
 from typing import Literal
+
+import msgspec
 
 from r2bspec.wiring.source_names import SourceNames
 
@@ -23,8 +24,7 @@ _MAX_BASES = 100
 StartStyle = Literal["keywords", "ros_arguments", "main"]
 
 
-@dataclass(frozen=True, slots=True)
-class NodeStart:
+class NodeStart(msgspec.Struct, frozen=True):
     """How a Python node is started.
 
     Attributes:

@@ -5,8 +5,6 @@ A node of another spec may have the same key, and a node may change after it was
 
 from __future__ import annotations
 
-import hashlib
-import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -36,11 +34,15 @@ def node_target(node: Node) -> str:
     """A node as the spec names it."""
     if node.package:
         return f"{node.package} {node.plugin or node.executable}"
+    import shlex
+
     return node.python or shlex.join(node.command)
 
 
 def files_digest(node: Node, base_dir: Path) -> str:
     """SHA-256 of the files of a node in the folder of its spec; empty if there are none."""
+    import hashlib
+
     digest = hashlib.sha256()
     found = False
     for name in _files(node):

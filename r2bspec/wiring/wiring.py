@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
+
+import msgspec
 
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.spec import Node, ParameterValue, QoS
@@ -16,8 +18,7 @@ Phase = Literal["preprocess", "measure"]
 ProcessRole = Literal["host", "container", "command"]
 
 
-@dataclass(frozen=True, slots=True)
-class NodeWiring:
+class NodeWiring(msgspec.Struct, frozen=True):
     """A node of the spec with its resolved names.
 
     Attributes:
@@ -36,7 +37,7 @@ class NodeWiring:
     node: Node
     interface: Interface
     is_ros_process: bool = True
-    parameters: Mapping[str, ParameterValue] = field(default_factory=dict)
+    parameters: Mapping[str, ParameterValue] = msgspec.field(default_factory=dict)
     start: NodeStart = KEYWORDS
 
     @property
@@ -50,8 +51,7 @@ class NodeWiring:
         return self.node.kind.shares_process and not self.start.needs_own_process
 
 
-@dataclass(frozen=True, slots=True)
-class Endpoint:
+class Endpoint(msgspec.Struct, frozen=True):
     """A publisher or a subscription of a topic.
 
     Attributes:
@@ -193,8 +193,7 @@ class PhaseWiring:
         return frozenset(visited)
 
 
-@dataclass(frozen=True, slots=True)
-class Wiring:
+class Wiring(msgspec.Struct, frozen=True):
     """Both phases of a spec."""
 
     namespace: str

@@ -5,12 +5,15 @@
     pip install check-jsonschema
     python tests/bench/bench_validate.py
 
-Both read the same files; the other tool gets the published schema of this repository. Each case
-is run several times, the two tools in turn, each run in a fresh process whose wall time, CPU time
-and largest memory are taken from the kernel; the CPU time of processes that it starts counts, too.
-Shown are medians, and in parentheses the fastest and the slowest run. One run of each comes first
-and is not counted, so that files are in the cache. Byte code is kept in a folder made for the
-purpose, so that both tools find theirs, as installed programs do.
+Both read the same files; the other tool gets the published schema of this repository. `validate`
+runs with ``--no-cache``, so that it checks every file, and again with the reports that it has kept
+from the round before. Each case is run several times, all in turn, each run in a fresh process
+whose wall time, CPU time and largest memory are taken from the kernel; the CPU time of processes
+that it starts counts, too. Shown are medians, and in parentheses the fastest and the slowest run.
+One round comes first and is not counted, so that files are in the cache of the system, and reports
+are kept. Byte code is kept in a folder made for the purpose, so that all find theirs, as installed
+programs do. The start of `validate` is compared with an interpreter that imports yaml and
+jsonschema.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ from __future__ import annotations
 import argparse
 import os
 import platform
+import shutil
 import statistics
 import subprocess
 import sys
@@ -32,11 +36,16 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 SPEC = ROOT / "specs" / "apriltag_node.r2b.yaml"
 SCHEMA = ROOT / "schemas" / "r2bspec-v1.schema.json"
+CHECKED = "every file checked (--no-cache)"
+KEPT = "reports kept"
+THEIRS = "check-jsonschema"
+VALIDATE = [sys.executable, "-m", "r2bspec", "validate", "--quiet"]
 TOOLS = {
-    "r2bspec validate": [sys.executable, "-m", "r2bspec", "validate"],
-    "check-jsonschema": [sys.executable, "-m", "check_jsonschema", "--schemafile", str(SCHEMA)],
+    CHECKED: [*VALIDATE, "--no-cache"],
+    KEPT: VALIDATE,
+    THEIRS: [sys.executable, "-m", "check_jsonschema", "--schemafile", str(SCHEMA)],
 }
-OURS, THEIRS = TOOLS
+IMPORTS = [sys.executable, "-c", "import yaml, jsonschema"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,14 +57,20 @@ class Run:
     memory_bytes: int
 
 
-def measure(command: list[str], byte_code: Path) -> Run:
-    """Run a command to its end; its modules are kept compiled in the folder `byte_code`.
+def measure(command: list[str], folder: Path) -> Run:
+    """Run a command to its end; byte code and reports are kept in `folder`.
 
     Raises:
         SystemExit: it found something wrong, so that it did not do the work that is compared.
     """
-    environ = {**os.environ, "PYTHONPYCACHEPREFIX": str(byte_code), "PYTHONPATH": str(ROOT)}
-    environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    environ = {
+        **os.environ,
+        "PYTHONPYCACHEPREFIX": str(folder / "byte_code"),
+        "PYTHONPATH": str(ROOT),
+        "XDG_CACHE_HOME": str(folder / "cache"),
+    }
+    for name in ("PYTHONDONTWRITEBYTECODE", "R2BSPEC_NO_CACHE"):
+        environ.pop(name, None)
     with tempfile.TemporaryFile() as output:
         start = time.perf_counter()
         process = subprocess.Popen(command, cwd=ROOT, env=environ, stdout=output, stderr=output)
@@ -68,15 +83,21 @@ def measure(command: list[str], byte_code: Path) -> Run:
     return Run(seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * 1024)
 
 
-def compare(files: list[Path], repeat: int, byte_code: Path) -> dict[str, list[Run]]:
-    """Runs of both tools over the same files, in turn."""
-    runs: dict[str, list[Run]] = {tool: [] for tool in TOOLS}
+def compare(commands: dict[str, list[str]], repeat: int, folder: Path) -> dict[str, list[Run]]:
+    """Runs of some commands, in turn."""
+    runs: dict[str, list[Run]] = {name: [] for name in commands}
     for round_number in range(repeat + 1):
-        for tool, command in TOOLS.items():
-            run = measure([*command, *map(str, files)], byte_code)
+        for name, command in commands.items():
+            run = measure(command, folder)
             if round_number:
-                runs[tool].append(run)
+                runs[name].append(run)
     return runs
+
+
+def compare_tools(files: list[Path], repeat: int, folder: Path) -> dict[str, list[Run]]:
+    """Runs of all tools over the same files."""
+    names = [*map(str, files)]
+    return compare({tool: [*command, *names] for tool, command in TOOLS.items()}, repeat, folder)
 
 
 def chain(nodes: int) -> str:
@@ -112,26 +133,58 @@ def copies(folder: Path, number: int) -> list[Path]:
     return files
 
 
+def kinds(folder: Path, number: int) -> list[Path]:
+    """About that many specs: all of this repository, in many copies of their folders."""
+    found: list[Path] = []
+    while len(found) < number:
+        place = folder / f"specs_{len(found)}"
+        shutil.copytree(ROOT / "specs", place)
+        found += sorted(place.rglob("*.r2b.yaml"))
+    return found[:number]
+
+
 def table(cases: dict[str, dict[str, list[Run]]]) -> Iterator[str]:
     """The measured times as a table in Markdown."""
-    yield f"| case | {OURS} | {THEIRS} | theirs / ours | CPU, theirs / ours | memory |"
-    yield "| --- | --- | --- | --- | --- | --- |"
+    yield f"| case | {CHECKED} | {KEPT} | {THEIRS} | theirs / checked | theirs / kept | memory |"
+    yield "| --- | --- | --- | --- | --- | --- | --- |"
     for case, runs in cases.items():
-        times = {tool: [run.seconds for run in runs[tool]] for tool in TOOLS}
         memory = {tool: max(run.memory_bytes for run in runs[tool]) / 1e6 for tool in TOOLS}
-        ratio = statistics.median(times[THEIRS]) / statistics.median(times[OURS])
-        cpu = {tool: statistics.median(run.cpu_seconds for run in runs[tool]) for tool in TOOLS}
-        cells = [shown(times[tool]) for tool in TOOLS]
         yield (
-            f"| {case} | {' | '.join(cells)} | {ratio:.1f} "
-            f"| {cpu[THEIRS]:.2f} s / {cpu[OURS]:.2f} s = {cpu[THEIRS] / cpu[OURS]:.1f} "
-            f"| {memory[OURS]:.0f} MB, theirs {memory[THEIRS]:.0f} MB |"
+            f"| {case} | {' | '.join(shown(runs[tool]) for tool in TOOLS)} "
+            f"| {ratios(runs[THEIRS], runs[CHECKED])} | {ratios(runs[THEIRS], runs[KEPT])} "
+            f"| {memory[CHECKED]:.0f}, {memory[KEPT]:.0f}, {memory[THEIRS]:.0f} MB |"
         )
 
 
-def shown(seconds: list[float]) -> str:
-    """The median, and the extremes."""
-    return f"{statistics.median(seconds):.3f} s ({min(seconds):.3f} to {max(seconds):.3f})"
+def medians(runs: list[Run]) -> tuple[float, float]:
+    """Wall time and CPU time in seconds."""
+    return (
+        statistics.median(run.seconds for run in runs),
+        statistics.median(run.cpu_seconds for run in runs),
+    )
+
+
+def ratios(one: list[Run], other: list[Run]) -> str:
+    """How many times as long one takes as the other."""
+    (wall, cpu), (other_wall, other_cpu) = medians(one), medians(other)
+    return f"{wall / other_wall:.1f}, CPU {cpu / other_cpu:.1f}"
+
+
+def start_table(runs: dict[str, list[Run]]) -> Iterator[str]:
+    """The start of the program beside that of an interpreter, as a table in Markdown."""
+    base = next(iter(runs))
+    yield "| command | wall time | CPU | times that of the first |"
+    yield "| --- | --- | --- | --- |"
+    for name, found in runs.items():
+        wall, cpu = medians(found)
+        yield f"| {name} | {wall:.3f} s | {cpu:.3f} s | {ratios(found, runs[base])} |"
+
+
+def shown(runs: list[Run]) -> str:
+    """The median of the wall times, its extremes, and the median of the CPU times."""
+    wall, cpu = medians(runs)
+    times = [run.seconds for run in runs]
+    return f"{wall:.3f} s ({min(times):.3f} to {max(times):.3f}), CPU {cpu:.3f} s"
 
 
 def growth(small: list[Run], large: list[Run], cold: list[Run]) -> float:
@@ -148,27 +201,39 @@ def main() -> None:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        files = copies(folder, options.files)
+        start = {
+            "python -c 'import yaml, jsonschema'": IMPORTS,
+            "r2bspec validate SPEC --no-cache": [*TOOLS[CHECKED], str(SPEC)],
+            "r2bspec validate SPEC": [*TOOLS[KEPT], str(SPEC)],
+        }
+        starts = compare(start, 4 * options.repeat, folder)
+        (folder / "copies").mkdir()
+        files = copies(folder / "copies", options.files)
         chains = {}
         for nodes in (500, 5000):
             chains[nodes] = folder / f"chain_{nodes}.r2b.yaml"
             chains[nodes].write_text(chain(nodes))
-        measured = partial(compare, byte_code=folder / "byte_code")
+        measured = partial(compare_tools, folder=folder)
         cases = {
-            "one spec, cold": measured([SPEC], 2 * options.repeat),
-            f"{options.files:,} specs": measured(files, options.repeat),
+            "one spec": measured([SPEC], 2 * options.repeat),
+            f"{options.files:,} copies of it": measured(files, options.repeat),
+            f"{options.files:,} copies of all specs here": measured(
+                kinds(folder, options.files), options.repeat
+            ),
             "a spec of 500 nodes": measured([chains[500]], options.repeat),
             "a spec of 5,000 nodes": measured([chains[5000]], options.repeat),
         }
-    cold, _, small, large = cases.values()
+    cold, _, _, small, large = cases.values()
     machine = f"Python {platform.python_version()}, {os.cpu_count()} CPUs"
     lines = [
         f"{machine}, check-jsonschema {version('check-jsonschema')}, {options.repeat} runs each",
         "",
+        *start_table(starts),
+        "",
         *table(cases),
         "",
     ]
-    for tool in TOOLS:
+    for tool in (CHECKED, THEIRS):
         times = growth(small[tool], large[tool], cold[tool])
         lines.append(
             f"{tool}: ten times the nodes take {times:.1f} times the CPU time, start-up apart"

@@ -1,12 +1,21 @@
 """What a worker of a fleet costs the host that it waits on, and what of it a benchmark sees.
 
-    python tests/bench/fleet_idle_cost.py [--rounds 5] [--seconds 20]
+    python tests/bench/fleet_idle_cost.py [--rounds 24] [--seconds 2.5] [--idle 30]
 
-Three conditions take turns in every round, so that what else the machine does meets all of them:
-no worker; the worker of `r2bspec fleet worker`; and a worker of the same slot with the settings of
-Dask (`dask worker`, with its nanny). In each, CPU time and wake-ups of the processes of the worker
-are counted for some seconds, and a relay is run, of which the harness overhead has the p99 of the
-floor. Differences are medians of the rounds, with the range of the rounds themselves.
+Takes about five minutes, and needs a machine that does nothing else. A worker of
+`r2bspec fleet worker` and one with the settings of Dask (`dask worker`, with its nanny) wait for
+the same scheduler.
+
+First their CPU time and wake-ups are counted for `--idle` seconds. Then player and monitor play to
+each other, with nothing between them, in slots of `--seconds`. In every round each condition has
+one slot, in random order: no worker, no worker once more, and each of the two. A worker whose slot
+it is not is stopped by a signal, and has no wake-ups then; when it goes on, what is overdue comes
+first. So each slot of r2bspec has a heartbeat, which is four times as many as usual.
+
+A ratio is that of a slot to the slot without a worker of the same round. Its interval is one of
+the median, from the ranks of the ratios: it has at least 95 % confidence whatever their
+distribution, as in the sign test. "within noise" says that it contains 1; the second slot without
+a worker shows how wide noise is here.
 
 Prints a Markdown table. Asserts nothing.
 """
@@ -16,62 +25,147 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
+import random
+import signal
 import socket
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import psutil
+from floor_figures import Figures
+from floor_harness import Floor, floor
+from floor_workloads import WORKLOADS
+from scipy.stats import binom
 
-from r2bspec.record.run_folder import open_run
+NONE, AGAIN, QUIET, DASK = "none", "none, again", "r2bspec fleet worker", "dask worker"
 
-_SPEC = Path("specs/relay.r2b.yaml")
-_RATE = "30 Hz"
+_WORKLOAD = WORKLOADS[1]
+_CONFIDENCE = 0.95
 
 
-class Cost(NamedTuple):
-    """Of one round: shares of a core, wake-ups a second, and the floor in microseconds."""
+class Idle(NamedTuple):
+    """CPU time per time, and wake-ups a second."""
 
     cpu: float
     wakeups: float
-    floor_us: float
+
+
+class Interval(NamedTuple):
+    """Of the median of ratios."""
+
+    low: float
+    median: float
+    high: float
+
+    def __str__(self) -> str:
+        return f"{self.median:.3f} ({self.low:.3f} to {self.high:.3f})"
+
+    @property
+    def is_noise(self) -> bool:
+        """Whether a ratio of 1 is possible."""
+        return self.low <= 1 <= self.high
 
 
 def main() -> None:
-    """Measure every condition in turn, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--seconds", type=float, default=20.0)
-    options = parser.parse_args()
-    conditions = {"none": None, "r2bspec fleet worker": _quiet, "dask worker": _default}
-    found: dict[str, list[Cost]] = {name: [] for name in conditions}
-    with tempfile.TemporaryDirectory() as folder, _scheduler() as address:
-        for number in range(options.rounds):
-            for name, words in conditions.items():
-                place = Path(folder, f"{number}-{name.replace(' ', '-')}")
-                found[name].append(_measure(words and words(address, place), place, options))
-    sys.stdout.write("| worker | CPU | wake-ups a second | p99 of the floor | than without |\n")
-    sys.stdout.write("| --- | --- | --- | --- | --- |\n")
-    for name, costs in found.items():
-        _print_row(name, costs, found["none"])
-
-
-def _print_row(name: str, costs: list[Cost], without: list[Cost]) -> None:
-    more = [each.floor_us - bare.floor_us for each, bare in zip(costs, without, strict=True)]
-    low, high = min(more), max(more)
-    shown = (
-        "" if name == "none" else f"{statistics.median(more):+.0f} ({low:+.0f} to {high:+.0f}) µs"
-    )
+    """Count, play, and print the table."""
+    options = _options()
+    began = time.monotonic()
+    loads = [os.getloadavg()[0]]
+    with contextlib.ExitStack() as stack:
+        place = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        address = stack.enter_context(_scheduler())
+        workers = {
+            name: stack.enter_context(_started(words(address, place / name[:4]), place))
+            for name, words in ((QUIET, _quiet), (DASK, _default))
+        }
+        idle = _idle_costs(workers, options.idle)
+        with floor(_WORKLOAD, "shared_memory", "two processes") as ready:
+            found = _slots(ready, workers, options, loads)
+    for line in _table(idle, found):
+        sys.stdout.write(f"{line}\n")
     sys.stdout.write(
-        f"| {name} | {100 * statistics.median(each.cpu for each in costs):.2f} % "
-        f"| {statistics.median(each.wakeups for each in costs):.1f} "
-        f"| {statistics.median(each.floor_us for each in costs):.0f} µs | {shown} |\n"
+        f"\n{options.rounds} rounds of {options.seconds:g} s, {_WORKLOAD.name}; "
+        f"{len(os.sched_getaffinity(0))} cores, load average {statistics.median(loads):.1f} "
+        f"(median), {max(loads):.1f} (most); took {time.monotonic() - began:.0f} s.\n"
     )
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rounds", type=int, default=24)
+    parser.add_argument("--seconds", type=float, default=2.5)
+    parser.add_argument("--idle", type=float, default=30.0)
+    return parser.parse_args()
+
+
+def _slots(
+    ready: Floor,
+    workers: dict[str, psutil.Process],
+    options: argparse.Namespace,
+    loads: list[float],
+) -> dict[str, list[Figures]]:
+    """The figures of every slot, by condition, in the order of the rounds."""
+    found: dict[str, list[Figures]] = {name: [] for name in (NONE, AGAIN, QUIET, DASK)}
+    order = random.Random(1)  # noqa: S311 - any order will do
+    for number in range(options.rounds):
+        for name in order.sample(list(found), len(found)):
+            with _only(workers, name):
+                found[name].append(ready.measure(_WORKLOAD.rate_hz, options.seconds))
+        loads.append(os.getloadavg()[0])
+        sys.stderr.write(f"round {number + 1} of {options.rounds}\n")
+    return found
+
+
+@contextlib.contextmanager
+def _only(workers: dict[str, psutil.Process], name: str) -> Iterator[None]:
+    """Let this worker wait as usual, and stop the others; all go on in the end."""
+    stopped = [each for other, worker in workers.items() if other != name for each in _tree(worker)]
+    try:
+        for each in stopped:
+            each.send_signal(signal.SIGSTOP)
+        yield
+    finally:
+        for each in stopped:
+            each.send_signal(signal.SIGCONT)
+
+
+def _table(idle: dict[str, Idle], found: dict[str, list[Figures]]) -> Iterator[str]:
+    yield "| worker | CPU | wake-ups a second | floor p50 | p99 | p50 to none | p99 to none |"
+    yield "| --- | --- | --- | --- | --- | --- | --- |"
+    for name, figures in found.items():
+        cost = idle.get(name)
+        cells = [name, *(("-", "-") if cost is None else _idle_cells(cost))]
+        for which in ("received_p50", "received_p99"):
+            median_ms = statistics.median(getattr(each, which) for each in figures)
+            cells.append(f"{1000 * median_ms:.0f} µs")
+        for which in ("received_p50", "received_p99"):
+            ratios = [
+                getattr(each, which) / getattr(bare, which)
+                for each, bare in zip(figures, found[NONE], strict=True)
+            ]
+            cells.append("1" if name == NONE else _shown(ratio_interval(ratios)))
+        yield f"| {' | '.join(cells)} |"
+
+
+def _idle_cells(cost: Idle) -> tuple[str, str]:
+    return f"{100 * cost.cpu:.2f} %", f"{cost.wakeups:.1f}"
+
+
+def _shown(ratio: Interval) -> str:
+    return f"{ratio}, {'within noise' if ratio.is_noise else 'differs'}"
+
+
+def ratio_interval(ratios: Sequence[float]) -> Interval:
+    """The median of ratios with an interval from their ranks; all of them if they are too few."""
+    ordered = sorted(ratios)
+    left_out = max(0, int(binom.ppf((1 - _CONFIDENCE) / 2, len(ordered), 0.5)) - 1)
+    return Interval(ordered[left_out], statistics.median(ordered), ordered[-1 - left_out])
 
 
 def _quiet(address: str, place: Path) -> list[str]:
@@ -89,26 +183,26 @@ def _default(address: str, place: Path) -> list[str]:
     ]
 
 
-def _measure(words: list[str] | None, place: Path, options: argparse.Namespace) -> Cost:
-    place.mkdir()
-    with contextlib.ExitStack() as stack:
-        idle = (0.0, 0.0)
-        if words is not None:
-            worker = stack.enter_context(_started(words, place))
-            idle = _idle_cost(worker, options.seconds)
-        return Cost(*idle, _floor_us(place))
+def _tree(worker: psutil.Process) -> list[psutil.Process]:
+    return [worker, *worker.children(recursive=True)]
 
 
-def _idle_cost(worker: psutil.Process, seconds: float) -> tuple[float, float]:
-    """CPU time per time, and wake-ups a second, of a process and its children."""
-    processes = [worker, *worker.children(recursive=True)]
+def _idle_costs(workers: dict[str, psutil.Process], seconds: float) -> dict[str, Idle]:
+    """What every worker uses with its children, in the same seconds."""
+    trees = {name: _tree(worker) for name, worker in workers.items()}
     began = time.monotonic()
-    before = [_counters(each) for each in processes]
+    before = {name: [_counters(each) for each in tree] for name, tree in trees.items()}
     time.sleep(seconds)
-    after = [_counters(each) for each in processes]
+    after = {name: [_counters(each) for each in tree] for name, tree in trees.items()}
     elapsed = time.monotonic() - began
-    pairs = [(new[0] - old[0], new[1] - old[1]) for old, new in zip(before, after, strict=True)]
-    return sum(cpu for cpu, _ in pairs) / elapsed, sum(count for _, count in pairs) / elapsed
+    found = {}
+    for name in trees:
+        pairs = list(zip(before[name], after[name], strict=True))
+        found[name] = Idle(
+            sum(new[0] - old[0] for old, new in pairs) / elapsed,
+            sum(new[1] - old[1] for old, new in pairs) / elapsed,
+        )
+    return found
 
 
 def _counters(process: psutil.Process) -> tuple[float, int]:
@@ -124,26 +218,6 @@ def _counters(process: psutil.Process) -> tuple[float, int]:
         for each in Path(f"/proc/{process.pid}/task").glob("*/schedstat")
     )
     return run_ns / 1e9, wakeups
-
-
-def _floor_us(place: Path) -> float:
-    text = _SPEC.read_text().split("\nbenchmark:")[0]
-    text += f"\nbenchmark:\n  duration: 1 s\n  iterations: 1\n  starts: 1\n  rates: [{_RATE}]\n"
-    spec = _SPEC.parent / f".{place.name}-{os.getpid()}.r2b.yaml"
-    spec.write_text(text)
-    try:
-        subprocess.run(
-            [
-                *(sys.executable, "-m", "r2bspec", "run", str(spec), "--quiet", "--no-lock"),
-                *("--output", str(place / "run")),
-            ],
-            check=False,
-            capture_output=True,
-        )
-    finally:
-        spec.unlink()
-    floors = [each.latency_p99_ns for each in open_run(place / "run").record.floor]
-    return max(each for each in floors if each is not None) / 1e3
 
 
 @contextlib.contextmanager
@@ -162,7 +236,7 @@ def _scheduler() -> Iterator[str]:
 @contextlib.contextmanager
 def _started(words: list[str], place: Path) -> Iterator[psutil.Process]:
     """A process, when it has said that it is ready."""
-    log = place / "log"
+    log = place / f"log-{time.monotonic_ns()}"
     with log.open("wb") as output:
         process = subprocess.Popen(words, stdout=output, stderr=output)
     try:
@@ -176,7 +250,11 @@ def _started(words: list[str], place: Path) -> Iterator[psutil.Process]:
         yield psutil.Process(process.pid)
     finally:
         process.terminate()
-        process.wait()
+        try:
+            process.wait(20)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
 
 
 if __name__ == "__main__":

@@ -32,6 +32,7 @@ from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import Probe
 
 MONITOR = "floor"
+SUBSCRIPTION_DEPTH = 1000
 TECHNIQUES = {
     "allocator": ("MALLOC_MMAP_MAX_", "MALLOC_TRIM_THRESHOLD_", "MALLOC_TOP_PAD_"),
     "huge-pages": ("GLIBC_TUNABLES",),
@@ -158,7 +159,9 @@ def floor(
         environment = {name: value for name, value in environment.items() if value}
         children = ProcessSupervisor(run_id, folder, lambda: None)
         stack.callback(children.close)
-        plans = (MonitorPlan(name=MONITOR, topic=TOPIC, type=TYPE, match="stamp", qos=None),)
+        # As of a monitor that copies the quality of service of the player.
+        qos = QoS(depth=SUBSCRIPTION_DEPTH)
+        plans = (MonitorPlan(name=MONITOR, topic=TOPIC, type=TYPE, match="stamp", qos=qos),)
         watch = protocol.ConfigureMonitor(monitors=plans, rows_dir=str(rows))
         began_s = time.monotonic()
         player, monitor, pids = _start_parts(children, environment, folder, placement)
@@ -176,7 +179,7 @@ def floor(
         children.request(player, protocol.Follow(schedule=schedule), protocol.Ready, 60.0)
         children.request(monitor, watch, protocol.Ready, 60.0)
         start_s = time.monotonic() - began_s
-        children.request(monitor, protocol.Subscribe(), protocol.Matched, 10.0)
+        children.request(monitor, protocol.Subscribe(monitors=plans), protocol.Matched, 10.0)
         _wait_for_match(children, player)
         # All of a plan that playing looks at.
         plan = SimpleNamespace(monitors=plans, inputs=(), drain_timeout_ns=5 * 10**9)

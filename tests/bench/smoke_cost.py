@@ -4,7 +4,7 @@
 
 Each spec, by default the relay and the demo of specs/, is run with --smoke. The start-up is the
 time from the beginning of the command to the end of the warm-up: Python, reading the data,
-preprocessors, player and monitor, harness overhead, graph. What is beyond it is the iteration and
+preprocessors, player and monitor, graph. What is beyond it is the iteration and
 the end of the processes.
 
 Prints a Markdown table, times in seconds. Asserts nothing.

@@ -27,7 +27,7 @@ from r2bspec.record.run_record import RunRecord
 
 _SPECS = ("specs/relay.r2b.yaml", "specs/apriltag_node.r2b.yaml")
 _PARTS = ("start", "floor", "graph", "warm_up")
-_TITLES = ("player, monitor", "harness overhead", "graph", "warm-up", "together")
+_TITLES = ("player, monitor, imports", "harness overhead", "graph", "warm-up", "together")
 
 
 def main() -> None:

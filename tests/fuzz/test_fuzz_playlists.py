@@ -1,19 +1,21 @@
-"""Damaged playlists are refused or played; nothing of them reaches beyond the file."""
+"""Damaged files of a player are refused or played; nothing of them reaches beyond the files."""
 
 from __future__ import annotations
 
 import random
 import struct
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("rclpy")
 
-from native_playlists import SANITIZERS, PlaylistReader, playlist_reader
-from r2bspec.ipc.buffers import BufferWriter
-from r2bspec.ipc.playlist import write_playlist
+from native_playlists import SANITIZERS, LonePlayer, player_without_ros
+from r2bspec.ipc.buffers import BufferWriter, buffer_path
+from r2bspec.ipc.playback_file import write_playback, write_playlist
+from r2bspec.ipc.playlist import read_round
 from r2bspec.ipc.schedule import (
     BetweenMessage,
     CyclicSchedule,
@@ -49,31 +51,62 @@ SCHEDULES: tuple[Schedule, ...] = (
 
 
 @pytest.fixture(scope="module")
-def reader() -> Iterator[PlaylistReader]:
+def player() -> Iterator[LonePlayer]:
     try:
-        program = playlist_reader(SANITIZERS)
+        program = player_without_ros(SANITIZERS)
     except BuildError as error:
         if "san" in str(error):
             pytest.skip(f"the compiler has no sanitizers here: {error}")
         raise
-    with PlaylistReader(program) as made:
+    with LonePlayer(program) as made:
         yield made
 
 
+@dataclass(frozen=True)
+class Files:
+    """What a player gets for one playback."""
+
+    playlist: bytes
+    playback: bytes
+    buffers: tuple[Path, ...]
+
+
 @pytest.fixture(scope="module")
-def playlists(tmp_path_factory: pytest.TempPathFactory) -> list[bytes]:
+def files(tmp_path_factory: pytest.TempPathFactory) -> list[Files]:
     folder = tmp_path_factory.mktemp("buffers")
-    for topic in ("/a", "/b"):
+    topics = ["/a", "/b"]
+    for topic in topics:
         writer = BufferWriter(folder, topic, "x/msg/Y", has_header=True)
         for number in range(3):
             writer.append(number, bytes(16))
         writer.close()
     found = []
     for number, schedule in enumerate(SCHEDULES):
-        path = folder / f"playlist-{number}"
-        write_playlist(path, schedule, ["/a", "/b"], folder)
-        found.append(path.read_bytes())
+        playlist, playback = folder / f"playlist-{number}", folder / f"playback-{number}"
+        made = read_round(schedule, topics, [True, False], folder)
+        write_playlist(playlist, made)
+        write_playback(playback, made, 1e6, 4)
+        buffers = tuple(buffer_path(folder, topic, "cdr") for topic in topics)
+        found.append(Files(playlist.read_bytes(), playback.read_bytes(), buffers))
     return found
+
+
+class Playing:
+    """Plays files from bytes."""
+
+    def __init__(self, player: LonePlayer, folder: Path) -> None:
+        self._player = player
+        self._playlist, self._playback = folder / "playlist", folder / "playback"
+
+    def __call__(self, playlist: bytes, playback: bytes, buffers: tuple[Path, ...]) -> str:
+        self._playlist.write_bytes(playlist)
+        self._playback.write_bytes(playback)
+        return self._player.play(self._playlist, self._playback, buffers)
+
+
+@pytest.fixture
+def playing(player: LonePlayer, tmp_path: Path) -> Playing:
+    return Playing(player, tmp_path)
 
 
 def damaged(whole: bytes, chance: random.Random) -> bytes:
@@ -92,46 +125,52 @@ def damaged(whole: bytes, chance: random.Random) -> bytes:
     return bytes(made)
 
 
-def test_whole_ones_are_played(
-    reader: PlaylistReader, playlists: list[bytes], tmp_path: Path
-) -> None:
-    for whole in playlists:
-        path = tmp_path / "playlist"
-        path.write_bytes(whole)
-        lines, last = reader.read(path, 3, 10.0, 4)
-        assert last == "end"
-        assert len(lines) >= 4
+def test_whole_ones_are_played(playing: Playing, files: list[Files]) -> None:
+    # Steps and what is between them; in the recording, two rounds of three messages.
+    played = [playing(each.playlist, each.playback, each.buffers) for each in files]
+    assert played == [f"played 4: {16 * (4 + 3)} bytes", f"played 4: {16 * (3 + 3)} bytes"]
 
 
-def test_a_truncated_one_is_refused(
-    reader: PlaylistReader, playlists: list[bytes], tmp_path: Path
-) -> None:
-    path = tmp_path / "playlist"
-    for whole in playlists:
-        for size in range(0, len(whole), 5):
-            path.write_bytes(whole[:size])
-            assert "is not a playlist" in reader.read(path, 3, 10.0, 4)[1]
+def test_a_truncated_one_is_refused(playing: Playing, files: list[Files]) -> None:
+    for each in files:
+        for size in range(0, len(each.playlist), 5):
+            found = playing(each.playlist[:size], each.playback, each.buffers)
+            assert "is damaged" in found
+        for size in range(0, len(each.playback), 5):
+            found = playing(each.playlist, each.playback[:size], each.buffers)
+            assert "is damaged" in found
 
 
 def test_a_source_that_the_player_does_not_have_is_refused(
-    reader: PlaylistReader, playlists: list[bytes], tmp_path: Path
+    playing: Playing, files: list[Files]
 ) -> None:
-    path = tmp_path / "playlist"
-    for whole in playlists:
-        path.write_bytes(whole)
-        assert "a message is not where it can be" in reader.read(path, 1, 10.0, 4)[1]
+    for each in files:
+        found = playing(each.playlist, each.playback, each.buffers[:1])
+        assert "is damaged" in found
 
 
-def test_damage_never_crashes_the_reader(
-    reader: PlaylistReader, playlists: list[bytes], tmp_path: Path
+def test_a_buffer_that_is_too_short_is_refused(
+    playing: Playing, files: list[Files], tmp_path: Path
 ) -> None:
+    short = tmp_path / "short"
+    for size in (0, 15, 31):
+        short.write_bytes(bytes(size))
+        for each in files:
+            found = playing(each.playlist, each.playback, (short, each.buffers[1]))
+            assert "shorter than its index" in found
+
+
+def test_damage_never_crashes_the_player(playing: Playing, files: list[Files]) -> None:
     chance = random.Random(13)  # noqa: S311 - damage that is the same each time
-    path = tmp_path / "playlist"
-    ends = {"end": 0, "refused": 0}
+    ends = {"played": 0, "refused": 0}
     for number in range(ROUNDS):
-        path.write_bytes(damaged(playlists[number % 2], chance))
-        lines, last = reader.read(path, 3, 10.0, 5, most=200)
-        assert len(lines) <= 200
-        ends["end" if last == "end" else "refused"] += 1
+        each = files[number % 2]
+        in_playlist = chance.randrange(2)
+        found = playing(
+            damaged(each.playlist, chance) if in_playlist else each.playlist,
+            each.playback if in_playlist else damaged(each.playback, chance),
+            each.buffers,
+        )
+        ends["played" if found.startswith("played") else "refused"] += 1
     # Both happen, or the damage is not what it should be.
     assert min(ends.values()) > ROUNDS / 100, ends

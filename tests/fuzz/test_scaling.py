@@ -16,7 +16,8 @@ import pytest
 
 from r2bspec.check.check_context import Context
 from r2bspec.check.rules import requirement_duplicate
-from r2bspec.cli.check_files import CheckOptions, check_file
+from r2bspec.cli.check_files import check_file
+from r2bspec.cli.file_report import CheckOptions
 
 MAX_RATIO = 2.5
 REPETITIONS = 3

@@ -1,64 +1,41 @@
-"""The native monitor converts times of arrival as `ClockOffsetTracker` does, steps included."""
+"""Arrivals are found on the monotonic clock, wherever the system clock is set to."""
 
 from __future__ import annotations
 
-import subprocess
-from pathlib import Path
-
-import pytest
-from hypothesis import given, settings
+import numpy as np
+from hypothesis import given
 from hypothesis import strategies as st
 
-pytest.importorskip("rclpy")
+from r2bspec.ipc.arrivals import ARRIVAL_FIELDS, arrival_times
 
-import r2bspec.native
-from r2bspec.ipc.clocks import ClockOffsetTracker
-from r2bspec.native.build import build
-from r2bspec.native.ros_headers import find_ros
-
-NATIVE = Path(r2bspec.native.__file__).parent
-SUPPORT = Path(__file__).parents[1] / "support"
+MS = 1_000_000
 BEGIN_NS = 10**12
 EPOCH_NS = 1_700_000_000 * 10**9
+MAX_WAIT_NS = 20 * MS
 
-PASSED = st.integers(0, 10**9)
-STEPS = st.one_of(st.just(0), st.integers(-5_000_000, 5_000_000), st.integers(-(10**12), 10**12))
-AGES = st.one_of(st.none(), st.integers(-(10**7), 10**10))
-
-
-@pytest.fixture(scope="module")
-def program() -> Path:
-    return build(
-        "clock_arrivals",
-        [NATIVE / "timing.c", SUPPORT / "clock_arrivals.c"],
-        find_ros(),
-        kind="program",
-        flags=(f"-I{NATIVE}",),
-        libraries=(),
-    )
-
-
-@given(
-    looks=st.lists(
-        st.lists(st.tuples(PASSED, STEPS, AGES), min_size=1, max_size=12), min_size=20, max_size=20
-    )
+STEPS = st.integers(10**9, 10**12).flatmap(lambda size: st.sampled_from([size, -size]))
+ROUNDS = st.tuples(
+    st.integers(MAX_WAIT_NS, 10**9),  # until the round
+    st.lists(st.integers(0, MAX_WAIT_NS), min_size=1, max_size=4),  # how messages waited
+    st.one_of(st.none(), st.tuples(st.integers(0, MAX_WAIT_NS), STEPS)),  # when the clock was set
 )
-@settings(max_examples=12, deadline=None)
-def test_arrivals_are_those_of_python(
-    program: Path, looks: list[list[tuple[int, int, int | None]]]
+
+
+@given(st.lists(ROUNDS, max_size=12))
+def test_a_step_that_is_longer_than_messages_wait_moves_none(
+    rounds: list[tuple[int, list[int], tuple[int, int] | None]],
 ) -> None:
-    for each in looks:
-        now = [BEGIN_NS, EPOCH_NS]
-        lines, expected = [], []
-        tracker: ClockOffsetTracker | None = None
-        for passed_ns, step_ns, age_ns in each:
-            now[0] += passed_ns
-            now[1] = max(1, now[1] + passed_ns + step_ns)
-            tracker = tracker or ClockOffsetTracker(lambda: now[0], lambda: now[1])  # noqa: B023
-            arrived_ns = 0 if age_ns is None else max(0, now[1] - age_ns)
-            lines.append(f"{now[0]} {now[1]} {arrived_ns}")
-            expected.append(" ".join(map(str, tracker.arrival(arrived_ns))))
-        done = subprocess.run(
-            [program], input="\n".join(lines), stdout=subprocess.PIPE, text=True, check=True
-        )
-        assert done.stdout.splitlines() == expected
+    now, ahead = BEGIN_NS, EPOCH_NS
+    rows, really = [(0, now + ahead, now, 0, ahead)], [now]
+    for passed_ns, waits_ns, step in rounds:
+        now += passed_ns
+        before = ahead
+        set_at = now
+        if step is not None:
+            set_at, ahead = now - step[0], ahead + step[1]
+        for wait_ns in sorted(waits_ns, reverse=True):
+            arrived = now - wait_ns
+            rows.append((0, arrived + (before if arrived < set_at else ahead), now, 0, ahead))
+            really.append(arrived)
+    found = arrival_times(np.array(rows, list(ARRIVAL_FIELDS)))
+    assert found.tolist() == really

@@ -116,6 +116,28 @@ sys.exit(subprocess.call(sys.argv[1:]))
 """
 
 
+def test_of_several_nodes_of_a_script_the_one_that_is_named_is_joined(bench: Bench) -> None:
+    script = bench.folder / "two.sh"
+    script.write_text(TWO_NODES)
+    command = ["sh", str(script), str(c_node("relay"))]
+    monitors = {"out": {"topic": "output", "format": IMAGE, "in": "node/meant"}}
+    done = bench.run(
+        relay_spec(harness=GRAPH | {"in": "node/meant"}, graph=c_relay(command=command))
+        | {"monitors": monitors}
+    )
+    assert_every_message_matched(done)
+    (node,) = [each for each in done.run().record.processes if each.name == "node"]
+    assert node.parts == ("player", "monitor")
+
+
+TWO_NODES = """
+relay=$1
+shift
+"$relay" --ros-args -r __ns:=/r2b -r __node:=other -r input:=neither -r output:=nor &
+exec "$relay" "$@" -r __node:=meant
+"""
+
+
 def test_what_a_node_starts_does_not_inherit_the_harness(bench: Bench) -> None:
     bench.write_node("starts.py", STARTS)
     graph = {"nodes": {"starts": {"python": "./starts.py:Starts"}}}
@@ -184,6 +206,17 @@ def test_a_program_that_is_no_node_is_refused_at_the_deadline(bench: Bench) -> N
     spec = relay_spec(harness=GRAPH, graph=c_relay(command=idle))
     spec["benchmark"] |= {"start_timeout": "2 s"}
     assert_refused(bench.run(spec), "none of its programs has initialised ROS")
+
+
+def test_idle_programs_that_have_not_loaded_ros_are_not_waited_for_until_the_deadline(
+    bench: Bench,
+) -> None:
+    script = bench.folder / "idle.sh"
+    script.write_text("sleep 1000\n")
+    spec = relay_spec(harness=GRAPH, graph=c_relay(command=["sh", str(script)]))
+    # It is idle after a third of this time.
+    spec["benchmark"] |= {"start_timeout": "30 s"}
+    assert_refused(bench.run(spec), "none of its programs has loaded ROS, and they have been idle")
 
 
 def assert_refused(done: Finished, reason: str) -> None:

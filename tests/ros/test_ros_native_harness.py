@@ -16,27 +16,33 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 pytest.importorskip("rclpy")
 
+from c_nodes import c_node
 from native_playlists import SANITIZERS
+from r2bspec.execute.bringup.graph_joins import GraphJoins, JoinFiles
 from r2bspec.execute.errors import ProcessFailedError, RunError
 from r2bspec.execute.processes.ros_domain import reserved_domain
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
+from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.buffers import BufferWriter
 from r2bspec.ipc.header_stamps import read_stamp, write_stamp
 from r2bspec.ipc.message_log import read_messages
-from r2bspec.ipc.native_protocol import NativeEncoder
+from r2bspec.ipc.native_protocol import NativeCodec
+from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
-from r2bspec.ipc.sample_files import RowReader
 from r2bspec.ipc.schedule import CyclicSchedule
 from r2bspec.ipc.stall_log import StallLogReader
 from r2bspec.language.spec import QoS
+from r2bspec.native.build import find_compiler
 from r2bspec.native.errors import BuildError
 from r2bspec.native.harness_library import harness_library, harness_program
-from r2bspec.plan.plan import InputPlan, MonitorPlan
+from r2bspec.native.join_object import join_object
+from r2bspec.plan.plan import InputPlan, JoinPlan, MonitorPlan, ProcessPlan
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS
 from ros_runs import Bench, relay_spec
 from ros_runs import nothing_left as nothing_left
@@ -75,15 +81,18 @@ class Harness:
             writer.append(number, data)
         writer.close()
 
+    def environment(self) -> dict[str, str]:
+        return os.environ | {
+            RUN_ID_VARIABLE: self.run_id,
+            "ROS_DOMAIN_ID": str(self.domain),
+            # What middleware and interpreter keep until the end of their process is not ours.
+            "ASAN_OPTIONS": "detect_leaks=0",
+        }
+
     def start(
         self, name: str, parts: tuple[str, ...] = (), flags: tuple[str, ...] = ()
     ) -> ManagedProcess:
-        environment = os.environ | {
-            RUN_ID_VARIABLE: self.run_id,
-            "ROS_DOMAIN_ID": str(self.domain),
-            # What the middleware keeps until the end of its process is not ours.
-            "ASAN_OPTIONS": "detect_leaks=0",
-        }
+        environment = self.environment()
         log = self.folder / f"{name}.log"
         program = [str(harness_program(flags=flags))]
         return self.children.start(
@@ -97,10 +106,23 @@ class Harness:
             native=("", *parts),
         )
 
+    def start_observer(self) -> ManagedProcess:
+        """The process that records whole messages."""
+        child = self.children.start(
+            "observer",
+            "observer",
+            [sys.executable, "-P", "-m", "r2bspec.harness.child"],
+            self.environment(),
+            cwd=self.folder,
+            log=self.folder / "observer.log",
+        )
+        self.ask(child, protocol.ConfigureObserver(), protocol.Ready)
+        return child
+
     def ask(self, child: ManagedProcess, command: Any, kind: Any = protocol.Matched) -> Any:
         return self.children.request(child, command, kind, HANG_S)
 
-    def configure(self, player: ManagedProcess, monitor: ManagedProcess) -> None:
+    def configure_player(self, player: ManagedProcess) -> None:
         inputs = (
             InputPlan(topic=TOPIC, type=IMAGE, source=TOPIC, bag_topic="", qos=QoS(depth=100)),
         )
@@ -114,9 +136,12 @@ class Harness:
         assert ready.headers == {TOPIC: True}
         schedule = CyclicSchedule(steps=tuple((n,) for n in range(len(SIZES))))
         self.ask(player, protocol.Follow(schedule=schedule), protocol.Ready)
+
+    def configure(self, player: ManagedProcess, monitor: ManagedProcess) -> None:
+        self.configure_player(player)
         watched = protocol.ConfigureMonitor(monitors=(OUT,), rows_dir=str(self.rows))
         assert self.ask(monitor, watched, protocol.Ready).rmw
-        self.ask(monitor, protocol.Subscribe())
+        self.ask(monitor, protocol.Subscribe(monitors=(OUT,)))
 
     def match(self, *ends: ManagedProcess, count: int = 1) -> None:
         deadline = time.monotonic() + HANG_S
@@ -124,11 +149,19 @@ class Harness:
             assert time.monotonic() < deadline
             self.children.pump(0.02)
 
+    def discover(self, observer: ManagedProcess) -> None:
+        """Wait until the observer knows the publisher."""
+        deadline = time.monotonic() + HANG_S
+        command = protocol.Discover(topics=(TOPIC,))
+        while not self.ask(observer, command, protocol.Discovered).writers[TOPIC]:
+            assert time.monotonic() < deadline
+            self.children.pump(0.02)
+
     def played(self) -> Any:
-        return RowReader(self.rows / "played", PLAYBACK_FIELDS).read()
+        return PlaybackReader(self.rows / "played", PLAYBACK_FIELDS).read()
 
     def received(self, name: str, count: int) -> Any:
-        rows = RowReader(self.rows / f"{name}.rows", MONITOR_FIELDS)
+        rows = ArrivalReader(self.rows / f"{name}.rows", MONITOR_FIELDS)
         deadline = time.monotonic() + HANG_S
         while rows.count() < count:
             assert time.monotonic() < deadline, f"{rows.count()} of {count}"
@@ -161,9 +194,12 @@ def ends(harness: Harness, request: pytest.FixtureRequest) -> tuple[ManagedProce
 def test_messages_arrive_as_they_were_with_the_stamp_of_their_step(
     harness: Harness, ends: tuple[ManagedProcess, ManagedProcess]
 ) -> None:
-    player, monitor = ends
-    again = MonitorPlan(name=".again", topic=TOPIC, type=IMAGE, match="order", qos=None)
-    harness.ask(monitor, protocol.Watch(monitors=(again,), with_content=True))
+    player, _ = ends
+    again = msgspec.structs.replace(OUT, name=".again")
+    recorder = harness.start_observer()
+    harness.discover(recorder)
+    harness.ask(recorder, protocol.Record(monitors=(again,), folder=str(harness.rows)))
+    harness.match(recorder)
     harness.match(player, count=2)
     steps = 3 * len(SIZES)
     done = harness.ask(player, protocol.Play(rate_hz=200.0, steps=steps), protocol.Played)
@@ -174,7 +210,7 @@ def test_messages_arrive_as_they_were_with_the_stamp_of_their_step(
         assert rows["stamp_ns"].tolist() == played["stamp_ns"].tolist()
         assert (rows["received_ns"] <= rows["taken_ns"]).all()
         assert (rows["received_ns"] > played["published_ns"]).all()
-    harness.ask(monitor, protocol.Unwatch())
+    harness.ask(recorder, protocol.EndRecording())
     content = list(read_messages(harness.rows / ".again.messages"))
     assert len(content) == steps
     for data, stamp_ns, original in zip(content, played["stamp_ns"], 3 * messages(), strict=True):
@@ -208,11 +244,11 @@ def test_a_command_stops_it_between_two_steps(
     harness: Harness, ends: tuple[ManagedProcess, ManagedProcess]
 ) -> None:
     player, _ = ends
-    player.send(protocol.Play(rate_hz=50.0, steps=1_000_000))
+    player.send(protocol.Play(rate_hz=50.0, steps=100_000))
     harness.received("out", 5)
     player.send(protocol.Stop())
     done = harness.children.answer(player, protocol.Played, HANG_S)
-    assert 5 <= done.steps < 1_000_000
+    assert 5 <= done.steps < 100_000
     assert harness.played().size == done.steps
     harness.received("out", done.steps)
     # The next playback goes on with the next message of the round.
@@ -227,17 +263,17 @@ def test_what_is_watched_for_a_while_is_watched_no_more(
 ) -> None:
     player, monitor = ends
     plans = tuple(
-        MonitorPlan(name=name, topic=topic, type=kind, match="order", qos=None)
+        msgspec.structs.replace(OUT, name=name, topic=topic, type=kind)
         for name, topic, kind in (
             (".there", TOPIC, IMAGE),
             (".nobody", "/nobody", IMAGE),
-            (".unknown", TOPIC, "no_such_msgs/msg/Thing"),
+            (".unknown", "/unknown", "no_such_msgs/msg/Thing"),
         )
     )
     counts = harness.ask(monitor, protocol.Watch(monitors=plans)).counts
-    assert set(counts) == {TOPIC}
+    assert set(counts) == {TOPIC, "/nobody"}
     harness.match(player, count=2)
-    assert sorted(each.name for each in harness.rows.glob(".*.rows")) == [".there.rows"]
+    assert not (harness.rows / ".unknown.rows").exists()
     harness.ask(monitor, protocol.Unwatch())
     deadline = time.monotonic() + HANG_S
     while harness.ask(player, protocol.CountMatches()).counts[TOPIC] != 1:
@@ -254,17 +290,88 @@ def test_sanitizers_find_nothing(harness: Harness) -> None:
         raise
     harness.configure(player, monitor)
     harness.match(player, monitor)
-    again = MonitorPlan(name=".again", topic=TOPIC, type=IMAGE, match="order", qos=None)
-    for _ in range(2):
-        harness.ask(monitor, protocol.Watch(monitors=(again,), with_content=True))
+    for name in (".again", ".twice"):
+        again = msgspec.structs.replace(OUT, name=name)
+        harness.ask(monitor, protocol.Watch(monitors=(again,)))
         harness.ask(player, protocol.Play(rate_hz=100.0, steps=7), protocol.Played)
         harness.ask(monitor, protocol.Unwatch())
-        again = MonitorPlan(name=".twice", topic=TOPIC, type=IMAGE, match="order", qos=None)
     harness.received("out", 14)
     harness.children.end([player, monitor])
     for name, child in (("player", player), ("monitor", monitor)):
         assert child.process.poll() == 0, child.log_tail()
         assert (harness.folder / f"{name}.log").read_text() == ""
+
+
+@pytest.mark.parametrize("kind", ["C", "Python"])
+def test_sanitizers_find_nothing_in_a_process_that_is_joined(harness: Harness, kind: str) -> None:
+    try:
+        files = JoinFiles(join_object(flags=SANITIZERS), harness_library(flags=SANITIZERS))
+    except BuildError as error:
+        if "san" in str(error):
+            pytest.skip(f"the compiler has no sanitizers here: {error}")
+        raise
+    joins = GraphJoins(harness.children, harness.folder, files)
+    program = [sys.executable, "-c", PYTHON_NODE] if kind == "Python" else [str(c_node("relay"))]
+    node = harness.children.start(
+        "node",
+        "command",
+        [*program, "--ros-args", "-r", f"input:={TOPIC}"],
+        joins.environment("node", sanitized(harness.environment())),
+        cwd=harness.folder,
+        log=harness.folder / "node.log",
+    )
+    join = JoinPlan(player=True, monitors=("out",))
+    plan = ProcessPlan(
+        name="node", role="command", phase="measure", argv=tuple(program), env={}, join=join
+    )
+    joins.join(node, plan, HANG_S)
+    player, monitor = node.parts["player"], node.parts["monitor"]
+    harness.configure(player, monitor)
+    joins.release()
+    joins.close()
+    harness.match(player, count=2)
+    harness.ask(player, protocol.Play(rate_hz=100.0, steps=7), protocol.Played)
+    harness.received("out", 7)
+    harness.children.end([node])
+    assert node.process.poll() == 0, node.log_tail()
+    text = (harness.folder / "node.log").read_text()
+    assert "Sanitizer" not in text, text
+    assert "runtime error" not in text, text
+
+
+PYTHON_NODE = """
+import signal, sys, threading, rclpy
+from rclpy.executors import ExternalShutdownException
+from sensor_msgs.msg import Image
+rclpy.init(args=sys.argv)
+node = rclpy.create_node("node")
+node.create_subscription(Image, "input", lambda _: None, 100)
+try:
+    rclpy.spin(node)
+except (KeyboardInterrupt, ExternalShutdownException):
+    pass
+node.destroy_node()
+"""
+
+
+def sanitized(environment: dict[str, str]) -> dict[str, str]:
+    """For a program without sanitizers, into which objects with them are loaded.
+
+    Exceptions of the middleware need the C++ library from the beginning.
+    """
+    names = ("libasan.so", "libubsan.so", "libstdc++.so")
+    found = [
+        subprocess.run(
+            [*find_compiler(), f"-print-file-name={each}"],
+            stdout=subprocess.PIPE,
+            text=True,
+            check=True,
+        ).stdout.strip()
+        for each in names
+    ]
+    # What is preloaded first by the harness itself allocates nothing.
+    options = f"{environment['ASAN_OPTIONS']}:verify_asan_link_order=0"
+    return environment | {"LD_PRELOAD": ":".join(found), "ASAN_OPTIONS": options}
 
 
 def test_a_monitor_that_did_not_run_says_for_how_long(
@@ -317,15 +424,12 @@ def test_what_fails_is_said_and_the_process_ends(
     assert monitor.process.wait(HANG_S) == 1
 
 
-def test_a_buffer_that_is_shorter_than_its_index_is_refused(
-    harness: Harness, ends: tuple[ManagedProcess, ManagedProcess]
-) -> None:
-    player, _ = ends
+def test_a_buffer_that_is_shorter_than_its_index_is_refused(harness: Harness) -> None:
     path = harness.buffers / "r2b%image.cdr"
     os.truncate(path, path.stat().st_size - 1)
-    schedule = CyclicSchedule(steps=tuple((n,) for n in range(len(SIZES))))
+    player = harness.start("player")
     with pytest.raises(ProcessFailedError, match="shorter than its index"):
-        harness.ask(player, protocol.Follow(schedule=schedule), protocol.Ready)
+        harness.configure_player(player)
 
 
 HOST = """
@@ -363,20 +467,19 @@ def test_parts_join_a_process_that_keeps_its_signals_and_its_exit_status(
             for _ in range(2):
                 connection = stack.enter_context(listener.accept()[0])
                 lines = stack.enter_context(connection.makefile("rb"))
-                hello = protocol.decode_reply(lines.readline())
-                assert isinstance(hello, protocol.Hello)
-                assert (hello.pid, Path(hello.executable).name[:6]) == (host.pid, "python")
-                parts[hello.part] = (connection, lines)
+                what, part = lines.readline().decode().split()
+                assert what == "part"
+                parts[part] = (connection, lines)
             assert set(parts) == {"player", "monitor"}
             connection, lines = parts["monitor"]
             command = protocol.ConfigureMonitor(monitors=(OUT,), rows_dir=str(harness.rows))
-            connection.sendall(NativeEncoder()(command))
-            assert isinstance(protocol.decode_reply(lines.readline()), protocol.Ready)
+            connection.sendall(NativeCodec().encode(command))
+            assert lines.readline().startswith(b"ready rmw_")
             assert host.stdout.readline() == b"started\n"
             host.send_signal(10)
             assert host.stdout.readline() == b"signal\n"
             for connection, lines in parts.values():
-                connection.sendall(NativeEncoder()(protocol.Shutdown()))
+                connection.sendall(NativeCodec().encode(protocol.Shutdown()))
                 assert lines.readline() == b""
             host.stdin.close()
             assert host.stdout.readline() == b"goes on\n"

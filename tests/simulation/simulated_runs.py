@@ -15,8 +15,16 @@ from r2bspec.measure.samples import (
     monitor_samples,
     playback_samples,
 )
-from r2bspec.record.run_record import RunRecord, Segment
-from run_simulation import EPOCH_NS, Played, monitor_plan, monitor_rows, objective, playback_rows
+from r2bspec.record.run_record import Segment
+from run_simulation import (
+    EMPTY_RECORD,
+    EPOCH_NS,
+    Played,
+    monitor_plan,
+    monitor_rows,
+    objective,
+    playback_rows,
+)
 
 RATE_HZ = 30.0
 
@@ -57,7 +65,7 @@ def run_of(latency: NDArray[np.float64]) -> RunSamples:
         )
         start_ns = ended_ns + 500_000_000
     return RunSamples(
-        record=_RECORD,
+        record=EMPTY_RECORD,
         monitors=("out",),
         iterations={RATE_HZ: tuple(segments)} if segments else {},
         sustained={},
@@ -70,21 +78,3 @@ def judged(latency: NDArray[np.float64], *requirements: str, confidence: float =
     return judge(
         {"slo": objective(*requirements)}, run_of(latency), DecisionPolicy(confidence=confidence)
     )
-
-
-_RECORD = RunRecord(
-    run_id="",
-    plan_hash="",
-    started_at="",
-    ended_at="",
-    status="complete",
-    reason="",
-    dataset={},
-    machine={},
-    versions={},
-    processes=(),
-    segments=(),
-    search=None,
-    sustained=(),
-    events=(),
-)

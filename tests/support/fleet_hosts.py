@@ -15,7 +15,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -113,6 +113,7 @@ class Fleet:
     workers: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
     clients: list[Client] = field(default_factory=list)
     worker_options: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    variables: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         (self.folder / "tmp").mkdir(parents=True)
@@ -126,7 +127,7 @@ class Fleet:
 
     def environment(self) -> dict[str, str]:
         """One lock for all of this fleet, and none for others of this machine."""
-        made = {**os.environ, "TMPDIR": str(self.folder / "tmp")}
+        made = {**os.environ, **self.variables, "TMPDIR": str(self.folder / "tmp")}
         made.pop(DISABLED_BY, None)
         return made
 
@@ -163,15 +164,19 @@ class Fleet:
         wait_until(lambda: "is in the fleet" in log.read_text(), f"the worker {name}")
 
     def kill_worker(self, name: str) -> None:
-        """As if its host were unplugged: the worker has no chance to say so."""
+        """Without a chance for the worker to say so; its connections are closed."""
         self.workers[name].kill()
         self.workers[name].wait()
 
-    def client(self, *arguments: str | Path, output: Path) -> Client:
-        """Start ``r2bspec run --on`` this fleet."""
+    def is_back(self, name: str, times: int) -> bool:
+        """Whether a worker has joined the fleet so many times since it was started."""
+        return (self.folder / f"{name}.log").read_text().count("is in the fleet") >= times
+
+    def client(self, *arguments: str | Path, output: Path, at: str = "") -> Client:
+        """Start ``r2bspec run --on`` this fleet; `at` is where it connects instead of there."""
         words = [*_PROGRAM, "run", *map(str, arguments), "--output", str(output)]
         process = subprocess.Popen(
-            [*words, "--on", self.address],
+            [*words, "--on", at or self.address],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             stdin=subprocess.DEVNULL,

@@ -28,8 +28,8 @@ import yaml
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 
+from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
-from r2bspec.ipc.sample_files import RowReader
 from r2bspec.record.run_folder import Run, open_run
 from r2bspec.record.run_record import MONITOR_FIELDS
 
@@ -310,7 +310,7 @@ class Running:
         wanted = None
         while True:
             rows = [each for each in _open_files(process) if each.name == f"{monitor_name}.rows"]
-            received = sum(RowReader(each, MONITOR_FIELDS).count() for each in rows)
+            received = sum(ArrivalReader(each, MONITOR_FIELDS).count() for each in rows)
             wanted = received + count if wanted is None else wanted
             if received >= wanted:
                 return

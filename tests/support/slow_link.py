@@ -38,6 +38,8 @@ class SlowLink:
         self._lock = threading.Lock()
         self._open: set[socket.socket] = set()
         self._listener = socket.create_server(("127.0.0.1", 0))
+        self._plugged = threading.Event()
+        self._plugged.set()
         self.passed = 0
         self.cuts = 0
         self.spoilt = 0
@@ -47,6 +49,7 @@ class SlowLink:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._plugged.set()
         # Closing alone would not wake the thread that accepts.
         with contextlib.suppress(OSError):
             self._listener.shutdown(socket.SHUT_RDWR)
@@ -58,6 +61,15 @@ class SlowLink:
         """Where clients connect instead of to the server."""
         host, port = self._listener.getsockname()
         return f"tcp://{host}:{port}"
+
+    def unplug(self) -> None:
+        """Lose everything from now on, also that a connection was closed."""
+        self._plugged.clear()
+
+    def plug_in(self) -> None:
+        """Pass on again; what was open before is unknown to the other side, and reset."""
+        self._plugged.set()
+        self._cut()
 
     def _accept(self) -> None:
         while True:
@@ -79,7 +91,9 @@ class SlowLink:
     def _pass_on(self, source: socket.socket, target: socket.socket, is_slow: bool) -> None:
         with contextlib.suppress(OSError):
             while chunk := source.recv(_CHUNK_BYTES):
-                target.sendall(self._slowed(chunk) if is_slow else chunk)
+                if self._plugged.is_set():
+                    target.sendall(self._slowed(chunk) if is_slow else chunk)
+        self._plugged.wait()
         for each in (source, target):
             self._close(each)
 

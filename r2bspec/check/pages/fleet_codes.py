@@ -65,7 +65,7 @@ FLEET_PAGES = (
         "host-full",
         "R2B689",
         "disk of a host is full",
-        "The host could not store what was sent, or the run. Free space there, or start its worker "
-        "with a smaller --cache-limit.",
+        "The host could not store what was sent, or the run, or its shared memory is too small for "
+        "the run. Free space there, or start its worker with a smaller --cache-limit.",
     ),
 )

@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, known_metrics, quote
+from r2bspec.check.rule_api import (
+    Context,
+    Finding,
+    Findings,
+    Rule,
+    april_tag_example,
+    known_metrics,
+    quote,
+)
 from r2bspec.measure.truth_metrics import TRUTHS, kind_of
 
 
@@ -27,19 +35,7 @@ def _find(context: Context) -> Findings:
         )
 
 
-_LOADER = """
-    bag: r2b_storage
-    topics: {/d455_1_rgb_image: image_raw, /d455_1_rgb_camera_info: info_raw}
-"""
-_PLAYBACK = """
-    inputs:
-      image: {from: image_raw, format: sensor_msgs/msg/Image}
-      camera_info: {from: info_raw, format: sensor_msgs/msg/CameraInfo}
-"""
-_GRAPH = """
-    nodes:
-      tags: {python: r2bspec.nodes.AprilTagNode, remappings: {detections: output}}
-"""
+_SLOS = "{right: {require: [accuracy.tag_missed == 0 %]}}"
 
 RULE = Rule(
     code="R2B533",
@@ -47,28 +43,7 @@ RULE = Rule(
     severity="error",
     why="Accuracy is the difference between messages and the ground truth of the recording. Which "
     "part of it a monitor is compared with is not guessed.",
-    failing=example(
-        data_loader=_LOADER,
-        playback=_PLAYBACK,
-        graph=_GRAPH,
-        monitors="""
-            output:
-              topic: output
-              format: geometry_msgs/msg/PoseArray
-        """,
-        slos="{right: {require: [accuracy.tag_missed == 0 %]}}",
-    ),
-    passing=example(
-        data_loader=_LOADER,
-        playback=_PLAYBACK,
-        graph=_GRAPH,
-        monitors="""
-            output:
-              topic: output
-              format: geometry_msgs/msg/PoseArray
-              truth: {kind: tag, name: /d455_1_rgb_image}
-        """,
-        slos="{right: {require: [accuracy.tag_missed == 0 %]}}",
-    ),
+    failing=april_tag_example(slos=_SLOS),
+    passing=april_tag_example(truth="{kind: tag, name: /d455_1_rgb_image}", slos=_SLOS),
     find=_find,
 )

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from dataclasses import dataclass, field
+
+import msgspec
 
 from r2bspec.check.rule_api import (
     Context,
@@ -23,16 +24,15 @@ _Limit = tuple[float, bool]
 """An end of the allowed values, and whether it is excluded."""
 
 
-@dataclass(slots=True)
-class _EarlierBounds:
+class _EarlierBounds(msgspec.Struct):
     """The bounds of one metric so far; of each side those that are tighter than all before them.
 
     They get tighter along the list, so bisection finds the first that contradicts a new bound:
     comparing all pairs of some thousand requirements takes minutes.
     """
 
-    lower: list[tuple[_Limit, int, KnownMetric]] = field(default_factory=list)
-    upper: list[tuple[_Limit, int, KnownMetric]] = field(default_factory=list)
+    lower: list[tuple[_Limit, int, KnownMetric]] = msgspec.field(default_factory=list)
+    upper: list[tuple[_Limit, int, KnownMetric]] = msgspec.field(default_factory=list)
 
     def first_contradiction(self, requirement: Requirement) -> KnownMetric | None:
         """The first bound that no value meets together with that of the requirement."""

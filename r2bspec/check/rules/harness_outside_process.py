@@ -6,6 +6,11 @@ from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, qu
 from r2bspec.plan.plan import ProcessPlan
 from r2bspec.plan.process_plans import graph_processes
 
+_TYPICAL = (
+    "between two processes 0.04 ms for small messages and 1 ms for images of 1280x720, within one "
+    "process 0.01 and 0.4 ms"
+)
+
 
 def _find(context: Context) -> Findings:
     spec = context.spec
@@ -21,7 +26,8 @@ def _find(context: Context) -> Findings:
         path=("containers", container) if container else ("graph",),
         key=True,
         help="write 'harness: {placement: graph}' to play and monitor in that process; "
-        "'r2bspec run --scan harness.placement=separate,graph' shows both",
+        "'r2bspec run --scan harness.placement=separate,graph' shows both. "
+        f"Typical overheads (docs/performance.md): {_TYPICAL}",
     )
 
 

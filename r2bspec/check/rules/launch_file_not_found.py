@@ -6,7 +6,7 @@ from pathlib import Path as FilePath
 
 from r2bspec.check.installed_packages import package_share
 from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, suggestion
-from r2bspec.untrusted.safe_file import is_regular
+from r2bspec.untrusted.safe_file import is_regular, names_in
 
 
 def _find(context: Context) -> Findings:
@@ -39,7 +39,11 @@ def _has_launch_file(share: FilePath, file: str) -> bool:
 
 
 def _launch_files(share: FilePath) -> list[str]:
-    return sorted(each.name for each in (share / "launch").glob("*") if each.is_file())
+    folder = share / "launch"
+    try:
+        return [each for each in names_in(folder) if is_regular(folder / each)]
+    except OSError:
+        return []
 
 
 RULE = Rule(

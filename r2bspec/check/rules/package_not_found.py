@@ -29,7 +29,7 @@ def _find(context: Context) -> Findings:
     requested: dict[str, list[Path]] = {}
     for path, package in _packages(context):
         requested.setdefault(package, []).append(path)
-    installed = ament_packages() if requested else set()
+    installed = ament_packages() if requested else frozenset()
     for package, (first, *others) in requested.items():
         if package not in installed:
             yield Finding(
@@ -42,7 +42,7 @@ def _find(context: Context) -> Findings:
             )
 
 
-def _help(package: str, installed: set[str]) -> str:
+def _help(package: str, installed: frozenset[str]) -> str:
     known = catalogue_packages()
     close = "" if package in known else did_you_mean(package, installed | known)
     if close:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
 from pathlib import Path as FilePath
 
+from r2bspec.check.installed_packages import is_on_path
 from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example, quote
 from r2bspec.untrusted.safe_file import is_regular
 
@@ -19,7 +19,7 @@ def _find(context: Context) -> Findings:
                 f"the path is relative to its working folder ({folder}); build it before the run"
             )
         else:
-            exists = shutil.which(program) is not None
+            exists = is_on_path(program)
             message = f"program {quote(program)} not found on the PATH of this machine"
             advice = "install it, or correct the command"
         if not exists:

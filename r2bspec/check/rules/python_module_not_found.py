@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from msgspec.structs import replace
 
 from r2bspec.check.installed_packages import find_module, top_level_names
 from r2bspec.check.python_target import PythonTarget, python_target

@@ -14,19 +14,22 @@ _PLACEHOLDERS = frozenset({"", "none", "null", "true", "false", "changeme", "xxx
 
 def _find(context: Context) -> Findings:
     if context.loaded.tree is not None:
-        yield from _secrets_below(context.loaded.tree, ())
+        yield from _secrets_below(context.loaded.tree, (), inside=False)
 
 
-def _secrets_below(node: TreeNode, path: Path) -> Findings:
+def _secrets_below(node: TreeNode, path: Path, *, inside: bool) -> Findings:
     if isinstance(node, ListNode):
         for index, item in enumerate(node.items):
-            yield from _secrets_below(item, (*path, index))
+            if type(item) is not ScalarNode:
+                yield from _secrets_below(item, (*path, index), inside=inside)
     if not isinstance(node, MapNode):
         return
     for key, entry in node.entries.items():
         entry_path = (*path, key)
-        if _SECTIONS.isdisjoint(path) or not is_secret_key(key):
-            yield from _secrets_below(entry.value, entry_path)
+        if not inside or not is_secret_key(key):
+            if type(entry.value) is not ScalarNode:
+                below = inside or key in _SECTIONS
+                yield from _secrets_below(entry.value, entry_path, inside=below)
         elif _is_secret(entry.value):
             name = re.sub(r"\W", "_", key).upper()
             yield Finding(

@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-import shutil
-
 from r2bspec.check.rule_api import Context, Finding, Findings, Rule
+from r2bspec.check.this_machine import SHARED_MEMORY, shared_memory_bytes
 from r2bspec.language.quantities import Size
-
-_FOLDER = "/dev/shm"  # noqa: S108 -- only its size is read
 
 
 def _find(context: Context) -> Findings:
     segment = context.spec.segment
     if segment is None or context.spec.transport != "shared_memory":
         return
-    try:
-        available_bytes = shutil.disk_usage(_FOLDER).total
-    except OSError:
+    available_bytes = shared_memory_bytes()
+    if available_bytes is None:
         return
     processes = len(context.processes)
     wanted = segment.bytes * processes
     if wanted > available_bytes:
         yield Finding(
             message=f"{processes} processes with a segment of {segment} each need {Size(wanted)}, "
-            f"but {_FOLDER} has {Size(available_bytes // 2**20 * 2**20)}",
+            f"but {SHARED_MEMORY} has {Size(available_bytes // 2**20 * 2**20)}",
             path=("transport", "segment"),
-            help=f"reduce 'segment', or enlarge {_FOLDER} (docker run --shm-size)",
+            help=f"reduce 'segment', or enlarge {SHARED_MEMORY} (docker run --shm-size)",
             machine_dependent=True,
         )
 

@@ -7,8 +7,8 @@ from r2bspec.check.rule_api import (
     Finding,
     Findings,
     Rule,
+    april_tag_example,
     did_you_mean,
-    example,
     quote,
     quoted_list,
 )
@@ -77,20 +77,6 @@ def _of_kind(names: TruthNames, truth: Truth) -> tuple[str, ...]:
     return names.disparity if truth.kind == "disparity" else names.tag
 
 
-_LOADER = """
-    bag: r2b_storage
-    topics: {/d455_1_rgb_image: image_raw, /d455_1_rgb_camera_info: info_raw}
-"""
-_PLAYBACK = """
-    inputs:
-      image: {from: image_raw, format: sensor_msgs/msg/Image}
-      camera_info: {from: info_raw, format: sensor_msgs/msg/CameraInfo}
-"""
-_GRAPH = """
-    nodes:
-      tags: {python: r2bspec.nodes.AprilTagNode, remappings: {detections: output}}
-"""
-
 RULE = Rule(
     code="R2B416",
     title="truth that the recording does not have",
@@ -98,27 +84,7 @@ RULE = Rule(
     why="What a monitor receives is compared with the ground truth of the recording. Synthetic "
     "datasets have the disparities of their stereo pairs, if both images are loaded, and the poses "
     "of the tag of r2b_storage; other recordings have what their ground_truth.json says.",
-    failing=example(
-        data_loader=_LOADER,
-        monitors="""
-            output:
-              topic: output
-              format: geometry_msgs/msg/PoseArray
-              truth: {kind: tag, name: /d455_1_rbg_image}
-        """,
-        playback=_PLAYBACK,
-        graph=_GRAPH,
-    ),
-    passing=example(
-        data_loader=_LOADER,
-        monitors="""
-            output:
-              topic: output
-              format: geometry_msgs/msg/PoseArray
-              truth: {kind: tag, name: /d455_1_rgb_image}
-        """,
-        playback=_PLAYBACK,
-        graph=_GRAPH,
-    ),
+    failing=april_tag_example(truth="{kind: tag, name: /d455_1_rbg_image}"),
+    passing=april_tag_example(truth="{kind: tag, name: /d455_1_rgb_image}"),
     find=_find,
 )

@@ -11,14 +11,14 @@ from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNod
 _BOOLEAN_WORDS = frozenset({"yes", "no", "on", "off", "y", "n"})
 _OCTAL = re.compile(r"[-+]?0[0-7_]+")
 _SEXAGESIMAL = re.compile(r"[-+]?[1-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?")
-_SECTIONS = ("parameters", "arguments", "variables", "labels", "request")
+_SECTIONS = frozenset({"parameters", "arguments", "variables", "labels", "request"})
 _TRUE_WORDS = frozenset({"yes", "on", "y"})
 
 
 def _find(context: Context) -> Findings:
     if context.loaded.tree is None:
         return
-    for path, node in _values(context.loaded.tree, ()):
+    for path, node in _values(context.loaded.tree, (), inside=False):
         reading = _yaml_1_1_value(node.text)
         if reading is not None:
             yield Finding(
@@ -28,19 +28,21 @@ def _find(context: Context) -> Findings:
             )
 
 
-def _values(node: TreeNode, path: Path) -> Iterator[tuple[Path, ScalarNode]]:
+def _values(node: TreeNode, path: Path, *, inside: bool) -> Iterator[tuple[Path, ScalarNode]]:
     """Strings without quotes, where a node or a variable also accepts a number."""
-    if isinstance(node, MapNode):
+    if isinstance(node, ScalarNode):
+        if inside and isinstance(node.value, str) and not node.style and node.origin is None:
+            yield path, node
+    elif isinstance(node, MapNode):
         for key, entry in node.entries.items():
-            if not key.startswith("x-"):
-                yield from _values(entry.value, (*path, key))
+            below = inside or key in _SECTIONS
+            # Most values are single ones in other sections.
+            if (below or type(entry.value) is not ScalarNode) and not key.startswith("x-"):
+                yield from _values(entry.value, (*path, key), inside=below)
     elif isinstance(node, ListNode):
         for index, item in enumerate(node.items):
-            yield from _values(item, (*path, index))
-    elif isinstance(node, ScalarNode) and isinstance(node.value, str) and not node.style:
-        inside = any(part in _SECTIONS for part in path)
-        if inside and node.origin is None:
-            yield path, node
+            if inside or type(item) is not ScalarNode:
+                yield from _values(item, (*path, index), inside=inside)
 
 
 def _yaml_1_1_value(text: str) -> tuple[str, str] | None:

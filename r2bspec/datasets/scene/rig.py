@@ -7,7 +7,7 @@ whole numbers, as OpenCV has it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import msgspec
 
 from r2bspec.datasets.scene.lens import Lens
 
@@ -19,8 +19,7 @@ POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
 _CHANNELS = {"rgb8": 3, "mono8": 1, "16UC1": 2}
 
 
-@dataclass(frozen=True, slots=True)
-class Camera:
+class Camera(msgspec.Struct, frozen=True):
     """A pinhole camera, with a lens that distorts or none.
 
     Attributes:
@@ -49,8 +48,7 @@ class Camera:
         return _CHANNELS[self.encoding]
 
 
-@dataclass(frozen=True, slots=True)
-class Lidar:
+class Lidar(msgspec.Struct, frozen=True):
     """A spinning lidar: every column of beams fires at its own time of the turn.
 
     Attributes:
@@ -65,8 +63,7 @@ class Lidar:
     position_m: tuple[float, float, float]
 
 
-@dataclass(frozen=True, slots=True)
-class TopicSource:
+class TopicSource(msgspec.Struct, frozen=True):
     """A topic of a sequence and the sensor that fills it."""
 
     name: str
@@ -77,8 +74,7 @@ class TopicSource:
     lidar: Lidar | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class StereoPair:
+class StereoPair(msgspec.Struct, frozen=True):
     """Two image topics of one pair, whose rectified images have the same rows."""
 
     name: str

@@ -40,18 +40,19 @@ def wait_for_mutual_discovery(
     subscriptions = Counter((topic, kind) for topic, kind, does in known if does == "subscribes")
     deadline = time.monotonic() + _MAX_WAIT_S
     undiscovered = {child: {*launcher.host_endpoints(child)} for child in launcher.hosts}
-    while any(undiscovered.values()) and time.monotonic() < deadline:
-        for child, waiting in undiscovered.items():
-            if waiting:
-                found = supervisor.request(
-                    child, protocol.CountMatches(), protocol.Matched, _REPLY_TIMEOUT_S
-                )
-                waiting -= {
-                    (topic, kind, does)
-                    for topic, kind, does in waiting
-                    if (found.counts if does == "publishes" else found.publisher_counts).get(
-                        topic, 0
+    with supervisor.waiting("nodes: discovery of the harness"):
+        while any(undiscovered.values()) and time.monotonic() < deadline:
+            for child, waiting in undiscovered.items():
+                if waiting:
+                    found = supervisor.request(
+                        child, protocol.CountMatches(), protocol.Matched, _REPLY_TIMEOUT_S
                     )
-                    >= (subscriptions if does == "publishes" else publishers)[topic, kind]
-                }
-        supervisor.pump(_POLL_S)
+                    waiting -= {
+                        (topic, kind, does)
+                        for topic, kind, does in waiting
+                        if (found.counts if does == "publishes" else found.publisher_counts).get(
+                            topic, 0
+                        )
+                        >= (subscriptions if does == "publishes" else publishers)[topic, kind]
+                    }
+            supervisor.pump(_POLL_S)

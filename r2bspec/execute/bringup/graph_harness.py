@@ -45,7 +45,7 @@ class GraphHarness:
         self._taps = tap_monitors(plan.monitors)
         self._configure_player = configure_player
         self._rows_dir = rows_dir
-        self._monitors: list[ManagedProcess] = []
+        self._monitors: list[tuple[ManagedProcess, frozenset[str]]] = []
         self.player: ManagedProcess | None = None
 
     def configure(self, child: ManagedProcess, plan: ProcessPlan) -> None:
@@ -65,7 +65,7 @@ class GraphHarness:
             self._launcher.configure(
                 monitor, protocol.ConfigureMonitor(monitors=wanted, rows_dir=rows_dir)
             )
-            self._monitors.append(monitor)
+            self._monitors.append((monitor, frozenset(each.name for each in wanted)))
 
     def _folder_of(self, monitors: Iterable[MonitorPlan]) -> Path:
         """Where a process writes: a further one in a folder of its own, with links to its rows."""
@@ -81,7 +81,7 @@ class GraphHarness:
     @property
     def monitor(self) -> ManagedProcess:
         """All monitors, commanded as one."""
-        return self._monitors[0] if len(self._monitors) == 1 else MonitorGroup(self._monitors)
+        return self._monitors[0][0] if len(self._monitors) == 1 else MonitorGroup(self._monitors)
 
 
 def overhead_processes(processes: Iterable[ProcessPlan]) -> tuple[ProcessPlan, ...]:

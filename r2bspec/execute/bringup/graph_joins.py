@@ -10,17 +10,22 @@ from __future__ import annotations
 import contextlib
 import os
 import socket
+import struct
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import msgspec
 
+from r2bspec.execute.bringup.idle_nodes import idle_patience_s, starts_others
+from r2bspec.execute.bringup.idle_time import IdleTime, family
 from r2bspec.execute.errors import NotInstalledError
 from r2bspec.execute.processes.joinable import not_joinable
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
+from r2bspec.ipc.native_protocol import NativeCodec
 from r2bspec.native.errors import BuildError
 from r2bspec.native.harness_library import harness_library
 from r2bspec.native.join_object import join_environment, join_object
@@ -31,6 +36,10 @@ _BACKLOG: Final = 64
 _HELLO_TIMEOUT_S: Final = 2.0
 _ANSWER_TIMEOUT_S: Final = 20.0
 _POLL_S: Final = 0.005
+_PEER: Final = struct.Struct("3i")
+"""Process, user and group, as in ``struct ucred``."""
+
+_RCL: Final = b"/librcl.so"
 _WRAPPERS: Final = ("ros2", "launch")
 """Programs that initialise ROS for themselves before they start the node."""
 
@@ -55,16 +64,35 @@ def build_join_files() -> JoinFiles:
         raise NotInstalledError(str(error), hint=error.hint, code=error.code) from error
 
 
+@dataclass(frozen=True, slots=True)
+class Hello:
+    """What is known of a process that has connected.
+
+    Attributes:
+        pid: its id.
+        process: the process of the plan that it belongs to, if it asks whether it gets parts.
+        part: the part that it connects, otherwise.
+        executable: its program.
+        arguments: its command line.
+    """
+
+    pid: int
+    process: str = ""
+    part: str = ""
+    executable: str = ""
+    arguments: tuple[str, ...] = ()
+
+
 @dataclass(slots=True)
 class _Asking:
     """A process that waits in its initialisation of ROS."""
 
-    hello: protocol.Hello
+    hello: Hello
     connection: socket.socket
 
-    def say(self, line: str) -> None:
-        with contextlib.suppress(OSError):
-            self.connection.sendall(f"{line}\n".encode())
+    def go_on(self) -> None:
+        """Let it initialise ROS."""
+        self.connection.close()
 
 
 class GraphJoins:
@@ -110,20 +138,19 @@ class GraphJoins:
             RunError: it has exited.
         """
         join = plan.join or JoinPlan()
-        asking = self._wait_for(child, join, time.monotonic() + timeout_s)
+        asking = self._wait_for(child, plan, timeout_s)
         self._joined.append(asking)
-        self._command(asking, child, f"library {self._files.library}")
-        for part in ("player", "monitor"):
-            if join.player if part == "player" else join.monitors:
-                self._command(asking, child, f"part {part}")
-                connection = self._connection(child, asking.hello.pid, part)
-                self._supervisor.add_joined_part(child, part, connection)
+        wanted = {"player": join.player, "monitor": bool(join.monitors)}
+        parts = [part for part, is_wanted in wanted.items() if is_wanted]
+        self._start(asking, child, parts)
+        for part in parts:
+            connection = self._connection(child, asking.hello.pid, part)
+            self._supervisor.add_joined_part(child, part, connection)
 
     def release(self) -> None:
         """Let all processes go on: the publishers of the harness exist."""
         for each in (*self._joined, *self._asking):
-            each.say("go")
-            each.connection.close()
+            each.go_on()
         self._joined.clear()
         self._asking.clear()
 
@@ -147,32 +174,48 @@ class GraphJoins:
         self._listener.close()
         os.close(self._folder_fd)
 
-    def _wait_for(self, child: ManagedProcess, join: JoinPlan, deadline: float) -> _Asking:
+    def _wait_for(self, child: ManagedProcess, plan: ProcessPlan, timeout_s: float) -> _Asking:
+        """Wait until the process that is meant asks.
+
+        A process that does nothing, and in which nothing has loaded ROS, is not waited for until
+        the deadline; a launch file may start its nodes with a delay.
+        """
+        program = plan.join.program if plan.join is not None else ""
         seen: list[str] = []
+        idle = IdleTime(lambda: family(child.pid))
+        patience_s = timeout_s if starts_others(plan) else idle_patience_s(timeout_s)
+        deadline = time.monotonic() + timeout_s
         while time.monotonic() < deadline:
             self.poll()
             for each in [one for one in self._asking if one.hello.process == child.name]:
                 self._asking.remove(each)
-                if is_meant(each.hello, join.program):
+                if is_meant(each.hello, program):
                     return each
                 seen.append(" ".join(each.hello.arguments[:3]))
-                each.say("go")
-                each.connection.close()
+                each.go_on()
+            if idle.update() > patience_s and not has_loaded_ros(family(child.pid)):
+                raise not_joinable(
+                    child.name,
+                    f"none of its programs has loaded ROS, and they have been idle for "
+                    f"{patience_s:.3g} s",
+                )
             self._supervisor.pump(_POLL_S)
         others = f" (others did: {'; '.join(seen[:5])})" if seen else ""
         raise not_joinable(
             child.name,
-            f"none of its programs {'named ' + join.program if join.program else ''}has "
+            f"none of its programs {'named ' + program if program else ''}has "
             f"initialised ROS with what was preloaded{others}".replace("  ", " "),
         )
 
-    def _command(self, asking: _Asking, child: ManagedProcess, line: str) -> None:
-        """Say a line to a process that waits.
+    def _start(self, asking: _Asking, child: ManagedProcess, parts: Iterable[str]) -> None:
+        """Start parts in a process that waits (``join.c``).
 
         Raises:
             NotJoinableError: it answers that it cannot, or does not answer.
         """
-        asking.say(line)
+        command = ",".join(parts).encode() + b" " + os.fsencode(self._files.library)
+        with contextlib.suppress(OSError):
+            asking.connection.sendall(command)
         asking.connection.setblocking(False)
         received = b""
         deadline = time.monotonic() + _ANSWER_TIMEOUT_S
@@ -192,9 +235,9 @@ class GraphJoins:
         # A process that has exited is an error of its own.
         self._supervisor.pump(0.0)
         try:
-            reply = protocol.decode_reply(received)
-        except msgspec.DecodeError:
-            raise not_joinable(child.name, f"it does not answer {line.split()[0]!r}") from None
+            reply = NativeCodec().decode(received)
+        except (msgspec.DecodeError, ValueError):
+            raise not_joinable(child.name, "it does not load the harness") from None
         if isinstance(reply, protocol.Failed):
             raise not_joinable(child.name, reply.message)
 
@@ -208,7 +251,20 @@ class GraphJoins:
         raise not_joinable(child.name, f"its {part} did not connect")
 
 
-def is_meant(hello: protocol.Hello, program: str) -> bool:
+def has_loaded_ros(pids: Iterable[int]) -> bool:
+    """Whether a process has loaded ROS, or may have: one whose memory cannot be looked at."""
+    for pid in pids:
+        try:
+            if _RCL in Path(f"/proc/{pid}/maps").read_bytes():
+                return True
+        except FileNotFoundError:
+            continue
+        except OSError:
+            return True
+    return False
+
+
+def is_meant(hello: Hello, program: str) -> bool:
     """Whether a process that asks is the node, and no wrapper that will start it.
 
     Args:
@@ -221,14 +277,31 @@ def is_meant(hello: protocol.Hello, program: str) -> bool:
     return not any(each in names for each in _WRAPPERS)
 
 
-def _hello(connection: socket.socket) -> protocol.Hello | None:
-    """The first line of a connection, which every one sends at once."""
+def _hello(connection: socket.socket) -> Hello | None:
+    """Who is at the other end of a connection; every one says at once for what it connects."""
     connection.settimeout(_HELLO_TIMEOUT_S)
     line = bytearray()
-    with contextlib.suppress(OSError, msgspec.DecodeError):
+    with contextlib.suppress(OSError):
         # Byte by byte: what follows is for the reader of the channel.
         while not line.endswith(b"\n") and (byte := connection.recv(1)):
             line += byte
-        hello = protocol.decode_reply(bytes(line))
-        return hello if isinstance(hello, protocol.Hello) else None
+        what, _, name = line.decode(errors="replace").rstrip("\n").partition(" ")
+        credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size)
+        pid = int(_PEER.unpack(credentials)[0])
+        if what == "part":
+            return Hello(pid, part=name)
+        if what == "process":
+            return _asking_process(pid, name)
     return None
+
+
+def _asking_process(pid: int, process: str) -> Hello:
+    """What the kernel says of a process that waits for an answer."""
+    folder = Path(f"/proc/{pid}")
+    words = (folder / "cmdline").read_bytes().split(b"\0")
+    return Hello(
+        pid,
+        process,
+        executable=str((folder / "exe").readlink()),
+        arguments=tuple(each.decode(errors="replace") for each in words),
+    )

@@ -9,24 +9,16 @@ has changed for a third of its timeout, is not waited for any longer.
 
 from __future__ import annotations
 
-import contextlib
-import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from typing import Final
 
-import psutil
-
-from r2bspec.execute.host.run_queue_waits import RunQueueWaits
+from r2bspec.execute.bringup.idle_time import IdleTime, family
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.plan.command_lines import INCLUDED_LAUNCH, container_node_name
 from r2bspec.plan.plan import Plan, ProcessPlan
 
-_BUSY_SHARE: Final = 0.1
-"""Of one processor: a node whose timers or discovery threads only look around takes less."""
-
-_MIN_WINDOW_S: Final = 0.5
 _ANSWER_NS: Final = 1_500_000_000
 _REPLY_TIMEOUT_S: Final = 20.0
 _MIN_PATIENCE_S: Final = 5.0
@@ -34,7 +26,12 @@ _MIN_PATIENCE_S: Final = 5.0
 
 def patience_s(plan: Plan) -> float:
     """How long a start without any progress is waited for: a third of its timeout, in seconds."""
-    return max(_MIN_PATIENCE_S, plan.start_timeout_ns / 3e9)
+    return idle_patience_s(plan.start_timeout_ns / 1e9)
+
+
+def idle_patience_s(timeout_s: float) -> float:
+    """The same for a timeout in seconds."""
+    return max(_MIN_PATIENCE_S, timeout_s / 3)
 
 
 class IdleNodes:
@@ -59,22 +56,11 @@ class IdleNodes:
         }
         self._has_external = any(each.phase == phase for each in plan.external)
         self._supervisor = supervisor
-        self._clock = clock
-        self._waits = RunQueueWaits()
-        self._busy_s = self._total_busy_s()
-        self._idle_since = self._looked_at = clock()
+        self._idle = IdleTime(self._pids, clock)
 
     def update(self) -> float:
         """Look at the processes; returns for how many seconds they have been idle."""
-        now = self._clock()
-        passed_s = now - self._looked_at
-        if passed_s < _MIN_WINDOW_S:
-            return self._looked_at - self._idle_since
-        before_s, self._busy_s = self._busy_s, self._total_busy_s()
-        if abs(self._busy_s - before_s) > _BUSY_SHARE * passed_s:
-            self._idle_since = now
-        self._looked_at = now
-        return now - self._idle_since
+        return self._idle.update()
 
     def answer(self, observer: ManagedProcess) -> bool:
         """Whether the executor of every node answers; never for nodes that cannot be asked.
@@ -85,7 +71,7 @@ class IdleNodes:
         Raises:
             RunError: the observer does not respond.
         """
-        if self._has_external or any(_is_launch(each) for each in self._processes.values()):
+        if self._has_external or any(starts_others(each) for each in self._processes.values()):
             return False
         found = self._supervisor.request(
             observer,
@@ -95,23 +81,10 @@ class IdleNodes:
         )
         return all_answer(self._processes.values(), found)
 
-    def _total_busy_s(self) -> float:
-        """How long the processes of the nodes have run, or waited for a processor, in seconds."""
-        pids = [*self._pids()]
-        total_s = 0.0
-        for pid in pids:
-            with contextlib.suppress(psutil.Error):
-                used = psutil.Process(pid).cpu_times()
-                total_s += used.user + used.system
-        waited_s = self._waits.update(0, pids)
-        return total_s if math.isnan(waited_s) else total_s + waited_s
-
     def _pids(self) -> Iterator[int]:
         for child in self._supervisor:
             if child.name in self._processes:
-                yield child.pid
-                with contextlib.suppress(psutil.Error):
-                    yield from (each.pid for each in psutil.Process(child.pid).children(True))
+                yield from family(child.pid)
 
 
 def all_answer(processes: Iterable[ProcessPlan], found: protocol.ParameterLists) -> bool:
@@ -139,6 +112,6 @@ def all_answer(processes: Iterable[ProcessPlan], found: protocol.ParameterLists)
     return not found.lifecycle and named <= answered and len(answered - named) >= unnamed
 
 
-def _is_launch(process: ProcessPlan) -> bool:
+def starts_others(process: ProcessPlan) -> bool:
     """Whether a process starts others, which a launch file may do with a delay."""
     return INCLUDED_LAUNCH in process.argv or "launch" in process.argv[:2]

@@ -54,6 +54,9 @@ from r2bspec.record.run_record import Difference
 NODE_ROLES = frozenset({"host", "container", "command"})
 """Roles of processes that hold nodes of the graph and nothing of the harness."""
 
+_IMPORTING_ROLES = frozenset({"host", "loader"})
+"""Roles of processes of Python that import ROS before anything else."""
+
 _COMPONENT_LOADER = "containers.load_node"
 """The process that loads components; no node and no container can have this name."""
 
@@ -95,6 +98,8 @@ class Launcher:
         self._has_opaque_nodes = False
         self.hosts: dict[ManagedProcess, frozenset[str]] = {}
         self._early: dict[str, ManagedProcess] = {}
+        self._importing: list[ManagedProcess] = []
+        self._ready_observers: set[ManagedProcess] = set()
 
     def check_shared_memory(self, plan: Plan, phase: str) -> None:
         """Check that there is enough shared memory for the processes of a phase.
@@ -106,11 +111,15 @@ class Launcher:
         require_free_shared_memory(plan, phase, environment.middleware, environment.segment_bytes)
 
     def start(self, plan: ProcessPlan, parts: Iterable[str] = ()) -> ManagedProcess:
-        """Start one process; a harness process, and each of its `parts`, then waits for its role.
+        """Start one process, unless it was started early; it then runs.
+
+        A harness process, and each of its `parts`, waits for its role.
 
         Raises:
             NotInstalledError: its program is not installed.
         """
+        if plan.name in self._early:
+            return self._early.pop(plan.name)
         harness = plan.role in {"loader", "player", "monitor", "harness"}
         environment = self._environment
         variables = environment.for_harness(plan.env) if harness else environment.for_node(plan.env)
@@ -132,14 +141,21 @@ class Launcher:
         apply_affinity(plan, child.pid)
         return child
 
-    def start_observer(self, guarded: tuple[str, ...]) -> ManagedProcess:
+    def start_observer(self, settings: protocol.ConfigureObserver) -> ManagedProcess:
         """Start the process that says what discovery shows; it is used after `wait_for_observer`.
 
-        Args:
-            guarded: topics on which every publisher is examined.
+        If it publishes something, it is waited for here: all nodes, which are started later, then
+        receive that from the beginning.
+
+        Raises:
+            RunError: it is not ready in time, or exits.
         """
-        child = self._start_helper(_OBSERVER, "observer")
-        child.send(protocol.ConfigureObserver(guarded=guarded))
+        child = self._early.pop(_OBSERVER, None) or self._start_helper(_OBSERVER, "observer")
+        if settings.static_dir or settings.clock:
+            self.configure(child, settings)
+            self._ready_observers.add(child)
+        else:
+            child.send(settings)
         return child
 
     def wait_for_observer(self, child: ManagedProcess) -> None:
@@ -148,18 +164,61 @@ class Launcher:
         Raises:
             RunError: it is not ready in time, or exits.
         """
-        self._checked(self._supervisor.answer(child, protocol.Ready, _CONFIGURE_TIMEOUT_S))
+        if child not in self._ready_observers:
+            self._checked(self._supervisor.answer(child, protocol.Ready, _CONFIGURE_TIMEOUT_S))
 
-    def start_hosts_early(self, plans: Iterable[ProcessPlan]) -> None:
-        """Start the processes of Python nodes, and let them import ROS; `start_nodes` adopts them.
+    def start_early(
+        self,
+        plans: Iterable[ProcessPlan],
+        packages: tuple[str, ...] = (),
+        *,
+        observer: bool = True,
+    ) -> None:
+        """Start those processes that import ROS, and let them do it; all others come in order.
 
-        They create no node before that, so the order of the start remains: this only overlaps
-        the imports of several processes.
+        These are the observer, the loader and the processes of Python nodes. They initialise ROS
+        and create nodes when they are started in order, and not before, so that the order of the
+        start remains: this only overlaps the imports of several processes with each other, and
+        with what the controller does meanwhile.
+
+        Args:
+            plans: the processes of a phase; those that have been started early are left out.
+            packages: of the messages that they will need.
+            observer: whether the observer is among them.
         """
         for plan in plans:
-            if plan.role == "host":
-                child = self._early[plan.name] = self.start(plan)
-                child.send(protocol.Prepare())
+            if plan.role in _IMPORTING_ROLES and plan.name not in self._early:
+                self._import_early(plan.name, self.start(plan), packages)
+        if observer and _OBSERVER not in self._early:
+            self._import_early(_OBSERVER, self._start_helper(_OBSERVER, "observer"))
+
+    def _import_early(
+        self, name: str, child: ManagedProcess, packages: tuple[str, ...] = ()
+    ) -> None:
+        child.send(protocol.Prepare(packages=packages))
+        self._early[name] = child
+        self._importing.append(child)
+
+    def wait_until_imported(self) -> None:
+        """Wait until processes that were started early have imported ROS, and are idle.
+
+        Raises:
+            RunError: one does not do it in time, or exits.
+        """
+        while self._importing:
+            child = self._importing[0]
+            self._supervisor.answer(child, protocol.Prepared, _CONFIGURE_TIMEOUT_S)
+            self._importing.remove(child)
+
+    def adopt_early(self, other: Launcher) -> None:
+        """Take over what another launcher has started early, unless the environments differ."""
+        early, other._early = other._early, {}
+        importing, other._importing = other._importing, []
+        if self._environment.is_same_as(other._environment):
+            self._early |= early
+            self._importing += importing
+        else:
+            self._supervisor.end(early.values())
 
     def start_nodes(
         self,
@@ -191,8 +250,7 @@ class Launcher:
         self._has_opaque_nodes |= any(plan.role != "host" for plan in plans)
         children = []
         for plan in plans:
-            early = plan.name in self._early
-            children.append(self._early.pop(plan.name) if early else self.start(plan))
+            children.append(self.start(plan))
             if plan.join is not None and plan.join.player:
                 self._join(children[-1], plan, deadline, on_joined)
         started = list(zip(children, plans, strict=True))
@@ -377,6 +435,12 @@ class Launcher:
         return ready
 
 
+def message_packages(plan: Plan) -> tuple[str, ...]:
+    """The packages of all messages that a plan names."""
+    types = (each.type for each in plan.topics)
+    return tuple(sorted({each.partition("/")[0] for each in types if each}))
+
+
 def wait_until_matched(
     supervisor: ProcessSupervisor,
     launcher: Launcher,
@@ -385,6 +449,7 @@ def wait_until_matched(
     phase: str,
     deadline: StartDeadline,
     note: Callable[[str], None],
+    subscribe: Callable[[], None] = lambda: None,
 ) -> None:
     """Wait until the endpoints of the harness are matched.
 
@@ -397,6 +462,7 @@ def wait_until_matched(
         phase: ``preprocess`` or ``measure``.
         deadline: of the start.
         note: is told once what is missing, while the start is still waited for.
+        subscribe: to what could not be subscribed to before.
 
     Raises:
         GraphMismatchError: an endpoint is not matched, and never will be.
@@ -413,6 +479,7 @@ def wait_until_matched(
     )
     told = False
     while True:
+        subscribe()
         missing: dict[str, tuple[int, int]] = {}
         for child, wanted in expected_matches.items():
             matched = supervisor.request(

@@ -18,6 +18,7 @@ from r2bspec.execute.diagnosis.find_fault import (
 from r2bspec.execute.diagnosis.graph_facts import GraphFacts, gather_facts
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
+from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.sample_files import RowReader
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import MonitorPlan, Plan
@@ -96,7 +97,7 @@ class GraphObserver:
                 type=publishers[0].type,
                 match="order",
                 # Not left to the monitor, which may have discovered less than the observer.
-                qos=_weakest_offer(publishers),
+                qos=weakest_offer(publishers),
             )
             for number, (topic, publishers) in enumerate(discovered.writers.items())
             if publishers
@@ -104,7 +105,7 @@ class GraphObserver:
         self._ask_monitor(protocol.Watch(monitors=watches))
         self._wait_for_matches({each.topic for each in watches})
         files = {
-            each.topic: RowReader(rows_dir / f"{each.name}.rows", MONITOR_FIELDS)
+            each.topic: ArrivalReader(rows_dir / f"{each.name}.rows", MONITOR_FIELDS)
             for each in watches
             if (rows_dir / f"{each.name}.rows").exists()
         }
@@ -199,7 +200,7 @@ class GraphObserver:
             self._supervisor.pump(_POLL_S)
 
 
-def _weakest_offer(publishers: Sequence[protocol.Endpoint]) -> QoS:
+def weakest_offer(publishers: Sequence[protocol.Endpoint]) -> QoS:
     """A QoS that is compatible with all publishers of a topic."""
     reliable = all(each.reliability == "reliable" for each in publishers)
     transient = all(each.durability == "transient_local" for each in publishers)

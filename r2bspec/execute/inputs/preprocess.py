@@ -15,6 +15,7 @@ from r2bspec.execute.bringup.launcher import (
     Launcher,
     expected_subscriptions,
     graph_error,
+    message_packages,
     subscription_counts,
     wait_until_matched,
 )
@@ -70,6 +71,7 @@ def preprocess(
     if TF in transforms:
         sources[TF] = TF_TYPE
     launcher.check_shared_memory(plan, _PHASE)
+    launcher.start_early(processes, message_packages(plan), observer=False)
     loader = launcher.start(next(each for each in processes if each.role == "loader"))
     launcher.configure(
         loader,

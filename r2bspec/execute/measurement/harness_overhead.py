@@ -1,22 +1,26 @@
 """The harness overhead: the latency of the harness and its transport without a graph.
 
-Before the nodes are started, the player plays for about a second to a subscription in the process
-of the monitor, on the topics of the inputs and with their QoS. Every latency of the run contains
-this overhead. It is reported but not subtracted: a graph of several processes transfers messages
-more than once, and the cost of a transfer depends on rate and load.
+Before nodes are created, the player plays for at most about a second (below 20 Hz longer; see
+`overhead_length`) to a subscription in the process of the monitor, on the topics of the inputs and
+with their QoS. Every latency of the run contains this overhead. It is reported but not subtracted:
+a graph of several processes transfers messages more than once, and the cost of a transfer depends
+on rate and load.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import msgspec
 
 from r2bspec.execute.host.host_watch import Interference
+from r2bspec.execute.measurement.overhead_length import median_is_known, overhead_length
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
+from r2bspec.ipc.arrivals import ArrivalReader
+from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import RowReader
 from r2bspec.ipc.schedule import Schedule
 from r2bspec.measure.expected_steps import select_expected_steps
@@ -28,12 +32,11 @@ from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS, FloorReco
 from r2bspec.record.sample_arrays import Rows
 
 DURATION_S = 1.0
-_MIN_STEPS, _MAX_STEPS = 20, 2000
 _DEFAULT_HZ = 30.0
 _WARM_UP_STEPS = 30
 """More than the depth of a queue, so that every page that will be used has been touched."""
 
-_WARM_UP_HZ = 100.0
+_WARM_UP_HZ = 200.0
 """Touching pages needs no time between the steps, so this is faster than most rates."""
 
 _SUBSCRIPTION_DEPTH = 1000
@@ -41,6 +44,8 @@ _REPLY_TIMEOUT_S = 10.0
 _MAX_MATCH_WAIT_S = 10.0
 _QUIET_PERIOD_S = 0.3
 _POLL_S = 0.02
+_LOOK_S = 0.1
+"""How often to look whether enough was played: rarely, because a look uses the processor."""
 
 
 def measure_harness_overhead(
@@ -54,7 +59,7 @@ def measure_harness_overhead(
     schedule: Schedule,
     interference: Callable[[int, int], Interference] = lambda _, __: Interference(),
 ) -> tuple[FloorRecord, ...]:
-    """Measure the overhead on each input; takes about `DURATION_S`, and longer below 20 Hz.
+    """Measure the overhead on each input; takes at most `DURATION_S`, and longer below 20 Hz.
 
     If other programs disturbed it, it is measured once more, and the quieter measurement counts.
 
@@ -95,36 +100,48 @@ def measure_harness_overhead(
         if not each.recorded_rate
     )
     step_stamps = StepStamps(schedule)
-    files = [RowReader(rows_dir / f"{each.name}.rows", MONITOR_FIELDS) for each in watches]
-    played = RowReader(rows_dir / playback, PLAYBACK_FIELDS)
+    files = [ArrivalReader(rows_dir / f"{each.name}.rows", MONITOR_FIELDS) for each in watches]
+    played = PlaybackReader(rows_dir / playback, PLAYBACK_FIELDS)
     supervisor.request(
         monitor, protocol.Watch(monitors=watches), protocol.Matched, _REPLY_TIMEOUT_S
     )
     records: tuple[FloorRecord, ...] = ()
-    if _wait_for_matches(supervisor, player, topics, wanted=True):
+    watched = [each.topic for each in watches]
+    # From both sides: what is published before the monitor knows the player is lost to it.
+    if _wait_for_matches(supervisor, player, topics, wanted=True) and _wait_for_matches(
+        supervisor, monitor, watched, wanted=True
+    ):
         usual = schedule.steps_within(rate_hz, round(DURATION_S * 1e9))
         warm_up_hz = max(rate_hz, _WARM_UP_HZ) if rate_hz else 0.0
         warm_up_steps = min(_WARM_UP_STEPS, max(1, usual))
         _play(supervisor, player, files, warm_up_hz, warm_up_steps, schedule)
-        steps = min(max(_MIN_STEPS, usual), _MAX_STEPS)
+        length = overhead_length(usual)
 
         def measure() -> tuple[Interference, tuple[FloorRecord, ...]]:
             began_ns = time.monotonic_ns()
             first, before = played.count(), [each.count() for each in files]
-            _play(supervisor, player, files, rate_hz, steps, schedule)
-            sent = played.read(first)
+
+            def received() -> Iterator[tuple[MonitorPlan, Rows, Rows]]:
+                sent = played.read(first)
+                for watch, file, start in zip(watches, files, before, strict=True):
+                    answers = step_stamps.replace(file.read(start), sent, first)
+                    yield watch, select_expected_steps(sent, inputs, watch), answers
+
+            def is_enough() -> bool:
+                return all(
+                    len(found := latencies_ns(steps, answers)) >= length.fewest
+                    and median_is_known(found)
+                    for _, steps, answers in received()
+                )
+
+            _play(supervisor, player, files, rate_hz, length.most, schedule, is_enough)
             found = interference(began_ns, time.monotonic_ns())
             return found, tuple(
                 msgspec.structs.replace(
-                    overhead_record(
-                        watch.topic,
-                        rate_hz,
-                        select_expected_steps(sent, inputs, watch),
-                        step_stamps.replace(file.read(start), sent, first),
-                    ),
+                    overhead_record(watch.topic, rate_hz, steps, answers),
                     disturbed=found.reasons,
                 )
-                for watch, file, start in zip(watches, files, before, strict=True)
+                for watch, steps, answers in received()
             )
 
         records = _quietest(measure)
@@ -166,22 +183,28 @@ def overhead_record(topic: str, rate_hz: float, playback: Rows, received: Rows) 
         playback: rows of type `PLAYBACK_DTYPE`.
         received: rows of type `MONITOR_DTYPE`; stamps are 0 where the type has no header.
     """
-    found = match(playback, received, "stamp" if (received["stamp_ns"] != 0).any() else "order")
-    answered = found.first_row >= 0
-    published_ns = playback["published_ns"]
-    latency_ns = received["received_ns"][found.first_row[answered]] - published_ns[answered]
-    late_ns = published_ns - playback["due_ns"]
+    latency_ns = latencies_ns(playback, received)
+    late_ns = playback["published_ns"] - playback["due_ns"]
     return FloorRecord(
         topic=topic,
         bytes=int(received["bytes"].max()) if received.size else 0,
         rate_hz=rate_hz,
         sent=int(playback.size),
-        received=int(answered.sum()),
+        received=int(latency_ns.size),
         latency_p50_ns=_quantile(latency_ns, 0.5),
         latency_p99_ns=_quantile(latency_ns, 0.99),
         lateness_p50_ns=_quantile(late_ns, 0.5),
         lateness_p99_ns=_quantile(late_ns, 0.99),
     )
+
+
+def latencies_ns(playback: Rows, received: Rows) -> Rows:
+    """The latencies of those messages that have arrived; the arguments are those of a record."""
+    found = match(playback, received, "stamp" if (received["stamp_ns"] != 0).any() else "order")
+    answered = found.first_row >= 0
+    arrived_ns = received["received_ns"][found.first_row[answered]]
+    latency_ns: Rows = arrived_ns - playback["published_ns"][answered]
+    return latency_ns
 
 
 def _quantile(values_ns: Rows, q: float) -> int | None:
@@ -192,16 +215,36 @@ def _quantile(values_ns: Rows, q: float) -> int | None:
 def _play(
     supervisor: ProcessSupervisor,
     player: ManagedProcess,
-    files: list[RowReader],
+    files: Sequence[RowReader],
     rate_hz: float,
     steps: int,
     schedule: Schedule,
+    is_enough: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Play, and wait until all messages have arrived, or none has arrived for a while."""
-    goal = [each.count() + steps for each in files]
-    command = protocol.Play(rate_hz=rate_hz, steps=steps)
+    """Play, and wait until all messages have arrived, or none has arrived for a while.
+
+    Args:
+        supervisor: all processes.
+        player: of the messages.
+        files: the rows of the monitor.
+        rate_hz: steps per second; 0 for the rate of the recording.
+        steps: how many are played.
+        schedule: of the player.
+        is_enough: whether to stop before that; asked some times a second.
+    """
+    before = [each.count() for each in files]
+    player.send(protocol.Play(rate_hz=rate_hz, steps=steps))
     span_s = schedule.span_ns(rate_hz, steps) / 1e9
-    supervisor.request(player, command, protocol.Played, span_s * 1.5 + _REPLY_TIMEOUT_S)
+    with supervisor.waiting(f"{player.name}: played"):
+        stops_at = time.monotonic() + span_s
+        while not player.inbox and time.monotonic() < stops_at:
+            supervisor.pump(_LOOK_S)
+            if is_enough():
+                player.send(protocol.Stop())
+                break
+    timeout_s = span_s * 1.5 + _REPLY_TIMEOUT_S
+    steps = supervisor.answer(player, protocol.Played, timeout_s).steps
+    goal = [each + steps for each in before]
     last, changed = [0], time.monotonic()
     while time.monotonic() - changed < _QUIET_PERIOD_S:
         counts = [each.count() for each in files]
@@ -212,20 +255,20 @@ def _play(
         supervisor.pump(_POLL_S)
 
 
-def _matches(supervisor: ProcessSupervisor, player: ManagedProcess, topics: list[str]) -> list[int]:
+def _matches(supervisor: ProcessSupervisor, part: ManagedProcess, topics: list[str]) -> list[int]:
     counts = supervisor.request(
-        player, protocol.CountMatches(), protocol.Matched, _REPLY_TIMEOUT_S
+        part, protocol.CountMatches(), protocol.Matched, _REPLY_TIMEOUT_S
     ).counts
     return [counts.get(topic, 0) for topic in topics]
 
 
 def _wait_for_matches(
-    supervisor: ProcessSupervisor, player: ManagedProcess, topics: list[str], *, wanted: bool
+    supervisor: ProcessSupervisor, part: ManagedProcess, topics: list[str], *, wanted: bool
 ) -> bool:
-    """Wait until all inputs have subscriptions, or, unless `wanted`, none has; False if not."""
+    """Wait until all topics of a part are matched, or, unless `wanted`, none is; False if not."""
     deadline = time.monotonic() + _MAX_MATCH_WAIT_S
     while time.monotonic() < deadline:
-        if all((count > 0) == wanted for count in _matches(supervisor, player, topics)):
+        if all((count > 0) == wanted for count in _matches(supervisor, part, topics)):
             return True
         supervisor.pump(_POLL_S)
     return False

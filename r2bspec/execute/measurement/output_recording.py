@@ -8,7 +8,6 @@ the measured iterations are left alone.
 from __future__ import annotations
 
 import heapq
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,11 +20,11 @@ from r2bspec.bags.output_bag import (
     latency_message,
     write_output_bag,
 )
+from r2bspec.execute.measurement.message_recording import MessageRecording
 from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
-from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
-from r2bspec.ipc import protocol
+from r2bspec.execute.processes.supervisor import ProcessSupervisor
+from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.message_log import read_messages
-from r2bspec.ipc.sample_files import RowReader
 from r2bspec.measure.expected_steps import select_expected_steps
 from r2bspec.measure.matching import NO_MATCH, match, ratio_of
 from r2bspec.plan.plan import MonitorPlan, Plan
@@ -36,23 +35,17 @@ from r2bspec.record.sample_arrays import Rows
 OUTPUT_BAG = "outputs"
 """The name of the bag in the run folder."""
 
-_REPLY_TIMEOUT_S = 10.0
-_MATCH_TIMEOUT_S = 5.0
-_POLL_S = 0.05
-
 
 @dataclass(frozen=True)
 class OutputRecorder:
     """Records one iteration of a session.
 
     Attributes:
-        monitor: the process that subscribes.
-        rows_dir: where it writes its rows; the messages are written there, too.
+        rows_dir: receives the rows and the messages.
     """
 
     plan: Plan
     supervisor: ProcessSupervisor
-    monitor: ManagedProcess
     segment_player: SegmentPlayer
     rows_dir: Path
     folder: RunFolder
@@ -64,13 +57,8 @@ class OutputRecorder:
             RunError: a process does not respond, or exited.
         """
         watches = recorded_topics(self.plan)
-        self.supervisor.request(
-            self.monitor,
-            protocol.Watch(monitors=watches, with_content=True),
-            protocol.Matched,
-            _REPLY_TIMEOUT_S,
-        )
-        self._wait_until_matched(watches)
+        recording = MessageRecording(self.supervisor, watches, self.rows_dir)
+        recording.begin()
         play = max(self.plan.play, key=lambda each: each.rate_hz)
         at = f"{play.rate_hz:g} Hz, " if play.rate_hz else ""
         observation = self.segment_player.play_for(
@@ -78,21 +66,8 @@ class OutputRecorder:
             play.rate_hz,
             play.duration_ns,
         )
-        self.supervisor.request(
-            self.monitor, protocol.Unwatch(), protocol.Matched, _REPLY_TIMEOUT_S
-        )
+        recording.end()
         return self._write_bag(watches, self.segment_player.segments[-1], observation.playback)
-
-    def _wait_until_matched(self, watches: Sequence[MonitorPlan]) -> None:
-        """Wait for the new subscriptions; a topic without a publisher has no messages."""
-        deadline = time.monotonic() + _MATCH_TIMEOUT_S
-        while time.monotonic() < deadline:
-            found = self.supervisor.request(
-                self.monitor, protocol.CountMatches(), protocol.Matched, _REPLY_TIMEOUT_S
-            )
-            if all(found.counts.get(each.topic) for each in watches):
-                return
-            self.supervisor.pump(_POLL_S)
 
     def _write_bag(
         self, watches: Sequence[MonitorPlan], segment: Segment, playback: Rows
@@ -109,7 +84,7 @@ class OutputRecorder:
             path = self.rows_dir / f"{watch.name}.rows"
             if not path.exists():
                 continue
-            rows = RowReader(path, MONITOR_FIELDS).read(0)
+            rows = ArrivalReader(path, MONITOR_FIELDS).read(0)
             types[watch.topic] = watch.type
             latency_topic = ""
             latencies = np.full(rows.size, NO_MATCH, dtype=np.int64)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
+from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import RowReader
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ class ProgressView:
 
     def __init__(
         self,
-        playback: RowReader,
+        playback: PlaybackReader,
         monitors: Mapping[str, tuple[MonitorPlan, RowReader]],
         first: Mapping[str, int],
         use: Callable[[], Mapping[str, float]],
@@ -77,7 +78,7 @@ class ProgressView:
 class _SegmentRows:
     """The rows of a segment, counted from its first."""
 
-    def __init__(self, rows: RowReader, first: int) -> None:
+    def __init__(self, rows: RowReader | PlaybackReader, first: int) -> None:
         self._rows = rows
         self._first = first
 

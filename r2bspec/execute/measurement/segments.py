@@ -30,7 +30,8 @@ from r2bspec.execute.measurement.segment_observation import SegmentObservation
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.execute.progress import Progress
 from r2bspec.ipc import protocol
-from r2bspec.ipc.sample_files import RowReader
+from r2bspec.ipc.arrivals import ArrivalReader
+from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
 from r2bspec.ipc.stall_log import StallLogReader
 from r2bspec.measure.run_samples import NO_STAMPS, SegmentRows, segment_samples
@@ -42,11 +43,12 @@ from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS, Segment, SegmentKind
 
 PLAYBACK_ROWS = "playback"
-"""The player's sample file; those of the monitors end in ``.rows``."""
+"""The player's files (`r2bspec.ipc.playback_file`); those of the monitors end in ``.rows``."""
 
 _CHECK_INTERVAL_S = 0.25
 _JUDGED_KINDS: Final = frozenset({"iteration", "sustained", "confirmation"})
 _PLAYER_SLACK_S = 30.0
+_REPLY_TIMEOUT_S = 10.0
 
 StopCondition = Callable[["SegmentObservation", float], bool]
 """Called four times a second with the samples so far and the seconds played; True stops."""
@@ -90,11 +92,13 @@ class SegmentPlayer:
         resources: ResourceSampler,
         *,
         schedule: Schedule | None = None,
+        static_publisher: ManagedProcess | None = None,
         confirms: bool = False,
         start: int = 1,
     ) -> None:
         self._plan = plan
         self._start = start
+        self._static_publisher = static_publisher
         self._schedule = schedule or CyclicSchedule(steps=())
         self._step_stamps = StepStamps(self._schedule)
         self._confirms = confirms
@@ -103,14 +107,14 @@ class SegmentPlayer:
         self._supervisor = supervisor
         self._player = player
         monitors = plan.monitors
-        self._playback = RowReader(rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
+        self._playback = PlaybackReader(rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
         self._stall_log = StallLogReader(rows_dir)
         self._monitors = {
-            plan.name: RowReader(rows_dir / f"{plan.name}.rows", MONITOR_FIELDS)
+            plan.name: ArrivalReader(rows_dir / f"{plan.name}.rows", MONITOR_FIELDS)
             for plan in monitors
         }
         self._taps = {
-            tap.topic: RowReader(rows_dir / f"{tap.name}.rows", MONITOR_FIELDS)
+            tap.topic: ArrivalReader(rows_dir / f"{tap.name}.rows", MONITOR_FIELDS)
             for tap in tap_monitors(monitors)
         }
         # Rows written before this point were played before the graph was started.
@@ -147,8 +151,10 @@ class SegmentPlayer:
         first = self._first_rows()
         complete = False
         try:
-            self._play(rate_hz, steps, first, stop_condition)
-            self._drain(heading.kind, first)
+            with self._supervisor.waiting(f"{heading.kind.replace('_', '-')}: playing"):
+                self._play(rate_hz, steps, first, stop_condition)
+            with self._supervisor.waiting("answers after the last input"):
+                self._drain(heading.kind, first)
             complete = True
         finally:
             observation = self._observe(first)
@@ -164,6 +170,7 @@ class SegmentPlayer:
         """
         if self._player is None:
             raise RunError("this run has no player")
+        self._await_static()
         timeout_s = self._schedule.span_ns(rate_hz, steps) / 1e9 * 1.5 + _PLAYER_SLACK_S
         command = protocol.Play(rate_hz=rate_hz, steps=steps)
         self._supervisor.request(self._player, command, protocol.Played, timeout_s)
@@ -255,6 +262,7 @@ class SegmentPlayer:
     ) -> None:
         if self._player is None:
             raise RunError("this run has no player")
+        self._await_static()
         begin = time.monotonic()
         deadline = begin + self._schedule.span_ns(rate_hz, steps) / 1e9 * 1.5 + _PLAYER_SLACK_S
         next_check = begin + _CHECK_INTERVAL_S
@@ -288,6 +296,13 @@ class SegmentPlayer:
                 ):
                     self._player.send(protocol.Stop())
                     stopping = True
+
+    def _await_static(self) -> None:
+        """Wait until the nodes have the latched transforms, which they need for what is played."""
+        if self._static_publisher is not None:
+            self._supervisor.request(
+                self._static_publisher, protocol.AwaitStatic(), protocol.Matched, _REPLY_TIMEOUT_S
+            )
 
     def _live(self, first: dict[str, int]) -> ProgressView:
         monitors = {plan.name: (plan, self._monitors[plan.name]) for plan in self._plan.monitors}

@@ -10,7 +10,6 @@ buffers; the ground truth is filed under these.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,12 +20,13 @@ import numpy as np
 
 from r2bspec.datasets.ground_truth import GroundTruth
 from r2bspec.datasets.read_truth import read_disparity, read_ground_truth
+from r2bspec.execute.measurement.message_recording import MessageRecording
 from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, SegmentPlayer
-from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
-from r2bspec.ipc import protocol
+from r2bspec.execute.processes.supervisor import ProcessSupervisor
+from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.buffers import read_index, read_stamps
 from r2bspec.ipc.message_log import read_messages
-from r2bspec.ipc.sample_files import RowReader
+from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
 from r2bspec.measure.disparity_accuracy import DisparityAccuracy
 from r2bspec.measure.expected_steps import select_expected_steps
@@ -42,10 +42,6 @@ from r2bspec.record.run_record import (
 from r2bspec.record.sample_arrays import Rows
 from r2bspec.untrusted.errors import RefusedDataError
 
-_REPLY_TIMEOUT_S = 10.0
-_MATCH_TIMEOUT_S = 5.0
-_POLL_S = 0.05
-
 
 def compared_monitors(plan: Plan) -> tuple[MonitorPlan, ...]:
     """The monitors that name a truth."""
@@ -57,15 +53,13 @@ class TruthComparison:
     """Plays one more iteration of a session and compares its outputs.
 
     Attributes:
-        monitor: the process that subscribes.
-        rows_dir: where it writes its rows and the messages.
+        rows_dir: has the rows of the player, and receives what is recorded.
         buffer_dir: has the buffers that are played.
         datasets: the folders of the recordings, of which some may have a ground truth.
     """
 
     plan: Plan
     supervisor: ProcessSupervisor
-    monitor: ManagedProcess
     segment_player: SegmentPlayer
     schedule: Schedule
     rows_dir: Path
@@ -84,8 +78,9 @@ class TruthComparison:
             )
             for number, each in enumerate(compared_monitors(self.plan))
         }
-        self._watch(tuple(watches.values()))
-        played = RowReader(self.rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
+        recording = MessageRecording(self.supervisor, tuple(watches.values()), self.rows_dir)
+        recording.begin()
+        played = PlaybackReader(self.rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
         first = played.count()
         rate_hz = _lowest_rate_hz(self.plan)
         at = f"{rate_hz:g} Hz, " if rate_hz else ""
@@ -94,26 +89,13 @@ class TruthComparison:
             rate_hz,
             len(self.schedule.steps),
         )
-        self._request(protocol.Unwatch())
+        recording.end()
         segment = self.segment_player.segments[-1]
         stamps = self._recorded_stamps(first, observation.playback.size)
         return tuple(
             self._compare_monitor(each, watches[each.name], segment, observation.playback, stamps)
             for each in compared_monitors(self.plan)
         )
-
-    def _watch(self, watches: Sequence[MonitorPlan]) -> None:
-        """Subscribe, and wait until the publishers are found."""
-        self._request(protocol.Watch(monitors=tuple(watches), with_content=True))
-        deadline = time.monotonic() + _MATCH_TIMEOUT_S
-        while time.monotonic() < deadline:
-            found = self._request(protocol.CountMatches())
-            if all(found.counts.get(each.topic) for each in watches):
-                return
-            self.supervisor.pump(_POLL_S)
-
-    def _request(self, message: Any) -> protocol.Matched:
-        return self.supervisor.request(self.monitor, message, protocol.Matched, _REPLY_TIMEOUT_S)
 
     def _recorded_stamps(self, first: int, count: int) -> list[frozenset[int]]:
         """For each step that was played, the stamps that its messages had in the recording.
@@ -164,7 +146,7 @@ class TruthComparison:
         path = self.rows_dir / f"{watch.name}.rows"
         if not path.exists():
             return _with_problem(record, f"{monitor.topic} had no publisher.")
-        rows = RowReader(path, MONITOR_FIELDS).read(0)
+        rows = ArrivalReader(path, MONITOR_FIELDS).read(0)
         step_of = match(steps, rows, monitor.match, ratio_of(monitor, segment.played_before)).step
         outputs = [
             (stamps[int(places[step])], data)

@@ -95,6 +95,13 @@ class RunEnvironment:
         self._common |= self.middleware.configure(self.transport, scratch)
         self.segment_bytes = self.middleware.segment_bytes(self.transport)
 
+    def is_same_as(self, other: RunEnvironment) -> bool:
+        """Whether processes get the same variables; what the files that these name say may differ.
+
+        The middleware reads its files when a process initialises ROS, not before.
+        """
+        return self._common == other._common
+
     def for_harness(self, changes: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
         """The environment of loader, player and monitor, and of nodes in the same process."""
         return self._common | _HARNESS_ALLOCATOR | self.secrets.in_environment(changes)

@@ -16,25 +16,34 @@ class MonitorGroup(ManagedProcess):
     What is watched for a while only (`protocol.Watch`) is watched by the first of them.
 
     Args:
-        members: the monitors; they have been configured.
+        members: the monitors, each with the names of its topics; they have been configured.
     """
 
-    def __init__(self, members: Sequence[ManagedProcess]) -> None:
-        first = members[0]
+    def __init__(self, members: Sequence[tuple[ManagedProcess, frozenset[str]]]) -> None:
+        first = members[0][0]
         super().__init__(first.name, first.role, first.process, first.log, None)
         self._members = list(members)
         self._asked: list[ManagedProcess] = []
         self._matched: list[protocol.Matched] = []
-        for each in self._members:
+        for each, _ in self._members:
             each.inbox = _Forwarding(self, each)
 
     def send(self, message: Any) -> None:
         """Send a command to those that it is for."""
-        passing = isinstance(message, protocol.Watch | protocol.Unwatch)
-        self._asked = self._members[:1] if passing else [*self._members]
+        commands = {each: self._part_of(message, names) for each, names in self._members}
+        if isinstance(message, protocol.Watch | protocol.Unwatch):
+            commands = {self._members[0][0]: message}
+        self._asked = [each for each, command in commands.items() if command is not None]
         self._matched.clear()
         for each in self._asked:
-            each.send(message)
+            each.send(commands[each])
+
+    def _part_of(self, message: Any, names: frozenset[str]) -> Any:
+        """What a command says to the monitor of some topics; None if nothing."""
+        if not isinstance(message, protocol.Subscribe):
+            return message
+        own = tuple(each for each in message.monitors if each.name in names)
+        return protocol.Subscribe(monitors=own) if own else None
 
     def collect(self, matched: protocol.Matched) -> None:
         """Take the answer of one of them; with the last, the answer is complete."""

@@ -14,6 +14,7 @@ from typing import Any
 import msgspec
 
 from r2bspec.ipc import protocol
+from r2bspec.ipc.native_protocol import NativeCodec
 from r2bspec.ipc.sessions import Session, SessionLeader
 
 _SEND_TIMEOUT_S = 10.0
@@ -41,7 +42,6 @@ class ManagedProcess:
         log_start: the size of its log, in bytes, when it was started: what an earlier process of
             this name has written.
         signals: those that the run has sent to it.
-        encode: how its commands are written on the channel.
         has_joined_parts: whether its `parts` were loaded into a process of the graph.
     """
 
@@ -65,10 +65,16 @@ class ManagedProcess:
         self.log_start = 0
         self.parts: dict[str, ManagedProcess] = {}
         self.signals: list[int] = []
-        self.encode: Callable[[Any], bytes] = protocol.encode
+        self._encode: Callable[[Any], bytes] = protocol.encode
+        self._decode: Callable[[bytes], Any] = protocol.decode_reply
         self.has_joined_parts = False
         self._redact = redact
         self._pending = bytearray()
+
+    def use_native_protocol(self) -> None:
+        """Write commands and read replies as `NativeCodec` does."""
+        codec = NativeCodec()
+        self._encode, self._decode = codec.encode, codec.decode
 
     @property
     def pid(self) -> int:
@@ -94,7 +100,7 @@ class ManagedProcess:
             OSError: a file that belongs to the command cannot be written.
         """
         if self.connection is not None:
-            line = self.encode(message)
+            line = self._encode(message)
             with contextlib.suppress(OSError):
                 self.connection.settimeout(_SEND_TIMEOUT_S)
                 self.connection.sendall(line)
@@ -116,16 +122,15 @@ class ManagedProcess:
         self._pending = bytearray(rest)
         for line in lines:
             # Other data that a node may write to this socket by mistake is ignored.
-            with contextlib.suppress(msgspec.DecodeError):
-                self.inbox.append(protocol.decode_reply(bytes(line)))
+            with contextlib.suppress(msgspec.DecodeError, ValueError):
+                self.inbox.append(self._decode(bytes(line)))
                 self.has_replied = True
         return bool(received)
 
     def request_shutdown(self) -> None:
         """Ask it to exit: over its channel, or with SIGINT."""
         self.exit_expected = True
-        if self.has_joined_parts:
-            self._end_joined_parts()
+        self._end_parts()
         self.send(protocol.Shutdown())
         if self.connection is None:
             self.signal(signal.SIGINT)
@@ -134,7 +139,7 @@ class ManagedProcess:
             # to clean up.
             self.signal(signal.SIGTERM)
 
-    def _end_joined_parts(self) -> None:
+    def _end_parts(self) -> None:
         """End the parts of the harness, so that the process exits as it does without them."""
         for part in self.parts.values():
             part.send(protocol.Shutdown())

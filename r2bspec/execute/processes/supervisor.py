@@ -18,13 +18,13 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from r2bspec.execute.errors import NotInstalledError, ProcessDiedError, ProcessFailedError, RunError
+from r2bspec.execute.phase_clock import PhaseClock
 from r2bspec.execute.processes.process import ManagedProcess, describe_exit
 from r2bspec.execute.processes.process_logs import LogLimiter, open_log
 from r2bspec.execute.processes.shared_memory_modes import SharedMemoryModes
 from r2bspec.execute.processes.shutdown import MAX_SIGTERM_S, end_sequentially
 from r2bspec.ipc import protocol
 from r2bspec.ipc.disk_errors import is_refusal
-from r2bspec.ipc.native_protocol import NativeEncoder
 from r2bspec.ipc.process_cleanup import clean_up, run_processes
 from r2bspec.ipc.sessions import SessionLeader
 from r2bspec.middleware.rmw_registry import middleware_of
@@ -57,8 +57,10 @@ class ProcessSupervisor:
         check_interrupt: Callable[[], None],
         on_start: Callable[[ManagedProcess], None] | None = None,
         redact: Callable[[str], str] = str,
+        clock: PhaseClock | None = None,
     ) -> None:
         self._redact = redact
+        self._clock = clock or PhaseClock()
         self._run_id = run_id
         self._check_interrupt = check_interrupt
         self._on_start = on_start
@@ -101,8 +103,8 @@ class ProcessSupervisor:
         """Start a process in its own session, with its output in `log`.
 
         It has a control channel, and one more for each of its `parts`, unless it is not part of
-        r2bspec; those of `native` parts, and of a native process (an empty name), have commands as
-        `NativeEncoder` writes them. By its `umask`, other users cannot read the shared memory of
+        r2bspec; those of `native` parts, and of a native process (an empty name), have messages as
+        `NativeCodec` writes them. By its `umask`, other users cannot read the shared memory of
         its middleware.
 
         Raises:
@@ -156,7 +158,7 @@ class ProcessSupervisor:
                 )
             endpoint.connection = ours
             if part in native:
-                endpoint.encode = NativeEncoder()
+                endpoint.use_native_protocol()
             self._selector.register(ours, selectors.EVENT_READ, endpoint)
         self._running[name] = child
         self._all.append(child)
@@ -170,7 +172,7 @@ class ProcessSupervisor:
         """A part of the harness that was loaded into a process of the graph."""
         endpoint = ManagedProcess(part, part, child.process, child.log, None, self._redact)
         endpoint.connection = connection
-        endpoint.encode = NativeEncoder()
+        endpoint.use_native_protocol()
         child.parts[part] = endpoint
         child.has_joined_parts = True
         self._selector.register(connection, selectors.EVENT_READ, endpoint)
@@ -268,25 +270,31 @@ class ProcessSupervisor:
             RunError: none was received in time, or from `pump`.
         """
         deadline = time.monotonic() + timeout_s
-        while True:
-            while child.inbox:
-                message = child.inbox.popleft()
-                if isinstance(message, kind):
-                    return message
-            if time.monotonic() > deadline:
-                stated_s = timeout_s if stated_timeout_s is None else stated_timeout_s
-                raise RunError(
-                    f"process {child.name} did not respond within {stated_s:g} s",
-                    hint=f"It may be blocked in a callback or a constructor; see {child.log}",
-                    code="R2B632",
-                )
-            self.pump()
+        with self.waiting(f"{child.name}: {kind.__name__.lower()}"):
+            while True:
+                while child.inbox:
+                    message = child.inbox.popleft()
+                    if isinstance(message, kind):
+                        return message
+                if time.monotonic() > deadline:
+                    stated_s = timeout_s if stated_timeout_s is None else stated_timeout_s
+                    raise RunError(
+                        f"process {child.name} did not respond within {stated_s:g} s",
+                        hint=f"It may be blocked in a callback or a constructor; see {child.log}",
+                        code="R2B632",
+                    )
+                self.pump()
+
+    def waiting(self, what: str) -> contextlib.AbstractContextManager[None]:
+        """The time of the block is a wait of the controller; see `PhaseClock.waiting`."""
+        return self._clock.waiting(what)
 
     def end(self, children: Iterable[ManagedProcess]) -> None:
         """End some processes, one after another; see `shutdown`."""
         ended = [child for child in children if child.name in self._running]
         in_turn_s = middleware_of(os.environ).exit_in_turn_s
-        self._killed += end_sequentially(ended, self._logs.truncate_large, in_turn_s)
+        with self.waiting("processes: exit"):
+            self._killed += end_sequentially(ended, self._logs.truncate_large, in_turn_s)
         for child in ended:
             self._forget(child)
 

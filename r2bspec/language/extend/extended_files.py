@@ -9,9 +9,10 @@ from __future__ import annotations
 import os
 import posixpath
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
 from pathlib import Path as FilePath
 from typing import Any
+
+import msgspec
 
 from r2bspec.diagnostics import Diagnostic, Related, Span, did_you_mean
 from r2bspec.diagnostics.quote import quote
@@ -22,7 +23,8 @@ from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNod
 from r2bspec.language.source_text import MAX_DOCUMENT_BYTES, Source, read_file
 from r2bspec.language.variable_references import OPENING
 from r2bspec.language.yaml_composer import compose
-from r2bspec.untrusted.safe_file import ByteBudget
+from r2bspec.untrusted.looked_up_files import note_lookup
+from r2bspec.untrusted.safe_file import ByteBudget, is_regular, names_in
 
 KEY = "extends"
 MAX_EXTENDS_DEPTH = 20
@@ -33,8 +35,7 @@ MAX_EXTENDED_BYTES = MAX_DOCUMENT_BYTES
 """Bytes that they may have together."""
 
 
-@dataclass(slots=True)
-class ExtendResult:
+class ExtendResult(msgspec.Struct):
     """The merged tree, the problems, and the files that were read.
 
     Attributes:
@@ -43,14 +44,13 @@ class ExtendResult:
     """
 
     tree: TreeNode
-    problems: DiagnosticCollector = field(default_factory=DiagnosticCollector)
-    sources: dict[str, Source] = field(default_factory=dict)
-    origins: dict[str, tuple[Related, ...]] = field(default_factory=dict)
+    problems: DiagnosticCollector = msgspec.field(default_factory=DiagnosticCollector)
+    sources: dict[str, Source] = msgspec.field(default_factory=dict)
+    origins: dict[str, tuple[Related, ...]] = msgspec.field(default_factory=dict)
     complete: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class _FileContext:
+class _FileContext(msgspec.Struct, frozen=True):
     """A document that is being read: its file name, its real path, and the places leading to it."""
 
     file: str
@@ -147,10 +147,11 @@ class _FileMerger:
 
     def _readable_path(self, node: ScalarNode, path: FilePath, text: str) -> FilePath | None:
         """The real path of a file that may be read; None if the reason why not is reported."""
+        note_lookup(path)
         try:
             real = path.resolve()
             inside = any(real.is_relative_to(folder) for folder in self._folders)
-            there = inside and real.is_file()
+            there = inside and is_regular(real)
         except (OSError, ValueError, RuntimeError):
             inside, there, real = True, False, path
         if not inside:
@@ -205,7 +206,7 @@ def extended_names(root: MapNode) -> Iterator[ScalarNode]:
 
 def _suggest_file(path: FilePath) -> str:
     try:
-        names = sorted(each.name for each in path.parent.iterdir() if each.suffix == ".yaml")[:100]
+        names = [each for each in names_in(path.parent) if each.endswith(".yaml")][:100]
     except (OSError, ValueError):
         return f"folder not found: {quote(str(path.parent))}"
     close = did_you_mean(path.name, names)

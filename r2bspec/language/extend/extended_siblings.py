@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+
+import msgspec
 
 from r2bspec.diagnostics import Path, Related, did_you_mean, format_path
 from r2bspec.diagnostics.quote import quote
@@ -32,8 +33,7 @@ MAX_CHAIN_LENGTH = 50
 """Entries in a chain, each of which extends the next."""
 
 
-@dataclass(slots=True)
-class SiblingsResult:
+class SiblingsResult(msgspec.Struct):
     """The tree with all entries expanded, the problems, and the origins of entries.
 
     Attributes:
@@ -41,9 +41,9 @@ class SiblingsResult:
     """
 
     tree: TreeNode
-    problems: DiagnosticCollector = field(default_factory=DiagnosticCollector)
-    incomplete: set[Path] = field(default_factory=set)
-    origins: dict[Path, tuple[Related, ...]] = field(default_factory=dict)
+    problems: DiagnosticCollector = msgspec.field(default_factory=DiagnosticCollector)
+    incomplete: set[Path] = msgspec.field(default_factory=set)
+    origins: dict[Path, tuple[Related, ...]] = msgspec.field(default_factory=dict)
 
 
 def extend_siblings(root: TreeNode) -> SiblingsResult:

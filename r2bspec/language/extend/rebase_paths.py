@@ -7,8 +7,9 @@ rewritten: which of them are paths is unknown.
 from __future__ import annotations
 
 import posixpath
-from dataclasses import replace
 from typing import Any
+
+from msgspec.structs import replace
 
 from r2bspec.language.located_tree import Entry, ListNode, MapNode, ScalarNode, TreeNode
 from r2bspec.language.schema.schema_builder import PATH

@@ -8,7 +8,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from typing import Any
 
@@ -85,6 +84,8 @@ def published_schema() -> Schema:
 
 def published_schema_text() -> str:
     """The published schema as a file, with a newline at its end."""
+    import json
+
     return json.dumps(published_schema(), indent=2, ensure_ascii=False) + "\n"
 
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import msgspec
 
 
-@dataclass(frozen=True, slots=True)
-class NamePattern:
+class NamePattern(msgspec.Struct, frozen=True):
     """A regular expression in the common subset of Python and JavaScript, with its texts.
 
     Attributes:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import msgspec
 
 from r2bspec.diagnostics import Diagnostic, Edit, Related, Severity, Span
 from r2bspec.language.source_text import Source
 
 
-@dataclass(frozen=True, slots=True)
-class ScannerReport:
+class ScannerReport(msgspec.Struct, frozen=True):
     """The scanner's report: where it failed, what it was reading, and the text there."""
 
     problem: str

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from functools import cache
 from typing import Any
+
+from msgspec.structs import replace
 
 from r2bspec.diagnostics import Diagnostic, Edit, did_you_mean, format_path
 from r2bspec.diagnostics.quote import quote

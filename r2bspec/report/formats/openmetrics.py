@@ -13,6 +13,7 @@ from r2bspec.judge.verdict import EXIT_CODES
 from r2bspec.measure.distribution_parts import PERCENTILES, Distribution, part_value
 from r2bspec.measure.metrics import RateMetrics
 from r2bspec.measure.units import rate_name
+from r2bspec.record.run_record import FloorRecord
 from r2bspec.report.report_wording import own_pace
 
 _SUMMARIES = {
@@ -92,6 +93,7 @@ def _families(report_input: ReportInput) -> Iterator[_Family]:
             below.samples.append(("", named, search.upper_hz))
     yield peak
     yield below
+    yield _harness_overhead(result.floor, named)
 
 
 def _info(report_input: ReportInput) -> _Family:
@@ -198,6 +200,27 @@ def _summary(times: Distribution, labels: Labels) -> Iterator[tuple[str, Labels,
             yield "", {**labels, "quantile": f"{q:g}"}, value
     yield "_count", labels, times.n
     yield "_sum", labels, (times.mean or 0.0) * times.n
+
+
+def _harness_overhead(floor: tuple[FloorRecord, ...], named: Labels) -> _Family:
+    about = "Latency of harness and transport without the graph; included in the latencies."
+    family = _Family("r2bspec_harness_overhead_seconds", "summary", about, "seconds")
+    for each in floor:
+        labels = {
+            **named,
+            "topic": each.topic,
+            "offered_hz": _rate(each.rate_hz),
+            "placement": each.placement,
+            "processes": str(each.processes or ""),
+        }
+        found = {"0.5": each.latency_p50_ns, "0.99": each.latency_p99_ns}
+        family.samples += [
+            ("", {**labels, "quantile": quantile}, value_ns / 1e9)
+            for quantile, value_ns in found.items()
+            if value_ns is not None
+        ]
+        family.samples.append(("_count", labels, each.received))
+    return family
 
 
 def _of_processes(rates: tuple[RateMetrics, ...], named: Labels) -> Iterator[_Family]:

@@ -20,8 +20,8 @@ from r2bspec.measure.samples import (
     SegmentSamples,
     StepTimes,
 )
-from r2bspec.record.run_record import RunRecord, Segment
-from run_simulation import EPOCH_NS, objective
+from r2bspec.record.run_record import Segment
+from run_simulation import EMPTY_RECORD, EPOCH_NS, objective
 
 ORDER = {"fail": 0, "inconclusive": 1, "pass": 2}
 
@@ -73,24 +73,8 @@ def run_of(given_iterations: list[tuple[list[float], int]]) -> RunSamples:
                 machine=None,
             )
         )
-    record = RunRecord(
-        run_id="",
-        plan_hash="",
-        started_at="",
-        ended_at="",
-        status="complete",
-        reason="",
-        dataset={},
-        machine={},
-        versions={},
-        processes=(),
-        segments=(),
-        search=None,
-        sustained=(),
-        events=(),
-    )
     return RunSamples(
-        record=record,
+        record=EMPTY_RECORD,
         monitors=("out",),
         iterations={30.0: tuple(made)},
         sustained={},

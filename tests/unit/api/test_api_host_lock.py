@@ -11,20 +11,13 @@ from typing import Any
 
 import pytest
 
+from lock_holder import other_holder
 from r2bspec import api
-from r2bspec.execute.host.host_lock import DISABLED_BY, HostBusyError, lock_file
+from r2bspec.execute.host.host_lock import HostBusyError, lock_file
 from r2bspec.execute.progress import NullProgress
 
 ROOT = Path(__file__).parents[3]
 RELAY = ROOT / "specs" / "relay.r2b.yaml"
-
-HOLDER = """
-import sys
-from r2bspec.execute.host.host_lock import host_lock
-with host_lock("the other one", on_wait=print):
-    print("held", flush=True)
-    sys.stdin.read()
-"""
 
 
 class Notes(NullProgress):
@@ -42,19 +35,8 @@ class Notes(NullProgress):
 @pytest.fixture
 def holder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[subprocess.Popen[str]]:
     """Another process that has the lock, of these tests alone, until its input is closed."""
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    monkeypatch.delenv(DISABLED_BY)
-    with subprocess.Popen(
-        [sys.executable, "-c", HOLDER],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"TMPDIR": str(tmp_path)},
-    ) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "held\n"
+    with other_holder(tmp_path, monkeypatch) as process:
         yield process
-        process.kill()
 
 
 @pytest.fixture

@@ -10,8 +10,12 @@ from pathlib import Path
 
 import pytest
 
+from data_bags import chatter, write_bag
+from r2bspec.cli import spec_watch
+from r2bspec.cli.file_report import FileReport
 from r2bspec.cli.main import main
-from r2bspec.untrusted.looked_up_files import looked_up_files
+from r2bspec.cli.spec_watch import SpecWatch
+from r2bspec.untrusted.looked_up_files import looked_up_files, note_lookup, stamp
 from r2bspec.untrusted.safe_file import is_there, read_text
 
 BASE = """\
@@ -91,6 +95,119 @@ def test_changes_of_specs_and_of_what_they_extend(folder: Path, watch: Watch) ->
     assert watch.process.wait(60) == 130
 
 
+NAMES_FILES = """\
+r2bspec: 1
+name: names_files
+data_loader: {bag: ./bag, topics: {/ping: words}}
+playback: {inputs: {input: {from: words, format: std_msgs/msg/String}}}
+graph: {nodes: {relay: {python: "./relay.py:Relay", parameters: [parameters.yaml]}}}
+monitors: {copies: {topic: output, format: std_msgs/msg/String, match: order}}
+benchmark: {rates: [10 Hz]}
+"""
+RELAY = """\
+from rclpy.node import Node
+from std_msgs.msg import String
+
+
+class Relay(Node):
+    def __init__(self, **options):
+        super().__init__("relay", **options)
+        self.create_subscription(String, "input", print, 10)
+        self.create_publisher(String, "output", 10)
+"""
+
+
+def test_changes_of_everything_that_a_spec_names(folder: Path, watch: Watch) -> None:
+    """What is new to tell is printed once, and nothing else is."""
+    assert watch.summary() == ("", "1 file, no problems")
+    write_bag(folder / "bag", chatter())
+    (folder / "relay.py").write_text(RELAY)
+    (folder / "parameters.yaml").write_text("/**: {ros__parameters: {}}\n")
+    # Nothing looks at these yet; the folder is not what a spec depends on.
+    (folder / "notes.txt").write_text("x")
+    replace(folder / "two.r2b.yaml", NAMES_FILES)
+    findings, said = watch.summary()
+    assert " 0 errors" in said or said == "2 files, no problems", findings
+    replace(folder / "relay.py", RELAY.replace('"output"', '"other"'))
+    assert "R2B2" in watch.summary()[0]
+    replace(folder / "relay.py", RELAY)
+    assert watch.summary() == (findings, said)
+    (folder / "relay.py").unlink()
+    assert "error[R2B624" in watch.summary()[0]
+    replace(folder / "relay.py", RELAY)
+    assert watch.summary() == (findings, said)
+    # A file that was looked for, and was not there.
+    (folder / "interfaces").mkdir()
+    replace(folder / "interfaces" / "relay.yaml", "wrong\n")
+    assert "interface" in watch.summary()[0]
+    (folder / "interfaces" / "relay.yaml").unlink()
+    assert watch.summary() == (findings, said)
+    replace(folder / "parameters.yaml", "- wrong\n")
+    assert "parameters.yaml" in watch.summary()[0]
+    replace(folder / "parameters.yaml", "/**: {ros__parameters: {}}\n")
+    assert watch.summary() == (findings, said)
+    (folder / "bag").rename(folder / "elsewhere")
+    assert "error[R2B301" in watch.summary()[0]
+    (folder / "elsewhere").rename(folder / "bag")
+    assert watch.summary() == (findings, said)
+    # The specs are gone, and back.
+    (folder / "two.r2b.yaml").unlink()
+    assert watch.summary() == ("", "1 file, no problems")
+    watch.process.send_signal(signal.SIGINT)
+    output, errors = watch.process.communicate(timeout=60)
+    assert (watch.process.returncode, output, errors.strip()) == (130, "", "interrupted")
+
+
+class Polls:
+    """A watch in this process, with what happens between two looks."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, files: list[Path], common: Path) -> None:
+        self.files = files
+        self.checked: list[str] = []
+        self.looks = 0
+        self.between: list[object] = []
+        self._common = common
+        monkeypatch.setattr(spec_watch, "stamp", self._stamp)
+        monkeypatch.setattr("time.sleep", self._sleep)
+        self.updates = SpecWatch(lambda: [*map(str, self.files)], self._check).updates()
+
+    def _stamp(self, path: str) -> object:
+        self.looks += 1
+        return stamp(path)
+
+    def _check(self, file: str) -> FileReport:
+        self.checked.append(file)
+        note_lookup(self._common)
+        text = read_text(Path(file), max_bytes=1000)
+        return FileReport(file, 1, complete=True, findings=(), texts={file: text})
+
+    def _sleep(self, _seconds: float) -> None:
+        action = self.between.pop(0)
+        if callable(action):
+            action()
+
+
+def test_nothing_is_done_while_nothing_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = [tmp_path / name for name in "abc"]
+    for each in files:
+        each.write_text("1")
+    common = tmp_path / "common"
+    polls = Polls(monkeypatch, files, common)
+    next(polls.updates)
+    assert polls.checked == [*map(str, files)]
+    polls.checked.clear()
+    polls.looks = 0
+    # Ten looks without a change, one change without consequences, and a spec that is saved.
+    polls.between = [*[None] * 10, common.touch, lambda: files[1].write_text("22")]
+    told = next(polls.updates)
+    assert polls.checked == [*map(str, files), str(files[1])]
+    assert [each.texts for each in told][1] == {str(files[1]): "22"}
+    # One call for each path, although all specs depend on the common one.
+    assert polls.looks == 12 * 4
+
+
 def test_it_prints_text_for_people_only(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for options in (["--format", "json"], ["--fix"], ["--diff"], ["--resolved"]):
         assert main(["validate", "--watch", str(folder), *options]) == 2
@@ -108,5 +225,5 @@ def test_lookups_are_noted_with_the_state_before_the_file_was_read(tmp_path: Pat
         read_text(there, max_bytes=10)
         assert not is_there(missing)
     read_text(there, max_bytes=10)
-    stamp = (before.st_mtime_ns, before.st_size, before.st_ino)
-    assert seen == {there: stamp, missing: None}
+    stamp = (before.st_mtime_ns, before.st_size, before.st_ino, before.st_ctime_ns)
+    assert seen.files == {str(there): stamp, str(missing): None}

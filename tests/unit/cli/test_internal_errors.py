@@ -18,6 +18,7 @@ import pytest
 import r2bspec.cli.check_files as check_files_module
 from r2bspec.check.example_spec import example
 from r2bspec.cli import main as cli
+from r2bspec.cli.file_report import CheckOptions
 from r2bspec.cli.internal_error import MAX_FAILURES, Crash, InternalError, WorkerEndedError
 from r2bspec.cli.worker_processes import map_in_processes
 from r2bspec.errors import UsageError
@@ -117,7 +118,7 @@ def _crash_on(
     chosen = names[37]
     before = check_files_module._load
 
-    def load(source: Path | str, file: str, options: check_files_module.CheckOptions) -> object:
+    def load(source: Path | str, file: str, options: CheckOptions) -> object:
         if file == chosen:
             crash()
         return before(source, file, options)
@@ -186,7 +187,7 @@ def test_a_crash_does_not_hide_the_findings_of_other_files(
         Path(name).write_text(WRONG)
     before = check_files_module._load
 
-    def load(source: Path | str, file: str, options: check_files_module.CheckOptions) -> object:
+    def load(source: Path | str, file: str, options: CheckOptions) -> object:
         if file in crashing:
             _nested()
         return before(source, file, options)

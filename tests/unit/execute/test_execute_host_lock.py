@@ -4,39 +4,20 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from lock_holder import other_holder
 from r2bspec.execute.host.host_lock import DISABLED_BY, HostBusyError, host_lock, lock_file
-
-HOLDER = """
-import sys
-from r2bspec.execute.host.host_lock import host_lock
-with host_lock("the other one", on_wait=print):
-    print("held", flush=True)
-    sys.stdin.read()
-"""
 
 
 @pytest.fixture
 def holder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[subprocess.Popen[str]]:
     """A process that has the lock until its standard input is closed, or it is killed."""
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    monkeypatch.delenv(DISABLED_BY)
-    with subprocess.Popen(
-        [sys.executable, "-c", HOLDER],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"TMPDIR": str(tmp_path)},
-    ) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "held\n"
+    with other_holder(tmp_path, monkeypatch) as process:
         yield process
-        process.kill()
 
 
 def test_a_held_lock_is_refused_with_its_holder(holder: subprocess.Popen[str]) -> None:

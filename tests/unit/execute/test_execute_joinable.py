@@ -10,10 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.execute.bringup.graph_joins import is_meant
+from r2bspec.execute.bringup.graph_joins import Hello, is_meant
 from r2bspec.execute.errors import NotJoinableError
 from r2bspec.execute.processes.joinable import require_joinable, why_not_joinable
-from r2bspec.ipc.protocol import Hello
 
 FOREIGN_USER = 65534
 
@@ -108,7 +107,7 @@ def test_a_program_of_another_user_cannot_be_joined_nor_what_it_starts(tmp_path:
 
 
 def hello(*arguments: str, executable: str = "/usr/bin/python3.11") -> Hello:
-    return Hello(pid=1, executable=executable, part="", process="node", arguments=arguments)
+    return Hello(pid=1, process="node", executable=executable, arguments=arguments)
 
 
 @pytest.mark.parametrize(

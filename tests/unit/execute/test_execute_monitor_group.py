@@ -12,6 +12,8 @@ import pytest
 from r2bspec.execute.processes.monitor_group import MonitorGroup
 from r2bspec.execute.processes.process import ManagedProcess
 from r2bspec.ipc import protocol
+from r2bspec.language.spec import QoS
+from r2bspec.plan.plan import MonitorPlan
 
 LOG = Path("log")
 
@@ -52,7 +54,9 @@ def members() -> Iterator[list[Member]]:
 
 @pytest.fixture
 def group(members: list[Member]) -> MonitorGroup:
-    return MonitorGroup([each.managed for each in members])
+    return MonitorGroup(
+        [(each.managed, frozenset({name})) for each, name in zip(members, "ab", strict=True)]
+    )
 
 
 def test_the_answer_is_complete_with_that_of_the_last(
@@ -73,6 +77,23 @@ def test_what_is_watched_for_a_while_is_watched_by_the_first(
     assert [len(each.commands()) for each in members] == [1, 0]
     members[0].reply(protocol.Matched(counts={}))
     assert len(group.inbox) == 1
+
+
+def test_each_subscribes_to_its_own_topics(group: MonitorGroup, members: list[Member]) -> None:
+    a, b = (
+        MonitorPlan(name=name, topic=f"/{name}", type="std_msgs/msg/Int8", match="order", qos=QoS())
+        for name in "ab"
+    )
+    group.send(protocol.Subscribe(monitors=(b,)))
+    assert [each.commands() for each in members] == [[], [protocol.Subscribe(monitors=(b,))]]
+    members[1].reply(protocol.Matched(counts={"/b": 0}))
+    group.send(protocol.Subscribe(monitors=(a, b)))
+    assert [each.commands() for each in members] == [
+        [protocol.Subscribe(monitors=(each,))] for each in (a, b)
+    ]
+    for each in members:
+        each.reply(protocol.Matched(counts={}))
+    assert len(group.inbox) == 2
 
 
 def test_the_error_of_one_stays_with_it(group: MonitorGroup, members: list[Member]) -> None:

@@ -12,9 +12,12 @@ import numpy as np
 import pytest
 
 from r2bspec.execute.measurement.progress_view import MAX_ROWS, ProgressView
-from r2bspec.ipc.sample_files import RowReader, RowWriter
+from r2bspec.ipc.arrivals import ARRIVAL_FIELDS, ArrivalReader
+from r2bspec.ipc.playback_file import PlaybackReader
+from r2bspec.ipc.sample_files import RowWriter
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS
 from run_simulation import MONITOR_PLAN
+from scripted_playback import ScriptedPlayback
 
 MS = 1_000_000
 
@@ -24,8 +27,8 @@ class Writers:
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir(exist_ok=True)
-        self.player = RowWriter(folder / "player", len(PLAYBACK_FIELDS))
-        self.monitor = RowWriter(folder / "monitor", len(MONITOR_FIELDS))
+        self.player = ScriptedPlayback(folder / "player")
+        self.monitor = RowWriter(folder / "monitor", len(ARRIVAL_FIELDS))
         self.folder = folder
         self.steps = 0
 
@@ -33,16 +36,16 @@ class Writers:
         """One step, answered after a while or not at all."""
         self.steps += 1
         now_ns = self.steps * 10 * MS
-        self.player.append(self.steps, now_ns, now_ns, now_ns, -1)
+        self.player.append(self.steps, now_ns, now_ns, now_ns)
         if latency_ms is not None:
             received_ns = now_ns + round(latency_ms * MS)
-            self.monitor.append(stamp or self.steps, received_ns, received_ns, 0)
+            self.monitor.append(stamp or self.steps, received_ns, received_ns, 0, 0)
 
     def view(self, match: Literal["stamp", "order"] = "stamp") -> ProgressView:
         """A view of what is played from now on."""
         plan = msgspec.structs.replace(MONITOR_PLAN, match=match)
-        player = RowReader(self.folder / "player", PLAYBACK_FIELDS)
-        monitor = RowReader(self.folder / "monitor", MONITOR_FIELDS)
+        player = PlaybackReader(self.folder / "player", PLAYBACK_FIELDS)
+        monitor = ArrivalReader(self.folder / "monitor", MONITOR_FIELDS)
         first = {"": player.count(), "out": monitor.count()}
         return ProgressView(player, {"out": (plan, monitor)}, first, lambda: {"relay": 0.5})
 
@@ -51,7 +54,6 @@ class Writers:
 def writers(tmp_path: Path) -> Iterator[Writers]:
     found = Writers(tmp_path / "rows")
     yield found
-    found.player.close()
     found.monitor.close()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -19,6 +20,7 @@ from r2bspec.ipc.sample_files import RowWriter
 from r2bspec.ipc.schedule import CyclicSchedule
 from r2bspec.record.run_folder import RunFolder
 from run_simulation import EPOCH_NS, Simulation
+from scripted_playback import ScriptedPlayback
 
 STEPS = 20
 PERIOD_NS = 10_000_000
@@ -34,8 +36,8 @@ class Scripted:
         self.late: dict[int, Callable[[], None]] = {}
         self._played = 0
         self._pumped = 0
-        self._playback = RowWriter(rows_dir / PLAYBACK_ROWS, width=5)
-        self._monitor = RowWriter(rows_dir / "detections.rows", width=4)
+        self._playback = ScriptedPlayback(rows_dir / PLAYBACK_ROWS)
+        self._monitor = RowWriter(rows_dir / "detections.rows", width=5)
 
     def send(self, command: object) -> None:
         """Play a segment at once, with the answers to the steps of its script."""
@@ -43,7 +45,7 @@ class Scripted:
         first, answered = self._played, self.segments.popleft()
         for step in range(first, first + command.steps):
             due_ns = EPOCH_NS + step * PERIOD_NS
-            self._playback.append(step + 1, due_ns, due_ns, due_ns, -1)
+            self._playback.append(step + 1, due_ns, due_ns, due_ns)
         self._played += command.steps
         for number in answered:
             self.answer(first + number)
@@ -53,7 +55,7 @@ class Scripted:
     def answer(self, step: int) -> None:
         """The graph answers a step of any segment."""
         received_ns = EPOCH_NS + step * PERIOD_NS + ANSWER_NS
-        self._monitor.append(step + 1, received_ns, received_ns + 1, 100)
+        self._monitor.append(step + 1, received_ns, received_ns + 1, 100, 0)
 
     def pump(self, timeout_s: float = 0.0) -> None:
         """What the controller does while it waits."""
@@ -61,13 +63,16 @@ class Scripted:
         self._pumped += 1
         self.late.pop(self._pumped, lambda: None)()
 
+    def waiting(self, _what: str) -> contextlib.AbstractContextManager[None]:
+        """Its waits are not counted."""
+        return contextlib.nullcontext()
+
     def __iter__(self) -> Iterator[object]:
         """It has no processes whose load could be shown."""
         return iter(())
 
     def close(self) -> None:
         """Close the files."""
-        self._playback.close()
         self._monitor.close()
 
 

@@ -40,7 +40,8 @@ def folder(tmp_path: Path) -> Path:
 
 
 def prepared(folder: Path, **changes: Any) -> api.PreparedBenchmark:
-    spec = relay_spec(setup={"make": {"command": ["./tool.sh", "--fast"]}}, **changes)
+    changes = {"setup": {"make": {"command": ["./tool.sh", "--fast"]}}} | changes
+    spec = relay_spec(**changes)
     relay = spec["graph"]["nodes"]["relay"]
     spec["graph"]["nodes"]["own"] = {
         "python": "./own.py:Own",
@@ -136,6 +137,22 @@ def test_a_host_gets_everything_once_and_has_it_as_it_is_here(folder: Path, tmp_
     store.unpack(job)
     assert (tree / "specs" / "built").exists()
     assert (tree / "specs" / "own.py").read_text() == NODE
+
+
+def test_a_path_that_goes_up_and_comes_back_is_found_on_a_host(
+    folder: Path, tmp_path: Path
+) -> None:
+    name = f"../../../{tmp_path.name}/work/specs"
+    loader = {"bag": f"{name}/bag", "topics": {"/camera": "loaded"}}
+    bundle = bundle_of(folder, data_loader=loader, setup={"x": {"command": [f"{name}/tool.sh"]}})
+    store = HostStore(tmp_path / "host")
+    store.open()
+    job = job_of(bundle)
+    send(store, bundle, job)
+    base_dir = store.unpack(job) / job.head.base_dir
+    assert (base_dir / name / "bag" / "metadata.yaml").is_file()
+    assert (base_dir / name / "tool.sh").is_file()
+    assert base_dir.resolve().is_relative_to(tmp_path / "host" / "work" / bundle.digest)
 
 
 def test_sending_goes_on_where_it_was_interrupted(folder: Path, tmp_path: Path) -> None:

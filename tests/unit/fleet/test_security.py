@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
+import socket
 import ssl
 import stat
+import threading
 from pathlib import Path
 
 import pytest
 
 from r2bspec.errors import UsageError
-from r2bspec.fleet.errors import InsecureFleetError
+from r2bspec.fleet.errors import FleetError, InsecureFleetError
 from r2bspec.fleet.journal import JOURNAL_FILE, Journal, read_journal
 from r2bspec.fleet.security import fleet_address
 
@@ -62,6 +65,70 @@ def test_a_cluster_file_names_scheduler_and_certificates(tmp_path: Path) -> None
         fleet_address(str(file))
     with pytest.raises(InsecureFleetError, match="not empty"):
         make_certificates(tmp_path / "certificates")
+
+
+@pytest.mark.parametrize("broken", ["ca.pem", "client.pem", "client-key.pem"])
+def test_files_that_are_no_certificates_are_said_to_be_none(tmp_path: Path, broken: str) -> None:
+    pytest.importorskip("cryptography")
+    pytest.importorskip("distributed")
+    from r2bspec.fleet.certificates import make_certificates
+
+    folder = tmp_path / "certificates"
+    make_certificates(folder)
+    address = fleet_address(
+        "tls://10.0.0.5",
+        ca=folder / "ca.pem",
+        certificate=folder / "client.pem",
+        key=folder / "client-key.pem",
+    )
+    assert address.security() is not None
+    (folder / broken).write_text("garbage")
+    with pytest.raises(InsecureFleetError, match="certificates cannot be used") as found:
+        address.security()
+    assert str(folder / broken) in found.value.hint
+
+
+def test_a_key_of_another_certificate_is_refused(tmp_path: Path) -> None:
+    pytest.importorskip("cryptography")
+    pytest.importorskip("distributed")
+    from r2bspec.fleet.certificates import make_certificates
+
+    folder = tmp_path / "certificates"
+    make_certificates(folder)
+    address = fleet_address(
+        "tls://10.0.0.5",
+        ca=folder / "ca.pem",
+        certificate=folder / "client.pem",
+        key=folder / "worker-key.pem",
+    )
+    with pytest.raises(InsecureFleetError, match="MISMATCH"):
+        address.security()
+
+
+@pytest.mark.parametrize("says", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n"])
+def test_a_server_that_is_no_scheduler_is_not_waited_for(
+    monkeypatch: pytest.MonkeyPatch, says: bytes
+) -> None:
+    pytest.importorskip("distributed")
+    from r2bspec.fleet import client
+
+    monkeypatch.setattr(client, "_CONNECT_S", 0.5)
+    with contextlib.ExitStack() as stack:
+        server = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
+
+        def serve() -> None:
+            with contextlib.suppress(OSError):
+                while True:
+                    stack.enter_context(server.accept()[0]).sendall(says)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        address = fleet_address(f"tcp://127.0.0.1:{server.getsockname()[1]}")
+        with pytest.raises(FleetError, match="does not answer") as found:
+            client.FleetClient(address)
+        server.shutdown(socket.SHUT_RDWR)
+        thread.join()
+    assert found.value.code == "R2B682"
 
 
 def test_a_journal_is_continued_after_a_line_that_was_cut_off(tmp_path: Path) -> None:

@@ -65,9 +65,10 @@ COMMANDS: list[protocol.Command] = [
         )
     ),
     protocol.ConfigureMonitor(monitors=(MONITOR,), rows_dir="/rows"),
-    protocol.ConfigureObserver(guarded=("/a",)),
+    protocol.ConfigureObserver(guarded=("/a",), static_dir="/buffers", clock=True),
+    protocol.AwaitStatic(),
     protocol.ConfigureHost(nodes=(NODE,), base_dir="/spec"),
-    protocol.Prepare(),
+    protocol.Prepare(packages=("sensor_msgs",)),
     protocol.ConfigureCaller(
         service="/r2b/start", type="std_srvs/srv/SetBool", request={"data": True}, timeout_ns=1
     ),
@@ -77,6 +78,9 @@ COMMANDS: list[protocol.Command] = [
         timeout_ns=1,
     ),
     protocol.Subscribe(),
+    protocol.Subscribe(monitors=(MONITOR,)),
+    protocol.Record(monitors=(MONITOR,), folder="/rows"),
+    protocol.EndRecording(),
     protocol.Watch(monitors=(MONITOR,)),
     protocol.Unwatch(),
     protocol.CountMatches(),
@@ -90,7 +94,7 @@ COMMANDS: list[protocol.Command] = [
     protocol.Shutdown(),
 ]
 REPLIES: list[protocol.Reply] = [
-    protocol.Hello(pid=7, executable="/usr/bin/relay", part="player"),
+    protocol.Prepared(),
     protocol.Ready(),
     protocol.Ready(
         endpoints=(("/r2b/relay", "/r2b/in", "x/msg/Y", "subscribes"),),

@@ -1,23 +1,32 @@
-"""Commands for native parts are lines of words; a schedule goes into a file."""
+"""Commands of native parts are words and replies are lines; schedules and playbacks are files."""
 
 from __future__ import annotations
 
+import os
+import resource
+import signal
 import struct
 from pathlib import Path
+from typing import Any, Literal
 
 import msgspec
+import numpy as np
 import pytest
 
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import BufferWriter
-from r2bspec.ipc.native_protocol import NativeEncoder
+from r2bspec.ipc.disk_errors import is_refusal
+from r2bspec.ipc.native_protocol import NativeCodec
+from r2bspec.ipc.playback_events import ENTRY_DTYPE
+from r2bspec.ipc.playback_file import HEADER_BYTES, PlaybackReader
 from r2bspec.ipc.schedule import CyclicSchedule, CyclicTransform
 from r2bspec.ipc.transform_stamps import TF, TF_STATIC, TF_TYPE
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import InputPlan, MonitorPlan
+from r2bspec.record.run_record import PLAYBACK_FIELDS
 
 IMAGE = "sensor_msgs/msg/Image"
-OUT = MonitorPlan(name="out", topic="/out", type=IMAGE, match="stamp", qos=None)
+OUT = MonitorPlan(name="out", topic="/out", type=IMAGE, match="stamp", qos=QoS())
 NAMED = msgspec.structs.replace(OUT, name="b", qos=QoS(reliability="best_effort", depth=3))
 INPUT = InputPlan(topic="/in", type=IMAGE, source="/loaded", bag_topic="", qos=QoS())
 TRANSFORM = (
@@ -26,11 +35,10 @@ TRANSFORM = (
 )
 
 
-def line(command: object, encoder: NativeEncoder | None = None) -> str:
-    text = (encoder or NativeEncoder())(command).decode("ascii")
-    assert text.endswith("\n")
-    assert text.count("\n") == 1
-    return text[:-1]
+def words(command: object, codec: NativeCodec | None = None) -> list[str]:
+    text = (codec or NativeCodec()).encode(command)
+    assert text.endswith(b"\0")
+    return [os.fsdecode(each) for each in text[:-1].split(b"\0")]
 
 
 def player(folder: Path, transforms: tuple[str, ...] = ()) -> protocol.ConfigurePlayer:
@@ -39,7 +47,6 @@ def player(folder: Path, transforms: tuple[str, ...] = ()) -> protocol.Configure
         buffer_dir=str(folder),
         rows=str(folder / "played"),
         transforms=transforms,
-        clock=bool(transforms),
     )
 
 
@@ -53,65 +60,195 @@ def write_buffer(folder: Path, topic: str, kind: str, *messages: bytes) -> None:
 @pytest.mark.parametrize(
     ("command", "expected"),
     [
-        (protocol.Subscribe(), "subscribe"),
-        (protocol.Unwatch(), "unwatch"),
-        (protocol.CountMatches(), "count"),
-        (protocol.Stop(), "stop"),
-        (protocol.Shutdown(), "shutdown"),
-        (protocol.ConfigureHarness(parts=("player", "monitor")), "harness"),
-        (protocol.Play(rate_hz=29.97, steps=100), "play 29.97 100"),
+        (protocol.Unwatch(), ["unwatch"]),
+        (protocol.CountMatches(), ["count"]),
+        (protocol.Stop(), ["stop"]),
+        (protocol.Shutdown(), ["shutdown"]),
+        (protocol.ConfigureHarness(parts=("player", "monitor")), ["harness"]),
         (
             protocol.ConfigureMonitor(monitors=(OUT, NAMED), rows_dir="/rows"),
-            f"monitor /rows 2 out /out {IMAGE} - b /out {IMAGE} best_effort,volatile,keep_last,3",
+            ["monitor", "/rows", "1", IMAGE],
         ),
-        (protocol.Watch(monitors=(OUT,), with_content=True), f"watch 1 1 out /out {IMAGE} -"),
         (
-            protocol.ConfigureMonitor(monitors=(), rows_dir="/a b\n%c/\N{SNOWMAN}"),
-            "monitor /a%20b%0A%25c/%E2%98%83 0",
+            protocol.Subscribe(monitors=(NAMED, OUT)),
+            [
+                *("subscribe", "2", IMAGE, "b.rows", "2", "2", "1", "3", "/out"),
+                *(IMAGE, "out.rows", "1", "2", "1", "10", "/out"),
+            ],
+        ),
+        (
+            protocol.Watch(monitors=(OUT,)),
+            ["watch", "1", IMAGE, "out.rows", "1", "2", "1", "10", "/out"],
+        ),
+        (
+            protocol.ConfigureMonitor(monitors=(), rows_dir="/a b\n%c/\N{SNOWMAN}\udcff"),
+            ["monitor", "/a b\n%c/\N{SNOWMAN}\udcff", "0"],
         ),
     ],
 )
-def test_a_command_is_one_line_of_words(command: object, expected: str) -> None:
-    assert line(command) == expected
+def test_a_command_is_words(command: object, expected: list[str]) -> None:
+    assert words(command) == expected
 
 
 def test_a_player_has_its_inputs_and_transforms_after_them(tmp_path: Path) -> None:
-    write_buffer(tmp_path, TF_STATIC, TF_TYPE, b"latched")
-    qos = "reliable,volatile,keep_last"
-    assert line(player(tmp_path)) == (f"player {tmp_path}/played 0  0 1 1 /in {IMAGE} {qos},10 1")
-    assert line(player(tmp_path, (TF, TF_STATIC))) == (
-        f"player {tmp_path}/played 1 {tmp_path}/tf_static.cdr 7 1 2 "
-        f"/in {IMAGE} {qos},10 1 /tf {TF_TYPE} {qos},100 0"
-    )
+    own = [IMAGE, "1", "2", "1", "10", "/in", f"{tmp_path}/loaded.cdr"]
+    assert words(player(tmp_path)) == ["player", "1", *own]
+    tf = [TF_TYPE, "1", "2", "1", "100", "/tf", f"{tmp_path}/tf.cdr"]
+    assert words(player(tmp_path, (TF, TF_STATIC))) == ["player", "2", *own, *tf]
+
+
+def followed(folder: Path, codec: NativeCodec, schedule: CyclicSchedule) -> list[list[int]]:
+    """Of each entry of the playlist: source, offset, size, place, what is added to the stamp."""
+    path = Path(words(protocol.Follow(schedule=schedule), codec)[1])
+    assert path.parent == folder
+    return [
+        [int(each[name]) for name in ("source", "offset", "size", "place", "add_ns")]
+        for each in played(path)
+    ]
+
+
+def played(path: Path) -> Any:
+    return np.fromfile(path, dtype=ENTRY_DTYPE, offset=HEADER_BYTES)
 
 
 def test_each_schedule_has_a_playlist_of_its_own(tmp_path: Path) -> None:
+    write_buffer(tmp_path, "/loaded", IMAGE, bytes(20), bytes(30))
+    codec = NativeCodec()
+    codec.encode(player(tmp_path))
+    both = followed(tmp_path, codec, CyclicSchedule(steps=((0,), (1,))))
+    assert both == [[0, 0, 20, -1, 0], [0, 20, 30, -1, 0]]
+    assert followed(tmp_path, codec, CyclicSchedule(steps=((1,),))) == [[0, 20, 30, -1, 0]]
+
+
+@pytest.mark.parametrize(
+    ("timestamp", "header", "size", "place"),
+    [("header", 1, 20, 4), ("header", 0, 20, -1), ("header", 1, 11, -1), ("none", 1, 20, -1)],
+)
+def test_a_header_gets_the_stamp_where_there_is_one(
+    tmp_path: Path, timestamp: Literal["header", "none"], header: int, size: int, place: int
+) -> None:
+    write_buffer(tmp_path, "/loaded", IMAGE, bytes(size))
+    codec = NativeCodec()
+    given = msgspec.structs.replace(INPUT, timestamp=timestamp)
+    codec.encode(msgspec.structs.replace(player(tmp_path), inputs=(given,)))
+    assert codec.decode(f"ready {header}".encode()) == protocol.Ready(headers={"/in": bool(header)})
+    found = followed(tmp_path, codec, CyclicSchedule(steps=((0,),)))
+    assert found == [[0, 0, size, place, 0]]
+
+
+def test_a_playback_goes_on_where_the_last_one_was_stopped(tmp_path: Path) -> None:
+    write_buffer(tmp_path, "/loaded", IMAGE, *[bytes(20)] * 5)
+    codec = NativeCodec()
+    codec.encode(player(tmp_path))
+    schedule = CyclicSchedule(steps=tuple((n,) for n in range(5)))
+    followed(tmp_path, codec, schedule)
+    rows = PlaybackReader(tmp_path / "played", PLAYBACK_FIELDS)
+    for number, first, complete in ((1, 0, 3), (2, 3, 4), (3, 2, 0)):
+        path = tmp_path / f"played-{number}"
+        assert words(protocol.Play(rate_hz=10.0, steps=4), codec) == ["play", str(path)]
+        found = played(path)
+        assert found["offset"].tolist() == [20 * ((first + n) % 5) for n in range(4)]
+        assert found["step"].tolist() == [0, 1, 2, 3]
+        assert found["due_ns"].tolist() == [n * 10**8 for n in range(4)]
+        # The player publishes so many of them.
+        np.memmap(path, dtype="<i8", mode="r+", shape=(1,))[0] = complete
+    assert rows.count() == 7
+    followed(tmp_path, codec, schedule)
+    codec.encode(protocol.Play(rate_hz=10.0, steps=1))
+    assert played(tmp_path / "played-4")["offset"].tolist() == [0]
+
+
+def test_a_full_disk_is_an_error_with_the_file(tmp_path: Path) -> None:
     write_buffer(tmp_path, "/loaded", IMAGE, bytes(20))
-    encoder = NativeEncoder()
-    encoder(player(tmp_path))
-    schedule = CyclicSchedule(steps=((0,),))
-    for number in (1, 2):
-        path = tmp_path / f"played.playlist-{number}"
-        assert line(protocol.Follow(schedule=schedule), encoder) == f"follow {path}"
-        assert path.read_bytes().startswith(b"R2BPLAY1")
+    codec = NativeCodec()
+    codec.encode(player(tmp_path))
+    followed(tmp_path, codec, CyclicSchedule(steps=((0,),)))
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, before[1]))
+    try:
+        with pytest.raises(OSError, match="File too large") as caught:
+            codec.encode(protocol.Play(rate_hz=10.0, steps=10_000))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert caught.value.filename == str(tmp_path / "played-1")
+    assert is_refusal(caught.value)
+    # What is not whole is not taken for a playback.
+    assert PlaybackReader(tmp_path / "played", PLAYBACK_FIELDS).read().size == 0
+
+
+def test_the_counts_of_a_player_are_those_of_its_inputs_and_transforms(tmp_path: Path) -> None:
+    codec = NativeCodec()
+    codec.encode(player(tmp_path, (TF_STATIC, TF)))
+    assert codec.decode(b"ready 1 0\n") == protocol.Ready(headers={"/in": True})
+    assert codec.decode(b"matched 2 1\n") == protocol.Matched(counts={"/in": 2, TF: 1})
+    assert codec.decode(b"played 17\n") == protocol.Played(steps=17)
+    write_buffer(tmp_path, "/loaded", IMAGE, bytes(20))
+    followed(tmp_path, codec, CyclicSchedule(steps=((0,),)))
+    assert codec.decode(b"played 0\n") == protocol.Ready()
+    codec.encode(protocol.Play(rate_hz=1.0, steps=1))
+    assert codec.decode(b"played 1\n") == protocol.Played(steps=1)
+
+
+def test_the_counts_of_a_monitor_are_those_of_its_topics_and_of_what_is_watched() -> None:
+    codec = NativeCodec()
+    a, b, c, d = (msgspec.structs.replace(OUT, topic=f"/{each}") for each in "abcd")
+    codec.encode(protocol.ConfigureMonitor(monitors=(a, d), rows_dir="/rows"))
+    assert codec.decode(b"ready rmw_fastrtps_cpp") == protocol.Ready(rmw="rmw_fastrtps_cpp")
+    codec.encode(protocol.Subscribe(monitors=(a,)))
+    assert codec.decode(b"matched 1") == protocol.Matched(counts={"/a": 1})
+    codec.encode(protocol.Watch(monitors=(b, c)))
+    assert codec.decode(b"matched 3 -1 1") == protocol.Matched(counts={"/a": 1, "/c": 3})
+    codec.encode(protocol.Subscribe(monitors=(d,)))
+    assert codec.decode(b"matched 2 3 -1 1") == protocol.Matched(counts={"/a": 1, "/c": 3, "/d": 2})
+    codec.encode(protocol.Unwatch())
+    assert codec.decode(b"matched 1 0") == protocol.Matched(counts={"/a": 0, "/d": 1})
+
+
+def test_a_failure_has_its_code_a_text_and_what_to_do() -> None:
+    found = NativeCodec().decode(b"failed R2B651 /a b cannot be written: \xff full\n")
+    assert isinstance(found, protocol.Failed)
+    assert (found.code, found.message) == ("R2B651", "/a b cannot be written: \ufffd full")
+    assert found.hint.startswith("Make room on that disk")
+    assert NativeCodec().decode(b"failed R2B630 x") == protocol.Failed(code="R2B630", message="x")
+
+
+@pytest.mark.parametrize("reply", [b"", b"hello", b"matched 1 2", b"played x", b"\xff\n"])
+def test_another_line_is_no_reply(reply: bytes) -> None:
+    with pytest.raises((msgspec.DecodeError, ValueError)):
+        NativeCodec().decode(reply)
 
 
 def test_damaged_transforms_are_an_error(tmp_path: Path) -> None:
     whole = b"".join(TRANSFORM)
     write_buffer(tmp_path, "/loaded", IMAGE, bytes(20))
-    schedule = CyclicSchedule(steps=((0,),), transforms=(CyclicTransform(0.5, 0, 0),))
-    encoder = NativeEncoder()
-    encoder(player(tmp_path, (TF,)))
+    schedule = CyclicSchedule(steps=((0,),), transforms=(CyclicTransform(0.5, 0, 10),))
+    codec = NativeCodec()
+    codec.encode(player(tmp_path, (TF,)))
     write_buffer(tmp_path, TF, TF_TYPE, whole)
-    encoder(protocol.Follow(schedule=schedule))
+    stamp = 5 * 10**9 + 7
+    assert followed(tmp_path, codec, schedule)[1:] == [[1, 0, len(whole), 8, stamp - 10]]
+    one = b"".join(TRANSFORM[2:])
+    two = b"\0\1\0\0" + struct.pack("<I", 2) + 2 * one
+    write_buffer(tmp_path, TF, TF_TYPE, two)
+    assert followed(tmp_path, codec, schedule)[1:] == [
+        [1, 0, len(two), 8, stamp - 10],
+        [1, 0, len(two), 8 + len(one), stamp - 10],
+    ]
     for size in range(8, len(whole), 7):
         write_buffer(tmp_path, TF, TF_TYPE, whole[:size])
         with pytest.raises(ValueError, match="/tf is truncated"):
-            encoder(protocol.Follow(schedule=schedule))
+            codec.encode(protocol.Follow(schedule=schedule))
 
 
 def test_what_a_native_part_does_not_know_is_an_error() -> None:
     with pytest.raises(ValueError, match="no command of a native part: Survey"):
-        line(protocol.Survey())
+        words(protocol.Survey())
+    unknown = msgspec.structs.replace(OUT, qos=None)
+    with pytest.raises(ValueError, match="known quality of service"):
+        words(protocol.Subscribe(monitors=(unknown,)))
     with pytest.raises(ValueError, match="configured before"):
-        line(protocol.Follow(schedule=CyclicSchedule(steps=((0,),))))
+        words(protocol.Follow(schedule=CyclicSchedule(steps=((0,),))))
+    with pytest.raises(ValueError, match="before it plays"):
+        words(protocol.Play(rate_hz=1.0, steps=1))

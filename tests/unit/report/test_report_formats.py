@@ -18,6 +18,7 @@ import pytest
 from r2bspec.compare.errors import SamplesMissingError
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import from_json, result_of
+from r2bspec.record.run_record import FloorRecord
 from r2bspec.report.errors import ReportError
 from r2bspec.report.format_registry import FORMATS, renderer
 from r2bspec.report.terminal import to_text
@@ -346,3 +347,45 @@ def test_line_breaks_of_a_reason_stay_in_junit(tmp_path: Path) -> None:
     assert error is not None
     assert (error.text or "").count("\n") == result.verdict.reason.count("\n")
     assert "\ufffd" not in ET.tostring(error, encoding="unicode")
+
+
+def test_every_report_in_words_and_every_table_of_numbers_states_the_overhead(
+    tmp_path: Path,
+) -> None:
+    floor = FloorRecord(
+        topic="/r2b/image",
+        bytes=240,
+        rate_hz=30.0,
+        sent=30,
+        received=29,
+        latency_p50_ns=120_000,
+        latency_p99_ns=980_000,
+        lateness_p50_ns=1_000,
+        lateness_p99_ns=2_000,
+        placement="separate",
+        processes=2,
+    )
+    usual = reported(USUAL, tmp_path)
+    source = replace(usual, result=msgspec.structs.replace(usual.result, floor=(floor,)))
+
+    def text(name: str) -> str:
+        return " ".join(renderer(name)(source).decode().split())
+
+    for name in ("text", "markdown", "html", "junit"):
+        assert "between two processes (harness.placement: separate)" in text(name), name
+        assert "120 µs" in text(name), name
+    (stored,) = json.loads(text("json"))["floor"]
+    assert (stored["placement"], stored["processes"]) == ("separate", 2)
+    labels = 'topic="/r2b/image",offered_hz="30",placement="separate",processes="2"'
+    assert f'{labels},quantile="0.5"}} 0.00012' in text("openmetrics")
+    found = {
+        row["metric"]: float(row["value"])
+        for row in csv.DictReader(io.StringIO(renderer("csv")(source).decode()))
+        if row["monitor"] == "/r2b/image"
+    }
+    assert found == {
+        "harness_overhead.p50": 0.00012,
+        "harness_overhead.p99": 0.00098,
+        "harness_overhead.received": 29,
+        "harness_overhead.processes": 2,
+    }

@@ -1,0 +1,96 @@
+"""The messages that a monitor has received, from the file that it appends to.
+
+The middleware records arrivals on the system clock, which can be set at any time; all times of a
+run are on the monotonic clock. A monitor therefore records, whenever it takes a message, the time
+on the monotonic clock and the difference of the two clocks.
+"""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from r2bspec.ipc.sample_files import RowReader
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+ARRIVAL_FIELDS = (
+    ("stamp_ns", "<i8"),
+    ("arrived_system_ns", "<i8"),
+    ("taken_ns", "<i8"),
+    ("bytes", "<i8"),
+    ("difference_ns", "<i8"),
+)
+"""A row of the file (``r2bspec/native/monitor.c``). `arrived_system_ns` is 0 where the middleware
+gives no time; `difference_ns` is the system time minus the monotonic time at `taken_ns`."""
+
+_MIN_STEP_NS = 2_000_000
+_MAX_SLEW = 0.1
+"""Smaller changes are not steps: the jitter of reading, and slewing of the clock by up to 10 %."""
+
+_ROWS_BEFORE = 2000
+"""More than the messages that can have waited for the monitor while the clock was set."""
+
+
+class ArrivalReader(RowReader):
+    """Reads the rows that a monitor has written so far, with times on the monotonic clock.
+
+    Args:
+        path: of the file.
+        fields: of the rows that `read` returns: ``stamp_ns``, ``received_ns``, ``taken_ns`` and
+            ``bytes``.
+    """
+
+    def __init__(self, path: Path, fields: tuple[tuple[str, str], ...]) -> None:
+        super().__init__(path, ARRIVAL_FIELDS)
+        self._fields = fields
+
+    def read(self, start: int = 0, stop: int | None = None) -> NDArray[np.void]:
+        """Copy the rows from `start` up to `stop`, or up to the last complete one."""
+        import numpy as np
+
+        first = max(0, start - _ROWS_BEFORE)
+        rows = super().read(first, stop)
+        received_ns = arrival_times(rows)
+        found = np.empty(max(0, rows.size - (start - first)), dtype=list(self._fields))
+        for name in ("stamp_ns", "taken_ns", "bytes"):
+            found[name] = rows[name][start - first :]
+        found["received_ns"] = received_ns[start - first :]
+        return found
+
+
+def arrival_times(rows: NDArray[np.void]) -> NDArray[np.int64]:
+    """When messages arrived, on the monotonic clock.
+
+    A message that arrived before a step of the system clock and is taken after it has a time by the
+    clock as it was: this is the later one of the two possible times if it is not after the first
+    look at the new clock. A message that has waited for longer than the step was, and the first one
+    of a file, cannot be told apart in this way; they count as having arrived after the step.
+
+    Args:
+        rows: in the order in which they were taken, with the fields `ARRIVAL_FIELDS`.
+
+    Returns:
+        One time for each row, none of them after that of taking, in ns. Without a time of the
+        middleware it is the time of taking.
+    """
+    import numpy as np
+
+    taken_ns, difference_ns = rows["taken_ns"], rows["difference_ns"]
+    arrived_ns = rows["arrived_system_ns"] - difference_ns
+    moved_ns = np.abs(np.diff(difference_ns))
+    steps = 1 + np.flatnonzero(moved_ns > _MIN_STEP_NS + _MAX_SLEW * np.diff(taken_ns))
+    for begin, end in itertools.pairwise([*steps.tolist(), rows.size]):
+        since = slice(begin, end)
+        before_ns = rows["arrived_system_ns"][since] - difference_ns[begin - 1]
+        now_ns = arrived_ns[since]
+        is_before = (before_ns <= taken_ns[begin]) & (
+            (before_ns > now_ns) | (now_ns > taken_ns[since])
+        )
+        arrived_ns[since] = np.where(is_before, before_ns, now_ns)
+    arrived_ns = np.where(rows["arrived_system_ns"] > 0, arrived_ns, taken_ns)
+    found: NDArray[np.int64] = np.minimum(arrived_ns, taken_ns)
+    return found

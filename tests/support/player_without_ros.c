@@ -1,0 +1,106 @@
+/* The player without ROS: what it publishes is read, byte by byte, and counted.
+ *
+ * Each line of the input is PLAYLIST PLAYBACK BUFFER...; the answer is what the player replies to
+ * both, or the reason for which a file was refused, and how many bytes were published.
+ */
+#include "player.c"
+
+#include <stdarg.h>
+
+#define MOST_BUFFERS 8
+
+static char text[1024];
+static size_t published;
+
+int fail(const char *code, const char *format, ...)
+{
+  (void)code;
+  va_list arguments;
+  va_start(arguments, format);
+  vsnprintf(text, sizeof(text), format, arguments);
+  va_end(arguments);
+  return -1;
+}
+
+int fail_file(const char *path) { return fail("", "%s cannot be read", path); }
+int fail_memory(void) { return fail("", "no memory"); }
+int fail_rcl(const char *what) { return fail("", "%s failed", what); }
+void ignore_rcl(rcl_ret_t status) { (void)status; }
+
+int channel_reply(channel_t *channel, const char *format, ...)
+{
+  (void)channel;
+  va_list arguments;
+  va_start(arguments, format);
+  vsnprintf(text, sizeof(text), format, arguments);
+  va_end(arguments);
+  text[strcspn(text, "\n")] = '\0';
+  return 0;
+}
+
+/* A damaged time may be years ahead: a player that waits for it is told to stop. */
+bool channel_wait(channel_t *channel, int64_t timeout_ns)
+{
+  (void)channel;
+  return timeout_ns > 2 * START_DELAY_NS;
+}
+
+char *next_word(channel_t *channel)
+{
+  (void)channel;
+  return "";
+}
+
+int64_t next_number(channel_t *channel) { return channel == NULL; }
+bool begins_with_header(type_t *type) { return type != NULL; }
+rmw_qos_profile_t next_qos(channel_t *channel) { (void)channel; return rmw_qos_profile_default; }
+
+type_t *ros_type(const char *name)
+{
+  (void)name;
+  return NULL;
+}
+
+rcl_ret_t rcl_publish_serialized_message(
+  const rcl_publisher_t *publisher, const rcl_serialized_message_t *message,
+  rmw_publisher_allocation_t *allocation)
+{
+  (void)publisher, (void)allocation;
+  const volatile uint8_t *bytes = message->buffer;
+  for (size_t i = 0; i < message->buffer_length; ++i, ++published) {
+    (void)bytes[i];
+  }
+  return RCL_RET_OK;
+}
+
+static void answer(char *line)
+{
+  channel_t channel = {0};
+  player_t player = {.channel = &channel, .spin_ns = MIN_SPIN_NS};
+  const char *playlist = strsep(&line, " "), *playback = strsep(&line, " ");
+  player.sources = calloc(MOST_BUFFERS, sizeof(source_t));
+  int failed = 0;
+  for (char *word; failed == 0 && *(word = strsep(&line, " \n")) != '\0';) {
+    failed = map_file(&player.sources[player.source_count++].buffer, word, false);
+  }
+  published = 0;
+  if (failed == 0 && play(&player, playlist) == 0) {
+    (void)play(&player, playback);
+  }
+  printf("%s: %zu bytes\n", text, published);
+  fflush(stdout);
+  for (int64_t i = 0; i < player.source_count; ++i) {
+    unmap(&player.sources[i].buffer);
+  }
+  free(player.sources);
+}
+
+int main(void)
+{
+  char line[8192];
+  (void)player_serve;
+  while (fgets(line, sizeof(line), stdin) != NULL) {
+    answer(line);
+  }
+  return 0;
+}

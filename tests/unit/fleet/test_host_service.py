@@ -1,0 +1,222 @@
+"""What a host answers, and what a client makes of it, without Dask between them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from r2bspec._version import __version__
+from r2bspec.fleet.bundle import SentSide
+from r2bspec.fleet.client import Host
+from r2bspec.fleet.errors import HostFullError, HostLostError, TransferError
+from r2bspec.fleet.fleet_runs import Ended, FleetLimits, FleetRun, FleetRuns
+from r2bspec.fleet.host_facts import HostFacts
+from r2bspec.fleet.host_messages import Played, Problem, Request, decode, encode
+from r2bspec.fleet.host_service import HostService
+from r2bspec.fleet.host_store import HostStore, remove
+from r2bspec.fleet.journal import Journal, read_journal
+from r2bspec.fleet.play_run import ENDED_FILE, RUN_FOLDER
+from r2bspec.language.load_spec import load_spec
+from r2bspec.plan.compile_plan import compile_plan
+from ros_runs import Bench, relay_spec
+
+FACTS = HostFacts(name="here", r2bspec=__version__)
+
+
+class Service(HostService):
+    """A host whose runs have no ROS in them."""
+
+    plays = 0
+    problem: Problem | None = None
+
+    def _run_child(self, spool: Path, tree: Path) -> int:
+        assert (tree / "bag" / "metadata.yaml").is_file()
+        self.plays += 1
+        (spool / RUN_FOLDER).mkdir()
+        (spool / RUN_FOLDER / "record.json").write_text("{}")
+        played = Played(identity=spool.name, outcome="pass", problem=self.problem)
+        (spool / ENDED_FILE).write_bytes(encode(played))
+        return 0
+
+
+class DirectClient:
+    """Asks the only host of a fleet by a call; `before` is told of each request first."""
+
+    def __init__(self, service: HostService, before: Callable[[Request], None]) -> None:
+        self.hosts = {"here": Host(address="here", facts=FACTS, state={})}
+        self._service = service
+        self._before = before
+
+    def refresh(self) -> bool:
+        return True
+
+    def ask(self, host: Host, request: Request, kind: Any, piece: bytes = b"", **_: Any) -> Any:
+        assert host.name == "here"
+        self._before(request)
+        return decode(self._service.answer(encode(request), piece), kind)
+
+    def read_piece(self, host: Host, identity: str, offset: int, size: int) -> bytes:
+        assert host.name == "here"
+        request = Request(what="piece", identity=identity, offset=offset, size=size)
+        self._before(request)
+        answer = self._service.answer(encode(request), b"")
+        return answer[1:] if answer[:1] == b"=" else decode(answer, bytes)
+
+
+@pytest.fixture
+def service(tmp_path: Path) -> Service:
+    store = HostStore(tmp_path / "host")
+    store.open()
+    return Service(FACTS, store)
+
+
+def run_of(folder: Path) -> FleetRun:
+    """A run of a relay on a small recording."""
+    loaded = load_spec(Bench(folder / "bench").write(relay_spec()))
+    assert loaded.spec is not None
+    side = SentSide(compile_plan(loaded.spec, None), folder / "bench", "")
+    return FleetRun(
+        name="relay", folder=folder / "out" / "relay", head=side, hosts=frozenset({"here"})
+    )
+
+
+def play(
+    folder: Path,
+    service: Service,
+    before: Callable[[Request], None],
+    limits: FleetLimits = FleetLimits(),  # noqa: B008 - immutable
+) -> Ended:
+    root = folder / "out"
+    root.mkdir()
+    journal = Journal(root)
+    client: Any = DirectClient(service, before)
+    runs = FleetRuns(client, root, journal, limits, lambda _: None, lambda _, __: None)
+    (ended,) = runs.play([run_of(folder)])
+    journal.close()
+    return ended
+
+
+def test_files_that_made_room_for_those_of_another_client_are_sent_again(
+    service: Service, tmp_path: Path
+) -> None:
+    asked: list[str] = []
+
+    def before(request: Request) -> None:
+        asked.append(request.what)
+        if request.what == "play" and asked.count("play") == 1:
+            remove(service.store.root / "recordings")
+            service.store.open()
+
+    ended = play(tmp_path, service, before)
+    assert ended.error is None
+    assert (service.plays, asked.count("play")) == (1, 2)
+    assert (tmp_path / "out" / "relay" / "record.json").is_file()
+    states = [each.state for each in read_journal(tmp_path / "out") if each.state]
+    assert states == ["sent", "sent", "done"]
+
+
+def test_a_host_that_never_keeps_files_ends_a_run_with_the_reason(
+    service: Service, tmp_path: Path
+) -> None:
+    def before(request: Request) -> None:
+        if request.what == "play":
+            remove(service.store.root / "recordings")
+            service.store.open()
+
+    ended = play(tmp_path, service, before)
+    assert isinstance(ended.error, TransferError)
+    assert "has removed files of relay" in str(ended.error)
+    assert "--cache-limit" in ended.error.hint
+    assert service.plays == 0
+
+
+def test_a_run_that_was_played_before_is_not_played_again(service: Service, tmp_path: Path) -> None:
+    answers: list[bytes] = []
+
+    def before(request: Request) -> None:
+        if request.what == "play":
+            # The answer is lost with the connection, and the client asks again.
+            answers.append(service.answer(encode(request), b""))
+
+    assert play(tmp_path, service, before).error is None
+    assert (service.plays, len(answers)) == (1, 1)
+
+
+def test_the_only_host_without_room_ends_a_run(
+    service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(HostStore, "put", full)
+    ended = play(tmp_path, service, lambda _: None)
+    assert isinstance(ended.error, HostFullError)
+
+
+@pytest.mark.parametrize("code", ["R2B651", "R2B664"])
+def test_a_host_without_room_for_a_run_leaves_it_to_others(
+    service: Service, tmp_path: Path, code: str
+) -> None:
+    service.problem = Problem(code=code, message="no room")
+    ended = play(tmp_path, service, lambda _: None)
+    assert isinstance(ended.error, HostFullError)
+    assert "no room" in str(ended.error)
+    assert list((service.store.root / "spool").iterdir()) == []
+    states = [each.state for each in read_journal(tmp_path / "out") if each.state]
+    assert states == ["sent", "full"]
+
+
+def test_a_run_whose_hosts_are_lost_again_and_again_ends(service: Service, tmp_path: Path) -> None:
+    def before(request: Request) -> None:
+        if request.what == "play":
+            raise HostLostError("the host here left the fleet")
+
+    ended = play(tmp_path, service, before, FleetLimits(losses=1))
+    assert isinstance(ended.error, HostLostError)
+    assert "left the fleet 2 times" in str(ended.error)
+    states = [each.state for each in read_journal(tmp_path / "out") if each.state]
+    assert states == ["sent", "lost", "sent", "lost"]
+
+
+def test_a_run_that_was_removed_before_it_was_fetched_is_played_again(
+    service: Service, tmp_path: Path
+) -> None:
+    def before(request: Request) -> None:
+        if request.what == "piece" and service.plays == 1:
+            remove(service.store.root / "spool")
+            service.store.open()
+
+    assert play(tmp_path, service, before).error is None
+    assert service.plays == 2
+    assert (tmp_path / "out" / "relay" / "record.json").is_file()
+    states = [each.state for each in read_journal(tmp_path / "out") if each.state]
+    assert states == ["sent", "sent", "done"]
+
+
+def test_a_host_that_is_lost_when_its_run_is_here_does_not_count_twice(
+    service: Service, tmp_path: Path
+) -> None:
+    def before(request: Request) -> None:
+        if request.what == "drop":
+            raise HostLostError("the host here left the fleet")
+
+    assert play(tmp_path, service, before).error is None
+    states = [each.state for each in read_journal(tmp_path / "out") if each.state]
+    assert states == ["sent", "done"]
+
+
+def test_runs_that_no_client_has_are_removed_last(tmp_path: Path) -> None:
+    store = HostStore(tmp_path / "host", limit_bytes=1000)
+    store.open()
+    for number, name in enumerate(("spool/run", "recordings/bag", "objects/file")):
+        (store.root / name).parent.mkdir(exist_ok=True)
+        (store.root / name).write_bytes(bytes(600))
+        os.utime(store.root / name, (number * 60, number * 60))
+    store.trim()
+    assert (store.root / "spool" / "run").exists()
+    assert not (store.root / "recordings" / "bag").exists()
+    assert not (store.root / "objects" / "file").exists()

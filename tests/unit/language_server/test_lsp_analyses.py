@@ -1,0 +1,131 @@
+"""How often the language server analyses what, and what it shows of it."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from pathlib import Path
+
+import pytest
+
+from r2bspec.language_server.analysis import Analysis
+from r2bspec.language_server.server import SpecLanguageServer
+
+SPEC = """\
+r2bspec: 1
+name: NAME
+data_loader: {bag: r2b_storage, topics: {/d455_1_rgb_image: camera/image}}
+playback: {inputs: {input: {from: camera/image, format: sensor_msgs/msg/Image}}}
+graph: {nodes: {relay: {python: r2bspec.nodes.RelayNode}}}
+monitors: {copies: {topic: output, format: sensor_msgs/msg/Image}}
+benchmark: {rates: [10 Hz]}
+"""
+
+
+class Watched:
+    """A server whose analyses are real, counted, and can be held up."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.server = SpecLanguageServer()
+        self.analysed: list[tuple[str, str]] = []
+        self.shown: list[tuple[str, str]] = []
+        self.at_a_time = 0
+        self.most_at_a_time = 0
+        self.go_on = threading.Event()
+        self.go_on.set()
+        self.started = threading.Event()
+        before = self.server.specs.analyse
+
+        def analyse(path: Path) -> Analysis:
+            self.at_a_time += 1
+            self.most_at_a_time = max(self.at_a_time, self.most_at_a_time)
+            found = before(path)
+            self.analysed.append((path.name, found.text))
+            self.started.set()
+            assert self.go_on.wait(60)
+            self.at_a_time -= 1
+            return found
+
+        def show(analysis: Analysis) -> None:
+            self.shown.append((analysis.path.name, analysis.text))
+
+        monkeypatch.setattr(self.server.specs, "analyse", analyse)
+        monkeypatch.setattr(self.server, "_publish", show)
+
+    async def idle(self) -> None:
+        """Wait until nothing is left to analyse."""
+        assert self.server._task is not None
+        await self.server._task
+
+
+@pytest.fixture
+def watched(monkeypatch: pytest.MonkeyPatch) -> Watched:
+    return Watched(monkeypatch)
+
+
+def test_a_change_is_analysed_once_and_no_other_document(watched: Watched, tmp_path: Path) -> None:
+    one, two = (tmp_path / f"{name}.r2b.yaml" for name in ("one", "two"))
+
+    async def session() -> None:
+        for each in (one, two):
+            watched.server.change(each, SPEC.replace("NAME", each.name[:3]))
+        await watched.idle()
+        watched.analysed.clear()
+        watched.shown.clear()
+        watched.server.change(one, SPEC.replace("NAME", "changed"))
+        await watched.idle()
+
+    asyncio.run(session())
+    expected = [("one.r2b.yaml", SPEC.replace("NAME", "changed"))]
+    assert watched.analysed == watched.shown == expected
+
+
+def test_a_parent_that_changes_concerns_those_that_extend_it(
+    watched: Watched, tmp_path: Path
+) -> None:
+    child, other, parent = (tmp_path / name for name in ("c.r2b.yaml", "o.r2b.yaml", "p.r2b.yaml"))
+    parent.write_text(SPEC.replace("NAME", "p"))
+
+    async def session() -> None:
+        watched.server.change(child, "r2bspec: 1\nextends: p.r2b.yaml\nname: c\n")
+        watched.server.change(other, SPEC.replace("NAME", "o"))
+        await watched.idle()
+        watched.analysed.clear()
+        watched.server.change(parent, SPEC.replace("NAME", "changed"))
+        await watched.idle()
+
+    asyncio.run(session())
+    assert sorted(name for name, _ in watched.analysed) == ["c.r2b.yaml", "p.r2b.yaml"]
+
+
+def test_what_is_superseded_is_dropped(watched: Watched, tmp_path: Path) -> None:
+    """However fast somebody types, one analysis runs at a time, and the last text is shown."""
+    file = tmp_path / "one.r2b.yaml"
+    texts = [SPEC.replace("NAME", f"version_{number}") for number in range(5)]
+
+    async def session() -> None:
+        watched.go_on.clear()
+        watched.server.change(file, texts[0])
+        await asyncio.to_thread(watched.started.wait, 60)
+        for text in texts[1:]:
+            watched.server.change(file, text)
+            await asyncio.sleep(0)
+        watched.go_on.set()
+        await watched.idle()
+
+    asyncio.run(session())
+    assert [text for _, text in watched.analysed] == [texts[0], texts[-1]]
+    assert [text for _, text in watched.shown] == [texts[-1]]
+    assert watched.most_at_a_time == 1
+
+
+def test_changes_that_come_together_are_analysed_once(watched: Watched, tmp_path: Path) -> None:
+    file = tmp_path / "one.r2b.yaml"
+
+    async def session() -> None:
+        for number in range(5):
+            watched.server.change(file, SPEC.replace("NAME", f"version_{number}"))
+        await watched.idle()
+
+    asyncio.run(session())
+    assert [text for _, text in watched.analysed] == [SPEC.replace("NAME", "version_4")]
