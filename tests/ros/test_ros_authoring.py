@@ -63,7 +63,7 @@ LAUNCH = """
 """
 QUICK = (
     *("--set", "benchmark.starts=1"),
-    *("--set", "benchmark.iterations=3"),
+    *("--set", "benchmark.iterations=6"),
     *("--set", "benchmark.duration=1 s"),
     *("--set", "benchmark.warm_up=100 ms"),
     *("--set", "benchmark.gate.interference=tolerate"),
