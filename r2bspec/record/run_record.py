@@ -278,6 +278,15 @@ class FloorRecord(msgspec.Struct, frozen=True, kw_only=True):
     placement: str = ""
     processes: int = 0
 
+    @property
+    def latencies_ns(self) -> dict[str, int]:
+        """The percentiles of the latency that are known, by their names."""
+        return {
+            name.removeprefix("latency_").removesuffix("_ns"): value
+            for name in self.__struct_fields__
+            if name.startswith("latency_") and (value := getattr(self, name)) is not None
+        }
+
 
 class SilenceRecord(msgspec.Struct, frozen=True, kw_only=True):
     """An output that stopped during the measurement, and the diagnosis.

@@ -59,11 +59,9 @@ def result_rows(result: Result) -> Iterator[Row]:
 
 def _harness_overhead(floor: FloorRecord) -> Iterator[Row]:
     """The overhead on one input, whose topic is the monitor of these rows."""
-    times = {"p50": floor.latency_p50_ns, "p99": floor.latency_p99_ns}
-    for part, value_ns in times.items():
-        if value_ns is not None:
-            name = f"harness_overhead.{part}"
-            yield Row(floor.rate_hz, None, floor.topic, name, "s", value_ns / 1e9)
+    for part, value_ns in floor.latencies_ns.items():
+        name = f"harness_overhead.{part}"
+        yield Row(floor.rate_hz, None, floor.topic, name, "s", value_ns / 1e9)
     counts = {"received": floor.received, "processes": floor.processes}
     for part, count in counts.items():
         name = f"harness_overhead.{part}"

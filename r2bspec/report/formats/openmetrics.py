@@ -213,11 +213,9 @@ def _harness_overhead(floor: tuple[FloorRecord, ...], named: Labels) -> _Family:
             "placement": each.placement,
             "processes": str(each.processes or ""),
         }
-        found = {"0.5": each.latency_p50_ns, "0.99": each.latency_p99_ns}
         family.samples += [
-            ("", {**labels, "quantile": quantile}, value_ns / 1e9)
-            for quantile, value_ns in found.items()
-            if value_ns is not None
+            ("", {**labels, "quantile": f"{PERCENTILES[part]:g}"}, value_ns / 1e9)
+            for part, value_ns in each.latencies_ns.items()
         ]
         family.samples.append(("_count", labels, each.received))
     return family
