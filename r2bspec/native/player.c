@@ -139,8 +139,7 @@ static int open_playback(const player_t *player, mapping_t *file, const char *pa
     playback->entries[i].published_ns = 0;
   }
   return whole ? 0
-               : fail(HARNESS_FAULT, "%s is damaged, or a file of messages is shorter than its index",
-                      path);
+               : fail(HARNESS_FAULT, "%s is damaged, or a buffer shorter than its index", path);
 }
 
 /* ---- stamps ---- */
@@ -166,12 +165,9 @@ static void write_stamp(const player_t *player, const entry_t *entry, int64_t st
   memcpy(data + entry->place, words, STAMP_BYTES);
 }
 
-/* The stamp is the time of publication; each is unique. */
-static void stamp_now(entry_t *event, int64_t least_ns)
+static int64_t later(int64_t one_ns, int64_t other_ns)
 {
-  const int64_t early_ns = event->due_ns - monotonic_ns();
-  const int64_t stamp_ns = system_ns() + (early_ns > 0 ? early_ns : 0);
-  event->stamp_ns = stamp_ns > least_ns ? stamp_ns : least_ns;
+  return one_ns > other_ns ? one_ns : other_ns;
 }
 
 /* ---- playing ---- */
@@ -194,27 +190,18 @@ static bool wait_until(player_t *player, int64_t due_ns, bool looks)
   return false;
 }
 
-static int publish(const player_t *player, const entry_t *entry)
-{
-  const rcl_serialized_message_t message = {
-    .buffer = (uint8_t *)data_of(player, entry),
-    .buffer_length = (size_t)entry->size,
-    .buffer_capacity = (size_t)entry->size,
-    .allocator = rcl_get_default_allocator(),
-  };
-  const rcl_publisher_t *publisher = &player->sources[entry->source].publisher;
-  return rcl_publish_serialized_message(publisher, &message, NULL) == RCL_RET_OK
-           ? 0
-           : fail_rcl("publishing a message");
-}
-
 static int publish_event(const player_t *player, entry_t *event)
 {
   /* What a latency counts from: before the first call that publishes. */
   event->published_ns = monotonic_ns();
-  for (int32_t i = 0; i < event->left; ++i) {
-    if (event[i].is_published && publish(player, &event[i]) < 0) {
-      return -1;
+  rcl_serialized_message_t message = {.allocator = rcl_get_default_allocator()};
+  for (const entry_t *each = event; each < event + event->left; ++each) {
+    message.buffer = (uint8_t *)data_of(player, each);
+    message.buffer_length = message.buffer_capacity = (size_t)each->size;
+    if (each->is_published &&
+        rcl_publish_serialized_message(
+          &player->sources[each->source].publisher, &message, NULL) != RCL_RET_OK) {
+      return fail_rcl("publishing a message");
     }
   }
   event[event->left - 1].done_ns = monotonic_ns();
@@ -226,18 +213,16 @@ static int play_events(player_t *player, playback_t *playback)
 {
   const int64_t begin_ns = monotonic_ns() + START_DELAY_NS;
   /* To which the stamps of a recording are shifted. */
-  const int64_t now_ns = system_ns() + START_DELAY_NS;
-  const int64_t epoch_ns = now_ns > playback->least_ns ? now_ns : playback->least_ns;
+  const int64_t epoch_ns = later(system_ns() + START_DELAY_NS, playback->least_ns);
   int64_t least_stamp_ns = playback->least_ns;
   int steps = 0;
   for (int64_t i = 0; i < playback->count; i += playback->entries[i].left) {
     entry_t *event = &playback->entries[i];
     event->due_ns += begin_ns;
-    if (playback->has_stamps) {
-      event->stamp_ns += epoch_ns;
-    } else {
-      stamp_now(event, least_stamp_ns);
-    }
+    /* Otherwise it is the time of publication, which is unique. */
+    const int64_t early_ns = later(event->due_ns - monotonic_ns(), 0);
+    event->stamp_ns = playback->has_stamps ? event->stamp_ns + epoch_ns
+                                           : later(system_ns() + early_ns, least_stamp_ns);
     least_stamp_ns = event->stamp_ns + 1;
     /* Before waiting: writing to messages that have left the cache would delay a publication. */
     for (int32_t each = 0; each < event->left; ++each) {
@@ -337,14 +322,14 @@ static int send_numbers(player_t *player, const char *reply, bool headers)
 static int execute(player_t *player)
 {
   const char *command = next_word(player->channel);
-  if (strcmp(command, "count") == 0) {
-    return send_numbers(player, "matched", false);
-  }
   if (strcmp(command, "play") == 0) {
     return play(player, next_word(player->channel));
   }
-  /* Others are ignored: a stop that arrived after the last event. */
-  return strcmp(command, "shutdown") == 0 || *command == '\0';
+  if (strcmp(command, "count") == 0) {
+    return send_numbers(player, "matched", false);
+  }
+  /* A stop that arrived after the last event has nothing to stop. */
+  return strcmp(command, "stop") != 0;
 }
 
 int player_serve(channel_t *channel, rcl_node_t *node)
