@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class RowWriter:
-    """Appends rows of `width` int64 values to a new file, as ``rows.c`` does."""
+    """Appends rows of `width` int64 values to a new file, as ``monitor.c`` does."""
 
     def __init__(self, path: Path, width: int) -> None:
         self._row = struct.Struct(f"<{width}q")

@@ -5,7 +5,7 @@
  * Functions that can fail return 0 or a negative number; what failed is then kept for the thread
  * and reported on its channel by control.c. Times are in nanoseconds; on the monotonic clock unless
  * a name says otherwise. The files that are shared with the controller are described where Python
- * reads or writes them: r2bspec/ipc/{sample_files,message_log,native_protocol}.py.
+ * reads or writes them: r2bspec/ipc/{sample_files,playback_file,native_protocol}.py.
  */
 #ifndef R2BSPEC_HARNESS_H
 #define R2BSPEC_HARNESS_H

@@ -138,7 +138,8 @@ static int open_playback(const player_t *player, mapping_t *file, const char *pa
     /* Its page is made writable before it is needed. */
     playback->entries[i].published_ns = 0;
   }
-  return whole ? 0 : fail(HARNESS_FAULT, "%s is damaged, or a buffer is shorter than its index", path);
+  return whole ? 0
+               : fail(HARNESS_FAULT, "%s is damaged, or a buffer shorter than its index", path);
 }
 
 /* ---- stamps ---- */
@@ -191,9 +192,9 @@ static bool wait_until(player_t *player, int64_t due_ns, bool looks)
 
 static int publish_event(const player_t *player, entry_t *event)
 {
-  rcl_serialized_message_t message = {.allocator = rcl_get_default_allocator()};
   /* What a latency counts from: before the first call that publishes. */
   event->published_ns = monotonic_ns();
+  rcl_serialized_message_t message = {.allocator = rcl_get_default_allocator()};
   for (const entry_t *each = event; each < event + event->left; ++each) {
     message.buffer = (uint8_t *)data_of(player, each);
     message.buffer_length = message.buffer_capacity = (size_t)each->size;

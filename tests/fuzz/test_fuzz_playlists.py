@@ -157,7 +157,7 @@ def test_a_buffer_that_is_too_short_is_refused(
         short.write_bytes(bytes(size))
         for each in files:
             found = playing(each.playlist, each.playback, (short, each.buffers[1]))
-            assert "shorter than its index" in found
+            assert "a buffer shorter than its index" in found
 
 
 def test_damage_never_crashes_the_player(playing: Playing, files: list[Files]) -> None:

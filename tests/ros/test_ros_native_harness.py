@@ -428,7 +428,7 @@ def test_a_buffer_that_is_shorter_than_its_index_is_refused(harness: Harness) ->
     path = harness.buffers / "r2b%image.cdr"
     os.truncate(path, path.stat().st_size - 1)
     player = harness.start("player")
-    with pytest.raises(ProcessFailedError, match="shorter than its index"):
+    with pytest.raises(ProcessFailedError, match="a buffer shorter than its index"):
         harness.configure_player(player)
 
 
