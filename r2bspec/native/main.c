@@ -11,7 +11,7 @@
 #define CONTROL_FD "R2BSPEC_CONTROL_FD"
 #define USAGE_STATUS 2
 
-/* The descriptor in a variable, or -1; the variable is not for programs that this one might start. */
+/* The descriptor in a variable, or -1; the variable is not for programs that this one starts. */
 static int take_variable(const char *name)
 {
   const char *value = getenv(name);

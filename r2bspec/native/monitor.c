@@ -1,8 +1,8 @@
 /* The monitor: records when each message on its topics arrives, without deserialising it.
  *
  * The middleware notes when a sample reaches a subscription, so the time does not include the copy
- * that is made here. It is on the system clock; the difference of the clocks, which is recorded with
- * it, tells the reader the time on the monotonic one.
+ * that is made here. It is on the system clock; the difference of the clocks, which is recorded,
+ * tells the reader the time on the monotonic one.
  */
 #include "harness.h"
 
