@@ -96,5 +96,8 @@ class OpenSpecs:
         return latest is not None and latest.text == self.text(path)
 
     def unsaved(self) -> Mapping[Path, str]:
-        """The texts of all open files, by their resolved paths."""
-        return {path.resolve(): text for path, text in self._texts.items()}
+        """The texts of all open files, by their resolved paths.
+
+        An analysis asks on a thread of its own, while documents are opened and closed.
+        """
+        return {path.resolve(): text for path, text in list(self._texts.items())}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import traceback
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
@@ -130,7 +131,12 @@ class SpecLanguageServer(LanguageServer):
         await self._quiet()
         while path := next((each for each in self.specs.specs() if each in self._waiting), None):
             generation = self.specs.generation
-            analysis = await asyncio.to_thread(self.specs.analyse, path)
+            try:
+                analysis = await asyncio.to_thread(self.specs.analyse, path)
+            except Exception:  # a defect of one analysis must not end those of all other texts
+                self._waiting.discard(path)
+                self._log(types.MessageType.Error, f"{path}: {traceback.format_exc()}")
+                continue
             if generation != self.specs.generation:
                 # Something has changed since: what is true now is shown.
                 await self._quiet()

@@ -129,3 +129,29 @@ def test_changes_that_come_together_are_analysed_once(watched: Watched, tmp_path
 
     asyncio.run(session())
     assert [text for _, text in watched.analysed] == [SPEC.replace("NAME", "version_4")]
+
+
+def test_an_analysis_that_fails_does_not_end_the_others(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    watched = Watched(monkeypatch)
+    logged: list[str] = []
+    monkeypatch.setattr(watched.server, "_log", lambda _, text: logged.append(text))
+    analyse = watched.server.specs.analyse
+
+    def fail_once(path: Path) -> Analysis:
+        if path.name == "first.yaml":
+            raise RuntimeError("a defect")
+        return analyse(path)
+
+    monkeypatch.setattr(watched.server.specs, "analyse", fail_once)
+
+    async def session() -> None:
+        watched.server.change(tmp_path / "first.yaml", SPEC)
+        watched.server.change(tmp_path / "second.yaml", SPEC)
+        await watched.idle()
+
+    asyncio.run(session())
+    assert watched.shown == [("second.yaml", SPEC)]
+    assert len(logged) == 1
+    assert "RuntimeError: a defect" in logged[0]
