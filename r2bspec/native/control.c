@@ -1,6 +1,5 @@
 /* The parts of a process, and the channel over which the controller commands each. */
 #include "harness.h"
-#include "hello.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -162,12 +161,6 @@ int r2bspec_harness_serve(int fd)
   }
   part_count += 1;
   return 0;
-}
-
-int r2bspec_harness_start(const char *socket_path, const char *part)
-{
-  const int fd = say_hello(socket_path, "part", part);
-  return fd < 0 ? fd : r2bspec_harness_serve(fd);
 }
 
 int r2bspec_harness_join(void)

@@ -25,10 +25,9 @@
 
 /* control.c: the parts of a process; not for several threads at once. */
 
-/* Starts a part that is controlled over a connected socket, which it will close. */
+/* Starts a part that is controlled over a connected socket, which it will close; returns 0, or a
+ * negative errno. */
 PUBLIC int r2bspec_harness_serve(int fd);
-/* The same over a socket in the file system; the part says hello with its name. */
-PUBLIC int r2bspec_harness_start(const char *socket_path, const char *part);
 /* Waits for the end of all parts, for at most two seconds; 1 if one of them has failed, else 0. */
 PUBLIC int r2bspec_harness_join(void);
 /* Serves a channel in this thread until it is told to end. */
