@@ -47,18 +47,13 @@ void ignore_rcl(rcl_ret_t status)
   }
 }
 
-int fail_file(const char *path)
+int fail_errno(const char *what)
 {
   const int reason = errno;
   const bool full =
     reason == ENOSPC || reason == EDQUOT || reason == EFBIG || reason == EROFS;
-  return full ? fail(DISK_FAULT, "%s cannot be written: %s", path, strerror(reason))
-              : fail(HARNESS_FAULT, "%s: %s", path, strerror(reason));
-}
-
-int fail_memory(void)
-{
-  return fail(HARNESS_FAULT, "there is not enough memory");
+  return full ? fail(DISK_FAULT, "%s cannot be written: %s", what, strerror(reason))
+              : fail(HARNESS_FAULT, "%s: %s", what, strerror(reason));
 }
 
 /* ---- the channel ---- */
@@ -88,7 +83,7 @@ int channel_reply(channel_t *channel, const char *format, ...)
   va_start(arguments, format);
   const int sent = vdprintf(fileno(channel->in), format, arguments);
   va_end(arguments);
-  return sent < 0 ? fail_file("the control channel") : 0;
+  return sent < 0 ? fail_errno("the control channel") : 0;
 }
 
 /* ---- the parts ---- */
@@ -119,12 +114,13 @@ static int play_role(channel_t *channel)
   return status;
 }
 
-void part_serve(int fd)
+void *part_serve(void *descriptor)
 {
+  const int fd = (int)(intptr_t)descriptor;
   channel_t channel = {.in = fdopen(fd, "r")};
   if (channel.in == NULL) {
     close(fd);
-    return;
+    return NULL;
   }
   (void)fcntl(fd, F_SETFD, FD_CLOEXEC);
   /* So that poll() tells of everything that has not been read. */
@@ -136,11 +132,6 @@ void part_serve(int fd)
   }
   free(channel.word);
   fclose(channel.in);
-}
-
-static void *serve(void *fd)
-{
-  part_serve((int)(intptr_t)fd);
   return NULL;
 }
 
@@ -152,7 +143,7 @@ int r2bspec_harness_serve(int fd)
   if (part_count < MAX_PARTS) {
     /* Signals are for the threads of the process; those of the middleware inherit this, too. */
     pthread_sigmask(SIG_SETMASK, &all, &before);
-    status = pthread_create(&parts[part_count], NULL, serve, (void *)(intptr_t)fd);
+    status = pthread_create(&parts[part_count], NULL, part_serve, (void *)(intptr_t)fd);
     pthread_sigmask(SIG_SETMASK, &before, NULL);
   }
   if (status != 0) {

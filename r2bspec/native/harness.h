@@ -30,8 +30,8 @@
 PUBLIC int r2bspec_harness_serve(int fd);
 /* Waits for the end of all parts, for at most two seconds; 1 if one of them has failed, else 0. */
 PUBLIC int r2bspec_harness_join(void);
-/* Serves a channel in this thread until it is told to end. */
-void part_serve(int fd);
+/* Serves a channel, of which this is the descriptor, in this thread until it is told to end. */
+void *part_serve(void *fd);
 
 /* control.c: the channel of a part. */
 
@@ -59,9 +59,8 @@ int fail(const char *code, const char *format, ...) __attribute__((format(printf
 int fail_rcl(const char *what);
 /* For calls whose failure changes nothing: forgets the error that rcl has kept. */
 void ignore_rcl(rcl_ret_t status);
-/* errno says why this file cannot be used. */
-int fail_file(const char *path);
-int fail_memory(void);
+/* errno says why this, which may be a file, cannot be used. */
+int fail_errno(const char *what);
 
 static inline int64_t read_clock(clockid_t clock)
 {

@@ -59,10 +59,10 @@ static int rows_open(rows_t *rows, const char *folder, const char *file, size_t 
   rows->row_bytes = width * sizeof(int64_t);
   if (asprintf(&rows->path, "%s/%s", folder, file) < 0) {
     rows->path = NULL;
-    return fail_memory();
+    return fail_errno("memory");
   }
   rows->fd = open(rows->path, O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0600);
-  return rows->fd < 0 ? fail_file(rows->path) : 0;
+  return rows->fd < 0 ? fail_errno(rows->path) : 0;
 }
 
 static int rows_append(rows_t *rows, const int64_t *values)
@@ -71,7 +71,7 @@ static int rows_append(rows_t *rows, const int64_t *values)
   if (written >= 0 && (size_t)written < rows->row_bytes) {
     errno = ENOSPC;
   }
-  return written == (ssize_t)rows->row_bytes ? 0 : fail_file(rows->path);
+  return written == (ssize_t)rows->row_bytes ? 0 : fail_errno(rows->path);
 }
 
 static void rows_close(rows_t *rows)
@@ -186,7 +186,7 @@ static int subscribe_to(monitor_t *monitor, bool temporary)
   channel_t *channel = monitor->channel;
   watched_t *each = calloc(1, sizeof(*each));
   if (each == NULL) {
-    return fail_memory();
+    return fail_errno("memory");
   }
   *each = (watched_t){
     .next = monitor->watched, .temporary = temporary, .rows.fd = -1, .wake_fd = monitor->wake_fd};
@@ -285,8 +285,9 @@ static int run_loop(monitor_t *monitor)
 static int configure(monitor_t *monitor)
 {
   monitor->rows_dir = strdup(next_word(monitor->channel));
+  monitor->wake_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
   if (monitor->wake_fd < 0 || monitor->rows_dir == NULL) {
-    return fail_memory();
+    return fail_errno("memory");
   }
   for (int64_t left = next_number(monitor->channel); left > 0; --left) {
     if (ros_type(next_word(monitor->channel)) == NULL) {
@@ -307,7 +308,7 @@ int monitor_serve(channel_t *channel, rcl_node_t *node)
     .node = node,
     .stalls.fd = -1,
     .message = rmw_get_zero_initialized_serialized_message(),
-    .wake_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK),
+    .wake_fd = -1,
   };
   monitor.message.allocator = rcl_get_default_allocator();
   int status = configure(&monitor);

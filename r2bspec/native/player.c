@@ -84,7 +84,7 @@ static int map_file(mapping_t *mapping, const char *path, bool shared)
 {
   const int fd = open(path, (shared ? O_RDWR : O_RDONLY) | O_CLOEXEC);
   if (fd < 0) {
-    return fail_file(path);
+    return fail_errno(path);
   }
   struct stat found;
   void *data = fstat(fd, &found) < 0 ? MAP_FAILED : NULL;
@@ -92,7 +92,7 @@ static int map_file(mapping_t *mapping, const char *path, bool shared)
     data = mmap(NULL, (size_t)found.st_size, PROT_READ | PROT_WRITE,
                 shared ? MAP_SHARED : MAP_PRIVATE, fd, 0);
   }
-  const int failed = data == MAP_FAILED ? fail_file(path) : 0;
+  const int failed = data == MAP_FAILED ? fail_errno(path) : 0;
   close(fd);
   if (failed == 0 && data != NULL) {
     *mapping = (mapping_t){.data = data, .size = (size_t)found.st_size};
@@ -297,7 +297,7 @@ static int configure(player_t *player)
 {
   const int64_t inputs = next_number(player->channel);
   player->sources = calloc(inputs < 0 ? 1 : (size_t)inputs + 1, sizeof(source_t));
-  int failed = player->sources == NULL ? fail_memory() : 0;
+  int failed = player->sources == NULL ? fail_errno("memory") : 0;
   while (failed == 0 && player->source_count < inputs) {
     failed = add_source(player, player->channel);
   }

@@ -22,8 +22,7 @@ int fail(const char *code, const char *format, ...)
   return -1;
 }
 
-int fail_file(const char *path) { return fail("", "%s cannot be read", path); }
-int fail_memory(void) { return fail("", "no memory"); }
+int fail_errno(const char *what) { return fail("", "%s cannot be used", what); }
 int fail_rcl(const char *what) { return fail("", "%s failed", what); }
 void ignore_rcl(rcl_ret_t status) { (void)status; }
 
