@@ -6,17 +6,17 @@ A command is some words, each followed by a zero byte; how many come is known fr
     player INPUTS {TYPE QOS TOPIC BUFFER}           ConfigurePlayer
     play PLAYLIST                                   Follow, after the playlist was written
     play PLAYBACK                                   Play, after the playback file was written
-    monitor ROWS-DIR TYPES {TYPE}                   ConfigureMonitor
-    subscribe TOPICS {TYPE FILE QOS TOPIC}          Subscribe
-    watch TOPICS {TYPE FILE QOS TOPIC}              Watch
+    monitor STALLS TYPES {TYPE}                     ConfigureMonitor
+    subscribe TOPICS {TYPE ROWS QOS TOPIC}          Subscribe
+    watch TOPICS {TYPE ROWS QOS TOPIC}              Watch
     unwatch                                         Unwatch
     count                                           CountMatches
     stop                                            Stop
     shutdown                                        Shutdown
 
 The INPUTS of a player are those of the plan, and /tf after them if it is played. A QOS is four
-words: the numbers that rmw has for reliability, durability and history, and the depth. A FILE is
-the name of a file of rows in ROWS-DIR.
+words: the numbers that rmw has for reliability, durability and history, and the depth. STALLS and
+ROWS are the paths of files of rows, which the monitor makes.
 
 A reply is one line of words; the text at its end is written as it is::
 
@@ -43,6 +43,7 @@ from r2bspec.ipc.playback_events import Round
 from r2bspec.ipc.playback_file import PlaybackReader, playback_path, write_playback, write_playlist
 from r2bspec.ipc.playlist import read_round
 from r2bspec.ipc.schedule import Schedule
+from r2bspec.ipc.stall_log import STALL_FILE
 from r2bspec.ipc.transform_stamps import TF, TF_QOS, TF_TYPE
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import MonitorPlan
@@ -78,6 +79,7 @@ class NativeCodec:
     def __init__(self) -> None:
         self._player: protocol.ConfigurePlayer | None = None
         self._played: PlaybackReader | None = None
+        self._rows_dir: Path | None = None
         self._round: Round | None = None
         self._headers: dict[str, bool] = {}
         self._is_loading = False
@@ -113,14 +115,15 @@ class NativeCodec:
                 self._is_loading = False
                 return ["play", str(self._write_playback(rate_hz, steps))]
             case protocol.ConfigureMonitor(monitors=monitors, rows_dir=folder):
+                self._rows_dir = Path(folder)
                 types = dict.fromkeys(each.type for each in monitors)
-                return ["monitor", folder, str(len(types)), *types]
+                return ["monitor", str(self._rows_dir / STALL_FILE), str(len(types)), *types]
             case protocol.Subscribe(monitors=monitors):
                 self._add_topics(monitors, is_watched=False)
-                return ["subscribe", str(len(monitors)), *_topic_words(monitors)]
+                return ["subscribe", str(len(monitors)), *self._topic_words(monitors)]
             case protocol.Watch(monitors=monitors):
                 self._add_topics(monitors, is_watched=True)
-                return ["watch", str(len(monitors)), *_topic_words(monitors)]
+                return ["watch", str(len(monitors)), *self._topic_words(monitors)]
             case protocol.Unwatch():
                 self._topics = [each for each in self._topics if not each[1]]
         word = _SIMPLE.get(type(message))
@@ -154,6 +157,15 @@ class NativeCodec:
         last_stamp_ns = self._played.last_stamp_ns()
         write_playback(path, self._round, rate_hz, steps, first, last_stamp_ns)
         return path
+
+    def _topic_words(self, monitors: Iterable[MonitorPlan]) -> Iterator[str]:
+        if self._rows_dir is None:
+            raise ValueError("a monitor is configured before it gets topics")
+        for each in monitors:
+            if each.qos is None:
+                raise ValueError(f"{each.topic} is subscribed to with a known quality of service")
+            rows = self._rows_dir / f"{each.name}.rows"
+            yield from (each.type, str(rows), *_qos_words(each.qos), each.topic)
 
     def _add_topics(self, monitors: Iterable[MonitorPlan], *, is_watched: bool) -> None:
         for each in monitors:
@@ -201,13 +213,6 @@ def _player_words(command: protocol.ConfigurePlayer) -> Iterator[str]:
     for topic, kind, qos, source in inputs:
         path = buffers.buffer_path(folder, source, "cdr")
         yield from (kind, *_qos_words(qos), topic, str(path))
-
-
-def _topic_words(monitors: Iterable[MonitorPlan]) -> Iterator[str]:
-    for each in monitors:
-        if each.qos is None:
-            raise ValueError(f"{each.topic} is subscribed to with a known quality of service")
-        yield from (each.type, f"{each.name}.rows", *_qos_words(each.qos), each.topic)
 
 
 def _qos_words(qos: QoS) -> Iterator[str]:

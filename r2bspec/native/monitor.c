@@ -20,7 +20,6 @@
 /* A round of the loop that takes this much longer than it waits and computes is a stall: the
  * arrivals in it are late by themselves. Even a busy machine wakes a process earlier. */
 #define MIN_STALL_NS 100000000
-#define STALL_FILE "monitor.held"
 #define STAMP_END 12
 /* Clocks are read one after the other, and again if the reads were interrupted. */
 #define MAX_READ_NS 20000
@@ -45,7 +44,6 @@ typedef struct watched {
 typedef struct monitor {
   channel_t *channel;
   rcl_node_t *node;
-  char *rows_dir;
   rows_t stalls;
   watched_t *watched; /* the latest one first */
   rcl_serialized_message_t message; /* reused; rcl grows it to the largest one */
@@ -54,11 +52,11 @@ typedef struct monitor {
 
 /* ---- files ---- */
 
-static int rows_open(rows_t *rows, const char *folder, const char *file, size_t width)
+static int rows_open(rows_t *rows, const char *path, size_t width)
 {
   rows->row_bytes = width * sizeof(int64_t);
-  if (asprintf(&rows->path, "%s/%s", folder, file) < 0) {
-    rows->path = NULL;
+  rows->path = strdup(path);
+  if (rows->path == NULL) {
     return fail_errno("memory");
   }
   rows->fd = open(rows->path, O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0600);
@@ -179,7 +177,7 @@ static void remove_watched(monitor_t *monitor, bool all)
   }
 }
 
-/* Subscribes to {TYPE FILE QOS TOPIC}. A topic that is watched for a while is left out if its type
+/* Subscribes to {TYPE ROWS QOS TOPIC}. A topic that is watched for a while is left out if its type
  * is not installed. */
 static int subscribe_to(monitor_t *monitor, bool temporary)
 {
@@ -192,8 +190,8 @@ static int subscribe_to(monitor_t *monitor, bool temporary)
     .next = monitor->watched, .temporary = temporary, .rows.fd = -1, .wake_fd = monitor->wake_fd};
   monitor->watched = each;
   type_t *type = ros_type(next_word(channel));
-  const char *file = next_word(channel);
-  if (type != NULL && rows_open(&each->rows, monitor->rows_dir, file, 5) < 0) {
+  const char *rows = next_word(channel);
+  if (type != NULL && rows_open(&each->rows, rows, 5) < 0) {
     return -1;
   }
   rcl_subscription_options_t options = rcl_subscription_get_default_options();
@@ -281,21 +279,20 @@ static int run_loop(monitor_t *monitor)
   return status;
 }
 
-/* monitor ROWS-DIR TYPES {TYPE}: of the topics to which it will subscribe. */
+/* monitor STALLS TYPES {TYPE}: of the topics to which it will subscribe. */
 static int configure(monitor_t *monitor)
 {
-  monitor->rows_dir = strdup(next_word(monitor->channel));
   monitor->wake_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
-  if (monitor->wake_fd < 0 || monitor->rows_dir == NULL) {
-    return fail_errno("memory");
+  if (monitor->wake_fd < 0) {
+    return fail_errno("a descriptor for events");
+  }
+  if (rows_open(&monitor->stalls, next_word(monitor->channel), 2) < 0) {
+    return -1;
   }
   for (int64_t left = next_number(monitor->channel); left > 0; --left) {
     if (ros_type(next_word(monitor->channel)) == NULL) {
       return -1;
     }
-  }
-  if (rows_open(&monitor->stalls, monitor->rows_dir, STALL_FILE, 2) < 0) {
-    return -1;
   }
   const rmw_node_t *node = rcl_node_get_rmw_handle(monitor->node);
   return channel_reply(monitor->channel, "ready %s\n", node->implementation_identifier);
@@ -318,7 +315,6 @@ int monitor_serve(channel_t *channel, rcl_node_t *node)
   remove_watched(&monitor, true);
   ignore_rcl(rmw_serialized_message_fini(&monitor.message));
   rows_close(&monitor.stalls);
-  free(monitor.rows_dir);
   close(monitor.wake_fd);
   return status < 0 ? -1 : 0;
 }

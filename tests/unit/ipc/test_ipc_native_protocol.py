@@ -67,27 +67,28 @@ def write_buffer(folder: Path, topic: str, kind: str, *messages: bytes) -> None:
         (protocol.ConfigureHarness(parts=("player", "monitor")), ["harness"]),
         (
             protocol.ConfigureMonitor(monitors=(OUT, NAMED), rows_dir="/rows"),
-            ["monitor", "/rows", "1", IMAGE],
-        ),
-        (
-            protocol.Subscribe(monitors=(NAMED, OUT)),
-            [
-                *("subscribe", "2", IMAGE, "b.rows", "2", "2", "1", "3", "/out"),
-                *(IMAGE, "out.rows", "1", "2", "1", "10", "/out"),
-            ],
-        ),
-        (
-            protocol.Watch(monitors=(OUT,)),
-            ["watch", "1", IMAGE, "out.rows", "1", "2", "1", "10", "/out"],
+            ["monitor", "/rows/monitor.held", "1", IMAGE],
         ),
         (
             protocol.ConfigureMonitor(monitors=(), rows_dir="/a b\n%c/\N{SNOWMAN}\udcff"),
-            ["monitor", "/a b\n%c/\N{SNOWMAN}\udcff", "0"],
+            ["monitor", "/a b\n%c/\N{SNOWMAN}\udcff/monitor.held", "0"],
         ),
     ],
 )
 def test_a_command_is_words(command: object, expected: list[str]) -> None:
     assert words(command) == expected
+
+
+def test_topics_have_the_paths_of_their_rows() -> None:
+    codec = NativeCodec()
+    codec.encode(protocol.ConfigureMonitor(monitors=(), rows_dir="/a rows"))
+    assert words(protocol.Subscribe(monitors=(NAMED, OUT)), codec) == [
+        *("subscribe", "2", IMAGE, "/a rows/b.rows", "2", "2", "1", "3", "/out"),
+        *(IMAGE, "/a rows/out.rows", "1", "2", "1", "10", "/out"),
+    ]
+    assert words(protocol.Watch(monitors=(OUT,)), codec) == [
+        *("watch", "1", IMAGE, "/a rows/out.rows", "1", "2", "1", "10", "/out"),
+    ]
 
 
 def test_a_player_has_its_inputs_and_transforms_after_them(tmp_path: Path) -> None:
@@ -246,8 +247,12 @@ def test_what_a_native_part_does_not_know_is_an_error() -> None:
     with pytest.raises(ValueError, match="no command of a native part: Survey"):
         words(protocol.Survey())
     unknown = msgspec.structs.replace(OUT, qos=None)
+    with pytest.raises(ValueError, match="configured before it gets topics"):
+        words(protocol.Subscribe(monitors=(OUT,)))
+    codec = NativeCodec()
+    codec.encode(protocol.ConfigureMonitor(monitors=(), rows_dir="/rows"))
     with pytest.raises(ValueError, match="known quality of service"):
-        words(protocol.Subscribe(monitors=(unknown,)))
+        words(protocol.Subscribe(monitors=(unknown,)), codec)
     with pytest.raises(ValueError, match="configured before"):
         words(protocol.Follow(schedule=CyclicSchedule(steps=((0,),))))
     with pytest.raises(ValueError, match="before it plays"):
