@@ -14,9 +14,10 @@ A command is some words, each followed by a zero byte; how many come is known fr
     stop                                            Stop
     shutdown                                        Shutdown
 
-The INPUTS of a player are those of the plan, and /tf after them if it is played. A QOS is four
-words: the numbers that rmw has for reliability, durability and history, and the depth. STALLS and
-ROWS are the paths of files of rows, which the monitor makes.
+The INPUTS of a player are those of the plan, and /tf after them if it is played. A TYPE is three
+words: the library that has the type, the function in it that returns it, and its name. A QOS is
+four words: the numbers that rmw has for reliability, durability and history, and the depth. STALLS
+and ROWS are the paths of files of rows, which the monitor makes.
 
 A reply is one line of words; the text at its end is written as it is::
 
@@ -117,7 +118,8 @@ class NativeCodec:
             case protocol.ConfigureMonitor(monitors=monitors, rows_dir=folder):
                 self._rows_dir = Path(folder)
                 types = dict.fromkeys(each.type for each in monitors)
-                return ["monitor", str(self._rows_dir / STALL_FILE), str(len(types)), *types]
+                words = (word for each in types for word in _type_words(each))
+                return ["monitor", str(self._rows_dir / STALL_FILE), str(len(types)), *words]
             case protocol.Subscribe(monitors=monitors):
                 self._add_topics(monitors, is_watched=False)
                 return ["subscribe", str(len(monitors)), *self._topic_words(monitors)]
@@ -165,7 +167,7 @@ class NativeCodec:
             if each.qos is None:
                 raise ValueError(f"{each.topic} is subscribed to with a known quality of service")
             rows = self._rows_dir / f"{each.name}.rows"
-            yield from (each.type, str(rows), *_qos_words(each.qos), each.topic)
+            yield from (*_type_words(each.type), str(rows), *_qos_words(each.qos), each.topic)
 
     def _add_topics(self, monitors: Iterable[MonitorPlan], *, is_watched: bool) -> None:
         for each in monitors:
@@ -212,7 +214,14 @@ def _player_words(command: protocol.ConfigurePlayer) -> Iterator[str]:
     yield str(len(inputs))
     for topic, kind, qos, source in inputs:
         path = buffers.buffer_path(folder, source, "cdr")
-        yield from (kind, *_qos_words(qos), topic, str(path))
+        yield from (*_type_words(kind), *_qos_words(qos), topic, str(path))
+
+
+def _type_words(name: str) -> tuple[str, str, str]:
+    """A type by the names that rosidl gives to its generated code."""
+    package, _, message = name.partition("/msg/")
+    getter = "rosidl_typesupport_c__get_message_type_support_handle"
+    return f"lib{package}__rosidl_typesupport_c.so", f"{getter}__{package}__msg__{message}", name
 
 
 def _qos_words(qos: QoS) -> Iterator[str]:

@@ -83,8 +83,8 @@ typedef const rosidl_message_type_support_t type_t;
 
 int ros_init(ros_t *ros, const char *node_name);
 void ros_fini(ros_t *ros);
-/* The type support of a name such as sensor_msgs/msg/Image; NULL if it is not installed. */
-type_t *ros_type(const char *name);
+/* The type support of the next TYPE of a command; NULL if it is not installed. */
+type_t *next_type(channel_t *channel);
 bool begins_with_header(type_t *type);
 rmw_qos_profile_t next_qos(channel_t *channel);
 

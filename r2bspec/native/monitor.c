@@ -189,7 +189,7 @@ static int subscribe_to(monitor_t *monitor, bool temporary)
   *each = (watched_t){
     .next = monitor->watched, .temporary = temporary, .rows.fd = -1, .wake_fd = monitor->wake_fd};
   monitor->watched = each;
-  type_t *type = ros_type(next_word(channel));
+  type_t *type = next_type(channel);
   const char *rows = next_word(channel);
   if (type != NULL && rows_open(&each->rows, rows, 5) < 0) {
     return -1;
@@ -290,7 +290,7 @@ static int configure(monitor_t *monitor)
     return -1;
   }
   for (int64_t left = next_number(monitor->channel); left > 0; --left) {
-    if (ros_type(next_word(monitor->channel)) == NULL) {
+    if (next_type(monitor->channel) == NULL) {
       return -1;
     }
   }

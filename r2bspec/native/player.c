@@ -276,7 +276,7 @@ static int play(player_t *player, const char *path)
 static int add_source(player_t *player, channel_t *channel)
 {
   source_t *source = &player->sources[player->source_count];
-  type_t *type = ros_type(next_word(channel));
+  type_t *type = next_type(channel);
   rcl_publisher_options_t options = rcl_publisher_get_default_options();
   options.qos = next_qos(channel);
   source->publisher = rcl_get_zero_initialized_publisher();

@@ -392,17 +392,18 @@ def test_a_monitor_that_did_not_run_says_for_how_long(
 @pytest.mark.parametrize(
     ("command", "message", "code"),
     [
-        (
-            protocol.ConfigureMonitor(
-                monitors=(
-                    MonitorPlan(
-                        name="x", topic="/x", type="no_such/msg/Thing", match="order", qos=None
+        *(
+            (
+                protocol.ConfigureMonitor(
+                    monitors=(
+                        MonitorPlan(name="x", topic="/x", type=kind, match="order", qos=None),
                     ),
+                    rows_dir="ROWS",
                 ),
-                rows_dir="ROWS",
-            ),
-            "message type no_such/msg/Thing is not installed",
-            "R2B681",
+                f"message type {kind} is not installed",
+                "R2B681",
+            )
+            for kind in ("no_such/msg/Thing", "sensor_msgs/msg/NoSuch", "sensor_msgs/Image", "")
         ),
         (
             protocol.ConfigureMonitor(monitors=(), rows_dir="/nowhere/at all"),

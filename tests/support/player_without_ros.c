@@ -54,9 +54,9 @@ int64_t next_number(channel_t *channel) { return channel == NULL; }
 bool begins_with_header(type_t *type) { return type != NULL; }
 rmw_qos_profile_t next_qos(channel_t *channel) { (void)channel; return rmw_qos_profile_default; }
 
-type_t *ros_type(const char *name)
+type_t *next_type(channel_t *channel)
 {
-  (void)name;
+  (void)channel;
   return NULL;
 }
 

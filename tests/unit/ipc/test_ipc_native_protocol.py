@@ -26,6 +26,16 @@ from r2bspec.plan.plan import InputPlan, MonitorPlan
 from r2bspec.record.run_record import PLAYBACK_FIELDS
 
 IMAGE = "sensor_msgs/msg/Image"
+IMAGE_WORDS = (
+    "libsensor_msgs__rosidl_typesupport_c.so",
+    "rosidl_typesupport_c__get_message_type_support_handle__sensor_msgs__msg__Image",
+    IMAGE,
+)
+TF_WORDS = (
+    "libtf2_msgs__rosidl_typesupport_c.so",
+    "rosidl_typesupport_c__get_message_type_support_handle__tf2_msgs__msg__TFMessage",
+    TF_TYPE,
+)
 OUT = MonitorPlan(name="out", topic="/out", type=IMAGE, match="stamp", qos=QoS())
 NAMED = msgspec.structs.replace(OUT, name="b", qos=QoS(reliability="best_effort", depth=3))
 INPUT = InputPlan(topic="/in", type=IMAGE, source="/loaded", bag_topic="", qos=QoS())
@@ -67,7 +77,7 @@ def write_buffer(folder: Path, topic: str, kind: str, *messages: bytes) -> None:
         (protocol.ConfigureHarness(parts=("player", "monitor")), ["harness"]),
         (
             protocol.ConfigureMonitor(monitors=(OUT, NAMED), rows_dir="/rows"),
-            ["monitor", "/rows/monitor.held", "1", IMAGE],
+            ["monitor", "/rows/monitor.held", "1", *IMAGE_WORDS],
         ),
         (
             protocol.ConfigureMonitor(monitors=(), rows_dir="/a b\n%c/\N{SNOWMAN}\udcff"),
@@ -83,18 +93,18 @@ def test_topics_have_the_paths_of_their_rows() -> None:
     codec = NativeCodec()
     codec.encode(protocol.ConfigureMonitor(monitors=(), rows_dir="/a rows"))
     assert words(protocol.Subscribe(monitors=(NAMED, OUT)), codec) == [
-        *("subscribe", "2", IMAGE, "/a rows/b.rows", "2", "2", "1", "3", "/out"),
-        *(IMAGE, "/a rows/out.rows", "1", "2", "1", "10", "/out"),
+        *("subscribe", "2", *IMAGE_WORDS, "/a rows/b.rows", "2", "2", "1", "3", "/out"),
+        *(*IMAGE_WORDS, "/a rows/out.rows", "1", "2", "1", "10", "/out"),
     ]
     assert words(protocol.Watch(monitors=(OUT,)), codec) == [
-        *("watch", "1", IMAGE, "/a rows/out.rows", "1", "2", "1", "10", "/out"),
+        *("watch", "1", *IMAGE_WORDS, "/a rows/out.rows", "1", "2", "1", "10", "/out"),
     ]
 
 
 def test_a_player_has_its_inputs_and_transforms_after_them(tmp_path: Path) -> None:
-    own = [IMAGE, "1", "2", "1", "10", "/in", f"{tmp_path}/loaded.cdr"]
+    own = [*IMAGE_WORDS, "1", "2", "1", "10", "/in", f"{tmp_path}/loaded.cdr"]
     assert words(player(tmp_path)) == ["player", "1", *own]
-    tf = [TF_TYPE, "1", "2", "1", "100", "/tf", f"{tmp_path}/tf.cdr"]
+    tf = [*TF_WORDS, "1", "2", "1", "100", "/tf", f"{tmp_path}/tf.cdr"]
     assert words(player(tmp_path, (TF, TF_STATIC))) == ["player", "2", *own, *tf]
 
 
