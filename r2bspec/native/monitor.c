@@ -74,9 +74,7 @@ static int rows_append(rows_t *rows, const int64_t *values)
 
 static void rows_close(rows_t *rows)
 {
-  if (rows->fd >= 0) {
-    close(rows->fd);
-  }
+  close(rows->fd); /* -1 if it could not be opened */
   free(rows->path);
 }
 

@@ -33,6 +33,7 @@
 #define NO_PLACE (-1)
 #define PAGE_BYTES 4096 /* or a multiple of it */
 
+/* Of size 0 if nothing is mapped: munmap() then only returns an error. */
 typedef struct mapping {
   char *data;
   size_t size;
@@ -98,13 +99,6 @@ static int map_file(mapping_t *mapping, const char *path, bool shared)
     *mapping = (mapping_t){.data = data, .size = (size_t)found.st_size};
   }
   return failed;
-}
-
-static void unmap(const mapping_t *mapping)
-{
-  if (mapping->data != NULL) {
-    munmap(mapping->data, mapping->size);
-  }
 }
 
 static bool within(int64_t first, int64_t count, int64_t total)
@@ -266,7 +260,7 @@ static int play(player_t *player, const char *path)
       touch(player, playback);
     }
   }
-  unmap(&file);
+  (void)munmap(file.data, file.size);
   return steps < 0 ? -1 : channel_reply(player->channel, "played %d\n", steps);
 }
 
@@ -346,7 +340,7 @@ int player_serve(channel_t *channel, rcl_node_t *node)
   }
   for (int64_t i = 0; i < player.source_count; ++i) {
     ignore_rcl(rcl_publisher_fini(&player.sources[i].publisher, node));
-    unmap(&player.sources[i].buffer);
+    (void)munmap(player.sources[i].buffer.data, player.sources[i].buffer.size);
   }
   free(player.sources);
   return status < 0 ? -1 : 0;

@@ -89,7 +89,7 @@ static void answer(char *line)
   printf("%s: %zu bytes\n", text, published);
   fflush(stdout);
   for (int64_t i = 0; i < player.source_count; ++i) {
-    unmap(&player.sources[i].buffer);
+    (void)munmap(player.sources[i].buffer.data, player.sources[i].buffer.size);
   }
   free(player.sources);
 }
