@@ -28,6 +28,7 @@ A reply is one line of words; the text at its end is written as it is::
                             latest one first; -1 for one without a subscription
     played STEPS            Played; for a playlist, Ready
     failed CODE TEXT        Failed
+    failed errno NUMBER WHAT: REASON    Failed; the code follows from the number
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ from typing import Any
 import msgspec
 
 from r2bspec.ipc import buffers, protocol
+from r2bspec.ipc.disk_errors import is_refusal, refusal_text
 from r2bspec.ipc.playback_events import Round
 from r2bspec.ipc.playback_file import PlaybackReader, playback_path, write_playback, write_playlist
 from r2bspec.ipc.playlist import read_round
@@ -201,9 +203,20 @@ class NativeCodec:
             case "played":
                 return protocol.Played(steps=int(rest))
             case "failed":
-                code, _, text = rest.partition(" ")
-                return protocol.Failed(code=code, message=text, hint=_HINTS.get(code, ""))
+                return _failure(rest)
         raise msgspec.DecodeError(f"no reply of a native part: {word}")
+
+
+def _failure(text: str) -> protocol.Failed:
+    code, _, message = text.partition(" ")
+    if code == "errno":
+        number, _, message = message.partition(" ")
+        what, _, reason = message.rpartition(": ")
+        error = OSError(int(number), reason, what)
+        code = "R2B630"
+        if is_refusal(error):
+            code, message = "R2B651", refusal_text(error)
+    return protocol.Failed(code=code, message=message, hint=_HINTS.get(code, ""))
 
 
 def _player_words(command: protocol.ConfigurePlayer) -> Iterator[str]:

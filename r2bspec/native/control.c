@@ -17,7 +17,7 @@
 
 /* ---- what failed ---- */
 
-/* The line for the controller: a code of r2bspec, and the message. */
+/* The line for the controller: a code of r2bspec, or "errno" and its number, and the message. */
 static _Thread_local char fault[1024];
 
 int fail(const char *code, const char *format, ...)
@@ -50,10 +50,7 @@ void ignore_rcl(rcl_ret_t status)
 int fail_errno(const char *what)
 {
   const int reason = errno;
-  const bool full =
-    reason == ENOSPC || reason == EDQUOT || reason == EFBIG || reason == EROFS;
-  return full ? fail(DISK_FAULT, "%s cannot be written: %s", what, strerror(reason))
-              : fail(HARNESS_FAULT, "%s: %s", what, strerror(reason));
+  return fail("errno", "%d %s: %s", reason, what, strerror(reason));
 }
 
 /* ---- the channel ---- */

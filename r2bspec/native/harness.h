@@ -52,14 +52,13 @@ int channel_reply(channel_t *channel, const char *format, ...)
   __attribute__((format(printf, 2, 3)));
 
 #define HARNESS_FAULT "R2B630"
-#define DISK_FAULT "R2B651"
 
 /* Keeps what failed, for the report; returns -1, as those below. */
 int fail(const char *code, const char *format, ...) __attribute__((format(printf, 2, 3)));
 int fail_rcl(const char *what);
 /* For calls whose failure changes nothing: forgets the error that rcl has kept. */
 void ignore_rcl(rcl_ret_t status);
-/* errno says why this, which may be a file, cannot be used. */
+/* errno says why this, which may be a file, cannot be used; the controller knows its code. */
 int fail_errno(const char *what);
 
 static inline int64_t read_clock(clockid_t clock)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import resource
 import signal
@@ -218,14 +219,29 @@ def test_the_counts_of_a_monitor_are_those_of_its_topics_and_of_what_is_watched(
 
 
 def test_a_failure_has_its_code_a_text_and_what_to_do() -> None:
-    found = NativeCodec().decode(b"failed R2B651 /a b cannot be written: \xff full\n")
+    found = NativeCodec().decode(b"failed R2B681 \xff is not installed\n")
     assert isinstance(found, protocol.Failed)
-    assert (found.code, found.message) == ("R2B651", "/a b cannot be written: \ufffd full")
-    assert found.hint.startswith("Make room on that disk")
+    assert (found.code, found.message) == ("R2B681", "\ufffd is not installed")
+    assert found.hint.startswith("Install its package")
     assert NativeCodec().decode(b"failed R2B630 x") == protocol.Failed(code="R2B630", message="x")
 
 
-@pytest.mark.parametrize("reply", [b"", b"hello", b"matched 1 2", b"played x", b"\xff\n"])
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS])
+def test_an_error_of_a_full_disk_has_its_own_code(number: int) -> None:
+    found = NativeCodec().decode(b"failed errno %d /a: b\xff: No room\n" % number)
+    assert isinstance(found, protocol.Failed)
+    assert (found.code, found.message) == ("R2B651", "/a: b\ufffd cannot be written: No room")
+    assert found.hint.startswith("Make room on that disk")
+
+
+def test_another_error_of_the_system_is_one_of_the_harness() -> None:
+    found = NativeCodec().decode(b"failed errno %d memory: No more\n" % errno.ENOMEM)
+    assert found == protocol.Failed(code="R2B630", message="memory: No more")
+
+
+@pytest.mark.parametrize(
+    "reply", [b"", b"hello", b"matched 1 2", b"played x", b"failed errno x", b"\xff\n"]
+)
 def test_another_line_is_no_reply(reply: bytes) -> None:
     with pytest.raises((msgspec.DecodeError, ValueError)):
         NativeCodec().decode(reply)
