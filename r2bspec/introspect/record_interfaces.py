@@ -11,7 +11,7 @@ import os
 import secrets
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -193,7 +193,7 @@ def _process(name: str, argv: tuple[str, ...], **more: Any) -> ProcessPlan:
 def _isolated_process(wired: NodeWiring) -> ProcessPlan:
     """The process of a node that runs alone."""
     node = wired.node
-    bare = replace(
+    bare = msgspec.structs.replace(
         wired,
         key=_INSPECTED_NAME,
         namespace=NAMESPACE,

@@ -87,12 +87,14 @@ def assert_names_the_file(done: Finished) -> None:
     assert "No space left on device" in done.error
 
 
-@pytest.mark.parametrize("kibibytes", [118, 124, 130])
+@pytest.mark.parametrize("kibibytes", [120, 140, 170])
 def test_a_disk_that_has_no_room_for_what_the_harness_records_names_the_file(
     bench: Bench, small_disk: Callable[[int], Path], kibibytes: int
 ) -> None:
     # Some of it is written before a playback, and some by the monitor as it goes.
-    done = bench.run(relay_spec(), output=small_disk(kibibytes) / "run")
+    spec = relay_spec()
+    spec["benchmark"] |= {"iterations": 50}
+    done = bench.run(spec, output=small_disk(kibibytes) / "run")
     assert_names_the_file(done)
     assert done.run().record.reason.startswith("R2B651: ")
     assert bench.judge(done.folder).status == 4
@@ -113,7 +115,9 @@ def test_a_disk_without_room_for_the_messages(
 def test_a_disk_without_room_for_the_samples(
     bench: Bench, small_disk: Callable[[int], Path]
 ) -> None:
-    done = bench.run(relay_spec(), output=small_disk(140) / "run")
+    spec = relay_spec()
+    spec["benchmark"] |= {"iterations": 50}
+    done = bench.run(spec, output=small_disk(200) / "run")
     assert done.status == 4
     assert "No space left on device" in done.error
     assert_names_the_file(done)
