@@ -6,17 +6,18 @@ A command is some words, each followed by a zero byte; how many come is known fr
     player INPUTS {TYPE QOS TOPIC BUFFER}           ConfigurePlayer
     play PLAYLIST                                   Follow, after the playlist was written
     play PLAYBACK                                   Play, after the playback file was written
-    monitor ROWS-DIR TYPES {TYPE}                   ConfigureMonitor
-    subscribe TOPICS {TYPE FILE QOS TOPIC}          Subscribe
-    watch TOPICS {TYPE FILE QOS TOPIC}              Watch
+    monitor STALLS TYPES {TYPE}                     ConfigureMonitor
+    subscribe TOPICS {TYPE ROWS QOS TOPIC}          Subscribe
+    watch TOPICS {TYPE ROWS QOS TOPIC}              Watch
     unwatch                                         Unwatch
     count                                           CountMatches
     stop                                            Stop
     shutdown                                        Shutdown
 
-The INPUTS of a player are those of the plan, and /tf after them if it is played. A QOS is four
-words: the numbers that rmw has for reliability, durability and history, and the depth. A FILE is
-the name of a file of rows in ROWS-DIR.
+The INPUTS of a player are those of the plan, and /tf after them if it is played. A TYPE is three
+words: the library that has the type, the function in it that returns it, and its name. A QOS is
+four words: the numbers that rmw has for reliability, durability and history, and the depth. STALLS
+and ROWS are the paths of files of rows, which the monitor makes.
 
 A reply is one line of words; the text at its end is written as it is::
 
@@ -27,6 +28,7 @@ A reply is one line of words; the text at its end is written as it is::
                             latest one first; -1 for one without a subscription
     played STEPS            Played; for a playlist, Ready
     failed CODE TEXT        Failed
+    failed errno NUMBER WHAT: REASON    Failed; the code follows from the number
 """
 
 from __future__ import annotations
@@ -39,10 +41,12 @@ from typing import Any
 import msgspec
 
 from r2bspec.ipc import buffers, protocol
+from r2bspec.ipc.disk_errors import is_refusal, refusal_text
 from r2bspec.ipc.playback_events import Round
 from r2bspec.ipc.playback_file import PlaybackReader, playback_path, write_playback, write_playlist
 from r2bspec.ipc.playlist import read_round
 from r2bspec.ipc.schedule import Schedule
+from r2bspec.ipc.stall_log import STALL_FILE
 from r2bspec.ipc.transform_stamps import TF, TF_QOS, TF_TYPE
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import MonitorPlan
@@ -78,6 +82,7 @@ class NativeCodec:
     def __init__(self) -> None:
         self._player: protocol.ConfigurePlayer | None = None
         self._played: PlaybackReader | None = None
+        self._rows_dir: Path | None = None
         self._round: Round | None = None
         self._headers: dict[str, bool] = {}
         self._is_loading = False
@@ -113,14 +118,16 @@ class NativeCodec:
                 self._is_loading = False
                 return ["play", str(self._write_playback(rate_hz, steps))]
             case protocol.ConfigureMonitor(monitors=monitors, rows_dir=folder):
+                self._rows_dir = Path(folder)
                 types = dict.fromkeys(each.type for each in monitors)
-                return ["monitor", folder, str(len(types)), *types]
+                words = (word for each in types for word in _type_words(each))
+                return ["monitor", str(self._rows_dir / STALL_FILE), str(len(types)), *words]
             case protocol.Subscribe(monitors=monitors):
                 self._add_topics(monitors, is_watched=False)
-                return ["subscribe", str(len(monitors)), *_topic_words(monitors)]
+                return ["subscribe", str(len(monitors)), *self._topic_words(monitors)]
             case protocol.Watch(monitors=monitors):
                 self._add_topics(monitors, is_watched=True)
-                return ["watch", str(len(monitors)), *_topic_words(monitors)]
+                return ["watch", str(len(monitors)), *self._topic_words(monitors)]
             case protocol.Unwatch():
                 self._topics = [each for each in self._topics if not each[1]]
         word = _SIMPLE.get(type(message))
@@ -155,6 +162,15 @@ class NativeCodec:
         write_playback(path, self._round, rate_hz, steps, first, last_stamp_ns)
         return path
 
+    def _topic_words(self, monitors: Iterable[MonitorPlan]) -> Iterator[str]:
+        if self._rows_dir is None:
+            raise ValueError("a monitor is configured before it gets topics")
+        for each in monitors:
+            if each.qos is None:
+                raise ValueError(f"{each.topic} is subscribed to with a known quality of service")
+            rows = self._rows_dir / f"{each.name}.rows"
+            yield from (*_type_words(each.type), str(rows), *_qos_words(each.qos), each.topic)
+
     def _add_topics(self, monitors: Iterable[MonitorPlan], *, is_watched: bool) -> None:
         for each in monitors:
             self._topics.insert(0, (each.topic, is_watched))
@@ -187,9 +203,20 @@ class NativeCodec:
             case "played":
                 return protocol.Played(steps=int(rest))
             case "failed":
-                code, _, text = rest.partition(" ")
-                return protocol.Failed(code=code, message=text, hint=_HINTS.get(code, ""))
+                return _failure(rest)
         raise msgspec.DecodeError(f"no reply of a native part: {word}")
+
+
+def _failure(text: str) -> protocol.Failed:
+    code, _, message = text.partition(" ")
+    if code == "errno":
+        number, _, message = message.partition(" ")
+        what, _, reason = message.rpartition(": ")
+        error = OSError(int(number), reason, what)
+        code = "R2B630"
+        if is_refusal(error):
+            code, message = "R2B651", refusal_text(error)
+    return protocol.Failed(code=code, message=message, hint=_HINTS.get(code, ""))
 
 
 def _player_words(command: protocol.ConfigurePlayer) -> Iterator[str]:
@@ -200,14 +227,14 @@ def _player_words(command: protocol.ConfigurePlayer) -> Iterator[str]:
     yield str(len(inputs))
     for topic, kind, qos, source in inputs:
         path = buffers.buffer_path(folder, source, "cdr")
-        yield from (kind, *_qos_words(qos), topic, str(path))
+        yield from (*_type_words(kind), *_qos_words(qos), topic, str(path))
 
 
-def _topic_words(monitors: Iterable[MonitorPlan]) -> Iterator[str]:
-    for each in monitors:
-        if each.qos is None:
-            raise ValueError(f"{each.topic} is subscribed to with a known quality of service")
-        yield from (each.type, f"{each.name}.rows", *_qos_words(each.qos), each.topic)
+def _type_words(name: str) -> tuple[str, str, str]:
+    """A type by the names that rosidl gives to its generated code."""
+    package, _, message = name.partition("/msg/")
+    getter = "rosidl_typesupport_c__get_message_type_support_handle"
+    return f"lib{package}__rosidl_typesupport_c.so", f"{getter}__{package}__msg__{message}", name
 
 
 def _qos_words(qos: QoS) -> Iterator[str]:

@@ -1,6 +1,5 @@
 /* The parts of a process, and the channel over which the controller commands each. */
 #include "harness.h"
-#include "hello.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -18,7 +17,7 @@
 
 /* ---- what failed ---- */
 
-/* The line for the controller: a code of r2bspec, and the message. */
+/* The line for the controller: a code of r2bspec, or "errno" and its number, and the message. */
 static _Thread_local char fault[1024];
 
 int fail(const char *code, const char *format, ...)
@@ -48,18 +47,10 @@ void ignore_rcl(rcl_ret_t status)
   }
 }
 
-int fail_file(const char *path)
+int fail_errno(const char *what)
 {
   const int reason = errno;
-  const bool full =
-    reason == ENOSPC || reason == EDQUOT || reason == EFBIG || reason == EROFS;
-  return full ? fail(DISK_FAULT, "%s cannot be written: %s", path, strerror(reason))
-              : fail(HARNESS_FAULT, "%s: %s", path, strerror(reason));
-}
-
-int fail_memory(void)
-{
-  return fail(HARNESS_FAULT, "there is not enough memory");
+  return fail("errno", "%d %s: %s", reason, what, strerror(reason));
 }
 
 /* ---- the channel ---- */
@@ -89,7 +80,7 @@ int channel_reply(channel_t *channel, const char *format, ...)
   va_start(arguments, format);
   const int sent = vdprintf(fileno(channel->in), format, arguments);
   va_end(arguments);
-  return sent < 0 ? fail_file("the control channel") : 0;
+  return sent < 0 ? fail_errno("the control channel") : 0;
 }
 
 /* ---- the parts ---- */
@@ -120,12 +111,13 @@ static int play_role(channel_t *channel)
   return status;
 }
 
-void part_serve(int fd)
+void *part_serve(void *descriptor)
 {
+  const int fd = (int)(intptr_t)descriptor;
   channel_t channel = {.in = fdopen(fd, "r")};
   if (channel.in == NULL) {
     close(fd);
-    return;
+    return NULL;
   }
   (void)fcntl(fd, F_SETFD, FD_CLOEXEC);
   /* So that poll() tells of everything that has not been read. */
@@ -137,11 +129,6 @@ void part_serve(int fd)
   }
   free(channel.word);
   fclose(channel.in);
-}
-
-static void *serve(void *fd)
-{
-  part_serve((int)(intptr_t)fd);
   return NULL;
 }
 
@@ -153,7 +140,7 @@ int r2bspec_harness_serve(int fd)
   if (part_count < MAX_PARTS) {
     /* Signals are for the threads of the process; those of the middleware inherit this, too. */
     pthread_sigmask(SIG_SETMASK, &all, &before);
-    status = pthread_create(&parts[part_count], NULL, serve, (void *)(intptr_t)fd);
+    status = pthread_create(&parts[part_count], NULL, part_serve, (void *)(intptr_t)fd);
     pthread_sigmask(SIG_SETMASK, &before, NULL);
   }
   if (status != 0) {
@@ -162,12 +149,6 @@ int r2bspec_harness_serve(int fd)
   }
   part_count += 1;
   return 0;
-}
-
-int r2bspec_harness_start(const char *socket_path, const char *part)
-{
-  const int fd = say_hello(socket_path, "part", part);
-  return fd < 0 ? fd : r2bspec_harness_serve(fd);
 }
 
 int r2bspec_harness_join(void)

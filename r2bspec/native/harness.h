@@ -25,14 +25,13 @@
 
 /* control.c: the parts of a process; not for several threads at once. */
 
-/* Starts a part that is controlled over a connected socket, which it will close. */
+/* Starts a part that is controlled over a connected socket, which it will close; returns 0, or a
+ * negative errno. */
 PUBLIC int r2bspec_harness_serve(int fd);
-/* The same over a socket in the file system; the part says hello with its name. */
-PUBLIC int r2bspec_harness_start(const char *socket_path, const char *part);
 /* Waits for the end of all parts, for at most two seconds; 1 if one of them has failed, else 0. */
 PUBLIC int r2bspec_harness_join(void);
-/* Serves a channel in this thread until it is told to end. */
-void part_serve(int fd);
+/* Serves a channel, of which this is the descriptor, in this thread until it is told to end. */
+void *part_serve(void *fd);
 
 /* control.c: the channel of a part. */
 
@@ -53,16 +52,14 @@ int channel_reply(channel_t *channel, const char *format, ...)
   __attribute__((format(printf, 2, 3)));
 
 #define HARNESS_FAULT "R2B630"
-#define DISK_FAULT "R2B651"
 
 /* Keeps what failed, for the report; returns -1, as those below. */
 int fail(const char *code, const char *format, ...) __attribute__((format(printf, 2, 3)));
 int fail_rcl(const char *what);
 /* For calls whose failure changes nothing: forgets the error that rcl has kept. */
 void ignore_rcl(rcl_ret_t status);
-/* errno says why this file cannot be used. */
-int fail_file(const char *path);
-int fail_memory(void);
+/* errno says why this, which may be a file, cannot be used; the controller knows its code. */
+int fail_errno(const char *what);
 
 static inline int64_t read_clock(clockid_t clock)
 {
@@ -85,8 +82,8 @@ typedef const rosidl_message_type_support_t type_t;
 
 int ros_init(ros_t *ros, const char *node_name);
 void ros_fini(ros_t *ros);
-/* The type support of a name such as sensor_msgs/msg/Image; NULL if it is not installed. */
-type_t *ros_type(const char *name);
+/* The type support of the next TYPE of a command; NULL if it is not installed. */
+type_t *next_type(channel_t *channel);
 bool begins_with_header(type_t *type);
 rmw_qos_profile_t next_qos(channel_t *channel);
 

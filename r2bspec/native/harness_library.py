@@ -31,7 +31,7 @@ def harness_program(
 def harness_library(
     environ: Mapping[str, str] = os.environ, flags: Sequence[str] = (), cache: Path | None = None
 ) -> Path:
-    """The library with players and monitors for other processes (`r2bspec_harness_start`).
+    """The library with players and monitors for other processes (`r2bspec_harness_serve`).
 
     Raises:
         BuildError: it cannot be built (R2B668).

@@ -7,18 +7,19 @@
  * publishers exist. All other processes stay as they are.
  *
  * No header of ROS is used, so that it can be loaded wherever libc is. For the process that is
- * meant, the controller sends "PART,PART LIBRARY": the parts, which will connect to the socket
- * themselves, and the path of the library that has them. The answer is "ready", or "failed" with a
- * code and a message. The node goes on when the controller closes the connection.
+ * meant, the controller sends "PART,PART LIBRARY": the parts, of which each gets a connection to
+ * the socket as its channel, and the path of the library that has them. The answer is "ready", or
+ * "failed" with a code and a message. The node goes on when the controller closes the connection.
  */
 #include <dlfcn.h>
+#include <errno.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
-
-#include "hello.h"
+#include <sys/un.h>
+#include <unistd.h>
 
 #define SOCKET_VARIABLE "R2BSPEC_JOIN_SOCKET"
 #define PROCESS_VARIABLE "R2BSPEC_JOIN_PROCESS"
@@ -26,7 +27,7 @@
 #define NOT_INITIALISED 1 /* RCL_RET_ERROR */
 
 typedef int init_t(int, char const *const *, const void *, void *);
-typedef int start_t(const char *socket_path, const char *part);
+typedef int serve_t(int fd);
 
 /* rclpy loads rcl for itself alone, where RTLD_NEXT does not look: then its caller knows it. */
 static init_t *real_init(void *caller)
@@ -60,19 +61,42 @@ static void leave_environment(void)
   unsetenv(PROCESS_VARIABLE);
 }
 
+/* Connects, and sends the line "WHAT NAME"; returns the connection, or a negative errno. The
+ * controller learns from the socket which process it is. */
+static int say_hello(const char *socket_path, const char *what, const char *name)
+{
+  struct sockaddr_un address = {.sun_family = AF_UNIX};
+  char line[1024];
+  const int size = snprintf(line, sizeof(line), "%s %s\n", what, name);
+  if (strlen(socket_path) >= sizeof(address.sun_path) || size >= (int)sizeof(line)) {
+    return -ENAMETOOLONG;
+  }
+  strcpy(address.sun_path, socket_path);
+  const int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  /* A new socket has room for the whole line. */
+  if (fd < 0 || connect(fd, (const struct sockaddr *)&address, sizeof(address)) < 0 ||
+      send(fd, line, (size_t)size, MSG_NOSIGNAL) != size) {
+    const int reason = errno;
+    close(fd);
+    return -reason;
+  }
+  return fd;
+}
+
 /* Starts what a command says; returns what failed, or NULL. */
 static const char *start_parts(const char *socket_path, char *command)
 {
   char *parts = strsep(&command, " ");
   void *library = command == NULL ? NULL : dlopen(command, RTLD_NOW | RTLD_LOCAL);
-  start_t *start = library == NULL ? NULL : (start_t *)dlsym(library, "r2bspec_harness_start");
-  if (start == NULL) {
+  serve_t *serve = library == NULL ? NULL : (serve_t *)dlsym(library, "r2bspec_harness_serve");
+  if (serve == NULL) {
     return dlerror();
   }
   leave_environment();
   int status = 0;
   for (char *part = strsep(&parts, ","); part != NULL && status == 0; part = strsep(&parts, ",")) {
-    status = start(socket_path, part);
+    const int fd = say_hello(socket_path, "part", part);
+    status = fd < 0 ? fd : serve(fd);
   }
   return status < 0 ? strerror(-status) : NULL;
 }

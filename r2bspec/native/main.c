@@ -46,7 +46,7 @@ int main(void)
   if (monitor >= 0) {
     (void)r2bspec_harness_serve(monitor);
   }
-  part_serve(own);
+  (void)part_serve((void *)(intptr_t)own);
   const int status = r2bspec_harness_join();
   fflush(NULL);
   /* Threads of the middleware may still run; destructors at exit can then hang or crash after all

@@ -20,7 +20,6 @@
 /* A round of the loop that takes this much longer than it waits and computes is a stall: the
  * arrivals in it are late by themselves. Even a busy machine wakes a process earlier. */
 #define MIN_STALL_NS 100000000
-#define STALL_FILE "monitor.held"
 #define STAMP_END 12
 /* Clocks are read one after the other, and again if the reads were interrupted. */
 #define MAX_READ_NS 20000
@@ -45,7 +44,6 @@ typedef struct watched {
 typedef struct monitor {
   channel_t *channel;
   rcl_node_t *node;
-  char *rows_dir;
   rows_t stalls;
   watched_t *watched; /* the latest one first */
   rcl_serialized_message_t message; /* reused; rcl grows it to the largest one */
@@ -54,15 +52,15 @@ typedef struct monitor {
 
 /* ---- files ---- */
 
-static int rows_open(rows_t *rows, const char *folder, const char *file, size_t width)
+static int rows_open(rows_t *rows, const char *path, size_t width)
 {
   rows->row_bytes = width * sizeof(int64_t);
-  if (asprintf(&rows->path, "%s/%s", folder, file) < 0) {
-    rows->path = NULL;
-    return fail_memory();
+  rows->path = strdup(path);
+  if (rows->path == NULL) {
+    return fail_errno("memory");
   }
   rows->fd = open(rows->path, O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0600);
-  return rows->fd < 0 ? fail_file(rows->path) : 0;
+  return rows->fd < 0 ? fail_errno(rows->path) : 0;
 }
 
 static int rows_append(rows_t *rows, const int64_t *values)
@@ -71,14 +69,12 @@ static int rows_append(rows_t *rows, const int64_t *values)
   if (written >= 0 && (size_t)written < rows->row_bytes) {
     errno = ENOSPC;
   }
-  return written == (ssize_t)rows->row_bytes ? 0 : fail_file(rows->path);
+  return written == (ssize_t)rows->row_bytes ? 0 : fail_errno(rows->path);
 }
 
 static void rows_close(rows_t *rows)
 {
-  if (rows->fd >= 0) {
-    close(rows->fd);
-  }
+  close(rows->fd); /* -1 if it could not be opened */
   free(rows->path);
 }
 
@@ -179,21 +175,21 @@ static void remove_watched(monitor_t *monitor, bool all)
   }
 }
 
-/* Subscribes to {TYPE FILE QOS TOPIC}. A topic that is watched for a while is left out if its type
+/* Subscribes to {TYPE ROWS QOS TOPIC}. A topic that is watched for a while is left out if its type
  * is not installed. */
 static int subscribe_to(monitor_t *monitor, bool temporary)
 {
   channel_t *channel = monitor->channel;
   watched_t *each = calloc(1, sizeof(*each));
   if (each == NULL) {
-    return fail_memory();
+    return fail_errno("memory");
   }
   *each = (watched_t){
     .next = monitor->watched, .temporary = temporary, .rows.fd = -1, .wake_fd = monitor->wake_fd};
   monitor->watched = each;
-  type_t *type = ros_type(next_word(channel));
-  const char *file = next_word(channel);
-  if (type != NULL && rows_open(&each->rows, monitor->rows_dir, file, 5) < 0) {
+  type_t *type = next_type(channel);
+  const char *rows = next_word(channel);
+  if (type != NULL && rows_open(&each->rows, rows, 5) < 0) {
     return -1;
   }
   rcl_subscription_options_t options = rcl_subscription_get_default_options();
@@ -281,20 +277,20 @@ static int run_loop(monitor_t *monitor)
   return status;
 }
 
-/* monitor ROWS-DIR TYPES {TYPE}: of the topics to which it will subscribe. */
+/* monitor STALLS TYPES {TYPE}: of the topics to which it will subscribe. */
 static int configure(monitor_t *monitor)
 {
-  monitor->rows_dir = strdup(next_word(monitor->channel));
-  if (monitor->wake_fd < 0 || monitor->rows_dir == NULL) {
-    return fail_memory();
+  monitor->wake_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
+  if (monitor->wake_fd < 0) {
+    return fail_errno("a descriptor for events");
+  }
+  if (rows_open(&monitor->stalls, next_word(monitor->channel), 2) < 0) {
+    return -1;
   }
   for (int64_t left = next_number(monitor->channel); left > 0; --left) {
-    if (ros_type(next_word(monitor->channel)) == NULL) {
+    if (next_type(monitor->channel) == NULL) {
       return -1;
     }
-  }
-  if (rows_open(&monitor->stalls, monitor->rows_dir, STALL_FILE, 2) < 0) {
-    return -1;
   }
   const rmw_node_t *node = rcl_node_get_rmw_handle(monitor->node);
   return channel_reply(monitor->channel, "ready %s\n", node->implementation_identifier);
@@ -307,7 +303,7 @@ int monitor_serve(channel_t *channel, rcl_node_t *node)
     .node = node,
     .stalls.fd = -1,
     .message = rmw_get_zero_initialized_serialized_message(),
-    .wake_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK),
+    .wake_fd = -1,
   };
   monitor.message.allocator = rcl_get_default_allocator();
   int status = configure(&monitor);
@@ -317,7 +313,6 @@ int monitor_serve(channel_t *channel, rcl_node_t *node)
   remove_watched(&monitor, true);
   ignore_rcl(rmw_serialized_message_fini(&monitor.message));
   rows_close(&monitor.stalls);
-  free(monitor.rows_dir);
   close(monitor.wake_fd);
   return status < 0 ? -1 : 0;
 }

@@ -33,6 +33,7 @@
 #define NO_PLACE (-1)
 #define PAGE_BYTES 4096 /* or a multiple of it */
 
+/* Of size 0 if nothing is mapped: munmap() then only returns an error. */
 typedef struct mapping {
   char *data;
   size_t size;
@@ -84,7 +85,7 @@ static int map_file(mapping_t *mapping, const char *path, bool shared)
 {
   const int fd = open(path, (shared ? O_RDWR : O_RDONLY) | O_CLOEXEC);
   if (fd < 0) {
-    return fail_file(path);
+    return fail_errno(path);
   }
   struct stat found;
   void *data = fstat(fd, &found) < 0 ? MAP_FAILED : NULL;
@@ -92,19 +93,12 @@ static int map_file(mapping_t *mapping, const char *path, bool shared)
     data = mmap(NULL, (size_t)found.st_size, PROT_READ | PROT_WRITE,
                 shared ? MAP_SHARED : MAP_PRIVATE, fd, 0);
   }
-  const int failed = data == MAP_FAILED ? fail_file(path) : 0;
+  const int failed = data == MAP_FAILED ? fail_errno(path) : 0;
   close(fd);
   if (failed == 0 && data != NULL) {
     *mapping = (mapping_t){.data = data, .size = (size_t)found.st_size};
   }
   return failed;
-}
-
-static void unmap(const mapping_t *mapping)
-{
-  if (mapping->data != NULL) {
-    munmap(mapping->data, mapping->size);
-  }
 }
 
 static bool within(int64_t first, int64_t count, int64_t total)
@@ -266,7 +260,7 @@ static int play(player_t *player, const char *path)
       touch(player, playback);
     }
   }
-  unmap(&file);
+  (void)munmap(file.data, file.size);
   return steps < 0 ? -1 : channel_reply(player->channel, "played %d\n", steps);
 }
 
@@ -276,7 +270,7 @@ static int play(player_t *player, const char *path)
 static int add_source(player_t *player, channel_t *channel)
 {
   source_t *source = &player->sources[player->source_count];
-  type_t *type = ros_type(next_word(channel));
+  type_t *type = next_type(channel);
   rcl_publisher_options_t options = rcl_publisher_get_default_options();
   options.qos = next_qos(channel);
   source->publisher = rcl_get_zero_initialized_publisher();
@@ -297,7 +291,7 @@ static int configure(player_t *player)
 {
   const int64_t inputs = next_number(player->channel);
   player->sources = calloc(inputs < 0 ? 1 : (size_t)inputs + 1, sizeof(source_t));
-  int failed = player->sources == NULL ? fail_memory() : 0;
+  int failed = player->sources == NULL ? fail_errno("memory") : 0;
   while (failed == 0 && player->source_count < inputs) {
     failed = add_source(player, player->channel);
   }
@@ -346,7 +340,7 @@ int player_serve(channel_t *channel, rcl_node_t *node)
   }
   for (int64_t i = 0; i < player.source_count; ++i) {
     ignore_rcl(rcl_publisher_fini(&player.sources[i].publisher, node));
-    unmap(&player.sources[i].buffer);
+    (void)munmap(player.sources[i].buffer.data, player.sources[i].buffer.size);
   }
   free(player.sources);
   return status < 0 ? -1 : 0;

@@ -3,12 +3,10 @@
 
 #include <dlfcn.h>
 #include <pthread.h>
-#include <stdlib.h>
 #include <string.h>
 
 #define NOT_INSTALLED "R2B681"
 #define HEADER_TYPE "std_msgs/msg/Header"
-#define MAX_SYMBOL 512
 
 /* rcl_init is not documented to be safe against itself. */
 static pthread_mutex_t init_lock = PTHREAD_MUTEX_INITIALIZER;
@@ -46,28 +44,20 @@ void ros_fini(ros_t *ros)
   pthread_mutex_unlock(&init_lock);
 }
 
-type_t *ros_type(const char *name)
+type_t *next_type(channel_t *channel)
 {
-  const char *slash = strstr(name, "/msg/");
-  char library[MAX_SYMBOL], symbol[MAX_SYMBOL];
-  if (slash != NULL && strlen(name) < MAX_SYMBOL / 2) {
-    const int length = (int)(slash - name);
-    snprintf(library, sizeof(library), "lib%.*s__rosidl_typesupport_c.so", length, name);
-    snprintf(
-      symbol, sizeof(symbol), "rosidl_typesupport_c__get_message_type_support_handle__%.*s__msg__%s",
-      length, name, slash + strlen("/msg/"));
-    /* Kept open: publishers and subscriptions refer to it. */
-    void *opened = dlopen(library, RTLD_LAZY | RTLD_LOCAL);
-    type_t *(*handle)(void) = NULL;
-    if (opened != NULL) {
-      *(void **)&handle = dlsym(opened, symbol);
-    }
-    if (handle != NULL) {
-      return handle();
-    }
+  /* Kept open: publishers and subscriptions refer to it. */
+  void *library = dlopen(next_word(channel), RTLD_LAZY | RTLD_LOCAL);
+  const char *symbol = next_word(channel);
+  type_t *(*handle)(void) = NULL;
+  if (library != NULL) {
+    *(void **)&handle = dlsym(library, symbol);
   }
-  (void)fail(NOT_INSTALLED, "message type %s is not installed", name);
-  return NULL;
+  const char *name = next_word(channel);
+  if (handle == NULL) {
+    (void)fail(NOT_INSTALLED, "message type %s is not installed", name);
+  }
+  return handle == NULL ? NULL : handle();
 }
 
 bool begins_with_header(type_t *type)

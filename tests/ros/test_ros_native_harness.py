@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import functools
 import os
 import secrets
@@ -41,7 +40,7 @@ from r2bspec.language.spec import QoS
 from r2bspec.native.build import find_compiler
 from r2bspec.native.errors import BuildError
 from r2bspec.native.harness_library import harness_library, harness_program
-from r2bspec.native.join_object import join_object
+from r2bspec.native.join_object import join_environment, join_object
 from r2bspec.plan.plan import InputPlan, JoinPlan, MonitorPlan, ProcessPlan
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS
 from ros_runs import Bench, relay_spec
@@ -393,17 +392,18 @@ def test_a_monitor_that_did_not_run_says_for_how_long(
 @pytest.mark.parametrize(
     ("command", "message", "code"),
     [
-        (
-            protocol.ConfigureMonitor(
-                monitors=(
-                    MonitorPlan(
-                        name="x", topic="/x", type="no_such/msg/Thing", match="order", qos=None
+        *(
+            (
+                protocol.ConfigureMonitor(
+                    monitors=(
+                        MonitorPlan(name="x", topic="/x", type=kind, match="order", qos=None),
                     ),
+                    rows_dir="ROWS",
                 ),
-                rows_dir="ROWS",
-            ),
-            "message type no_such/msg/Thing is not installed",
-            "R2B681",
+                f"message type {kind} is not installed",
+                "R2B681",
+            )
+            for kind in ("no_such/msg/Thing", "sensor_msgs/msg/NoSuch", "sensor_msgs/Image", "")
         ),
         (
             protocol.ConfigureMonitor(monitors=(), rows_dir="/nowhere/at all"),
@@ -436,8 +436,8 @@ HOST = """
 import ctypes, os, signal, sys, time
 signal.signal(signal.SIGUSR1, lambda *_: print("signal", flush=True))
 library = ctypes.CDLL(sys.argv[1])
-for part in ("player", "monitor"):
-    assert library.r2bspec_harness_start(sys.argv[2].encode(), part.encode()) == 0
+for channel in sys.argv[2:]:
+    assert library.r2bspec_harness_serve(int(channel)) == 0
 print("started", flush=True)
 sys.stdin.read()
 print("goes on", flush=True)
@@ -445,52 +445,79 @@ sys.exit(7)
 """
 
 
-def test_parts_join_a_process_that_keeps_its_signals_and_its_exit_status(
-    harness: Harness, tmp_path: Path
-) -> None:
-    path = str(tmp_path / "joined")
-    with socket.socket(socket.AF_UNIX) as listener:
-        listener.bind(path)
-        listener.listen()
-        listener.settimeout(HANG_S)
+def test_parts_join_a_process_that_keeps_its_signals_and_its_exit_status(harness: Harness) -> None:
+    with contextlib.ExitStack() as stack:
+        pairs = [socket.socketpair() for _ in range(2)]
+        theirs = [stack.enter_context(each[1]) for each in pairs]
+        channels = []
+        for ours, _ in pairs:
+            ours.settimeout(HANG_S)
+            channels.append((stack.enter_context(ours), stack.enter_context(ours.makefile("rb"))))
+        fds = [each.fileno() for each in theirs]
         host = subprocess.Popen(
-            [sys.executable, "-c", HOST, str(harness_library()), path],
+            [sys.executable, "-c", HOST, str(harness_library()), *map(str, fds)],
             env=os.environ | {"ROS_DOMAIN_ID": str(harness.domain)},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            pass_fds=fds,
         )
+        for each in theirs:
+            each.close()
         assert host.stdin is not None
         assert host.stdout is not None
-        with contextlib.ExitStack() as stack:
-            stack.callback(host.wait, HANG_S)
-            parts = {}
-            for _ in range(2):
-                connection = stack.enter_context(listener.accept()[0])
-                lines = stack.enter_context(connection.makefile("rb"))
-                what, part = lines.readline().decode().split()
-                assert what == "part"
-                parts[part] = (connection, lines)
-            assert set(parts) == {"player", "monitor"}
-            connection, lines = parts["monitor"]
+        with host:
+            connection, lines = channels[0]
             command = protocol.ConfigureMonitor(monitors=(OUT,), rows_dir=str(harness.rows))
             connection.sendall(NativeCodec().encode(command))
             assert lines.readline().startswith(b"ready rmw_")
             assert host.stdout.readline() == b"started\n"
             host.send_signal(10)
             assert host.stdout.readline() == b"signal\n"
-            for connection, lines in parts.values():
+            for connection, lines in channels:
                 connection.sendall(NativeCodec().encode(protocol.Shutdown()))
                 assert lines.readline() == b""
             host.stdin.close()
             assert host.stdout.readline() == b"goes on\n"
-        host.stdout.close()
-    assert host.returncode == 7
+            assert host.wait(HANG_S) == 7
 
 
-def test_a_socket_that_nobody_listens_on_is_an_error(tmp_path: Path) -> None:
-    library = ctypes.CDLL(str(harness_library()))
-    assert library.r2bspec_harness_start(str(tmp_path / "none").encode(), b"player") < 0
-    assert library.r2bspec_harness_start(b"/" + b"x" * 200, b"player") < 0
+ASKING = "import rclpy; rclpy.init(); print('goes on')"
+
+
+def ask_over(path: str, harness: Harness) -> subprocess.Popen[bytes]:
+    """Start a program that initialises ROS and asks over a socket whether it gets parts."""
+    environment = join_environment(join_object(), Path(path), "node", "")
+    return subprocess.Popen(
+        [sys.executable, "-c", ASKING],
+        env=os.environ | {"ROS_DOMAIN_ID": str(harness.domain)} | environment,
+        stdout=subprocess.PIPE,
+    )
+
+
+@pytest.mark.parametrize("path", ["{}/none", "/" + "x" * 200])
+def test_a_process_that_cannot_ask_goes_on(harness: Harness, path: str) -> None:
+    with ask_over(path.format(harness.folder), harness) as node:
+        assert node.communicate(timeout=HANG_S)[0] == b"goes on\n"
+    assert node.returncode == 0
+
+
+def test_a_part_that_cannot_connect_is_an_error_and_the_process_goes_on(harness: Harness) -> None:
+    path = str(harness.folder / "joined")
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(path)
+        listener.listen()
+        listener.settimeout(HANG_S)
+        node = ask_over(path, harness)
+        connection, _ = listener.accept()
+    Path(path).unlink()
+    with node, connection, connection.makefile("rb") as lines:
+        connection.settimeout(HANG_S)
+        assert lines.readline() == b"process node\n"
+        connection.sendall(b"player,monitor " + os.fsencode(harness_library()))
+        assert lines.readline() == b"failed R2B674 No such file or directory\n"
+        connection.shutdown(socket.SHUT_RDWR)
+        assert node.communicate(timeout=HANG_S)[0] == b"goes on\n"
+    assert node.returncode == 0
 
 
 def test_a_run_without_a_compiler_says_what_to_install(

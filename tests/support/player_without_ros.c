@@ -22,8 +22,7 @@ int fail(const char *code, const char *format, ...)
   return -1;
 }
 
-int fail_file(const char *path) { return fail("", "%s cannot be read", path); }
-int fail_memory(void) { return fail("", "no memory"); }
+int fail_errno(const char *what) { return fail("", "%s cannot be used", what); }
 int fail_rcl(const char *what) { return fail("", "%s failed", what); }
 void ignore_rcl(rcl_ret_t status) { (void)status; }
 
@@ -55,9 +54,9 @@ int64_t next_number(channel_t *channel) { return channel == NULL; }
 bool begins_with_header(type_t *type) { return type != NULL; }
 rmw_qos_profile_t next_qos(channel_t *channel) { (void)channel; return rmw_qos_profile_default; }
 
-type_t *ros_type(const char *name)
+type_t *next_type(channel_t *channel)
 {
-  (void)name;
+  (void)channel;
   return NULL;
 }
 
@@ -90,7 +89,7 @@ static void answer(char *line)
   printf("%s: %zu bytes\n", text, published);
   fflush(stdout);
   for (int64_t i = 0; i < player.source_count; ++i) {
-    unmap(&player.sources[i].buffer);
+    (void)munmap(player.sources[i].buffer.data, player.sources[i].buffer.size);
   }
   free(player.sources);
 }

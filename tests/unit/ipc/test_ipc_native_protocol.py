@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import resource
 import signal
@@ -26,6 +27,16 @@ from r2bspec.plan.plan import InputPlan, MonitorPlan
 from r2bspec.record.run_record import PLAYBACK_FIELDS
 
 IMAGE = "sensor_msgs/msg/Image"
+IMAGE_WORDS = (
+    "libsensor_msgs__rosidl_typesupport_c.so",
+    "rosidl_typesupport_c__get_message_type_support_handle__sensor_msgs__msg__Image",
+    IMAGE,
+)
+TF_WORDS = (
+    "libtf2_msgs__rosidl_typesupport_c.so",
+    "rosidl_typesupport_c__get_message_type_support_handle__tf2_msgs__msg__TFMessage",
+    TF_TYPE,
+)
 OUT = MonitorPlan(name="out", topic="/out", type=IMAGE, match="stamp", qos=QoS())
 NAMED = msgspec.structs.replace(OUT, name="b", qos=QoS(reliability="best_effort", depth=3))
 INPUT = InputPlan(topic="/in", type=IMAGE, source="/loaded", bag_topic="", qos=QoS())
@@ -67,22 +78,11 @@ def write_buffer(folder: Path, topic: str, kind: str, *messages: bytes) -> None:
         (protocol.ConfigureHarness(parts=("player", "monitor")), ["harness"]),
         (
             protocol.ConfigureMonitor(monitors=(OUT, NAMED), rows_dir="/rows"),
-            ["monitor", "/rows", "1", IMAGE],
-        ),
-        (
-            protocol.Subscribe(monitors=(NAMED, OUT)),
-            [
-                *("subscribe", "2", IMAGE, "b.rows", "2", "2", "1", "3", "/out"),
-                *(IMAGE, "out.rows", "1", "2", "1", "10", "/out"),
-            ],
-        ),
-        (
-            protocol.Watch(monitors=(OUT,)),
-            ["watch", "1", IMAGE, "out.rows", "1", "2", "1", "10", "/out"],
+            ["monitor", "/rows/monitor.held", "1", *IMAGE_WORDS],
         ),
         (
             protocol.ConfigureMonitor(monitors=(), rows_dir="/a b\n%c/\N{SNOWMAN}\udcff"),
-            ["monitor", "/a b\n%c/\N{SNOWMAN}\udcff", "0"],
+            ["monitor", "/a b\n%c/\N{SNOWMAN}\udcff/monitor.held", "0"],
         ),
     ],
 )
@@ -90,10 +90,22 @@ def test_a_command_is_words(command: object, expected: list[str]) -> None:
     assert words(command) == expected
 
 
+def test_topics_have_the_paths_of_their_rows() -> None:
+    codec = NativeCodec()
+    codec.encode(protocol.ConfigureMonitor(monitors=(), rows_dir="/a rows"))
+    assert words(protocol.Subscribe(monitors=(NAMED, OUT)), codec) == [
+        *("subscribe", "2", *IMAGE_WORDS, "/a rows/b.rows", "2", "2", "1", "3", "/out"),
+        *(*IMAGE_WORDS, "/a rows/out.rows", "1", "2", "1", "10", "/out"),
+    ]
+    assert words(protocol.Watch(monitors=(OUT,)), codec) == [
+        *("watch", "1", *IMAGE_WORDS, "/a rows/out.rows", "1", "2", "1", "10", "/out"),
+    ]
+
+
 def test_a_player_has_its_inputs_and_transforms_after_them(tmp_path: Path) -> None:
-    own = [IMAGE, "1", "2", "1", "10", "/in", f"{tmp_path}/loaded.cdr"]
+    own = [*IMAGE_WORDS, "1", "2", "1", "10", "/in", f"{tmp_path}/loaded.cdr"]
     assert words(player(tmp_path)) == ["player", "1", *own]
-    tf = [TF_TYPE, "1", "2", "1", "100", "/tf", f"{tmp_path}/tf.cdr"]
+    tf = [*TF_WORDS, "1", "2", "1", "100", "/tf", f"{tmp_path}/tf.cdr"]
     assert words(player(tmp_path, (TF, TF_STATIC))) == ["player", "2", *own, *tf]
 
 
@@ -207,14 +219,29 @@ def test_the_counts_of_a_monitor_are_those_of_its_topics_and_of_what_is_watched(
 
 
 def test_a_failure_has_its_code_a_text_and_what_to_do() -> None:
-    found = NativeCodec().decode(b"failed R2B651 /a b cannot be written: \xff full\n")
+    found = NativeCodec().decode(b"failed R2B681 \xff is not installed\n")
     assert isinstance(found, protocol.Failed)
-    assert (found.code, found.message) == ("R2B651", "/a b cannot be written: \ufffd full")
-    assert found.hint.startswith("Make room on that disk")
+    assert (found.code, found.message) == ("R2B681", "\ufffd is not installed")
+    assert found.hint.startswith("Install its package")
     assert NativeCodec().decode(b"failed R2B630 x") == protocol.Failed(code="R2B630", message="x")
 
 
-@pytest.mark.parametrize("reply", [b"", b"hello", b"matched 1 2", b"played x", b"\xff\n"])
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS])
+def test_an_error_of_a_full_disk_has_its_own_code(number: int) -> None:
+    found = NativeCodec().decode(b"failed errno %d /a: b\xff: No room\n" % number)
+    assert isinstance(found, protocol.Failed)
+    assert (found.code, found.message) == ("R2B651", "/a: b\ufffd cannot be written: No room")
+    assert found.hint.startswith("Make room on that disk")
+
+
+def test_another_error_of_the_system_is_one_of_the_harness() -> None:
+    found = NativeCodec().decode(b"failed errno %d memory: No more\n" % errno.ENOMEM)
+    assert found == protocol.Failed(code="R2B630", message="memory: No more")
+
+
+@pytest.mark.parametrize(
+    "reply", [b"", b"hello", b"matched 1 2", b"played x", b"failed errno x", b"\xff\n"]
+)
 def test_another_line_is_no_reply(reply: bytes) -> None:
     with pytest.raises((msgspec.DecodeError, ValueError)):
         NativeCodec().decode(reply)
@@ -246,8 +273,12 @@ def test_what_a_native_part_does_not_know_is_an_error() -> None:
     with pytest.raises(ValueError, match="no command of a native part: Survey"):
         words(protocol.Survey())
     unknown = msgspec.structs.replace(OUT, qos=None)
+    with pytest.raises(ValueError, match="configured before it gets topics"):
+        words(protocol.Subscribe(monitors=(OUT,)))
+    codec = NativeCodec()
+    codec.encode(protocol.ConfigureMonitor(monitors=(), rows_dir="/rows"))
     with pytest.raises(ValueError, match="known quality of service"):
-        words(protocol.Subscribe(monitors=(unknown,)))
+        words(protocol.Subscribe(monitors=(unknown,)), codec)
     with pytest.raises(ValueError, match="configured before"):
         words(protocol.Follow(schedule=CyclicSchedule(steps=((0,),))))
     with pytest.raises(ValueError, match="before it plays"):
