@@ -21,6 +21,7 @@ from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, 
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.ros_domain import reserved_domain
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
+from r2bspec.execute.processes.time_slice import shorten_slice
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import largest_message_bytes
 from r2bspec.ipc.schedule import CyclicSchedule
@@ -36,8 +37,9 @@ SUBSCRIPTION_DEPTH = 1000
 TECHNIQUES = {
     "allocator": ("MALLOC_MMAP_MAX_", "MALLOC_TRIM_THRESHOLD_", "MALLOC_TOP_PAD_"),
     "huge-pages": ("GLIBC_TUNABLES",),
+    "time-slice": (),
 }
-"""Techniques of the harness that can be left out, with their variables."""
+"""Techniques of the harness that can be left out, with their variables, if they have any."""
 
 _WARM_UP_STEPS = 60
 _MATCH_S = 30.0
@@ -164,7 +166,9 @@ def floor(
         plans = (MonitorPlan(name=MONITOR, topic=TOPIC, type=TYPE, match="stamp", qos=qos),)
         watch = protocol.ConfigureMonitor(monitors=plans, rows_dir=str(rows))
         began_s = time.monotonic()
-        player, monitor, pids = _start_parts(children, environment, folder, placement)
+        player, monitor, pids = _start_parts(
+            children, environment, folder, placement, short_slice="time-slice" not in without
+        )
         children.request(
             player,
             protocol.ConfigurePlayer(
@@ -204,18 +208,23 @@ def _start_parts(
     environment: dict[str, str],
     folder: Path,
     placement: str,
+    *,
+    short_slice: bool,
 ) -> tuple[ManagedProcess, ManagedProcess, list[int]]:
     """Player and monitor, not configured yet, and the processes that they are in."""
 
     def start(name: str, parts: Sequence[str] = ()) -> ManagedProcess:
         log = folder / "logs" / f"{name}.log"
-        return children.start(
+        child = children.start(
             *(name, name, [str(harness_program())], environment),
             cwd=folder,
             log=log,
             parts=parts,
             native=("", *parts),
         )
+        if short_slice:
+            shorten_slice(child.pid)
+        return child
 
     if placement == "one process":
         parts = ("player", "monitor")

@@ -45,6 +45,7 @@ from r2bspec.execute.processes.executables import (
 from r2bspec.execute.processes.middleware_check import check_loaded_rmw
 from r2bspec.execute.processes.shared_memory_check import require_free_shared_memory
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
+from r2bspec.execute.processes.time_slice import shorten_slice
 from r2bspec.ipc import protocol
 from r2bspec.plan.command_lines import NATIVE_ARGV, container_node_name
 from r2bspec.plan.plan import AfterReadyPlan, Plan, ProcessPlan
@@ -139,6 +140,9 @@ class Launcher:
             native=("", *parts) if plan.argv == NATIVE_ARGV else parts,
         )
         apply_affinity(plan, child.pid)
+        if plan.argv == NATIVE_ARGV:
+            # Player and monitor alone: the graph runs as it would without the harness.
+            shorten_slice(child.pid)
         return child
 
     def start_observer(self, settings: protocol.ConfigureObserver) -> ManagedProcess:
