@@ -6,6 +6,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from r2bspec.execute.processes.time_slice import SLICE_NS, slice_of
 from ros_runs import IMAGE, Bench, Finished, relay_node, relay_spec
 from ros_runs import nothing_left as nothing_left
 
@@ -96,3 +97,19 @@ def test_a_harness_that_is_killed_is_named(bench: Bench) -> None:
     assert done.status == 4
     assert "process harness was killed by SIGKILL" in done.error
     assert done.run().record.status == "incomplete"
+
+
+@pytest.mark.skipif(slice_of(0) == 0, reason="this kernel has no time slices for each process")
+def test_only_player_and_monitor_have_a_shorter_time_slice(bench: Bench) -> None:
+    spec = relay_spec(graph={"nodes": {"relay": relay_node()}})
+    spec["benchmark"] |= {"iterations": 3}
+    with bench.start(spec) as running:
+        running.wait_for_messages("out", 1)
+        # Threads of the middleware, too, which inherit it.
+        slices = {
+            name: {slice_of(each.id) for each in running.child(name).threads()}
+            for name in ("player", "monitor", "relay")
+        }
+        finished = running.finish()
+    finished.assert_complete()
+    assert slices == {"player": {SLICE_NS}, "monitor": {SLICE_NS}, "relay": {slice_of(0)}}
