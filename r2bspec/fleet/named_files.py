@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import msgspec
 
+from r2bspec.execute.processes.secret_references import texts
 from r2bspec.plan.plan import Plan
 
 _MAX_SOURCE_BYTES: Final = 1_000_000
@@ -66,19 +67,8 @@ def parts(plan: Plan) -> list[Any]:
 
 
 def _all_words(plan: Plan) -> Iterator[str]:
-    for text in _texts(msgspec.to_builtins(parts(plan))):
+    for text in texts(msgspec.to_builtins(parts(plan))):
         yield from _words(text)
-
-
-def _texts(value: Any) -> Iterator[str]:
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, dict):
-        for each in value.values():
-            yield from _texts(each)
-    elif isinstance(value, list | tuple):
-        for each in value:
-            yield from _texts(each)
 
 
 def _words(text: str) -> Iterator[str]:

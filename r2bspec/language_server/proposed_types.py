@@ -18,7 +18,7 @@ from r2bspec.wiring.name_resolution import expand
 
 
 def message_types(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
-    """Message types: of the topic that is written beside it, of the spec, of this machine."""
+    """Message types: of the topic in the same map, of the spec, of this machine."""
     known = analysis.known
     if known is not None:
         owner = context.path[:-1]

@@ -23,7 +23,7 @@ def snippet_text(body: Mapping[str, Any]) -> str:
 
 
 def key_snippet(key: str, part: Mapping[str, Any]) -> str:
-    """A key with room for its value below it; empty where the value is written beside the key.
+    """A key with room for its value below it; empty where the value follows on the same line.
 
     Args:
         key: the key.

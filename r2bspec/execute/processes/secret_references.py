@@ -73,7 +73,7 @@ class SecretReferences:
         Raises:
             SecretNotSetError: a variable is not set.
         """
-        for text in _texts(msgspec.to_builtins((plan.processes, plan.setup, plan.after_ready))):
+        for text in texts(msgspec.to_builtins((plan.processes, plan.setup, plan.after_ready))):
             self.in_text(text)
 
     def _value(self, found: re.Match[str]) -> str:
@@ -94,12 +94,13 @@ class SecretReferences:
         return json.dumps(value, ensure_ascii=False)[1:-1]
 
 
-def _texts(value: Any) -> Iterator[str]:
+def texts(value: Any) -> Iterator[str]:
+    """All texts in a value of dictionaries and lists, apart from keys."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, dict):
         for each in value.values():
-            yield from _texts(each)
+            yield from texts(each)
     elif isinstance(value, list | tuple):
         for each in value:
-            yield from _texts(each)
+            yield from texts(each)

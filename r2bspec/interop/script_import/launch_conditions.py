@@ -7,10 +7,9 @@ by `and`, `or` and `not`, is not known.
 from __future__ import annotations
 
 import ast
-import operator
-from collections.abc import Callable
 from typing import Any, Final
 
+from r2bspec.interop.script_import.plain_calls import COMPARISONS
 from r2bspec.interop.script_import.script_values import Construct
 
 _TRUE: Final = frozenset({"true", "1"})
@@ -18,16 +17,6 @@ _FALSE: Final = frozenset({"false", "0"})
 """What launch takes for a condition, in any case; everything else is an error there."""
 _MAX_EXPRESSION: Final = 1000
 _MAX_DEPTH: Final = 20
-_COMPARISONS: Final[dict[type, Callable[[Any, Any], bool]]] = {
-    ast.Eq: operator.eq,
-    ast.NotEq: operator.ne,
-    ast.Lt: operator.lt,
-    ast.LtE: operator.le,
-    ast.Gt: operator.gt,
-    ast.GtE: operator.ge,
-    ast.In: lambda left, right: left in right,
-    ast.NotIn: lambda left, right: left not in right,
-}
 
 
 def condition_value(condition: Any) -> bool | None:
@@ -121,5 +110,5 @@ def _value(node: ast.expr, depth: int) -> Any:
         case ast.Compare(left=left, ops=ops, comparators=others):
             values = [_value(each, depth + 1) for each in (left, *others)]
             pairs = zip(ops, values[:-1], values[1:], strict=True)
-            return all(_COMPARISONS[type(op)](one, other) for op, one, other in pairs)
+            return all(COMPARISONS[type(op)](one, other) for op, one, other in pairs)
     raise ValueError("an expression of this kind is not understood")

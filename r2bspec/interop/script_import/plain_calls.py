@@ -7,7 +7,7 @@ import operator
 import posixpath
 import re
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 from r2bspec.interop.script_import.script_limits import MAX_ITEMS, MAX_TEXT, ScriptLimitError
 from r2bspec.interop.script_import.script_values import ImageSize
@@ -75,7 +75,7 @@ _BINARY: dict[type, Callable[[Any, Any], Any]] = {
     ast.Mod: operator.mod,
     ast.BitOr: operator.or_,
 }
-_COMPARED: dict[type, Callable[[Any, Any], Any]] = {
+COMPARISONS: Final[dict[type, Callable[[Any, Any], bool]]] = {
     ast.Eq: operator.eq,
     ast.NotEq: operator.ne,
     ast.Lt: operator.lt,
@@ -84,9 +84,9 @@ _COMPARED: dict[type, Callable[[Any, Any], Any]] = {
     ast.GtE: operator.ge,
     ast.In: lambda left, right: left in right,
     ast.NotIn: lambda left, right: left not in right,
-    ast.Is: operator.is_,
-    ast.IsNot: operator.is_not,
 }
+"""Comparisons of values; those of identity are for scripts alone."""
+_COMPARED = COMPARISONS | {ast.Is: operator.is_, ast.IsNot: operator.is_not}
 
 
 _LARGE_WIDTH = re.compile(r"[0-9]{4,}")
