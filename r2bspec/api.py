@@ -19,6 +19,7 @@ from r2bspec.language.selected_spec import SpecSelection as SpecSelection
 
 if TYPE_CHECKING:
     from r2bspec.compare.base_reference import BaseReference
+    from r2bspec.compare.merge_gate import GateSettings, MergeGate
     from r2bspec.diagnostics import Diagnostic
     from r2bspec.execute.progress import Progress
     from r2bspec.judge.result import Result
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from r2bspec.language.spec import Spec
     from r2bspec.plan.plan import Plan
     from r2bspec.record.baseline_file import BaselineRecord
+    from r2bspec.record.graph_identity import GraphIdentity
     from r2bspec.record.run_folder import Run, RunFolder
 
 
@@ -223,6 +225,8 @@ def run(
     profile: str = "",
     profile_node: str = "",
     lock: HostLock = "wait",
+    identity: GraphIdentity | None = None,
+    gate: Sequence[str] = (),
 ) -> Result:
     """Run a benchmark on real ROS 2, and judge it.
 
@@ -239,6 +243,8 @@ def run(
             words before the command of a process, in which ``$(profile)`` is its file.
         profile_node: the node, or process, that it observes; all nodes if empty.
         lock: whether to wait while this host runs another benchmark, which is then noted.
+        identity: of the graph, if it is known already.
+        gate: what reports say of a merge gate, one sentence each.
 
     Raises:
         HostBusyError: it does, and `lock` is ``refuse``.
@@ -260,6 +266,8 @@ def run(
         "record_outputs": record_outputs,
         "profile": profile,
         "profile_node": profile_node,
+        "identity": identity,
+        "gate": tuple(gate),
     }
     with (
         _locked(prepared.plan.name, lock, listener),
@@ -286,7 +294,7 @@ def run(
 
 
 @contextlib.contextmanager
-def _locked(name: str, lock: HostLock, progress: Progress) -> Iterator[None]:
+def _locked(name: str, lock: HostLock, progress: Progress | None) -> Iterator[None]:
     """The lock of the host, unless it is not wanted."""
     if lock == "off":
         yield
@@ -294,7 +302,8 @@ def _locked(name: str, lock: HostLock, progress: Progress) -> Iterator[None]:
     from r2bspec.execute.host.host_lock import host_lock
 
     def on_wait(holder: str) -> None:
-        progress.note(f"waiting for {holder}, which runs on this host")
+        if progress is not None:
+            progress.note(f"waiting for {holder}, which runs on this host")
 
     with host_lock(name, wait=lock == "wait", on_wait=on_wait):
         yield
@@ -397,7 +406,6 @@ def run_pairs(
     from r2bspec.compare.interleaved_comparison import compare, prepare_comparison
     from r2bspec.compare.interleaved_runs import ComparisonSide
     from r2bspec.execute.processes.workspaces import applied_environment, workspace_environments
-    from r2bspec.execute.progress import NullProgress
 
     reference = parse_base_reference(against)
     environment = workspace_environments(reference.environments)
@@ -415,8 +423,97 @@ def run_pairs(
         *sides, against=reference.text, pairs=pairs, control=control, force=force
     )
     name = f"{head.plan.name}-pairs"
-    with _locked(name, lock, progress or NullProgress()):
+    with _locked(name, lock, progress):
         return compare(comparison, output or default_run_folder(name), progress)
+
+
+@contextlib.contextmanager
+def open_gate(
+    against: Sequence[str],
+    spec: Path,
+    settings: GateSettings | None = None,
+) -> Iterator[MergeGate]:
+    """The base of a merge gate: a revision of git, or another work tree, while the context lasts.
+
+    Args:
+        against: the base (`r2bspec.compare.base_reference`), with a revision or a work tree.
+        spec: of the head, or a folder of specs, in its work tree.
+        settings: what the pipeline allows, and how the base is built.
+
+    Raises:
+        UsageError: the base is not valid.
+        BaseRevisionError: it cannot be had as files.
+    """
+    from r2bspec.compare.base_reference import parse_base_reference
+    from r2bspec.compare.base_tree import open_base_tree
+    from r2bspec.compare.merge_gate import GateSettings, MergeGate
+    from r2bspec.execute.processes.signals import Interrupts
+
+    reference = parse_base_reference(against)
+    # The first signal ends the run in progress, and not this process, which has to tidy up.
+    with Interrupts() as interrupts, open_base_tree(reference, spec) as tree:
+        interrupts.check()
+        yield MergeGate(tree, reference, settings or GateSettings(), prepare)
+
+
+def run_gated(
+    head: PreparedBenchmark,
+    selection: SpecSelection,
+    gate: MergeGate,
+    output: Path | None = None,
+    progress: Progress | None = None,
+    *,
+    pairs: int | None = None,
+    lock: HostLock = "wait",
+) -> Result:
+    """Compare a spec and its code with the base of a merge gate, in interleaved runs.
+
+    Without a base to compare with, the head alone is run and judged; the result says why.
+
+    Args:
+        head: to be judged, prepared from `selection`.
+        selection: of the head.
+        gate: from `open_gate`.
+        output: the run folder, new or empty; by default one below ``runs/``.
+        progress: is notified of progress.
+        pairs: how many; as many as the spec has iterations if None.
+        lock: as for `run`.
+
+    Raises:
+        WeakerGateError: the head's verdict depends on less than the base's.
+        BaseFailsError: the base cannot be played, and that is not allowed.
+        OtherSidesFilesError: a side has loaded files of the other one.
+        RunError: the head failed; the folder has the pairs finished until then.
+        RecordError: the folder cannot be created.
+    """
+    from r2bspec.compare.interleaved_comparison import Gate, compare, prepare_comparison
+    from r2bspec.compare.interleaved_runs import BaseFailsError
+    from r2bspec.compare.merge_gate import ALLOW_BASE
+
+    name = f"{head.plan.name}-pairs"
+    folder = output or default_run_folder(name)
+    sides = gate.sides(selection, head, progress)
+    if sides.base is not None:
+        comparison = prepare_comparison(
+            sides.base,
+            sides.head,
+            against=gate.tree.name,
+            pairs=pairs,
+            force=gate.settings.force,
+            gate=Gate(sides.sentences, gate.check_loaded_files),
+        )
+        try:
+            with _locked(name, lock, progress):
+                return compare(comparison, folder, progress)
+        except BaseFailsError as error:
+            if ALLOW_BASE not in gate.settings.allow:
+                raise
+            # What was played is kept, beside the run of the head.
+            folder.rename(folder.with_name(f"{folder.name}-base-failed"))
+            sides = gate.alone_without_base(head, error)
+    alone = replace(head, plan=sides.head.plan)
+    extras = {"identity": sides.head.identity, "gate": sides.sentences}
+    return run(alone, folder, progress, lock=lock, **extras)
 
 
 def calibrate(

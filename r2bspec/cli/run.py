@@ -116,8 +116,30 @@ if TYPE_CHECKING:
     "against",
     multiple=True,
     metavar="REF",
-    help="Compare with a base in interleaved runs: another spec, var:NAME=VALUE, set:PATH=VALUE, "
-    "or env: with a setup file, an installed workspace or NAME=VALUE; may be repeated.",
+    help="Compare with a base in interleaved runs: a revision of git such as origin/main, another "
+    "work tree or spec, var:NAME=VALUE, set:PATH=VALUE, or env: with a setup file, an installed "
+    "workspace or NAME=VALUE; may be repeated.",
+)
+@click.option(
+    "--allow",
+    multiple=True,
+    metavar="NAME",
+    help="With --against a revision: what may be weaker than in the base, such as 'objective "
+    "fast', as the error names it; or 'base', which may fail. May be repeated.",
+)
+@click.option(
+    "--base-build",
+    multiple=True,
+    metavar="COMMAND",
+    help="With --against a revision: how the base is built in its work tree, where its spec does "
+    "not say it (benchmark.gate.base); may be repeated.",
+)
+@click.option(
+    "--base-setup",
+    default="",
+    metavar="PATH",
+    help="With --against a revision: the setup file or installation of the base after its build, "
+    "relative to its work tree.",
 )
 @click.option("--control", is_flag=True, help="Compare SPEC with itself to see the noise.")
 @click.option(
@@ -167,6 +189,9 @@ def command(
 
     Requirements 'of baseline' are judged by interleaved runs of a base and of SPEC (--against), or
     by earlier runs (--history). Without either they are inconclusive.
+
+    --against REVISION is the gate of a pull request: the same spec with the code of the base and of
+    this work tree. What the base demands must still be demanded ('r2bspec docs gate').
     """
     connection = {name: others.pop(name) for name in ("ca", "certificate", "key", "insecure")}
     hosts = tuple(dict.fromkeys(each for each in others.pop("hosts").split(",") if each))

@@ -22,6 +22,9 @@ class RunOptions:
 
     output: Path | None = None
     against: tuple[str, ...] = ()
+    allow: tuple[str, ...] = ()
+    base_build: tuple[str, ...] = ()
+    base_setup: str = ""
     control: bool = False
     pairs: int | None = None
     history: str | None = None
@@ -53,6 +56,19 @@ class RunOptions:
     def compares(self) -> bool:
         """Whether interleaved pairs are run."""
         return bool(self.against) or self.control
+
+    @property
+    def has_base_tree(self) -> bool:
+        """Whether the base has a work tree of its own: a revision of git, or a folder.
+
+        Raises:
+            BadReferenceError: the base is not valid.
+        """
+        if not self.against:
+            return False
+        from r2bspec.compare.base_reference import parse_base_reference
+
+        return parse_base_reference(self.against).has_tree
 
     @property
     def needs_suite(self) -> bool:
@@ -105,6 +121,14 @@ class RunOptions:
             )
         if self.profile_node is not None and self.profile is None:
             raise click.UsageError("--profile-node needs --profile")
+        of_gate = {
+            "--allow": self.allow,
+            "--base-build": self.base_build,
+            "--base-setup": self.base_setup,
+        }
+        given = [name for name, value in of_gate.items() if value]
+        if given and not self.has_base_tree:
+            raise click.UsageError(f"{given[0]} needs --against with a revision or a work tree")
         if self.force and not (self.against or self.baseline is not None):
             raise click.UsageError("--force needs --against or --baseline")
 
@@ -127,6 +151,7 @@ class RunOptions:
             "--baseline": self.baseline is not None,
             "--no-lock": self.no_lock,
             "--no-wait": self.no_wait,
+            "--against with a revision or a work tree": self.has_base_tree,
         }
         for name, given in without.items():
             if given:
@@ -140,10 +165,12 @@ class RunOptions:
         Raises:
             click.UsageError: there are some.
         """
-        if self.compares or self.baseline is not None:
+        if (self.compares and not self.has_base_tree) or self.baseline is not None:
             raise click.UsageError(
-                "--against, --control and --baseline take one SPEC, without --case all, --select, "
-                "--scan, --resume, --fail-fast and --each"
+                "--against with another spec, value or environment, --control and --baseline take "
+                "one SPEC, without --case all, --select, --scan, --resume, --fail-fast and --each"
             )
+        if self.compares and (self.resume or self.scan):
+            raise click.UsageError("--against cannot be combined with --resume and --scan")
         if self.resume and self.output is None:
             raise click.UsageError("--resume needs the --output of the earlier call")

@@ -14,6 +14,7 @@ from r2bspec.report.output import echo, echo_document
 
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
+    from r2bspec.compare.merge_gate import MergeGate
     from r2bspec.cli.run_options import RunOptions
     from r2bspec.judge.result import Result
     from r2bspec.report.remaining_time import RemainingTime
@@ -36,6 +37,9 @@ def _run(selection: SpecSelection, options: RunOptions, folder: _Folder) -> int:
     from r2bspec.report.terminal import show_result
     from r2bspec.report.write_reports import takes_stdout
 
+    if options.has_base_tree and not selection.spec.exists():
+        with opened_gate(options, selection.spec.parent) as gate:
+            gate.require_spec(selection.spec)
     prepared = prepare_and_report(selection, smoke=options.smoke)
     name = prepared.plan.name
     name += "-pairs" if options.compares else "-smoke" if options.smoke else ""
@@ -57,7 +61,8 @@ def _run(selection: SpecSelection, options: RunOptions, folder: _Folder) -> int:
         waited_ns = time.monotonic_ns() - asked_ns
         if not options.quiet:
             echo(f"{name}: {text}", err=True)
-        result = execute(prepared, selection, options, folder.path, remaining)
+        with gate_of(options, selection.spec) as gate:
+            result = execute(prepared, selection, options, folder.path, remaining, gate)
     show_differences(result, prepared)
     if not takes_stdout(options.reports):
         show_result(result, options.output_format, folder.path)
@@ -107,20 +112,67 @@ def locked_host(what: str, options: RunOptions) -> Iterator[None]:
         yield
 
 
+@contextlib.contextmanager
+def gate_of(options: RunOptions, spec: Path) -> Iterator[MergeGate | None]:
+    """The merge gate, if the base has a work tree of its own. The caller has the lock of the host.
+
+    Args:
+        options: of the run.
+        spec: a spec of the head, or a folder of specs.
+
+    Raises:
+        BaseRevisionError: the base cannot be had as files.
+    """
+    if not options.has_base_tree:
+        yield None
+        return
+    with opened_gate(options, spec) as gate:
+        if not options.quiet:
+            echo(f"base: {gate.tree.name}", err=True)
+        yield gate
+
+
+def opened_gate(options: RunOptions, spec: Path) -> contextlib.AbstractContextManager[MergeGate]:
+    """The merge gate of a base with a work tree of its own."""
+    import shlex
+
+    from r2bspec import api
+    from r2bspec.compare.merge_gate import GateSettings
+    from r2bspec.language.spec import GateBase
+
+    build = tuple(tuple(shlex.split(command)) for command in options.base_build)
+    settings = GateSettings(
+        allow=options.allow,
+        build=GateBase(build=build, setup=options.base_setup),
+        force=options.force,
+    )
+    return api.open_gate(options.against, spec, settings)
+
+
 def execute(
     prepared: PreparedBenchmark,
     selection: SpecSelection,
     options: RunOptions,
     folder: Path,
     remaining: RemainingTime | None,
+    gate: MergeGate | None = None,
 ) -> Result:
     """Make the run, or the comparison. The caller has the lock of the host.
+
+    Args:
+        prepared: the spec.
+        selection: from which it was prepared.
+        options: of the run.
+        folder: receives what is measured.
+        remaining: the expected time, for the progress that is shown.
+        gate: the base with its own work tree, if there is one.
 
     Raises:
         R2bspecError: it failed; reports of what was observed have been written, and the error has
             the run folder as a note.
     """
     from r2bspec import api
+    from r2bspec.compare.gate_strength import WeakerGateError
     from r2bspec.record.errors import FolderTakenError
     from r2bspec.report.findings.print_findings import show
     from r2bspec.report.progress_display import shown_progress
@@ -129,6 +181,10 @@ def execute(
     ways = _ways(prepared, options)
     try:
         with shown_progress(quiet=options.quiet, remaining=remaining) as progress:
+            if gate is not None:
+                return api.run_gated(
+                    prepared, selection, gate, folder, progress, pairs=options.pairs, lock="off"
+                )
             if not options.compares:
                 return api.run(prepared, folder, progress, lock="off", **ways)
             return api.run_pairs(
@@ -145,6 +201,9 @@ def execute(
                 lock="off",
             )
     except BaseException as error:
+        if isinstance(error, WeakerGateError) and prepared.loaded is not None:
+            show(error.diagnostics, prepared.loaded.texts)
+            error.remainder = ""
         if isinstance(error, api.GraphMismatchError):
             show(error.diagnostics, error.loaded.texts)
             error.remainder = error.details

@@ -5,10 +5,16 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from r2bspec.compare.errors import IncomparableError
-from r2bspec.compare.interleaved_runs import ComparisonSide, ComparisonSpec, run_pairs
+from r2bspec.compare.interleaved_runs import (
+    CheckRun,
+    ComparisonSide,
+    ComparisonSpec,
+    run_pairs,
+)
 from r2bspec.compare.judge_pairs import judge_comparison_folder, read_pair_set
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.errors import WorkspaceError
@@ -31,6 +37,19 @@ from r2bspec.private_files import private_files
 from r2bspec.record.comparison_folder import ComparisonFolder, open_comparison
 
 
+@dataclass(frozen=True)
+class Gate:
+    """A base with its own work tree.
+
+    Attributes:
+        sentences: what reports say of it.
+        check_run: checks that a side has loaded its own files.
+    """
+
+    sentences: tuple[str, ...]
+    check_run: CheckRun
+
+
 def prepare_comparison(
     base: ComparisonSide,
     head: ComparisonSide,
@@ -39,6 +58,7 @@ def prepare_comparison(
     pairs: int | None = None,
     control: bool = False,
     force: bool = False,
+    gate: Gate | None = None,
 ) -> ComparisonSpec:
     """Check that two sides are comparable.
 
@@ -49,13 +69,14 @@ def prepare_comparison(
         pairs: how many; as many as the head's spec has iterations if None.
         control: whether base and head are meant to be the same.
         force: compare even with different loads.
+        gate: what is said of a base with its own work tree, which may have the same plan.
 
     Raises:
         IncomparableError: the two are offered different loads, or are the same.
         MiddlewareError: the middleware of one of them has no such transport.
     """
     differences = graph_differences(base.plan, head.plan)
-    if not control and not differences and not base.environment:
+    if not control and not differences and not base.environment and gate is None:
         raise IncomparableError(
             f"the base, {against}, is the same as the head",
             hint="Use --control to compare a graph with itself and see the noise.",
@@ -77,6 +98,8 @@ def prepare_comparison(
         against=against,
         control=control,
         differences=tuple(difference_lines(differences)),
+        gate=gate.sentences if gate is not None else (),
+        check_run=gate.check_run if gate is not None else None,
     )
 
 

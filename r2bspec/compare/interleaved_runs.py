@@ -17,7 +17,7 @@ from typing import Literal
 
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.controller import run_plan
-from r2bspec.execute.errors import RunError
+from r2bspec.execute.errors import InterruptedRunError, RunError
 from r2bspec.execute.processes.signals import Interrupts
 from r2bspec.execute.processes.workspaces import applied_environment
 from r2bspec.execute.progress import Progress
@@ -31,6 +31,7 @@ from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.comparability import single_run_plan
 from r2bspec.plan.plan import Plan
 from r2bspec.record.comparison_folder import ComparisonFolder, PairRecord, PairsRecord, Side
+from r2bspec.record.graph_identity import GraphIdentity
 from r2bspec.record.run_folder import RunFolder, open_run
 
 
@@ -44,17 +45,41 @@ class ComparisonSide:
         spec_text: the resolved spec.
         environment: the variables of its runs that differ from this process; see
             `workspaces.applied_environment`.
+        identity: of its graph; each run looks it up itself if None.
     """
 
     plan: Plan
     base_dir: Path
     spec_text: str
     environment: Mapping[str, str] = field(default_factory=dict)
+    identity: GraphIdentity | None = None
+
+
+class BaseFailsError(R2bspecError):
+    """The base of a comparison cannot be played: its spec is not valid, or its graph fails."""
+
+    code = "R2B698"
+
+    @classmethod
+    def of(cls, error: R2bspecError, text: str = "the base fails: ") -> BaseFailsError:
+        """An error of the base, with the exit status of its cause and the way out."""
+        hint = "Mend the base, or judge the head alone: --allow base."
+        failure = cls(f"{text}{error}", hint=hint)
+        failure.exit_code = error.exit_code
+        return failure
+
+
+CheckRun = Callable[[Side, Path], None]
+"""Checks the folder of a finished run of one side; raises an error that ends the comparison."""
 
 
 @dataclass(frozen=True)
 class ComparisonSpec:
-    """A comparison to be made; see `PairsRecord` for the fields."""
+    """A comparison to be made; see `PairsRecord` for the fields.
+
+    Attributes:
+        check_run: is called after each run.
+    """
 
     base: ComparisonSide
     head: ComparisonSide
@@ -62,6 +87,8 @@ class ComparisonSpec:
     against: str = ""
     control: bool = False
     differences: tuple[str, ...] = ()
+    gate: tuple[str, ...] = ()
+    check_run: CheckRun | None = None
 
 
 Judge = Callable[[bool], Verdict]
@@ -183,6 +210,8 @@ class _PairRunner:
             except RunError as error:
                 # A failed run is repeated once, unless it was interrupted or cannot work here.
                 if error.exit_code != RunError.exit_code or again:
+                    if side == "base" and not isinstance(error, InterruptedRunError):
+                        raise BaseFailsError.of(error) from error
                     raise
                 unusable = f"the {side} failed: {error}"
                 break
@@ -218,7 +247,10 @@ class _PairRunner:
                 run_id=secrets.token_hex(8),
                 spec_text=one.spec_text,
                 progress=self._progress,
+                identity=one.identity,
             )
+        if self._comparison.check_run is not None:
+            self._comparison.check_run(side, folder.path)
         self._interrupts.check()
         samples = read_samples(open_run(folder.path))
         return why_unusable(samples), interference_text(samples)
@@ -250,6 +282,7 @@ class _PairRunner:
             reason=reason,
             pairs=tuple(self._pairs),
             differences=comparison.differences,
+            gate=comparison.gate,
             environment={
                 name: shown_value(name, value)
                 for name, value in comparison.base.environment.items()

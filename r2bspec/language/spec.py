@@ -366,6 +366,20 @@ class Search(_SpecStruct, frozen=True, kw_only=True):
     confidence: Share = Share(CONFIDENCE)
 
 
+class GateBase(_SpecStruct, frozen=True, kw_only=True):
+    """How the base of a comparison with a revision is built and set up.
+
+    Attributes:
+        build: commands, run in the top of its work tree.
+        setup: a setup file or an installation, relative to that, or NAME=VALUE; empty for none.
+        timeout: of each command.
+    """
+
+    build: tuple[tuple[str, ...], ...] = ()
+    setup: str = ""
+    timeout: Duration = Duration(30 * 60 * 10**9)
+
+
 class Gate(_SpecStruct, frozen=True, kw_only=True):
     """How verdicts are reached, and their consequences.
 
@@ -375,6 +389,7 @@ class Gate(_SpecStruct, frozen=True, kw_only=True):
         confirm: whether a FAIL counts only if a second run in new processes confirms it.
         time_budget: the maximum duration of measuring, including everything that is optional.
         interference: what other load on the machine does to a verdict.
+        base: how the base of a comparison with a revision is built.
     """
 
     confidence: Share = Share(CONFIDENCE)
@@ -382,6 +397,7 @@ class Gate(_SpecStruct, frozen=True, kw_only=True):
     confirm: bool = True
     time_budget: Duration | None = None
     interference: Literal["tolerate", "note", "strict"] = "note"
+    base: GateBase = GateBase()
 
 
 class Benchmark(_SpecStruct, frozen=True, kw_only=True):

@@ -75,6 +75,7 @@ class PairsRecord(msgspec.Struct, frozen=True, kw_only=True):
         differences: between the plans of the base and the head, one per line.
         environment: the changed variables of the base, by name; empty for a removed one.
         notes: on decisions during the comparison, one sentence each.
+        gate: on the base, if it has its own work tree, one sentence each.
     """
 
     r2bspec_pairs: Literal[1] = 1
@@ -92,6 +93,7 @@ class PairsRecord(msgspec.Struct, frozen=True, kw_only=True):
     differences: tuple[str, ...] = ()
     environment: dict[str, str] = {}
     notes: tuple[str, ...] = ()
+    gate: tuple[str, ...] = ()
 
 
 class ComparisonFolder(RunFolder):

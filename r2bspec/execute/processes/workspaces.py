@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import os
 import shutil
 import subprocess
@@ -37,11 +38,24 @@ def applied_environment(changes: Mapping[str, str]) -> Iterator[None]:
 
 
 def _apply_changes(changes: Mapping[str, str]) -> None:
+    if "PYTHONPATH" in changes:
+        # What is looked up here is found where the processes of a run will find it.
+        before = _folders(os.environ.get("PYTHONPATH", ""))
+        kept = [folder for folder in sys.path if folder not in before]
+        sys.path[:] = [*_folders(changes["PYTHONPATH"]), *kept]
+        importlib.invalidate_caches()
     for name, value in changes.items():
         if value:
             os.environ[name] = value
         else:
             os.environ.pop(name, None)
+
+
+def _folders(value: str) -> list[str]:
+    """The folders of PYTHONPATH as they are in ``sys.path``."""
+    if sys.flags.ignore_environment:
+        return []
+    return [os.path.abspath(folder) for folder in value.split(os.pathsep) if folder]  # noqa: PTH100
 
 
 def workspace_environments(texts: Iterable[str]) -> dict[str, str]:

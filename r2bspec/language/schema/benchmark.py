@@ -20,6 +20,7 @@ from r2bspec.language.schema.schema_builder import (
     quantity,
     record,
     requirement,
+    text,
 )
 
 _SEARCH = record(
@@ -106,6 +107,41 @@ _GATE = record(
             "pass inconclusive if it was measured under such load.",
             ["tolerate", "note", "strict"],
             "note",
+        ),
+        "base": record(
+            "How the base of 'run --against REVISION' becomes what runs: its own version of this "
+            "key counts. Paths are relative to the top of the work tree.",
+            {
+                "build": array(
+                    "The commands that build it, one after the other, in the top of its work tree.",
+                    array(
+                        "A program with its arguments, one item each, run without a shell.",
+                        text("An argument.", examples=["colcon"]),
+                        at_least=1,
+                        examples=[["colcon", "build", "--symlink-install"]],
+                    ),
+                    examples=[[["colcon", "build", "--symlink-install"]]],
+                ),
+                "setup": text(
+                    "What its runs are set up with after that: a setup file to source, the folder "
+                    "of an installation, or NAME=VALUE.",
+                    examples=["install/setup.bash"],
+                ),
+                "timeout": quantity(
+                    Duration,
+                    "The maximum duration of each command; if it is exceeded, the build fails.",
+                    default="30 min",
+                    examples=["10 min"],
+                    positive=True,
+                ),
+            },
+            examples=[
+                {
+                    "build": [["colcon", "build", "--symlink-install"]],
+                    "setup": "install/setup.bash",
+                }
+            ],
+            default={},
         ),
     },
     examples=[{"confidence": "99 %", "inconclusive": "fail"}],

@@ -1,0 +1,209 @@
+"""The environment of the base: what leads to the code of the head leads to that of the base.
+
+The head runs in the environment of this process. In it, search paths (PYTHONPATH, PATH, an overlay
+of colcon), and packages that are installed as editable, lead into the work tree of the head. A run
+of the base that kept them would run the head's code, and find no difference. So
+
+- an entry of a search path in the head's work tree becomes the same folder of the base, or goes if
+  the base has none;
+- a package that is installed as editable from the head's work tree is found in the base first;
+- an overlay that was built from the head's work tree, and a package that was installed from it as
+  a copy, cannot be turned into the base's. They go if the base is built (``benchmark.gate.base``,
+  ``--base-build``, ``--base-setup``), and are an error otherwise.
+
+What the processes have really loaded is checked after each run (`r2bspec.compare.merge_gate`).
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib.metadata
+import json
+import os
+import re
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import r2bspec
+from r2bspec.compare.base_tree import BaseRevisionError, BaseTree
+
+SEARCH_PATHS = (
+    *("PYTHONPATH", "PATH", "LD_LIBRARY_PATH", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH"),
+    *("CMAKE_PREFIX_PATH", "PKG_CONFIG_PATH"),
+)
+"""The variables by which code is found: lists of folders."""
+
+_COLCON_MARK = ".colcon_install_layout"
+_MAX_PTH_BYTES = 1 << 20
+_FINDER = re.compile(r"__editable___.*_finder\.py")
+
+_WAY_OUT = (
+    "Say how the base is built: benchmark.gate.base in the spec, or --base-build and --base-setup."
+)
+
+
+def base_environment(tree: BaseTree, *, built: bool) -> dict[str, str]:
+    """The variables of the base that differ from those of this process.
+
+    Args:
+        tree: the work tree of the base.
+        built: whether the base is built, so that its own overlay replaces that of the head.
+
+    Returns:
+        The variables by name; empty for one that is removed.
+
+    Raises:
+        BaseRevisionError: the base would run code of the head.
+    """
+    overlays = _head_overlays(tree)
+    copies = [name for name, url in _installed_from(tree) if not _is_editable(url)]
+    if not built and (overlays or copies):
+        what = (
+            f"the overlay {overlays[0]} was built from the work tree of the head"
+            if overlays
+            else f"the package {copies[0]} was installed from the work tree of the head"
+        )
+        raise BaseRevisionError(f"{what}: {tree.name} would run the head's code", hint=_WAY_OUT)
+    changes = {}
+    for name in SEARCH_PATHS:
+        entries = os.environ.get(name, "").split(os.pathsep)
+        mapped = [
+            path
+            for entry in entries
+            if entry and not _is_in_any(Path(entry), overlays)
+            for path in _mapped(entry, tree)
+        ]
+        if name == "PYTHONPATH":
+            mapped = [*_editable_folders(tree), *mapped]
+        value = os.pathsep.join(dict.fromkeys(mapped))
+        if value != os.environ.get(name, ""):
+            changes[name] = value
+    return changes
+
+
+def is_code_of(path: Path, tree: BaseTree, side: str) -> bool:
+    """Whether a file belongs to the work tree of the base or of the head, and to no tool.
+
+    A virtual environment in the work tree, and r2bspec itself, serve both sides.
+    """
+    in_base = path.is_relative_to(tree.top)
+    if side == "base":
+        return in_base
+    return path.is_relative_to(tree.head_top) and not in_base and not _is_tool(path)
+
+
+def _mapped(entry: str, tree: BaseTree) -> Iterator[str]:
+    """An entry of a search path, as the base has it; none if that does not exist."""
+    path = Path(entry).resolve()
+    if not is_code_of(path, tree, "head"):
+        yield entry
+    elif (found := tree.in_base(path)) is not None and found.exists():
+        yield str(found)
+
+
+def _is_tool(path: Path) -> bool:
+    """Whether a path is of the virtual environment, or of r2bspec, which may lie in that tree."""
+    package = Path(r2bspec.__file__).resolve().parent
+    # The folder of the package is in a search path where r2bspec is installed as editable.
+    in_tools = _is_in_any(path, (Path(sys.prefix), Path(sys.prefix).resolve(), package))
+    return in_tools or path == package.parent
+
+
+def _is_in_any(path: Path, folders: Iterable[Path]) -> bool:
+    return any(path.is_relative_to(folder) for folder in folders)
+
+
+def _head_overlays(tree: BaseTree) -> list[Path]:
+    """The installations of colcon in the search paths whose workspace holds the head's tree.
+
+    Those within that tree are no matter: their entries are mapped as any other.
+    """
+    overlays: dict[Path, None] = {}
+    for name in SEARCH_PATHS:
+        for entry in os.environ.get(name, "").split(os.pathsep):
+            path = Path(entry).absolute()
+            for folder in (path, *path.parents) if entry else ():
+                if (folder / _COLCON_MARK).is_file():
+                    outside = not folder.resolve().is_relative_to(tree.head_top)
+                    if outside and tree.head_top.is_relative_to(folder.parent.resolve()):
+                        overlays[folder] = None
+                    break
+    return list(overlays)
+
+
+def _installed_from(tree: BaseTree) -> Iterator[tuple[str, Mapping[str, object]]]:
+    """The distributions installed from the head's tree, with their direct_url.json (PEP 610)."""
+    for distribution in importlib.metadata.distributions():
+        text = distribution.read_text("direct_url.json")
+        if not text:
+            continue
+        try:
+            url = json.loads(text)
+            place = Path(unquote(urlsplit(str(url["url"])).path)).resolve()
+        except (ValueError, KeyError, TypeError, OSError):
+            continue
+        name = str(distribution.metadata["Name"])
+        if place.is_relative_to(tree.head_top) and name != "r2bspec":
+            yield name, url
+
+
+def _is_editable(url: Mapping[str, object]) -> bool:
+    about = url.get("dir_info")
+    return isinstance(about, dict) and about.get("editable") is True
+
+
+def _editable_folders(tree: BaseTree) -> Iterator[str]:
+    """The folders of the base in which packages are that are installed as editable in the head.
+
+    An installer writes a ``.pth`` file with the folder, or a module that maps packages to their
+    folders. Modules on PYTHONPATH are found before both.
+    """
+    for folder in map(Path, sys.path):
+        try:
+            names = sorted(os.listdir(folder)) if folder.is_dir() else []
+        except OSError:
+            continue
+        for name in names:
+            if name.endswith(".pth"):
+                places = _lines(folder / name)
+            elif _FINDER.fullmatch(name):
+                # Each package is found in the folder that contains its own.
+                places = [str(Path(place).parent) for place in _finder_folders(folder / name)]
+            else:
+                continue
+            for place in places:
+                path = Path(place).resolve()
+                mapped = tree.in_base(path) if is_code_of(path, tree, "head") else None
+                if mapped is not None and mapped.exists():
+                    yield str(mapped)
+
+
+def _lines(file: Path) -> list[str]:
+    try:
+        text = file.read_bytes()[:_MAX_PTH_BYTES].decode("utf-8", errors="replace")
+    except OSError:
+        return []
+    # A line that begins with import is code: it is not executed here.
+    return [line for line in text.splitlines() if line.startswith("/")]
+
+
+def _finder_folders(file: Path) -> list[str]:
+    """The folders of MAPPING, a literal in the module that setuptools writes."""
+    try:
+        body = ast.parse(file.read_bytes()[:_MAX_PTH_BYTES]).body
+    except (OSError, SyntaxError, ValueError):
+        return []
+    for statement in body:
+        if isinstance(statement, ast.AnnAssign | ast.Assign) and statement.value is not None:
+            target = (
+                statement.target if isinstance(statement, ast.AnnAssign) else statement.targets[0]
+            )
+            if isinstance(target, ast.Name) and target.id == "MAPPING":
+                try:
+                    mapping = ast.literal_eval(statement.value)
+                except ValueError:
+                    return []
+                return [str(place) for place in mapping.values()] if mapping else []
+    return []

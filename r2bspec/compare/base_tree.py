@@ -1,0 +1,377 @@
+"""The work tree of the base of a merge gate: a revision of git as files, or another work tree.
+
+A revision is written from the objects of the repository, into a folder of its own outside of the
+repository, which is removed at the end. Nothing that a repository can bring along is executed or
+applied: no hook, no filter, no attribute, no configuration of a submodule; and nothing is fetched.
+Files of Git LFS are taken from the local storage of the repository; what is not there stays the
+pointer that git knows, and is named in a note.
+
+A folder that an ended process has left is removed by the next one: each holds a lock in its folder.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import hashlib
+import os
+import re
+import shutil
+import stat
+import subprocess
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import BinaryIO
+
+from r2bspec.compare.base_reference import HINT, BaseReference
+from r2bspec.diagnostics.quote import clip
+from r2bspec.errors import UsageError
+from r2bspec.record.graph_identity import Revision, revision_text
+from r2bspec.untrusted.git import (
+    commit_of,
+    find_work_tree,
+    git_command,
+    git_environment,
+    inspect_work_tree,
+    run_git,
+)
+
+_PREFIX = "r2bspec-base-"
+_LOCK = ".lock"
+_TREE = "tree"
+
+_MAX_FILES = 1_000_000
+_MAX_BYTES = 200 << 30
+_BLOCK_BYTES = 1 << 20
+
+_LFS_POINTER = re.compile(
+    rb"version https://git-lfs\.github\.com/spec/v1\n(?:ext-.*\n)*"
+    rb"oid sha256:([0-9a-f]{64})\nsize (\d{1,15})\n"
+)
+_MAX_POINTER_BYTES = 1024
+
+
+class BaseRevisionError(UsageError):
+    """The base of a gate cannot be had as files."""
+
+    code = "R2B694"
+
+
+@dataclass(frozen=True)
+class BaseTree:
+    """The work tree of the base.
+
+    Attributes:
+        top: its folder.
+        head_top: the top of the work tree of the head, which has the same layout.
+        name: of the base, as reports show it: ``origin/main@9b1e44f``.
+        revision: what it is a state of; None if that is not known.
+        notes: what is not as in a checkout, a sentence each.
+    """
+
+    top: Path
+    head_top: Path
+    name: str
+    revision: Revision | None
+    notes: tuple[str, ...] = ()
+
+    def in_base(self, path: Path) -> Path | None:
+        """Where the base has a path of the head's tree; None for a path outside of it."""
+        try:
+            return self.top / path.resolve().relative_to(self.head_top)
+        except ValueError:
+            return None
+
+
+@contextlib.contextmanager
+def open_base_tree(reference: BaseReference, spec: Path) -> Iterator[BaseTree]:
+    """The work tree of a base, while the context lasts.
+
+    Args:
+        reference: has a revision or a folder.
+        spec: of the head, or its folder; a file of the repository.
+
+    Raises:
+        BaseRevisionError: there is no such revision, or it cannot be written.
+    """
+    folder = spec if spec.is_dir() else spec.parent
+    head_top = find_work_tree(folder)
+    if reference.folder is not None:
+        yield _other_work_tree(reference.folder.resolve(), head_top or folder.resolve())
+        return
+    if head_top is None:
+        raise BaseRevisionError(
+            f"{clip(reference.revision)!r} is neither a file nor a folder, and {folder} is in no "
+            "git repository that could know it as a revision",
+            hint=HINT,
+        )
+    commit = _commit(head_top, reference.revision)
+    revision = Revision(commit=commit, dirty=False, name=reference.revision.removesuffix("..."))
+    _remove_abandoned()
+    try:
+        place = Path(tempfile.mkdtemp(prefix=_PREFIX))
+    except OSError as error:
+        raise _unwritable(Path(tempfile.gettempdir()), error) from error
+    try:
+        with (place / _LOCK).open("wb") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            (place / _TREE).mkdir()
+            notes = _TreeWriter(head_top, commit, place / _TREE).write()
+            yield BaseTree(
+                # As `resolve` names it: files that processes load are compared with it.
+                top=(place / _TREE).resolve(),
+                head_top=head_top,
+                name=revision_text(revision),
+                revision=revision,
+                notes=notes,
+            )
+    finally:
+        _remove(place)
+
+
+def _other_work_tree(folder: Path, head_top: Path) -> BaseTree:
+    """A work tree that exists; it is used as it is."""
+    top = find_work_tree(folder) or folder
+    if top == head_top:
+        raise BaseRevisionError(
+            f"{folder} is in the work tree of the head",
+            hint="Give another work tree, such as one of git worktree add, or a revision.",
+        )
+    state = inspect_work_tree(top)
+    if state is None or not state.commit:
+        return BaseTree(top=top, head_top=head_top, name=folder.name, revision=None)
+    revision = Revision(commit=state.commit, dirty=bool(state.changed), name=folder.name)
+    return BaseTree(top=top, head_top=head_top, name=revision_text(revision), revision=revision)
+
+
+def _commit(top: Path, text: str) -> str:
+    """The commit that a text means.
+
+    Raises:
+        BaseRevisionError: git knows none.
+    """
+    name = text.removesuffix("...")
+    commit = commit_of(top, name)
+    if commit is not None and name != text:
+        commit = _output(top, "merge-base", commit, "HEAD") or None
+    if commit is not None:
+        return commit
+    shallow = _output(top, "rev-parse", "--is-shallow-repository") == "true"
+    remote, slash, branch = name.partition("/")
+    branched = bool(slash) and remote in _output(top, "remote").split()
+    source = f"{remote} {branch}:refs/remotes/{name}" if branched else f"origin {name}"
+    depth = " --unshallow" if name != text and shallow else " --depth=1" if shallow else ""
+    what = f"no commit from which HEAD and {name!r} branched off" if name != text else repr(name)
+    raise BaseRevisionError(
+        f"git knows no revision {what}"
+        + (": this clone is shallow, and does not have it" if shallow else ""),
+        hint=f"Fetch it first: git fetch{depth} {source}. The base can also be a work tree, or a "
+        "spec.",
+    )
+
+
+def _output(top: Path, *arguments: str) -> str:
+    """What git prints; empty if it fails."""
+    done = run_git(top, *arguments)
+    return done.stdout.decode(errors="replace").strip() if done and done.returncode == 0 else ""
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """A file of a revision: its mode and object, the size of that, and its path."""
+
+    mode: int
+    object_id: str
+    size: int
+    path: str
+
+
+class _TreeWriter:
+    """Writes the files of a commit into an empty folder."""
+
+    def __init__(self, top: Path, commit: str, folder: Path) -> None:
+        self._top = top
+        self._commit = commit
+        self._folder = folder
+        self._missing_lfs: list[str] = []
+        # Linked work trees share the storage of the repository.
+        self._lfs_objects = Path(top, _output(top, "rev-parse", "--git-common-dir"), "lfs/objects")
+
+    def write(self) -> tuple[str, ...]:
+        """Write all of them; returns what is not as in a checkout.
+
+        Raises:
+            BaseRevisionError: objects are missing, or the disk refuses.
+        """
+        entries, submodules = self._entries()
+        files = [entry for entry in entries if stat.S_ISREG(entry.mode)]
+        links = [entry for entry in entries if stat.S_ISLNK(entry.mode)]
+        self._check_space(sum(entry.size for entry in files))
+        try:
+            # Links last: nothing is written through one, whatever the tree contains.
+            self._write_objects(files)
+            self._write_objects(links)
+        except OSError as error:
+            raise _unwritable(self._folder, error) from error
+        notes = []
+        if submodules:
+            notes.append(f"Submodules are empty in the base: {_named(submodules)}.")
+        if self._missing_lfs:
+            notes.append(
+                f"Files of Git LFS are not in this clone, and are pointers in the base: "
+                f"{_named(self._missing_lfs)}; git lfs fetch origin {self._commit[:12]} gets them."
+            )
+        return tuple(notes)
+
+    def _entries(self) -> tuple[list[_Entry], list[str]]:
+        done = run_git(self._top, "ls-tree", "-r", "-l", "-z", "--full-tree", self._commit)
+        if done is None or done.returncode:
+            raise self._incomplete(done.stderr if done is not None else b"git does not answer")
+        entries, submodules = [], []
+        paths: set[str] = set()
+        for row in done.stdout.split(b"\0")[:-1]:
+            description, _, name = row.partition(b"\t")
+            mode, kind, object_id, size = description.split()
+            path = os.fsdecode(name)
+            if kind == b"commit":
+                submodules.append(path)
+                continue
+            parts = PurePosixPath(path).parts
+            hostile = path.startswith("/") or any(
+                part == ".." or part.lower() == ".git" for part in parts
+            )
+            if hostile or path in paths:
+                raise BaseRevisionError(
+                    f"{self._commit[:12]} has the path {clip(path)!r}, which git would not write"
+                )
+            paths.add(path)
+            length = int(size) if size.isdigit() else 0
+            entries.append(_Entry(int(mode, 8), object_id.decode(), length, path))
+            if len(entries) > _MAX_FILES:
+                raise BaseRevisionError(f"{self._commit[:12]} has over {_MAX_FILES:,} files")
+        return entries, submodules
+
+    def _check_space(self, needed: int) -> None:
+        free = shutil.disk_usage(self._folder).free
+        if needed > min(free, _MAX_BYTES):
+            raise _unwritable(
+                self._folder,
+                OSError(errno.ENOSPC, f"{needed:,} bytes are needed, and {free:,} are free"),
+            )
+
+    def _write_objects(self, entries: Sequence[_Entry]) -> None:
+        if not entries:
+            return
+        with tempfile.TemporaryFile() as names:
+            names.write(b"".join(entry.object_id.encode() + b"\n" for entry in entries))
+            names.seek(0)
+            with subprocess.Popen(
+                git_command(self._top, "cat-file", "--batch"),
+                env=git_environment(),
+                stdin=names,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+            ) as process:
+                assert process.stdout is not None  # noqa: S101 - it is a pipe
+                try:
+                    for entry in entries:
+                        self._write_object(entry, process.stdout)
+                except BaseException:
+                    process.kill()
+                    raise
+
+    def _write_object(self, entry: _Entry, objects: BinaryIO) -> None:
+        header = objects.readline().split()
+        if len(header) != 3 or header[0].decode() != entry.object_id:
+            raise self._incomplete(b" ".join(header))
+        size = int(header[2])
+        target = self._folder / entry.path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if stat.S_ISLNK(entry.mode):
+            target.symlink_to(os.fsdecode(_read(objects, size)))
+        else:
+            first = _read(objects, min(size, _BLOCK_BYTES))
+            with self._own_file(target, entry.mode) as file:
+                file.write(first)
+                left = size - len(first)
+                while left:
+                    block = _read(objects, min(left, _BLOCK_BYTES))
+                    file.write(block)
+                    left -= len(block)
+            if size <= _MAX_POINTER_BYTES and (pointer := _LFS_POINTER.fullmatch(first)):
+                self._take_lfs_object(target, entry, pointer[1].decode())
+        objects.read(1)
+
+    @staticmethod
+    def _own_file(target: Path, mode: int) -> BinaryIO:
+        permissions = 0o700 if mode & 0o100 else 0o600
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
+        return os.fdopen(os.open(target, flags, permissions), "wb")
+
+    def _take_lfs_object(self, target: Path, entry: _Entry, digest: str) -> None:
+        """Put the content of a file of Git LFS in the place of its pointer, if it is here."""
+        stored = self._lfs_objects / digest[:2] / digest[2:4] / digest
+        if not stored.is_file():
+            self._missing_lfs.append(entry.path)
+            return
+        found = hashlib.sha256()
+        with stored.open("rb") as source, target.open("wb") as file:
+            while block := source.read(_BLOCK_BYTES):
+                found.update(block)
+                file.write(block)
+        if found.hexdigest() != digest:
+            raise BaseRevisionError(
+                f"the file of Git LFS for {clip(entry.path)} is damaged in this clone",
+                hint="Remove it from .git/lfs/objects, and fetch it again: git lfs fetch.",
+            )
+
+    def _incomplete(self, said: bytes) -> BaseRevisionError:
+        return BaseRevisionError(
+            f"the repository lacks objects of {self._commit[:12]}: "
+            f"{clip(said.decode(errors='replace').strip())}",
+            hint="A partial clone does not have all files; fetch with git fetch --refetch, or "
+            "clone without --filter.",
+        )
+
+
+def _read(source: BinaryIO, size: int) -> bytes:
+    data = source.read(size)
+    if len(data) != size:
+        raise BaseRevisionError("git ended before it had given all objects")
+    return data
+
+
+def _named(paths: Sequence[str], most: int = 5) -> str:
+    more = f" and {len(paths) - most} more" if len(paths) > most else ""
+    return ", ".join(clip(path) for path in paths[:most]) + more
+
+
+def _unwritable(folder: Path, error: OSError) -> BaseRevisionError:
+    return BaseRevisionError(
+        f"the work tree of the base cannot be written to {folder}: {error.strerror or error}",
+        hint="Set TMPDIR to a folder on a disk with enough space.",
+    )
+
+
+def _remove_abandoned() -> None:
+    """Remove the folders of processes that were killed; those of running ones are locked."""
+    for place in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*"):
+        with contextlib.suppress(OSError):
+            about = place.lstat()
+            if not stat.S_ISDIR(about.st_mode) or about.st_uid != os.getuid():
+                continue
+            with (place / _LOCK).open("rb") as lock:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                _remove(place)
+
+
+def _remove(place: Path) -> None:
+    """Remove a folder; a build may have left folders that are not writable."""
+    shutil.rmtree(place, ignore_errors=True)
+    if place.exists():
+        for folder, _, _ in os.walk(place):
+            Path(folder).chmod(0o700)
+        shutil.rmtree(place, ignore_errors=True)

@@ -1,0 +1,351 @@
+"""The merge gate: a spec and its code, compared with the same spec and its code in the base.
+
+From the head's spec to two sides that can be alternated:
+
+1. The base's version of the spec is found: at the same path, or under the same name.
+2. The base is built, if its version says how, in the environment that leads to the base's code.
+3. The two specs are compared. A head whose verdict depends on less than the base's is an error.
+4. What the nodes of each side are made of is identified.
+5. Base and head are played alternately (`r2bspec.compare.interleaved_comparison`). After each run,
+   the files that its processes have loaded must be those of its side.
+
+If there is nothing to compare with, the head alone is judged, and every report says why: the base
+has no such spec; or the base cannot run, and the pipeline allows that. The head then is not asked
+for what only a comparison can tell.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Protocol
+
+import msgspec
+
+from r2bspec.compare.base_build import BaseBuildError, BaseBuilds
+from r2bspec.compare.base_environment import is_code_of
+from r2bspec.compare.base_reference import BaseReference
+from r2bspec.compare.base_tree import BaseRevisionError, BaseTree
+from r2bspec.compare.gate_strength import WeakerGateError, check_gate
+from r2bspec.compare.interleaved_runs import BaseFailsError, ComparisonSide
+from r2bspec.diagnostics.quote import clip
+from r2bspec.errors import R2bspecError
+from r2bspec.execute.errors import InterruptedRunError
+from r2bspec.execute.identity.graph_identity import graph_identity
+from r2bspec.execute.processes.workspaces import applied_environment
+from r2bspec.execute.progress import NullProgress, Progress
+from r2bspec.exit_status import ExitStatus
+from r2bspec.language.load_spec import LoadedSpec
+from r2bspec.language.selected_spec import SpecSelection
+from r2bspec.language.spec import GateBase, Objective
+from r2bspec.plan.comparability import difference_lines, graph_differences, load_differences
+from r2bspec.plan.plan import Plan
+from r2bspec.record.graph_identity import GraphIdentity, identity_differences
+from r2bspec.record.loaded_files import read_loaded_files
+from r2bspec.untrusted.safe_file import is_regular
+
+ALLOW_BASE = "base"
+"""The name under which a pipeline allows a base that cannot run."""
+
+_SPEC_SUFFIX = ".r2b.yaml"
+_PLAYED_FIELDS = (
+    *("play", "play_at_peak", "search", "sustained_hz", "starts", "warm_up_ns", "phases"),
+    *("drain_timeout_ns", "objectives", "gate"),
+)
+"""The fields of a plan that say how long and at which rates is played, and what is asked of it."""
+
+
+class Prepared(Protocol):
+    """A spec that is ready to run: `r2bspec.api.PreparedBenchmark`."""
+
+    @property
+    def plan(self) -> Plan:
+        """The compiled plan."""
+
+    @property
+    def base_dir(self) -> Path:
+        """The folder of the spec."""
+
+    @property
+    def spec_text(self) -> str:
+        """The resolved spec."""
+
+    @property
+    def loaded(self) -> LoadedSpec | None:
+        """The document; None for a plan from a file."""
+
+
+Prepare = Callable[[SpecSelection], Prepared]
+
+
+class OtherSidesFilesError(R2bspecError):
+    """A side of a comparison has loaded files of the other one."""
+
+    code = "R2B696"
+    exit_code = ExitStatus.USAGE
+
+
+@dataclass(frozen=True)
+class GateSettings:
+    """What the pipeline says of a gate, apart from the base.
+
+    Attributes:
+        allow: names of what may be weaker than in the base, and ``base``.
+        build: how the base is built, where its spec does not say it.
+        force: compare even with different loads.
+    """
+
+    allow: tuple[str, ...] = ()
+    build: GateBase = GateBase()
+    force: bool = False
+
+
+@dataclass(frozen=True)
+class GateSides:
+    """A head that is ready to be judged, and the base to compare it with.
+
+    Attributes:
+        head: with its objectives; without a base, only with those that need none.
+        base: None if the head alone is judged.
+        sentences: what every report says of the gate.
+        differences: between the graphs of the two plans, a line each.
+        changes: of the code, a line each.
+    """
+
+    head: ComparisonSide
+    base: ComparisonSide | None
+    sentences: tuple[str, ...] = ()
+    differences: tuple[str, ...] = ()
+    changes: tuple[str, ...] = ()
+
+
+@dataclass
+class MergeGate:
+    """The gate of one call: one base, for any number of specs.
+
+    Attributes:
+        tree: the work tree of the base.
+        reference: how the user named it, with values that are the base's alone.
+        settings: what the pipeline says.
+        prepare: checks and compiles a spec.
+    """
+
+    tree: BaseTree
+    reference: BaseReference
+    settings: GateSettings
+    prepare: Prepare
+    _builds: BaseBuilds = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._builds = BaseBuilds(self.tree)
+
+    def sides(
+        self, selection: SpecSelection, head: Prepared, progress: Progress | None = None
+    ) -> GateSides:
+        """The two sides of a spec.
+
+        Args:
+            selection: of the head.
+            head: as prepared from it.
+            progress: is notified of builds.
+
+        Raises:
+            WeakerGateError: the head's verdict depends on less than the base's.
+            BaseFailsError: the base's version is not valid, and that is not allowed.
+            BaseBuildError: the base does not build, likewise.
+            BaseRevisionError: the base would run code of the head.
+        """
+        found = self.base_spec(selection.spec, head)
+        if found is None:
+            return self.alone(head, f"New spec: {self.tree.name} has nothing to compare it with.")
+        base_selection = replace(
+            selection,
+            spec=found,
+            sets=(*selection.sets, *self.reference.sets),
+            variables={**(selection.variables or {}), **self.reference.variables},
+            allow_paths=tuple(self._in_base(path) for path in selection.allow_paths),
+        )
+        if head.loaded is not None and head.loaded.case:
+            cases = replace(base_selection, case="").load_cases()
+            if head.loaded.case not in {loaded.case for loaded in cases}:
+                return self.alone(
+                    head, f"New case: {self.tree.name} has no {clip(head.loaded.case)}."
+                )
+        try:
+            environment = self._builds.environment(
+                self._build_settings(base_selection), progress or NullProgress()
+            )
+            with applied_environment(environment):
+                base = self.prepare(base_selection)
+                base_identity = graph_identity(
+                    base.plan, base.base_dir, revision=self.tree.revision, top=self.tree.top
+                )
+        except InterruptedRunError:
+            raise
+        except R2bspecError as error:
+            if ALLOW_BASE not in self.settings.allow:
+                if isinstance(error, BaseBuildError | BaseRevisionError):
+                    raise
+                name = f"{self.tree.name} cannot be compared with: "
+                raise BaseFailsError.of(error, name) from error
+            return self.alone_without_base(head, error)
+        comparison = check_gate(base, head, self.settings.allow)
+        sentences = [*self.tree.notes, *comparison.sentences]
+        if found.name != selection.spec.name:
+            old = found.relative_to(self.tree.top)
+            sentences.append(f"Renamed: the spec is {clip(str(old))} in {self.tree.name}.")
+        as_head = msgspec.structs.replace(
+            base.plan, **{name: getattr(head.plan, name) for name in _PLAYED_FIELDS}
+        )
+        otherwise = load_differences(as_head, head.plan)
+        if otherwise and not self.settings.force:
+            lines = "; ".join(difference_lines(otherwise, max_lines=3))
+            return self.alone(
+                head, f"Not compared with {self.tree.name}, whose load is another: {lines}.",
+                *sentences,
+            )
+        head_identity = graph_identity(head.plan, head.base_dir, top=self.tree.head_top)
+        changes = identity_differences(base_identity, head_identity)
+        differences = graph_differences(as_head, head.plan)
+        if not changes and not differences:
+            sentences.append(
+                f"Same spec and same code as {self.tree.name}: the graph is compared with itself."
+            )
+        return GateSides(
+            head=self._side(head, head.plan, {}, head_identity),
+            base=self._side(base, as_head, environment, base_identity),
+            sentences=tuple(sentences),
+            differences=tuple(difference_lines(differences)),
+            changes=changes,
+        )
+
+    def base_spec(self, spec: Path, head: Prepared | None = None) -> Path | None:
+        """The base's version of a spec: at its path, or one of its name that the head lacks."""
+        same = self.tree.in_base(spec)
+        if same is not None and is_regular(same):
+            return same
+        name = head.loaded.spec.name if head and head.loaded and head.loaded.spec else ""
+        for path in sorted(self.specs_of_base()) if name else ():
+            if (self.tree.head_top / path.relative_to(self.tree.top)).exists():
+                continue
+            loaded = SpecSelection(path).load_cases()[0]
+            if loaded.spec is not None and loaded.spec.name == name:
+                return path
+        return None
+
+    def specs_of_base(self, below: Path | None = None) -> Iterator[Path]:
+        """The specs of the base, hidden folders left out."""
+        for parent, folders, files in os.walk(below or self.tree.top):
+            folders[:] = [name for name in folders if not name.startswith(".")]
+            yield from (Path(parent, name) for name in files if name.endswith(_SPEC_SUFFIX))
+
+    def require_spec(self, spec: Path) -> None:
+        """Check that a spec of the base is not gone.
+
+        Raises:
+            WeakerGateError: the base has it, and the head does not.
+        """
+        same = self.tree.in_base(spec)
+        if spec.exists() or same is None or not is_regular(same):
+            return
+        raise WeakerGateError(
+            f"{spec} is gone: {self.tree.name} has it, and a gate without its spec does not pass",
+            hint="Restore it; if it was renamed, let the pipeline run it by its new path.",
+        )
+
+    def alone(self, head: Prepared, *sentences: str) -> GateSides:
+        """The head without a base: what only a comparison can tell is not asked of it."""
+        objectives, left_out = _without_baseline(head.plan.objectives)
+        if left_out:
+            noun = "requirement" if left_out == 1 else "requirements"
+            sentences += (f"{left_out} {noun} of the baseline: not judged without a base.",)
+        identity = graph_identity(head.plan, head.base_dir, top=self.tree.head_top)
+        plan = msgspec.structs.replace(head.plan, objectives=objectives)
+        return GateSides(self._side(head, plan, {}, identity), None, sentences)
+
+    def alone_without_base(self, head: Prepared, error: R2bspecError) -> GateSides:
+        """The head alone, because the base cannot run, and that is allowed."""
+        first = self._named(str(error)).splitlines()[0]
+        return self.alone(head, f"Allowed: base. {self.tree.name} cannot run: {first}")
+
+    def check_loaded_files(self, side: str, folder: Path) -> None:
+        """Check that the processes of a run have loaded the files of their side.
+
+        Raises:
+            OtherSidesFilesError: some are of the other one.
+        """
+        other = "head" if side == "base" else "base"
+        for process, files in read_loaded_files(folder).items():
+            for file in files:
+                if is_code_of(Path(file), self.tree, other):
+                    top = self.tree.top if other == "base" else self.tree.head_top
+                    raise OtherSidesFilesError(
+                        f"in a run of the {side}, {process} loaded {file} of the {other} ({top}): "
+                        "the two cannot be compared",
+                        hint="Something leads there besides search paths and editable packages, "
+                        "such as an absolute path in the spec or in a parameter. Name files "
+                        "relative to the spec, or build the base with benchmark.gate.base.",
+                    )
+
+    def _side(
+        self,
+        prepared: Prepared,
+        plan: Plan,
+        environment: Mapping[str, str],
+        identity: GraphIdentity,
+    ) -> ComparisonSide:
+        return ComparisonSide(
+            plan, prepared.base_dir, prepared.spec_text, environment, identity=identity
+        )
+
+    def _build_settings(self, selection: SpecSelection) -> GateBase:
+        """How the base is built: as its own version of the spec says, or else as the pipeline."""
+        loaded = selection.load()
+        self._share_recordings(loaded)
+        own = loaded.spec.benchmark.gate.base if loaded.spec is not None else GateBase()
+        return own if own.build or own.setup else self.settings.build
+
+    def _share_recordings(self, loaded: LoadedSpec) -> None:
+        """Let the base play a recording of the head that git does not have.
+
+        Recordings are often downloaded, and ignored by git. Both sides are to play the same.
+        """
+        if self.reference.folder is not None or loaded.spec is None:
+            return
+        for source in loaded.spec.data_loader.sources:
+            place = Path(os.path.normpath(loaded.base_dir / source.path))
+            if not source.path or place.exists() or not place.is_relative_to(self.tree.top):
+                continue
+            original = self.tree.head_top / place.relative_to(self.tree.top)
+            if original.exists():
+                with contextlib.suppress(OSError):
+                    place.parent.mkdir(parents=True, exist_ok=True)
+                    place.symlink_to(original)
+
+    def _in_base(self, path: Path) -> Path:
+        return self.tree.in_base(path) or path
+
+    def _named(self, text: str) -> str:
+        """A text in which files of the base have the names that they have in the repository."""
+        return text.replace(f"{self.tree.top}/", "")
+
+
+def _without_baseline(
+    objectives: Mapping[str, Objective],
+) -> tuple[dict[str, Objective], int]:
+    """Objectives without requirements of the baseline, and how many those are."""
+    kept: dict[str, Objective] = {}
+    left_out = 0
+    for name, objective in objectives.items():
+        require: Sequence[object] = [
+            requirement
+            for requirement in objective.require
+            if requirement.bound is None or not requirement.bound.of_baseline
+        ]
+        left_out += len(objective.require) - len(require)
+        if require:
+            kept[name] = msgspec.structs.replace(objective, require=tuple(require))
+    return kept, left_out
