@@ -107,6 +107,20 @@ def apply_waivers(
     return left
 
 
+def effective_waivers(texts: Mapping[str, str], slugs: Mapping[str, str]) -> Iterator[Waiver]:
+    """The waivers in some texts that give a reason and name a code that exists.
+
+    Args:
+        texts: by file name.
+        slugs: the slug of every code.
+    """
+    for file, text in texts.items():
+        for waiver in waivers_in(text, file):
+            resolved = _with_code(waiver, slugs)
+            if resolved.code and resolved.reason:
+                yield resolved
+
+
 def _has_too_many_comments(text: str) -> bool:
     return next(islice(_COMMENT.finditer(text), MAX_WAIVERS, None), None) is not None
 

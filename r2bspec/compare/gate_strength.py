@@ -1,0 +1,277 @@
+"""Whether the gate of a head is weaker than that of its base: a gate cannot weaken itself.
+
+Whoever changes a graph can change its spec, too. So everything that a verdict depends on is
+compared with the base: objectives, monitors, inputs, data, durations and the rest of
+`r2bspec.compare.gate_keys`, and waivers. What is weaker is an error, unless the pipeline allows it
+by name. What is stronger is stated. The graph under test is free to change.
+
+Nothing is executed, and no file is read: what is compared are compiled specs.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from r2bspec.compare.gate_change import GateChange, GateSide, spec_of, unique
+from r2bspec.compare.gate_keys import plan_changes
+from r2bspec.compare.load_keys import input_names
+from r2bspec.compare.waiver_changes import waiver_changes
+from r2bspec.diagnostics import Diagnostic, Severity, did_you_mean
+from r2bspec.diagnostics.diagnostic import Path, Span
+from r2bspec.diagnostics.quote import quote
+from r2bspec.errors import R2bspecError, UsageError
+from r2bspec.exit_status import ExitStatus
+
+if TYPE_CHECKING:
+    from r2bspec.language.load_spec import LoadedSpec
+    from r2bspec.plan.plan import Plan
+
+WEAKER_GATE: Final = "R2B692"
+MISSING_OBJECTIVES: Final = "R2B693"
+
+KEY_NAMES: Final = (
+    *("data", "playback", "preprocessors", "rates", "duration", "iterations", "max_iterations"),
+    *("starts", "warm_up", "start_timeout", "drain_timeout", "search", "confidence"),
+    *("gate.inconclusive", "gate.confirm", "gate.time_budget", "gate.interference", "gate.base"),
+    *("transport", "harness", "requires", "base"),
+)
+"""Names that every comparison knows. ``base`` is a base that cannot be used at all."""
+
+_WAIVER_OR_SPEC: Final = re.compile(r"waiver R2B\d{3}|(?:spec|case) .+")
+_MAX_LISTED: Final = 40
+
+
+@dataclass(frozen=True)
+class Weakening:
+    """One way in which the gate of the head is weaker, or may be.
+
+    Attributes:
+        name: what ``--allow`` takes, such as ``duration`` or ``objective fast``.
+        path: of the value in the head's document; the value may be gone.
+        before: the value of the base as text; empty if it has none.
+        after: the value of the head as text; empty if it has none.
+        span: the place in the head, if it is not at `path`.
+    """
+
+    name: str
+    path: Path
+    before: str
+    after: str
+    span: Span | None = None
+
+
+@dataclass(frozen=True)
+class GateComparison:
+    """The gate of a head beside that of its base; `stronger` are sentences."""
+
+    weaker: tuple[Weakening, ...] = ()
+    stronger: tuple[str, ...] = ()
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What reports say of it, where all that is weaker was allowed."""
+        allowed = (f"allowed: {each.name} ({_change_text(each)})" for each in self.weaker)
+        return (*allowed, *(f"stronger: {each}" for each in self.stronger))
+
+
+class WeakerGateError(R2bspecError):
+    """The gate of the head is weaker than that of the base.
+
+    Attributes:
+        diagnostics: each way in which it is, at its place.
+        loaded: the head, with the texts that the diagnostics refer to; None for a plan.
+    """
+
+    code = WEAKER_GATE
+    exit_code = ExitStatus.USAGE
+
+    def __init__(
+        self,
+        weaker: Sequence[Weakening],
+        diagnostics: Sequence[Diagnostic],
+        loaded: LoadedSpec | None,
+        base_name: str,
+    ) -> None:
+        names = dict.fromkeys(each.name for each in weaker)
+        options = " ".join(f"--allow {shlex.quote(name)}" for name in names)
+        super().__init__(
+            f"the gate is weaker than in {base_name}: {', '.join(names)}",
+            hint=f"Undo the change, or let the pipeline allow it: {options}",
+        )
+        self.diagnostics = tuple(diagnostics)
+        self.loaded = loaded
+
+
+class MissingObjectivesError(R2bspecError):
+    """No objective can fail the run.
+
+    Attributes:
+        diagnostic: the same as a finding.
+    """
+
+    code = MISSING_OBJECTIVES
+    exit_code = ExitStatus.USAGE
+
+    def __init__(self, diagnostic: Diagnostic) -> None:
+        super().__init__(diagnostic.message, hint=f"{diagnostic.help.capitalize()}.")
+        self.diagnostic = diagnostic
+
+
+def compare_gates(base: GateSide, head: GateSide) -> GateComparison:
+    """What of the gate is weaker in the head, and what is stronger.
+
+    Args:
+        base: to compare with, prepared.
+        head: to be judged, prepared.
+    """
+    changes = list(unique(plan_changes(base, head)))
+    if base.loaded is not None and head.loaded is not None:
+        changes += waiver_changes(base.loaded, head.loaded)
+    return GateComparison(
+        tuple(weakening(each) for each in changes if each.weaker),
+        tuple(
+            f"{each.name} ({_change_text(weakening(each))})" for each in changes if not each.weaker
+        ),
+    )
+
+
+def weakening(change: GateChange) -> Weakening:
+    """A change as a way in which the gate is weaker."""
+    return Weakening(change.name, change.path, change.before, change.after, change.span)
+
+
+def check_gate(
+    base: GateSide,
+    head: GateSide,
+    allowed: Sequence[str] = (),
+    *,
+    base_name: str = "the base",
+    known_names: Collection[str] = (),
+) -> GateComparison:
+    """Compare two gates, and refuse a weaker one that the pipeline does not allow.
+
+    Args:
+        base: to compare with.
+        head: to be judged.
+        allowed: the names that the pipeline allows.
+        base_name: what the user called the base, for messages.
+        known_names: further names that may be allowed, because another spec has them.
+
+    Returns:
+        The comparison; everything in it that is weaker is allowed.
+
+    Raises:
+        WeakerGateError: the gate is weaker.
+        UsageError: a name is allowed that nothing has.
+    """
+    check_allowed(allowed, (*allowable_names(base, head), *known_names))
+    comparison = compare_gates(base, head)
+    refused = [each for each in comparison.weaker if each.name not in allowed]
+    if refused:
+        diagnostics = weakening_diagnostics(refused, head.loaded, base_name)
+        raise WeakerGateError(refused, diagnostics, head.loaded, base_name)
+    return comparison
+
+
+def allowable_names(base: GateSide, head: GateSide) -> tuple[str, ...]:
+    """The names that ``--allow`` may have for two specs, besides waivers and specs."""
+    names = list(KEY_NAMES)
+    for side in (base, head):
+        spec = spec_of(side)
+        objectives = spec.slos if spec is not None else side.plan.objectives
+        names += [f"objective {name}" for name in objectives]
+        names += [f"monitor {each.name}" for each in side.plan.monitors]
+        names += [f"input {name}" for name in input_names(side).values()]
+        names += [
+            f"memory_limit {each.name}" for each in side.plan.processes if each.memory_limit_bytes
+        ]
+    return tuple(dict.fromkeys(names))
+
+
+def check_allowed(allowed: Iterable[str], known: Collection[str]) -> None:
+    """Refuse names that nothing has: an allowance that is misspelt would have no effect.
+
+    Args:
+        allowed: the names that the pipeline allows.
+        known: from `allowable_names`, for all specs.
+
+    Raises:
+        UsageError: there is one.
+    """
+    for name in allowed:
+        if name in known or _WAIVER_OR_SPEC.fullmatch(name):
+            continue
+        close = did_you_mean(name, known)
+        listed = [*dict.fromkeys(known)]
+        rest = f" and {len(listed) - _MAX_LISTED} more" if len(listed) > _MAX_LISTED else ""
+        raise UsageError(
+            f"--allow {quote(name)}: nothing in the gate has this name"
+            + (f"; did you mean {quote(close)}?" if close else ""),
+            hint=f"Names are {', '.join(listed[:_MAX_LISTED])}{rest}, 'waiver CODE', "
+            "'spec PATH' and 'case NAME'.",
+        )
+
+
+def weakening_diagnostics(
+    weaker: Iterable[Weakening], head: LoadedSpec | None, base_name: str
+) -> tuple[Diagnostic, ...]:
+    """Findings at the place of each value in the head, or of its nearest parent if it is gone.
+
+    Args:
+        weaker: what they are about.
+        head: the document; None if there is none, as for a plan from a file.
+        base_name: what the user called the base.
+    """
+    diagnostics = []
+    for each in weaker:
+        span = each.span
+        if span is None:
+            span = head.span(each.path) if head is not None else Span.of_file("<plan>")
+        diagnostics.append(
+            Diagnostic(
+                WEAKER_GATE,
+                Severity.ERROR,
+                f"weaker gate than in {base_name}: {each.name}: {_change_text(each)}",
+                span,
+                path=each.path,
+                help="undo the change; the pipeline can allow it: "
+                f"--allow {shlex.quote(each.name)}",
+            )
+        )
+    return tuple(sorted(diagnostics, key=lambda diagnostic: diagnostic.sort_key))
+
+
+def require_objectives(plan: Plan, file: str = "") -> None:
+    """Refuse a plan that nothing can fail.
+
+    Args:
+        plan: to be run.
+        file: of the spec, for the message; the name of the plan if empty.
+
+    Raises:
+        MissingObjectivesError: no active objective of level ``error`` has a requirement.
+    """
+    if not any(each.level == "error" and each.require for each in plan.objectives.values()):
+        raise MissingObjectivesError(missing_objectives(file or plan.name))
+
+
+def missing_objectives(file: str, cases: Sequence[str] = ()) -> Diagnostic:
+    """The finding that a spec, or some cases of it, has no objective that can fail."""
+    of_cases = f" in {', '.join(cases[:12])}" if cases else ""
+    return Diagnostic(
+        MISSING_OBJECTIVES,
+        Severity.ERROR,
+        f"no active objective of level error{of_cases}: nothing can fail",
+        Span.of_file(file),
+        help="add a requirement under 'slos', or leave out --require-slos",
+    )
+
+
+def _change_text(each: Weakening) -> str:
+    if not each.after:
+        return f"gone, was {each.before}" if each.before else "gone"
+    return f"{each.after}, was {each.before}" if each.before else f"new, {each.after}"
