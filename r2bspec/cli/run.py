@@ -207,7 +207,8 @@ def command(
     several = options.needs_suite or values.case == ALL_CASES
     if options.on is not None:
         options.check_fleet()
-    if len(specs) == 2 and not several and not options.smoke and is_file_list(specs):
+    pair = len(specs) == 2 and not several and not options.smoke and not options.has_base_tree
+    if pair and is_file_list(specs):
         base, head = specs
         echo(f"comparing {head} with {base} in pairs; --each runs them one by one", err=True)
         options = replace(options, against=(base, *options.against))
@@ -223,7 +224,7 @@ def command(
     items = run_items(
         SpecSelection(Path(), *values), spec_files(specs), options.select, options.scan
     )
-    return run_suite(items, options)
+    return run_suite(items, options, specs)
 
 
 def _is_collection(path: str) -> bool:

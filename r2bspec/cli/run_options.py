@@ -18,11 +18,16 @@ ALL_CASES = "all"
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
-    """The options as they were given; the names are those of the command line."""
+    """The options as they were given; the names are those of the command line.
+
+    Attributes:
+        known_names: names of `allow` that are known to some spec of a suite.
+    """
 
     output: Path | None = None
     against: tuple[str, ...] = ()
     allow: tuple[str, ...] = ()
+    known_names: tuple[str, ...] = ()
     base_build: tuple[str, ...] = ()
     base_setup: str = ""
     control: bool = False

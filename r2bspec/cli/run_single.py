@@ -14,8 +14,8 @@ from r2bspec.report.output import echo, echo_document
 
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
-    from r2bspec.compare.merge_gate import MergeGate
     from r2bspec.cli.run_options import RunOptions
+    from r2bspec.compare.merge_gate import MergeGate
     from r2bspec.judge.result import Result
     from r2bspec.report.remaining_time import RemainingTime
 
@@ -145,6 +145,7 @@ def opened_gate(options: RunOptions, spec: Path) -> contextlib.AbstractContextMa
         allow=options.allow,
         build=GateBase(build=build, setup=options.base_setup),
         force=options.force,
+        known_names=options.known_names,
     )
     return api.open_gate(options.against, spec, settings)
 
@@ -203,7 +204,7 @@ def execute(
     except BaseException as error:
         if isinstance(error, WeakerGateError) and prepared.loaded is not None:
             show(error.diagnostics, prepared.loaded.texts)
-            error.remainder = ""
+            error.remainder = str(error)
         if isinstance(error, api.GraphMismatchError):
             show(error.diagnostics, error.loaded.texts)
             error.remainder = error.details

@@ -13,7 +13,13 @@ from typing import TYPE_CHECKING
 import click
 
 from r2bspec.cli.run_selection import RunItem
-from r2bspec.cli.run_single import execute, folder_line, locked_host, show_differences
+from r2bspec.cli.run_single import (
+    execute,
+    folder_line,
+    gate_of,
+    locked_host,
+    show_differences,
+)
 from r2bspec.cli.spec_selection import prepare_and_report
 from r2bspec.cli.suite_entry import Executor, SuiteEntry
 from r2bspec.errors import R2bspecError
@@ -22,6 +28,7 @@ from r2bspec.report.output import echo, echo_document
 
 if TYPE_CHECKING:
     from r2bspec.cli.run_options import RunOptions
+    from r2bspec.compare.merge_gate import MergeGate
     from r2bspec.judge.result import Result
     from r2bspec.report.suite_summary import SuiteRun, SuiteSummary
     from r2bspec.report.write_reports import ReportRequest
@@ -37,8 +44,13 @@ _NAME_FIELD = "{name}"
 """In the path of a report: one file for each run."""
 
 
-def run_suite(items: Sequence[RunItem], options: RunOptions) -> int:
+def run_suite(items: Sequence[RunItem], options: RunOptions, paths: Sequence[str]) -> int:
     """Make all runs; returns the worst exit status.
+
+    Args:
+        items: the runs.
+        options: of all of them.
+        paths: the files, folders and patterns that they are from.
 
     Raises:
         InterruptedRunError: a signal ended a run; the summary of the others has been written.
@@ -54,14 +66,61 @@ def run_suite(items: Sequence[RunItem], options: RunOptions) -> int:
     with private_files():
         root.mkdir(parents=True, exist_ok=True)
     if options.on is None:
-        suite.enter(entries, root)
-        with locked_host(f"{len(entries)} benchmarks", options):
-            return suite.run(LocalExecutor(suite, options))
+        with (
+            locked_host(f"{len(entries)} benchmarks", options),
+            gate_of(with_known_names(options, entries), _place(entries)) as gate,
+        ):
+            if gate is not None:
+                entries += _deleted_specs(gate, paths, entries)
+            suite.enter(entries, root)
+            return suite.run(LocalExecutor(suite, options, gate))
     from r2bspec.cli.fleet_suite import fleet_executor
 
     with private_files(), fleet_executor(suite, root, options) as executor:
         suite.enter(executor.place(entries), root)
         return suite.run(executor)
+
+
+def with_known_names(options: RunOptions, entries: Sequence[SuiteEntry]) -> RunOptions:
+    """Options of which each name of ``--allow`` is known to one of the runs.
+
+    Raises:
+        UsageError: one is known to none.
+    """
+    if not options.allow:
+        return options
+    from r2bspec.compare.gate_strength import allowable_names, check_allowed
+
+    prepared = [entry.prepared for entry in entries if entry.prepared is not None]
+    check_allowed(options.allow, [name for one in prepared for name in allowable_names(one, one)])
+    return replace(options, known_names=options.allow)
+
+
+def _place(entries: Sequence[SuiteEntry]) -> Path:
+    """A spec of the suite: all of them are in one work tree."""
+    return entries[0].item.selection.spec
+
+
+def _deleted_specs(
+    gate: MergeGate, paths: Sequence[str], entries: Sequence[SuiteEntry]
+) -> list[SuiteEntry]:
+    """An entry that fails, if specs of the base, or cases of them, are gone."""
+    from r2bspec.cli.main import show_error
+    from r2bspec.cli.spec_files import spec_files
+    from r2bspec.compare.gate_strength import WeakerGateError
+
+    base: list[Path] = []
+    for path in paths:
+        place = gate.tree.in_base(Path(path))
+        with contextlib.suppress(click.UsageError):
+            base += map(Path, spec_files([str(place)]) if place is not None else [])
+    head = list(dict.fromkeys(entry.item.selection.spec for entry in entries))
+    try:
+        gate.require_specs(base, head)
+    except WeakerGateError as error:
+        show_error(error)
+        return [SuiteEntry(entries[0].item, "deleted specs", error=error)]
+    return []
 
 
 def _check_reports(options: RunOptions) -> None:
@@ -268,9 +327,10 @@ class Suite:
 class LocalExecutor:
     """Makes the runs of a suite on this host, one after the other."""
 
-    def __init__(self, suite: Suite, options: RunOptions) -> None:
+    def __init__(self, suite: Suite, options: RunOptions, gate: MergeGate | None = None) -> None:
         self._suite = suite
         self._options = options
+        self._gate = gate
 
     def place(self, entries: Sequence[SuiteEntry]) -> list[SuiteEntry]:
         """Every run is made here."""
@@ -320,7 +380,9 @@ class LocalExecutor:
         later_s = sum(each.seconds for each in entries[number + 1 :])
         remaining = RemainingTime(entry.estimate, after_s=later_s)
         of_run = replace(self._options, reports=self._suite.reports_of(entry))
-        result = execute(entry.prepared, entry.item.selection, of_run, entry.folder, remaining)
+        result = execute(
+            entry.prepared, entry.item.selection, of_run, entry.folder, remaining, self._gate
+        )
         if not self._options.quiet:
             echo(f"  {result.verdict.outcome}: {result.verdict.reason}", err=True)
         return result

@@ -28,6 +28,7 @@ from urllib.parse import unquote, urlsplit
 
 import r2bspec
 from r2bspec.compare.base_tree import BaseRevisionError, BaseTree
+from r2bspec.untrusted.safe_file import names_in
 
 SEARCH_PATHS = (
     *("PYTHONPATH", "PATH", "LD_LIBRARY_PATH", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH"),
@@ -68,18 +69,13 @@ def base_environment(tree: BaseTree, *, built: bool) -> dict[str, str]:
         raise BaseRevisionError(f"{what}: {tree.name} would run the head's code", hint=_WAY_OUT)
     changes = {}
     for name in SEARCH_PATHS:
-        entries = os.environ.get(name, "").split(os.pathsep)
-        mapped = [
-            path
-            for entry in entries
-            if entry and not _is_in_any(Path(entry), overlays)
-            for path in _mapped(entry, tree)
-        ]
+        entries = [entry for entry in os.environ.get(name, "").split(os.pathsep) if entry]
+        kept = (entry for entry in entries if not _is_in_any(Path(entry), overlays))
+        mapped = [path for entry in kept for path in _mapped(entry, tree)]
         if name == "PYTHONPATH":
-            mapped = [*_editable_folders(tree), *mapped]
-        value = os.pathsep.join(dict.fromkeys(mapped))
-        if value != os.environ.get(name, ""):
-            changes[name] = value
+            mapped = [*dict.fromkeys([*_editable_folders(tree), *mapped])]
+        if mapped != entries:
+            changes[name] = os.pathsep.join(mapped)
     return changes
 
 
@@ -162,7 +158,7 @@ def _editable_folders(tree: BaseTree) -> Iterator[str]:
     """
     for folder in map(Path, sys.path):
         try:
-            names = sorted(os.listdir(folder)) if folder.is_dir() else []
+            names = sorted(names_in(folder)) if folder.is_dir() else []
         except OSError:
             continue
         for name in names:

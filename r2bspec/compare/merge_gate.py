@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
@@ -29,8 +29,9 @@ from r2bspec.compare.base_build import BaseBuildError, BaseBuilds
 from r2bspec.compare.base_environment import is_code_of
 from r2bspec.compare.base_reference import BaseReference
 from r2bspec.compare.base_tree import BaseRevisionError, BaseTree
-from r2bspec.compare.gate_strength import WeakerGateError, check_gate
+from r2bspec.compare.gate_strength import WeakerGateError, check_gate, weakening_diagnostics
 from r2bspec.compare.interleaved_runs import BaseFailsError, ComparisonSide
+from r2bspec.compare.spec_sets import SpecName, compare_spec_sets, spec_name
 from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.errors import InterruptedRunError
@@ -96,11 +97,13 @@ class GateSettings:
         allow: names of what may be weaker than in the base, and ``base``.
         build: how the base is built, where its spec does not say it.
         force: compare even with different loads.
+        known_names: names in `allow` that are for other specs.
     """
 
     allow: tuple[str, ...] = ()
-    build: GateBase = GateBase()
+    build: GateBase = field(default_factory=GateBase)
     force: bool = False
+    known_names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -192,7 +195,13 @@ class MergeGate:
                 name = f"{self.tree.name} cannot be compared with: "
                 raise BaseFailsError.of(error, name) from error
             return self.alone_without_base(head, error)
-        comparison = check_gate(base, head, self.settings.allow)
+        comparison = check_gate(
+            base,
+            head,
+            self.settings.allow,
+            base_name=self.tree.name,
+            known_names=self.settings.known_names,
+        )
         sentences = [*self.tree.notes, *comparison.sentences]
         if found.name != selection.spec.name:
             old = found.relative_to(self.tree.top)
@@ -204,7 +213,8 @@ class MergeGate:
         if otherwise and not self.settings.force:
             lines = "; ".join(difference_lines(otherwise, max_lines=3))
             return self.alone(
-                head, f"Not compared with {self.tree.name}, whose load is another: {lines}.",
+                head,
+                f"Not compared with {self.tree.name}, whose load is another: {lines}.",
                 *sentences,
             )
         head_identity = graph_identity(head.plan, head.base_dir, top=self.tree.head_top)
@@ -243,18 +253,32 @@ class MergeGate:
             yield from (Path(parent, name) for name in files if name.endswith(_SPEC_SUFFIX))
 
     def require_spec(self, spec: Path) -> None:
-        """Check that a spec of the base is not gone.
+        """Check that a spec of the base is not gone, unless that is allowed.
 
         Raises:
             WeakerGateError: the base has it, and the head does not.
         """
         same = self.tree.in_base(spec)
-        if spec.exists() or same is None or not is_regular(same):
-            return
-        raise WeakerGateError(
-            f"{spec} is gone: {self.tree.name} has it, and a gate without its spec does not pass",
-            hint="Restore it; if it was renamed, let the pipeline run it by its new path.",
-        )
+        if not spec.exists() and same is not None and is_regular(same):
+            self.require_specs([same], [])
+
+    def require_specs(self, base: Iterable[Path], head: Iterable[Path]) -> None:
+        """Check that the head has every spec of the base, and every case, unless that is allowed.
+
+        Args:
+            base: specs of the base.
+            head: specs of the head.
+
+        Raises:
+            WeakerGateError: some are gone.
+        """
+        weaker = compare_spec_sets(
+            _spec_names(base, self.tree.top), _spec_names(head, self.tree.head_top)
+        ).weaker
+        refused = [each for each in weaker if each.name not in self.settings.allow]
+        if refused:
+            diagnostics = weakening_diagnostics(refused, None, self.tree.name)
+            raise WeakerGateError(refused, diagnostics, None, self.tree.name)
 
     def alone(self, head: Prepared, *sentences: str) -> GateSides:
         """The head without a base: what only a comparison can tell is not asked of it."""
@@ -331,6 +355,14 @@ class MergeGate:
     def _named(self, text: str) -> str:
         """A text in which files of the base have the names that they have in the repository."""
         return text.replace(f"{self.tree.top}/", "")
+
+
+def _spec_names(files: Iterable[Path], top: Path) -> dict[str, SpecName]:
+    """The name and the cases of each spec, by its path below the top of its tree."""
+    return {
+        os.path.relpath(file.resolve(), top): spec_name(SpecSelection(file).load_cases())
+        for file in files
+    }
 
 
 def _without_baseline(
