@@ -1,8 +1,9 @@
 """Companion files of a spec: recorded interfaces, parameter files, and Python files of nodes.
 
-They are read as data, once, so that wiring and plan are pure functions of values. Except for
-parameter files that the spec names by their paths, nothing outside of the folder of the spec is
-read, and links out of a folder are not followed. All files of a kind have a limit together, over
+They are read as data, once, so that wiring and plan are pure functions of values. Python files are
+read in the work tree of git that holds the spec, such as ``src/package/node.py`` beside ``bench/``.
+Except for those, and for parameter files that the spec names by their paths, nothing outside of the
+folder of the spec is read, and links out of a folder are not followed. All files of a kind have a limit together, over
 all cases of a spec.
 """
 
@@ -18,6 +19,7 @@ import msgspec
 
 from r2bspec.language.spec import Node, Spec
 from r2bspec.untrusted import safe_file
+from r2bspec.untrusted.git import find_work_tree
 from r2bspec.untrusted.safe_yaml import load_values
 from r2bspec.wiring.ast_reader import read_node_class, read_python_file
 from r2bspec.wiring.node_interface import InterfaceEntry, parse_interface_entry
@@ -86,6 +88,7 @@ class CompanionReader:
 
     def __init__(self, base_dir: Path) -> None:
         self._base_dir = base_dir
+        self._source_folder = find_work_tree(base_dir) or base_dir
         self._recorded = safe_file.is_folder(base_dir / INTERFACES_FOLDER)
         self._yaml = safe_file.ByteBudget(MAX_YAML_BYTES)
         self._python = safe_file.ByteBudget(MAX_SOURCE_BYTES)
@@ -135,7 +138,7 @@ class CompanionReader:
             place, _, name = target.rpartition(":")
             if place not in self._trees:
                 self._trees[place] = read_python_file(
-                    self._base_dir / place, self._base_dir, self._python
+                    self._base_dir / place, self._source_folder, self._python
                 )
             self._sources[target] = _read_class(self._trees[place], name)
         return self._sources[target]
