@@ -12,6 +12,7 @@ from r2bspec.judge.verdict import DisturbedIteration, OverallOutcome, Requiremen
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import at_rate, show
 from r2bspec.middleware.rmw_registry import middleware_named
+from r2bspec.record.graph_identity import revision_text
 from r2bspec.record.run_record import Probe, ProfileRecord, SearchRecord, StartRecord
 from r2bspec.report.harness_wording import joined_notes, overhead_notes
 
@@ -24,6 +25,9 @@ OUTCOME_WORDS: dict[OverallOutcome, str] = {
 }
 """Each outcome with its mark: never shown by colour alone."""
 
+
+_MAX_CHANGES = 12
+"""Changes of the code that are listed one by one."""
 
 _MAX_LISTED_ITERATIONS = 6
 """Affected iterations that are listed one by one."""
@@ -150,6 +154,26 @@ def comparison(result: Result) -> Iterator[str]:
         else:
             yield f"Compared with the stored run {earlier.source} (advisory)."
         yield from (f"Difference: {each}" for each in earlier.differences)
+
+
+def code_lines(result: Result) -> Iterator[str]:
+    """What was run: the revisions, what changed between them, and what is said of the gate."""
+    head, base = (
+        revision_text(identity.revision) if identity is not None else ""
+        for identity in (result.identity, result.base_identity)
+    )
+    if head and base:
+        yield f"head {head} · base {base}"
+    elif head:
+        yield f"revision {head}"
+    if result.changes:
+        yield f"Changed since the base: {', '.join(_shortened(result.changes))}."
+    yield from result.gate
+
+
+def _shortened(texts: Sequence[str]) -> Sequence[str]:
+    more = len(texts) - _MAX_CHANGES
+    return (*texts[:_MAX_CHANGES], f"{more} more") if more > 0 else texts
 
 
 def _of_pairs(result: Result) -> tuple[str, ...]:

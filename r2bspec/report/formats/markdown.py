@@ -22,6 +22,7 @@ from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import show, show_rate
 from r2bspec.report.report_wording import (
     bounds_text,
+    code_lines,
     comparison,
     estimate_text,
     loaded_rmw,
@@ -59,7 +60,7 @@ def _lines(report_input: ReportInput) -> Iterator[str]:
     if rmw := loaded_rmw(result):
         yield code(rmw)
         yield ""
-    if compared := list(comparison(result)):
+    if compared := [*code_lines(result), *comparison(result)]:
         yield from (f"{escaped(each)}  " for each in compared)
         yield ""
     if verdict.requirements:

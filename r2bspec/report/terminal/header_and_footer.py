@@ -13,6 +13,7 @@ from r2bspec.judge.verdict import Verdict
 from r2bspec.measure.units import show
 from r2bspec.record.run_record import SearchRecord
 from r2bspec.report.report_wording import (
+    code_lines,
     comparison,
     loaded_rmw,
     notes,
@@ -39,6 +40,7 @@ def header(result: Result) -> RenderableType:
     lines = [Text(title, style="bold"), Text(" · ".join(filter(None, where)), style=DIM_STYLE)]
     if result.judged_by:
         lines.append(Text(f"judged by the objectives of {result.judged_by}", style=DIM_STYLE))
+    lines += [Text(each, style=DIM_STYLE) for each in code_lines(result)]
     lines += [Text(each, style=DIM_STYLE) for each in comparison(result)]
     return Group(*(line for line in lines if line.plain))
 
