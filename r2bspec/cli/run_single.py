@@ -36,7 +36,7 @@ def _run(selection: SpecSelection, options: RunOptions, folder: _Folder) -> int:
     from r2bspec.report.terminal import show_result
     from r2bspec.report.write_reports import takes_stdout
 
-    prepared = prepare_and_report(selection, smoke=options.smoke)
+    prepared = prepare_and_report(selection, smoke=options.smoke, require_slos=options.require_slos)
     name = prepared.plan.name
     name += "-pairs" if options.compares else "-smoke" if options.smoke else ""
     folder.path = options.output or api.default_run_folder(name)
