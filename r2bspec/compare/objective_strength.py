@@ -16,7 +16,7 @@ A requirement on all monitors is a requirement on each of them.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
 
 from r2bspec.compare.gate_change import GateChange, GateSide, spec_of
 from r2bspec.language.requirement_grammar import Requirement
@@ -27,7 +27,8 @@ from r2bspec.measure.metric_catalogue import resolve
 _OF_MONITORS = ("monitor", "truth")
 
 
-class _Demand(NamedTuple):
+@dataclass(frozen=True)
+class _Demand:
     """One requirement on one monitor, with everything that its effect depends on.
 
     Attributes:

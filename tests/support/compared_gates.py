@@ -126,13 +126,12 @@ def with_value(document: dict[str, Any], path: tuple[str | int, ...], value: Any
     parent: Any = changed
     for part in path[:-1]:
         parent = parent.setdefault(part, {}) if isinstance(parent, dict) else parent[part]
-    if value is GONE:
-        if isinstance(parent, list):
-            del parent[path[-1]]
-        else:
-            parent.pop(path[-1], None)
-    else:
+    if value is not GONE:
         parent[path[-1]] = value
+    elif isinstance(parent, dict):
+        parent.pop(path[-1], None)
+    else:
+        parent.pop(path[-1])
     return changed
 
 
