@@ -161,6 +161,8 @@ def check_file(file: str, options: CheckOptions) -> FileReport:
     """Check one file; ``-`` is standard input."""
     cases = _load(Path(file), file, options)
     found = _findings(cases, options)
+    if options.require_slos:
+        found = [*_missing_objectives(cases), *found]
     return FileReport(
         file=cases[0].file,
         cases=len(cases),
@@ -201,6 +203,20 @@ def _findings(cases: tuple[LoadedSpec, ...], options: CheckOptions) -> list[Diag
     from r2bspec.check.engine import check_cases
 
     return check_cases(cases, offline=options.offline)
+
+
+def _missing_objectives(cases: tuple[LoadedSpec, ...]) -> list[Diagnostic]:
+    """A finding if nothing can fail in some cases. No waiver applies to it."""
+    from r2bspec.compare.gate_strength import can_fail, missing_objectives
+    from r2bspec.plan.compile_plan import active_objectives
+
+    lacking = [
+        each
+        for each in cases
+        if each.spec is not None and not can_fail(active_objectives(each.spec))
+    ]
+    names = [each.case for each in lacking if each.case]
+    return [missing_objectives(cases[0].file, names)] if lacking else []
 
 
 def _title(loaded: LoadedSpec) -> str:

@@ -102,8 +102,10 @@ def _explain(page: Page) -> Iterator[str]:
         yield ""
         yield _heading("Failing example")
         yield from _indent(page.failing)
-        yield ""
-        yield from _indent(_findings(page))
+        findings = _findings(page)
+        if findings:
+            yield ""
+            yield from _indent(findings)
     if page.passing:
         yield ""
         yield _heading("Passing example")
@@ -111,7 +113,7 @@ def _explain(page: Page) -> Iterator[str]:
 
 
 def _findings(page: Page) -> str:
-    """The findings in the failing example, as validate prints them."""
+    """The findings in the failing example, as validate prints them; some need more than a spec."""
     from r2bspec.check.engine import check
     from r2bspec.language.load_spec import load_spec
     from r2bspec.report.findings import text

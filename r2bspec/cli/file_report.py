@@ -24,6 +24,7 @@ class CheckOptions(msgspec.Struct, frozen=True):
     untrusted: UntrustedSpecs | None = None
     offline: bool = False
     resolved: bool = False
+    require_slos: bool = False
 
 
 class FileReport(msgspec.Struct, frozen=True):

@@ -158,6 +158,11 @@ if TYPE_CHECKING:
     metavar="RUN",
     help="Compare with a stored run or result; advisory, never gates.",
 )
+@click.option(
+    "--require-slos",
+    is_flag=True,
+    help="Refuse a spec without an objective that can fail: nothing would gate.",
+)
 @click.option("--force", is_flag=True, help="Compare even if load, data or machine differ.")
 @click.option(
     "--format",

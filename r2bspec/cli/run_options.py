@@ -35,6 +35,7 @@ class RunOptions:
     history: str | None = None
     baseline: Path | None = None
     force: bool = False
+    require_slos: bool = False
     each: bool = False
     select: tuple[str, ...] = ()
     scan: tuple[str, ...] = ()
@@ -111,6 +112,10 @@ class RunOptions:
         if self.smoke and used_options:
             raise click.UsageError(
                 f"--smoke cannot be combined with {used_options[0]}: it judges nothing"
+            )
+        if self.smoke and self.require_slos:
+            raise click.UsageError(
+                "--smoke cannot be combined with --require-slos: it judges nothing"
             )
         if self.abort_on_fail and self.compares:
             raise click.UsageError("--abort-on-fail cannot be combined with --against or --control")

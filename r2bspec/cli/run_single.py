@@ -40,7 +40,7 @@ def _run(selection: SpecSelection, options: RunOptions, folder: _Folder) -> int:
     if options.has_base_tree and not selection.spec.exists():
         with opened_gate(options, selection.spec.parent) as gate:
             gate.require_spec(selection.spec)
-    prepared = prepare_and_report(selection, smoke=options.smoke)
+    prepared = prepare_and_report(selection, smoke=options.smoke, require_slos=options.require_slos)
     name = prepared.plan.name
     name += "-pairs" if options.compares else "-smoke" if options.smoke else ""
     folder.path = options.output or api.default_run_folder(name)

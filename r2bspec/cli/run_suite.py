@@ -142,7 +142,9 @@ def _prepare(item: RunItem, options: RunOptions) -> SuiteEntry:
     from r2bspec.plan.time_estimate import estimate_time
 
     try:
-        prepared = prepare_and_report(item.selection, smoke=options.smoke)
+        prepared = prepare_and_report(
+            item.selection, smoke=options.smoke, require_slos=options.require_slos
+        )
     except R2bspecError as error:
         show_error(error)
         case = f"[{item.selection.case}]" if item.selection.case else ""

@@ -12,11 +12,19 @@ if TYPE_CHECKING:
     from r2bspec.compare.base_reference import BaseReference
 
 
-def prepare_and_report(selection: SpecSelection, *, smoke: bool = False) -> PreparedBenchmark:
+def prepare_and_report(
+    selection: SpecSelection, *, smoke: bool = False, require_slos: bool = False
+) -> PreparedBenchmark:
     """Prepare a spec, or a smoke run of it; findings are printed to standard error.
+
+    Args:
+        selection: the spec.
+        smoke: prepare a smoke run.
+        require_slos: refuse a spec that nothing can fail.
 
     Raises:
         InvalidSpecError: it has errors.
+        MissingObjectivesError: nothing can fail it, and `require_slos` is given.
         PlanError: the file is not a valid plan.
         DataError: the bag does not exist or is not readable.
     """
@@ -30,7 +38,22 @@ def prepare_and_report(selection: SpecSelection, *, smoke: bool = False) -> Prep
         raise
     if prepared.loaded is not None:
         show(prepared.diagnostics, prepared.loaded.texts)
+    if require_slos:
+        _require_objectives(prepared, selection)
     return prepared
+
+
+def _require_objectives(prepared: PreparedBenchmark, selection: SpecSelection) -> None:
+    from r2bspec.compare.gate_strength import MissingObjectivesError, require_objectives
+    from r2bspec.report.findings.print_findings import show
+
+    loaded = prepared.loaded
+    try:
+        require_objectives(prepared.plan, loaded.file if loaded else str(selection.spec))
+    except MissingObjectivesError as error:
+        show([error.diagnostic], loaded.texts if loaded else {})
+        error.remainder = ""
+        raise
 
 
 def base_selection(head: SpecSelection, reference: BaseReference) -> SpecSelection:

@@ -45,6 +45,9 @@ if TYPE_CHECKING:
 @click.option("--diff", is_flag=True, help="Show the changes of --fix without writing them.")
 @click.option("--strict", is_flag=True, help="Warnings fail, too.")
 @click.option(
+    "--require-slos", is_flag=True, help="A spec without an objective that can fail is an error."
+)
+@click.option(
     "--quiet", "-q", is_flag=True, help="Print nothing but findings: no summary at the end."
 )
 @click.option("--watch", is_flag=True, help="Check again whenever a file changes; end with Ctrl-C.")
@@ -62,6 +65,7 @@ def command(
     fix: bool,
     diff: bool,
     strict: bool,
+    require_slos: bool,
     quiet: bool,
     watch: bool,
     no_cache: bool,
@@ -77,7 +81,9 @@ def command(
     from r2bspec.cli.report_cache import ReportCache
     from r2bspec.cli.spec_files import spec_files
 
-    check_options = CheckOptions(*values, offline=offline, resolved=resolved)
+    check_options = CheckOptions(
+        *values, offline=offline, resolved=resolved, require_slos=require_slos
+    )
     if watch:
         if fix or diff or resolved or output_format != "text" or "-" in paths:
             raise click.UsageError(

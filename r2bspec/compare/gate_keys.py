@@ -11,7 +11,7 @@ be harmless, so each one counts as weaker. Objectives are compared in
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Final
 
 from r2bspec.compare.gate_change import (
@@ -38,7 +38,7 @@ from r2bspec.compare.load_keys import (
     playback_changes,
     preprocessor_changes,
 )
-from r2bspec.compare.objective_strength import implies, objective_changes
+from r2bspec.compare.objective_strength import implies, objective_changes, subjects
 from r2bspec.language.default_starts import default_starts
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.plan.plan import GatePlan, Plan, PlayPlan
@@ -166,22 +166,33 @@ def _search(base: GateSide, head: GateSide) -> Iterator[GateChange]:
         return
     for field in was.__struct_fields__:
         if field == "holds":
-            yield from _conditions(was.holds, now.holds)
+            yield from _conditions(base, head)
             continue
         key = SEARCH_KEYS.get(field, Key("search", ("benchmark", "search", field)))
         yield from key.changes(getattr(was, field), getattr(now, field))
 
 
-def _conditions(was: Sequence[Requirement], now: Sequence[Requirement]) -> Iterator[GateChange]:
+def _conditions(base: GateSide, head: GateSide) -> Iterator[GateChange]:
     """Conditions of a probe that one side has, and the other does not imply."""
+    names = monitor_names(base.plan, head.plan)
+    was = _located(base, names)
+    now = _located(head, {each.name: each.name for each in head.plan.monitors})
     for before, after, weaker in ((was, now, True), (now, was, False)):
-        for condition in before:
-            same = [each for each in after if each.metric == condition.metric]
+        for condition, subject in before:
+            same = [each for each, other in after if other == subject]
             if not any(implies(each, condition) for each in same):
-                own, other = condition.text, same[0].text if same else ""
-                texts = (own, other) if weaker else (other, own)
+                own, other_text = condition.text, same[0].text if same else ""
+                texts = (own, other_text) if weaker else (other_text, own)
                 path = ("benchmark", "search", "holds")
                 yield GateChange("search", path, *texts, weaker=weaker)
+
+
+def _located(
+    side: GateSide, monitors: Mapping[str, str]
+) -> list[tuple[Requirement, tuple[str, str]]]:
+    """The conditions of the search, each with the monitors that it is about."""
+    conditions = side.plan.search.holds if side.plan.search is not None else ()
+    return [(each, subject) for each in conditions for subject in subjects(each, side, monitors)]
 
 
 def _gate(base: GateSide, head: GateSide) -> Iterator[GateChange]:

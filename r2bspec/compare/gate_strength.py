@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -28,6 +28,7 @@ from r2bspec.exit_status import ExitStatus
 
 if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec
+    from r2bspec.language.spec import Objective
     from r2bspec.plan.plan import Plan
 
 WEAKER_GATE: Final = "R2B692"
@@ -255,8 +256,13 @@ def require_objectives(plan: Plan, file: str = "") -> None:
     Raises:
         MissingObjectivesError: no active objective of level ``error`` has a requirement.
     """
-    if not any(each.level == "error" and each.require for each in plan.objectives.values()):
+    if not can_fail(plan.objectives):
         raise MissingObjectivesError(missing_objectives(file or plan.name))
+
+
+def can_fail(objectives: Mapping[str, Objective]) -> bool:
+    """Whether one of the active objectives has the level ``error`` and a requirement."""
+    return any(each.level == "error" and each.require for each in objectives.values())
 
 
 def missing_objectives(file: str, cases: Sequence[str] = ()) -> Diagnostic:

@@ -16,7 +16,7 @@ A requirement on all monitors is a requirement on each of them.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
 
 from r2bspec.compare.gate_change import GateChange, GateSide, spec_of
 from r2bspec.language.requirement_grammar import Requirement
@@ -27,7 +27,8 @@ from r2bspec.measure.metric_catalogue import resolve
 _OF_MONITORS = ("monitor", "truth")
 
 
-class _Demand(NamedTuple):
+@dataclass(frozen=True)
+class _Demand:
     """One requirement on one monitor, with everything that its effect depends on.
 
     Attributes:
@@ -48,6 +49,14 @@ class _Demand(NamedTuple):
     def at(self) -> tuple[float | None, bool]:
         """The rate in hertz, and whether it is the highest one that the search finds."""
         return (self.objective.at.hz if self.objective.at else None, self.objective.at_peak)
+
+    @property
+    def kind(self) -> tuple[int, bool, bool]:
+        """The length of its windows, and what its bound is relative to."""
+        bound = self.requirement.bound
+        if bound is None:
+            return (0, False, False)
+        return (self.requirement.window_ns, bound.of_offered, bound.of_baseline)
 
     @property
     def conditions(self) -> frozenset[tuple[str, str]]:
@@ -154,18 +163,18 @@ def _demands(side: GateSide, monitors: Mapping[str, str]) -> Iterator[_Demand]:
         if objective.confidence is not None:
             confidence = objective.confidence.fraction
         for index, requirement in enumerate(objective.require):
-            for subject in _subjects(requirement, side, monitors):
+            for subject in subjects(requirement, side, monitors):
                 active = name in side.plan.objectives
                 yield _Demand(name, index, requirement, objective, subject, confidence, active)
 
 
-def _subjects(
+def subjects(
     requirement: Requirement, side: GateSide, monitors: Mapping[str, str]
 ) -> list[tuple[str, str]]:
     """The monitors and the metric that a requirement is about.
 
-    A requirement on all monitors is about those that the head still has: a monitor that is gone is
-    a difference of its own.
+    Monitors have the names of the head. A requirement on all of them is about those that the head
+    still has: a monitor that is gone is a difference of its own.
     """
     names = [each.name for each in side.plan.monitors]
     processes = [each.name for each in side.plan.processes]
@@ -184,12 +193,14 @@ def _subjects(
 def _closest(demand: _Demand, others: Sequence[_Demand]) -> _Demand | None:
     """The requirement of the other side that falls short of another one least, if there is one.
 
-    One at another rate, in an objective with another name, is about something else.
+    One at another rate, or of another kind, in an objective with another name is about something
+    else.
     """
     candidates = [
         other
         for other in others
-        if other.subject == demand.subject and (other.at == demand.at or other.name == demand.name)
+        if other.subject == demand.subject
+        and (other.name == demand.name or (other.at, other.kind) == (demand.at, demand.kind))
     ]
     return min(
         candidates,

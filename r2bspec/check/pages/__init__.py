@@ -5,6 +5,7 @@ from __future__ import annotations
 from r2bspec.check.pages.data_codes import DATA_PAGES
 from r2bspec.check.pages.file_codes import FILE_PAGES
 from r2bspec.check.pages.fleet_codes import FLEET_PAGES
+from r2bspec.check.pages.gate_codes import GATE_PAGES
 from r2bspec.check.pages.run_codes import RUN_PAGES
 from r2bspec.check.pages.script_codes import SCRIPT_PAGES
 from r2bspec.check.pages.waiver_codes import WAIVER_PAGES
@@ -17,6 +18,7 @@ _PAGES_WITHOUT_RULE = {
         *DATA_PAGES,
         *FILE_PAGES,
         *FLEET_PAGES,
+        *GATE_PAGES,
         *RUN_PAGES,
         *SCRIPT_PAGES,
         *WAIVER_PAGES,
