@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import build_result
-from r2bspec.judge.pair_comparison import InterleavedRuns, PairSet, best_case_runs, judge_comparison
+from r2bspec.judge.pair_comparison import PairSet, judge_comparison
+from r2bspec.judge.pair_interference import InterleavedRuns
 from r2bspec.judge.result import PairsResult, Result
 from r2bspec.language.spec import Objective
 from r2bspec.measure.compute_metrics import summarise
@@ -82,12 +83,10 @@ def read_pair_set(
     known = {} if read is None else read
     played, unaffected = pairs.usable_pairs(confirms=confirms), pairs.unaffected(confirms=confirms)
     disturbed = [each for each in played if each.disturbed]
-    first = _interleaved(pairs, played, known)
     return PairSet(
-        played=first,
+        played=_interleaved(pairs, played, known),
         planned=pairs.record.planned,
         unaffected=_interleaved(pairs, unaffected, known) if disturbed else None,
-        best_case=best_case_runs(first) if disturbed else None,
         disturbance_text=_affected_pairs_text(disturbed),
     )
 
