@@ -14,6 +14,7 @@ from r2bspec.language.spec import Objective
 from r2bspec.measure.compute_metrics import summarise
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples
+from r2bspec.plan.plan import GatePlan
 from r2bspec.record.comparison_folder import PairedComparison, PairRecord, Side
 from r2bspec.record.merged_run import MergedRun
 
@@ -36,7 +37,10 @@ class JudgedComparison:
 
 
 def judge_comparison_folder(
-    pairs: PairedComparison, objectives: Mapping[str, Objective] | None = None, judged_by: str = ""
+    pairs: PairedComparison,
+    objectives: Mapping[str, Objective] | None = None,
+    judged_by: str = "",
+    gate: GatePlan | None = None,
 ) -> JudgedComparison:
     """Measure and judge a comparison. Needs no ROS; the same folder gives the same bytes.
 
@@ -44,6 +48,7 @@ def judge_comparison_folder(
         pairs: the opened comparison.
         objectives: to judge by; those of the head if None.
         judged_by: the name of the spec of `objectives`, if it is another.
+        gate: of that spec; that of the head if None.
 
     Raises:
         RecordError: a file of one of its runs is missing or damaged.
@@ -55,7 +60,7 @@ def judge_comparison_folder(
     first = read_pair_set(pairs, read, confirms=False)
     confirms = any(each.confirms for each in pairs.record.pairs)
     again = read_pair_set(pairs, read, confirms=True) if confirms else None
-    verdict = judge_comparison(objectives, first, again, decision_policy(pairs.plan))
+    verdict = judge_comparison(objectives, first, again, decision_policy(pairs.plan, gate))
     result = build_result(
         head,
         objectives,

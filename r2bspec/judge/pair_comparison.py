@@ -54,6 +54,8 @@ _EXPLAINED_BY: Final[Mapping[str, Side]] = {"fail": "head", "pass": "base"}
 """The side whose excess of host interference explains a verdict."""
 
 _CONFIRMED = "Confirmed by new pairs."
+_NO_NEW_PAIRS = "No new pairs were played to confirm it."
+_NOT_COUNTED = "With 'gate.confirm: false' the new pairs do not count."
 _NOT_CONFIRMED = "It had failed, but new pairs did not confirm the failure."
 
 
@@ -88,10 +90,9 @@ def judge_comparison(
     verdict = judge_pair_set(objectives, first, policy)
     if not needs_confirmation(verdict):
         return verdict
-    if again is None:
-        return msgspec.structs.replace(
-            verdict, reason=f"{verdict.reason} No new pairs were played to confirm it."
-        )
+    if again is None or not policy.confirm:
+        sentence = _NO_NEW_PAIRS if again is None else _NOT_COUNTED
+        return msgspec.structs.replace(verdict, reason=f"{verdict.reason} {sentence}")
     new_objectives, new_policy = confirmation_terms(objectives, policy)
     found = confirm_run(
         verdict, judge_pair_set(new_objectives, again, new_policy), policy.inconclusive
