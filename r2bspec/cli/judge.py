@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     "--spec",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="SPEC",
-    help="Judge by the SLOs of this spec instead of the run's own.",
+    help="Judge by the SLOs and the gate of this spec instead of the run's own.",
 )
 @click.option(
     "--format",
@@ -43,11 +43,13 @@ def command(
 ) -> int:
     """Judge the finished run or comparison in the folder RUN again; needs no ROS.
 
-    The folder is not changed without --write. The same folder gives the same bytes each time. RUN
+    The folder is not changed without --write. The same folder gives the same bytes each time. Of
+    the gate of --spec, time_budget has no effect, because nothing is played. RUN
     may also be a report of ros2_benchmark, to be judged by the SLOs of --spec.
     """
     from r2bspec.compare.load_results import read_folder
     from r2bspec.judge.judge_run import to_json
+    from r2bspec.plan.compile_plan import gate_plan
     from r2bspec.record.run_folder import RunFolder
     from r2bspec.report.terminal import show_result
     from r2bspec.report.write_reports import takes_stdout, write_reports
@@ -59,7 +61,13 @@ def command(
         found = read_folder(run)
     else:
         other = _load(spec)
-        found = read_folder(run, spec_file=spec, objectives=other.slos, judged_by=other.name)
+        found = read_folder(
+            run,
+            spec_file=spec,
+            objectives=other.slos,
+            judged_by=other.name,
+            gate=gate_plan(other),
+        )
     if write:
         RunFolder(run.absolute()).write_result(to_json(found.result))
     if not takes_stdout(reports + junit):
@@ -72,6 +80,7 @@ def _judge_report(report: Path, spec: Path | None, output_format: str, *, plain:
     """Judge a report of the reference tool, which has no run folder and no samples."""
     from r2bspec.interop.imported_verdicts import judge_report
     from r2bspec.interop.ros2_benchmark import read_report
+    from r2bspec.plan.compile_plan import gate_plan
     from r2bspec.report.terminal import show_verdict
 
     found = read_report(report)
@@ -79,13 +88,14 @@ def _judge_report(report: Path, spec: Path | None, output_format: str, *, plain:
         raise click.UsageError(f"{report} has no SLOs: give a spec with --spec")
     if not plain:
         raise click.UsageError("--write, --report and --junit-xml need a run folder")
-    verdict = judge_report(found, _load(spec).slos)
+    other = _load(spec)
+    verdict = judge_report(found, other.slos, gate_plan(other))
     show_verdict(found.name or str(report), verdict, output_format)
     return verdict.exit_code
 
 
 def _load(path: Path) -> Spec:
-    """The other spec, with the findings about its SLOs only.
+    """The other spec, with the findings about its SLOs and its gate only.
 
     Its bag and its nodes may be missing here: nothing is run.
 
@@ -101,7 +111,9 @@ def _load(path: Path) -> Spec:
     found = [
         each
         for each in check(loaded, offline=True)
-        if loaded.spec is None or each.path[:1] == ("slos",)
+        if loaded.spec is None
+        or each.path[:1] == ("slos",)
+        or each.path[:2] == ("benchmark", "gate")
     ]
     show(found, loaded.texts)
     if loaded.spec is None or any(each.severity == "error" for each in found):

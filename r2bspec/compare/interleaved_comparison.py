@@ -13,6 +13,7 @@ from r2bspec.compare.interleaved_runs import (
     CheckRun,
     ComparisonSide,
     ComparisonSpec,
+    JudgedSession,
     run_pairs,
 )
 from r2bspec.compare.judge_pairs import judge_comparison_folder, read_pair_set
@@ -24,9 +25,13 @@ from r2bspec.execute.processes.middleware_check import check_middleware
 from r2bspec.execute.progress import NullProgress, Progress
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import to_json
-from r2bspec.judge.pair_comparison import judge_pair_set
+from r2bspec.judge.pair_comparison import (
+    confirmation_terms,
+    judge_pair_set,
+    reruns_can_decide,
+)
 from r2bspec.judge.result import Result
-from r2bspec.judge.verdict import Verdict
+from r2bspec.language.spec import Objective
 from r2bspec.plan.comparability import (
     difference_lines,
     graph_differences,
@@ -144,10 +149,15 @@ def compare(comparison: ComparisonSpec, output: Path, progress: Progress | None 
         return _write_result(folder)
 
 
-def _judge(path: Path, *, confirms: bool) -> Verdict:
+def _judge(path: Path, *, confirms: bool) -> JudgedSession:
     pairs = open_comparison(path)
     pair_set = read_pair_set(pairs, confirms=confirms)
-    return judge_pair_set(pairs.plan.objectives, pair_set, decision_policy(pairs.plan))
+    objectives: Mapping[str, Objective] = pairs.plan.objectives
+    policy = decision_policy(pairs.plan)
+    if confirms:
+        objectives, policy = confirmation_terms(objectives, policy)
+    verdict = judge_pair_set(objectives, pair_set, policy)
+    return JudgedSession(verdict, reruns_can_decide(verdict, objectives, pair_set, policy))
 
 
 def _write_result(folder: ComparisonFolder) -> Result:

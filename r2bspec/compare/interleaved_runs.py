@@ -1,4 +1,7 @@
-"""Interleaved runs of a base and a head: A B B A, each in new processes and with its own folder.
+"""Interleaved runs of a base and a head: in pairs, each in new processes and with its own folder.
+
+A coin decides which side of a pair is first; its seed is in the record, and so is each order
+(`r2bspec.judge.statistics.paired_ratio` has the reason).
 
 Every run is a complete one (`r2bspec.execute.controller`): it loads, starts, warms up, plays each
 rate once, and ends all that it started. Sharing the loaded data would save a second or two, and
@@ -10,10 +13,9 @@ from __future__ import annotations
 import datetime
 import secrets
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
 
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.controller import run_plan
@@ -23,7 +25,7 @@ from r2bspec.execute.processes.workspaces import applied_environment
 from r2bspec.execute.progress import Progress
 from r2bspec.judge.confirmation import needs_confirmation
 from r2bspec.judge.pair_comparison import interference_text, why_unusable
-from r2bspec.judge.statistics.paired_ratio import abba
+from r2bspec.judge.statistics.paired_ratio import PairOrder, pair_orders
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.secret_variables import shown_value
 from r2bspec.measure.run_samples import read_samples
@@ -91,8 +93,19 @@ class ComparisonSpec:
     check_run: CheckRun | None = None
 
 
-Judge = Callable[[bool], Verdict]
-"""The verdict on the pairs that have been played; with True, on those that confirm a failure."""
+@dataclass(frozen=True)
+class JudgedSession:
+    """The verdict on the pairs of a session, and whether reruns of affected ones can change it."""
+
+    verdict: Verdict
+    reruns_can_decide: bool
+
+
+Judge = Callable[[bool], JudgedSession]
+"""Judges the pairs that have been played; with True, those that confirm a failure."""
+
+_MAX_AFFECTED_RERUNS = 2
+"""Reruns that are affected again. After that the machine counts as always busy."""
 
 
 def run_pairs(
@@ -145,6 +158,7 @@ class _PairRunner:
         self._planned = comparison.pairs
         self._started_at = _now()
         self._run_id = secrets.token_hex(8)
+        self._seed = secrets.randbits(32)
 
     def play_all(self) -> PairsRecord:
         """Play all pairs, and write the record in any case."""
@@ -166,11 +180,10 @@ class _PairRunner:
         return record
 
     def _play_pairs(self, *, confirms: bool) -> Verdict:
-        """Play all pairs of a session, and again the affected ones that a verdict depends on."""
-        orders = abba(self._planned)
+        """Play all pairs of a session, and again the affected ones that the outcome depends on."""
         disturbed: list[PairRecord] = []
-        for number in range(1, self._planned + 1):
-            order: Literal["AB", "BA"] = "AB" if orders[2 * number - 2] == "A" else "BA"
+        orders = pair_orders(self._planned, self._seed, session=int(confirms))
+        for number, order in enumerate(orders, start=1):
             pair = self._play(number, order, confirms=confirms)
             if pair.unusable:
                 self._play_again(pair, pair.unusable)
@@ -181,22 +194,36 @@ class _PairRunner:
                 self._planned = number
                 break
         self._write_record("")
-        verdict = self._judge(confirms)
-        if not any(one.weakened for one in verdict.requirements):
-            return verdict
-        for pair in disturbed:
-            self._play_again(pair, f"host interference ({pair.disturbed})")
-        self._write_record("")
-        return self._judge(confirms)
+        return self._play_affected_again(disturbed, confirms=confirms)
 
-    def _play_again(self, pair: PairRecord, why: str) -> None:
+    def _play_affected_again(self, disturbed: Sequence[PairRecord], *, confirms: bool) -> Verdict:
+        """Play affected pairs again while that can change the outcome; the verdict afterwards."""
+        judged = self._judge(confirms)
+        affected_reruns = 0
+        for pair in disturbed:
+            if not judged.reruns_can_decide:
+                break
+            if affected_reruns == _MAX_AFFECTED_RERUNS:
+                self._note(
+                    f"{affected_reruns} pairs were affected again: the machine is always busy, "
+                    "and no more pairs are played again"
+                )
+                break
+            again = self._play_again(pair, f"host interference ({pair.disturbed})")
+            affected_reruns += bool(again.disturbed or again.unusable)
+            self._write_record("")
+            judged = self._judge(confirms)
+        return judged.verdict
+
+    def _play_again(self, pair: PairRecord, why: str) -> PairRecord:
         self._note(f"pair {pair.number} is played again: {why}")
         again = self._play(pair.number, pair.order, confirms=pair.confirms, again=True)
         if again.unusable:
             self._note(f"pair {pair.number} again cannot be judged: {again.unusable}")
+        return again
 
     def _play(
-        self, number: int, order: Literal["AB", "BA"], *, confirms: bool, again: bool = False
+        self, number: int, order: PairOrder, *, confirms: bool, again: bool = False
     ) -> PairRecord:
         """Play one pair; it is in the record afterwards."""
         name = f"{'confirm-' if confirms else ''}{number:03d}{'-again' if again else ''}"
@@ -275,6 +302,7 @@ class _PairRunner:
             base_plan=plan_hash(comparison.base.plan),
             against=comparison.against,
             control=comparison.control,
+            seed=self._seed,
             planned=self._planned,
             started_at=self._started_at,
             ended_at=_now(),

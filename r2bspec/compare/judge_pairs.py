@@ -7,12 +7,14 @@ from dataclasses import dataclass
 
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import build_result
-from r2bspec.judge.pair_comparison import InterleavedRuns, PairSet, best_case_runs, judge_comparison
+from r2bspec.judge.pair_comparison import PairSet, judge_comparison
+from r2bspec.judge.pair_interference import InterleavedRuns
 from r2bspec.judge.result import PairsResult, Result
 from r2bspec.language.spec import Objective
 from r2bspec.measure.compute_metrics import summarise
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples
+from r2bspec.plan.plan import GatePlan
 from r2bspec.record.comparison_folder import PairedComparison, PairRecord, Side
 from r2bspec.record.merged_run import MergedRun
 
@@ -35,7 +37,10 @@ class JudgedComparison:
 
 
 def judge_comparison_folder(
-    pairs: PairedComparison, objectives: Mapping[str, Objective] | None = None, judged_by: str = ""
+    pairs: PairedComparison,
+    objectives: Mapping[str, Objective] | None = None,
+    judged_by: str = "",
+    gate: GatePlan | None = None,
 ) -> JudgedComparison:
     """Measure and judge a comparison. Needs no ROS; the same folder gives the same bytes.
 
@@ -43,6 +48,7 @@ def judge_comparison_folder(
         pairs: the opened comparison.
         objectives: to judge by; those of the head if None.
         judged_by: the name of the spec of `objectives`, if it is another.
+        gate: of that spec; that of the head if None.
 
     Raises:
         RecordError: a file of one of its runs is missing or damaged.
@@ -54,7 +60,7 @@ def judge_comparison_folder(
     first = read_pair_set(pairs, read, confirms=False)
     confirms = any(each.confirms for each in pairs.record.pairs)
     again = read_pair_set(pairs, read, confirms=True) if confirms else None
-    verdict = judge_comparison(objectives, first, again, decision_policy(pairs.plan))
+    verdict = judge_comparison(objectives, first, again, decision_policy(pairs.plan, gate))
     result = build_result(
         head,
         objectives,
@@ -83,12 +89,10 @@ def read_pair_set(
     known = {} if read is None else read
     played, unaffected = pairs.usable_pairs(confirms=confirms), pairs.unaffected(confirms=confirms)
     disturbed = [each for each in played if each.disturbed]
-    first = _interleaved(pairs, played, known)
     return PairSet(
-        played=first,
+        played=_interleaved(pairs, played, known),
         planned=pairs.record.planned,
         unaffected=_interleaved(pairs, unaffected, known) if disturbed else None,
-        best_case=best_case_runs(first) if disturbed else None,
         disturbance_text=_affected_pairs_text(disturbed),
     )
 

@@ -13,6 +13,7 @@ from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import from_json, result_of
 from r2bspec.judge.result import Result
 from r2bspec.language.spec import Objective
+from r2bspec.plan.plan import GatePlan
 from r2bspec.record.comparison_folder import is_comparison, open_comparison
 from r2bspec.record.run_folder import Run, open_run
 from r2bspec.untrusted.safe_file import is_folder, read_bytes
@@ -40,6 +41,7 @@ def read_folder(
     baseline: Run | None = None,
     objectives: Mapping[str, Objective] | None = None,
     judged_by: str = "",
+    gate: GatePlan | None = None,
 ) -> ReportInput:
     """The folder of a run, or of a comparison, measured and judged again.
 
@@ -49,12 +51,13 @@ def read_folder(
         baseline: another run to be shown next to it; a comparison has its own.
         objectives: to judge by, if not the folder's own objectives.
         judged_by: the name of the spec of `objectives`.
+        gate: of that spec, if not the folder's own.
 
     Raises:
         RecordError: it is neither, or a file of it is missing or damaged.
     """
     if is_comparison(path):
-        judged = judge_comparison_folder(open_comparison(path), objectives, judged_by)
+        judged = judge_comparison_folder(open_comparison(path), objectives, judged_by, gate)
         return ReportInput(
             result=judged.result,
             run=judged.head,
@@ -62,7 +65,7 @@ def read_folder(
             baseline=baseline or judged.base,
         )
     run = open_run(path)
-    result = result_of(run, objectives, judged_by)
+    result = result_of(run, objectives, judged_by, gate)
     return ReportInput(result=result, run=run, spec_file=spec_file, baseline=baseline)
 
 

@@ -32,12 +32,12 @@ from r2bspec.judge.methods.share_bound import share_test
 from r2bspec.judge.outcome import outcome_of
 from r2bspec.judge.statistics.effective_sample_size import EffectiveSample
 from r2bspec.judge.verdict import EXIT_CODES, RequirementVerdict, Verdict
-from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Objective
 from r2bspec.measure.errors import MetricError
 from r2bspec.measure.metric_catalogue import MetricInfo, resolve
 from r2bspec.measure.units import show
+from r2bspec.plan.plan import GatePlan
 
 _Extreme = Literal["", "largest", "smallest"]
 
@@ -64,25 +64,30 @@ _BURSTS_UNKNOWN_NOTE = (
 )
 
 
-def judge_report(report: ReferenceReport, objectives: Mapping[str, Objective]) -> Verdict:
+def judge_report(
+    report: ReferenceReport, objectives: Mapping[str, Objective], gate: GatePlan | None = None
+) -> Verdict:
     """Judge a report of the reference tool.
 
     Args:
         report: as `r2bspec.interop.ros2_benchmark.read_report` returns it.
         objectives: of a spec, by name. If the report has one monitor, requirements on any
             monitor of the spec apply to that one: the report may lack its name.
+        gate: of that spec. A report knows neither other load on the machine nor a second run, so
+            that only confidence and the effect of an inconclusive verdict count.
 
     Returns:
         A verdict like that of a run; a pure function of its arguments.
     """
+    gate = gate or GatePlan()
     requirements = tuple(
         msgspec.structs.replace(found, level=objective.level)
         for name, objective in objectives.items()
         if objective.level != "off"
         for requirement in objective.require
-        for found in _judge_requirement(report, name, objective, requirement)
+        for found in _judge_requirement(report, name, objective, requirement, gate.confidence)
     )
-    outcome, reason = outcome_of(requirements)
+    outcome, reason = outcome_of(requirements, gate.inconclusive)
     return Verdict(
         outcome=outcome,
         exit_code=EXIT_CODES[outcome],
@@ -93,13 +98,17 @@ def judge_report(report: ReferenceReport, objectives: Mapping[str, Objective]) -
 
 
 def _judge_requirement(
-    report: ReferenceReport, name: str, objective: Objective, requirement: Requirement
+    report: ReferenceReport,
+    name: str,
+    objective: Objective,
+    requirement: Requirement,
+    gate_confidence: float,
 ) -> Iterator[RequirementVerdict]:
     """The verdicts on one requirement: one, or one for each monitor of the report."""
     at_hz = _rate_of(report, objective)
     figures = _figures_at(report, at_hz, at_peak=objective.at_peak)
     named_monitor, info = _resolve_metric(requirement, figures)
-    confidence = objective.confidence.fraction if objective.confidence else CONFIDENCE
+    confidence = objective.confidence.fraction if objective.confidence else gate_confidence
     monitors: list[str | None] = [*figures] if info.scope == "monitor" else []
     if named_monitor is not None:
         monitors = [named_monitor] if named_monitor in figures or len(figures) != 1 else [*figures]

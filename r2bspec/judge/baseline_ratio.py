@@ -19,6 +19,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import msgspec
+
 from r2bspec.judge.decision import decide
 from r2bspec.judge.methods.method_registry import Method
 from r2bspec.judge.statistics.paired_ratio import RatioInterval, paired_ratio
@@ -103,15 +105,17 @@ def judge_history(
     sides = _ComparedValues(earlier, [new])
     if len(earlier) < MIN_HISTORY_RUNS:
         runs = "1 run" if len(earlier) == 1 else f"{len(earlier)} runs"
-        return _verdict(
+        learning = f"{len(earlier) + 1} of {MIN_HISTORY_RUNS}"
+        short = _verdict(
             comparison,
             method,
             "inconclusive",
-            f"The history has {runs} of this plan on this kind of machine with a value of "
-            f"{comparison.metric}.",
+            f"Learning, {learning}: the history has {runs} of this plan on this kind of machine "
+            f"with a value of {comparison.metric}.",
             sides,
             settle=f"{MIN_HISTORY_RUNS} are needed: {MIN_HISTORY_RUNS - len(earlier)} more.",
         )
+        return msgspec.structs.replace(short, learning=learning)
     found = predicted_ratio(earlier, _known([new])[0], comparison.confidence)
     outcome = _decide(comparison, found)
     settle = (

@@ -126,7 +126,11 @@ def _judge_requirement(
             info=info,
         )
     )
-    return msgspec.structs.replace(found, level=one.level, notes=(*found.notes, *one.notes))
+    # The first runs of a history do not turn a new project red, unless it asks for that.
+    waits = found.learning and policy.inconclusive != "fail"
+    return msgspec.structs.replace(
+        found, level="info" if waits else one.level, notes=(*found.notes, *one.notes)
+    )
 
 
 def _baseline_requirement(

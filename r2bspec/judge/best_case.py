@@ -51,12 +51,20 @@ _STAMP_MONITOR = MonitorPlan(name="", topic="", type="", match="stamp", qos=None
 """Every step with an expected output is given a stamp of its own."""
 
 
-def best_case_iteration(one: SegmentSamples) -> SegmentSamples:
-    """An iteration without any effect that host interference can have had on it."""
+def best_case_iteration(one: SegmentSamples, taken: float | None = None) -> SegmentSamples:
+    """An iteration without any effect that host interference can have had on it.
+
+    Args:
+        one: the iteration.
+        taken: the share w of the time whose effect is removed; what others can have taken from
+            the run at most if None. With 0, nothing is.
+    """
+    if taken == 0:
+        return one
     return replace(
         one,
         monitors={
-            name: _best_case_samples(one.segment, one.playback, seen, one.surroundings)
+            name: _best_case_samples(one.segment, one.playback, seen, one.surroundings, taken)
             for name, seen in one.monitors.items()
         },
         machine=_use_by_run(one),
@@ -80,17 +88,18 @@ def _best_case_samples(
     playback: PlaybackSamples,
     seen: MonitorSamples,
     known: Surroundings | None,
+    taken: float | None,
 ) -> MonitorSamples:
     most_hz = playback.rate_hz * seen.per_step
-    taken = taken_share(known)
-    if taken is None or known is None:
-        waited = waiting_share(known)
+    counted = taken_share(known)
+    if counted is None or known is None:
+        waited = waiting_share(known) if taken is None else taken
         latency = best_case_latencies(seen, waited)
     else:
-        waited = taken
+        waited = counted if taken is None else taken
         latency = _measured_latencies(seen)
         order = np.argsort(latency, kind="stable")
-        latency[order] = shortest_latencies(seen, taken, known.seconds, most_hz)
+        latency[order] = shortest_latencies(seen, waited, known.seconds, most_hz)
     played = np.zeros(latency.size, PLAYBACK_DTYPE)
     played["stamp_ns"] = np.arange(1, latency.size + 1)
     played["due_ns"], played["published_ns"] = seen.steps.due_ns, seen.steps.published_ns

@@ -42,6 +42,7 @@ from r2bspec.measure.samples import RunSamples
 _CONFIRMED = "Confirmed by a second run in new processes."
 _NOT_CONFIRMED = "It had failed, but a second run in new processes did not confirm the failure."
 _NOT_PLAYED_AGAIN = "No second run was made to confirm it."
+_NOT_COUNTED = "With 'gate.confirm: false' its second run does not count."
 
 _SETTLE = "Run again; if the failure is intermittent, look for what differs between the runs."
 
@@ -71,6 +72,8 @@ def judge_with_confirmation(
         return first
     if samples.confirmation is None:
         return msgspec.structs.replace(first, reason=f"{first.reason} {_NOT_PLAYED_AGAIN}")
+    if not policy.confirm:
+        return msgspec.structs.replace(first, reason=f"{first.reason} {_NOT_COUNTED}")
     second = judge_confirmation(objectives, samples.confirmation, first, policy.interference)
     found = confirm_run(first, second, policy.inconclusive)
     sentence = _CONFIRMED if needs_confirmation(found) else _NOT_CONFIRMED

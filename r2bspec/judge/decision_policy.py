@@ -9,7 +9,7 @@ from r2bspec.judge.interference_policy import InterferencePolicy
 from r2bspec.judge.interim_looks import InterimLooks
 from r2bspec.judge.outcome import InconclusivePolicy
 from r2bspec.language.confidence import CONFIDENCE
-from r2bspec.plan.plan import Plan
+from r2bspec.plan.plan import GatePlan, Plan
 from r2bspec.plan.smoke_plan import is_smoke_plan
 from r2bspec.plan.start_groups import starts_of_iterations
 
@@ -24,6 +24,7 @@ class DecisionPolicy:
         looks: the planned interim looks; None for a run of a fixed length.
         inconclusive: what an inconclusive requirement does to the run.
         interference: what host interference does to a requirement.
+        confirm: whether a second session, where one was played, has to confirm a FAIL.
         declared: by offered rate, the start in which each iteration is played, with all iterations
             that may be added.
         smoke: whether the run was made to show that the graph works, and not to be judged.
@@ -33,22 +34,31 @@ class DecisionPolicy:
     looks: InterimLooks | None = None
     inconclusive: InconclusivePolicy = "report"
     interference: InterferencePolicy = "note"
+    confirm: bool = True
     declared: Mapping[float, tuple[int, ...]] = field(default_factory=dict)
     smoke: bool = False
 
 
-def decision_policy(plan: Plan) -> DecisionPolicy:
-    """The decision policy of a plan."""
+def decision_policy(plan: Plan, gate: GatePlan | None = None) -> DecisionPolicy:
+    """The decision policy of a plan.
+
+    Args:
+        plan: as it was played.
+        gate: of another spec by which it is judged; that of the plan if None. Its time budget
+            changes nothing, because nothing is played any more.
+    """
+    gate = gate or plan.gate
     plays = (*plan.play, *([plan.play_at_peak] if plan.play_at_peak else []))
     growing = [one for one in plays if one.max_iterations > one.iterations]
     looks = (
         InterimLooks.planned(growing[0].iterations, growing[0].max_iterations) if growing else None
     )
     return DecisionPolicy(
-        confidence=plan.gate.confidence,
+        confidence=gate.confidence,
         looks=looks,
-        inconclusive=plan.gate.inconclusive,
-        interference=plan.gate.interference,
+        inconclusive=gate.inconclusive,
+        interference=gate.interference,
+        confirm=gate.confirm,
         declared={
             each.rate_hz: starts_of_iterations(
                 InterimLooks.planned(each.iterations, each.max_iterations).iterations, plan.starts

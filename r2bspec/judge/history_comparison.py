@@ -42,6 +42,8 @@ from r2bspec.record.baseline_file import BaselineRecord
 Objectives = Mapping[str, Objective]
 
 _CONFIRMED = "A second run confirmed the comparison with the history."
+_NO_SECOND_RUN = "No second run was made to confirm it."
+_NOT_COUNTED = "With 'gate.confirm: false' the second run does not count."
 _NOT_CONFIRMED = "A second run did not confirm the comparison with the history."
 
 HISTORY_CONFIRMATION_CONFIDENCE: Final = CONFIDENCE
@@ -69,10 +71,9 @@ def judge_with_baseline(
     found = compare_with_baseline(verdict, objectives, samples, policy, baseline)
     if not fails_by_history(found) or found.outcome in {"invalid", "incomplete"}:
         return found
-    if fresh is None:
-        return msgspec.structs.replace(
-            found, reason=f"{found.reason} No second run was made to confirm it."
-        )
+    if fresh is None or not policy.confirm:
+        sentence = _NO_SECOND_RUN if fresh is None else _NOT_COUNTED
+        return msgspec.structs.replace(found, reason=f"{found.reason} {sentence}")
     at_policy_confidence = {
         name: msgspec.structs.replace(objective, confidence=None)
         for name, objective in objectives.items()

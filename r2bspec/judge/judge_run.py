@@ -21,6 +21,7 @@ from r2bspec.language.spec import Objective
 from r2bspec.measure.compute_metrics import summarise
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.run_samples import read_samples
+from r2bspec.plan.plan import GatePlan
 from r2bspec.record.baseline_file import BaselineRecord, read_baseline, read_confirmation
 from r2bspec.record.graph_identity import GraphIdentity, identity_differences
 from r2bspec.record.run_folder import Run
@@ -29,7 +30,10 @@ from r2bspec.untrusted.safe_json import decode_json
 
 
 def result_of(
-    run: Run, objectives: Mapping[str, Objective] | None = None, judged_by: str = ""
+    run: Run,
+    objectives: Mapping[str, Objective] | None = None,
+    judged_by: str = "",
+    gate: GatePlan | None = None,
 ) -> Result:
     """Measure and judge a run.
 
@@ -37,13 +41,14 @@ def result_of(
         run: the opened run.
         objectives: to judge it by; the run's own objectives if None.
         judged_by: the name of the spec of `objectives`, if it is another.
+        gate: of that spec; the run's own gate if None.
 
     Raises:
         RecordError: a file of the run is missing or damaged.
     """
     samples = read_samples(run)
     objectives = run.plan.objectives if objectives is None else objectives
-    policy = decision_policy(run.plan)
+    policy = decision_policy(run.plan, gate)
     verdict = judge_with_confirmation(objectives, samples, policy)
     baseline = read_baseline(run.folder)
     if baseline is not None:

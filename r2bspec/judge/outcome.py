@@ -8,7 +8,8 @@
 
 The policy is ``report`` (the run is inconclusive, which has an exit status of its own), ``fail``
 (as if it had failed) or ``pass`` (a warning; for pipelines that must not stop for lack of
-evidence).
+evidence). A requirement that waits for a history to have enough runs is information, except with
+``fail``: then it is undecided like any other.
 """
 
 from __future__ import annotations
@@ -36,7 +37,11 @@ def outcome_of(
     """
     counted = [one for one in requirements if one.level == "error"]
     outcome = worst_outcome([one.outcome for one in counted], policy)
-    text = f"{_sentence(counted, outcome)}{_warnings(requirements, policy)}"
+    learning = [one.learning for one in requirements if one.learning and one.level != "error"]
+    parts = [_sentence(counted, outcome)] if counted or not learning else []
+    if learning:
+        parts.append(_learning_sentence(learning))
+    text = f"{' '.join(parts)}{_warnings(requirements, policy)}"
     if starts and requirements:
         text = f"{_starts_phrase(starts)}: {text[:1].lower()}{text[1:]}"
     return outcome, text
@@ -76,6 +81,12 @@ def _sentence(counted: Sequence[RequirementVerdict], outcome: Outcome) -> str:
     if open_:
         return f"{open_} of {total} requirements could not be decided{_policy(outcome)}."
     return f"All {total} requirements are met."
+
+
+def _learning_sentence(learning: Sequence[str]) -> str:
+    """How far the history is for the requirements that wait for it."""
+    waits = "1 requirement waits" if len(learning) == 1 else f"{len(learning)} requirements wait"
+    return f"Learning, {min(learning)}: {waits} for the history."
 
 
 def _policy(outcome: Outcome) -> str:

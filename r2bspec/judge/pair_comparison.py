@@ -7,10 +7,8 @@ contains those of all runs.
 
 Pairs that cannot be judged, because the playback missed its schedule, are played again once and
 dropped if that does not help. With fewer than half of the planned pairs the comparison is INVALID.
-Host interference has the same effect as in a single run (`r2bspec.judge.affected_iterations`): the
-pairs as they were first played decide. A FAIL becomes INCONCLUSIVE unless the unaffected pairs,
-those played again among them, fail as well, or all pairs do with the best case of the head's
-affected iterations and the base as it was.
+The pairs as they were first played decide; `r2bspec.judge.pair_interference` has what host
+interference does to a verdict on them.
 
 A FAIL is confirmed by as many new pairs (`r2bspec.judge.confirmation`).
 """
@@ -19,14 +17,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import msgspec
 
-from r2bspec.judge.affected_iterations import (
-    best_case_run,
-    find_affected_iterations,
-    weaken_failure,
-)
+from r2bspec.judge.affected_iterations import find_affected_iterations
 from r2bspec.judge.baseline_ratio import judge_pairs
 from r2bspec.judge.baseline_requirements import (
     BaselineQuestion,
@@ -38,25 +33,30 @@ from r2bspec.judge.confirmation import confirm_run, needs_confirmation
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.interference_policy import strict_refusal
 from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.outcome import outcome_of
+from r2bspec.judge.pair_interference import (
+    InterleavedRuns,
+    examined_failure,
+    examined_pass,
+    taken_shares,
+    without_excess,
+)
 from r2bspec.judge.playback_validity import PlaybackValidity
 from r2bspec.judge.verdict import EXIT_CODES, Outcome, RequirementVerdict, Verdict
 from r2bspec.language.confidence import CONFIRMATION_CONFIDENCE
 from r2bspec.language.spec import Objective
 from r2bspec.measure.samples import RunSamples
+from r2bspec.record.comparison_folder import Side
 
 Objectives = Mapping[str, Objective]
 
+_EXPLAINED_BY: Final[Mapping[str, Side]] = {"fail": "head", "pass": "base"}
+"""The side whose excess of host interference explains a verdict."""
+
 _CONFIRMED = "Confirmed by new pairs."
+_NO_NEW_PAIRS = "No new pairs were played to confirm it."
+_NOT_COUNTED = "With 'gate.confirm: false' the new pairs do not count."
 _NOT_CONFIRMED = "It had failed, but new pairs did not confirm the failure."
-
-
-@dataclass(frozen=True)
-class InterleavedRuns:
-    """Some pairs, each a run of the base and one of the head, and the head's runs as one."""
-
-    base: Sequence[RunSamples]
-    head: Sequence[RunSamples]
-    merged: RunSamples
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,6 @@ class PairSet:
     Attributes:
         played: each as it was first played in a way that can be judged.
         unaffected: those without host interference; None if there was none in any.
-        best_case: all of them, with the best case of the head's affected iterations; likewise.
         disturbance_text: which pairs were affected, and by what.
         planned: the planned number of pairs.
     """
@@ -74,7 +73,6 @@ class PairSet:
     played: InterleavedRuns
     planned: int
     unaffected: InterleavedRuns | None = None
-    best_case: InterleavedRuns | None = None
     disturbance_text: str = ""
 
 
@@ -92,23 +90,26 @@ def judge_comparison(
     verdict = judge_pair_set(objectives, first, policy)
     if not needs_confirmation(verdict):
         return verdict
-    if again is None:
-        return msgspec.structs.replace(
-            verdict, reason=f"{verdict.reason} No new pairs were played to confirm it."
-        )
+    if again is None or not policy.confirm:
+        sentence = _NO_NEW_PAIRS if again is None else _NOT_COUNTED
+        return msgspec.structs.replace(verdict, reason=f"{verdict.reason} {sentence}")
+    new_objectives, new_policy = confirmation_terms(objectives, policy)
+    found = confirm_run(
+        verdict, judge_pair_set(new_objectives, again, new_policy), policy.inconclusive
+    )
+    sentence = _CONFIRMED if needs_confirmation(found) else _NOT_CONFIRMED
+    return msgspec.structs.replace(found, reason=f"{found.reason} {sentence}")
+
+
+def confirmation_terms(
+    objectives: Objectives, policy: DecisionPolicy
+) -> tuple[Objectives, DecisionPolicy]:
+    """Objectives and policy by which the pairs that confirm a failure are judged."""
     at_policy_confidence = {
         name: msgspec.structs.replace(objective, confidence=None)
         for name, objective in objectives.items()
     }
-    found = confirm_run(
-        verdict,
-        judge_pair_set(
-            at_policy_confidence, again, replace(policy, confidence=CONFIRMATION_CONFIDENCE)
-        ),
-        policy.inconclusive,
-    )
-    sentence = _CONFIRMED if needs_confirmation(found) else _NOT_CONFIRMED
-    return msgspec.structs.replace(found, reason=f"{found.reason} {sentence}")
+    return at_policy_confidence, replace(policy, confidence=CONFIRMATION_CONFIDENCE)
 
 
 def judge_pair_set(objectives: Objectives, pair_set: PairSet, policy: DecisionPolicy) -> Verdict:
@@ -118,19 +119,8 @@ def judge_pair_set(objectives: Objectives, pair_set: PairSet, policy: DecisionPo
     """
     policy = replace(policy, looks=None)
     verdict = _judge(objectives, pair_set.played, policy)
-    examined = policy.interference != "tolerate"
-    if examined and pair_set.unaffected is not None and pair_set.best_case is not None:
-        unaffected = _judge(objectives, pair_set.unaffected, policy).requirements
-        best_case = _judge(objectives, pair_set.best_case, policy).requirements
-        requirements = tuple(
-            # All others are based on the iterations of the head, which `judge` has treated alike.
-            _strict_pairs(
-                weaken_failure(one, other, pair_set.disturbance_text, most), other, pair_set, policy
-            )
-            if one.method == "paired t on logs"
-            else one
-            for one, other, most in zip(verdict.requirements, unaffected, best_case, strict=True)
-        )
+    if policy.interference != "tolerate" and pair_set.unaffected is not None:
+        requirements = _examine_pairs(verdict, objectives, pair_set, pair_set.unaffected, policy)
         if verdict.outcome in {"invalid", "incomplete"}:
             verdict = msgspec.structs.replace(verdict, requirements=requirements)
         else:
@@ -144,6 +134,67 @@ def judge_pair_set(objectives: Objectives, pair_set: PairSet, policy: DecisionPo
             reason=f"Only {usable} of {pair_set.planned} pairs can be judged.",
         )
     return verdict
+
+
+def reruns_can_decide(
+    verdict: Verdict, objectives: Objectives, pair_set: PairSet, policy: DecisionPolicy
+) -> bool:
+    """Whether playing the affected pairs again can change the outcome of a session.
+
+    It cannot where no requirement on pairs was opened because of interference, or where the outcome
+    would be the same if none of them had been.
+
+    Args:
+        verdict: on the session, by `judge_pair_set`.
+        objectives: that were judged.
+        pair_set: of the session.
+        policy: by which it was judged.
+    """
+    opened = [one.weakened and _is_on_pairs(one) for one in verdict.requirements]
+    if verdict.outcome in {"invalid", "incomplete"} or not any(opened):
+        return False
+    as_played = _judge(objectives, pair_set.played, replace(policy, looks=None)).requirements
+    requirements = [
+        played if was_opened else one
+        for one, played, was_opened in zip(verdict.requirements, as_played, opened, strict=True)
+    ]
+    return outcome_of(requirements, policy.inconclusive)[0] != verdict.outcome
+
+
+def _is_on_pairs(one: RequirementVerdict) -> bool:
+    """Whether pairs decided; all others rest on the head alone, and `judge` has examined them."""
+    return one.method == "paired t on logs"
+
+
+def _examine_pairs(
+    verdict: Verdict,
+    objectives: Objectives,
+    pair_set: PairSet,
+    unaffected: InterleavedRuns,
+    policy: DecisionPolicy,
+) -> tuple[RequirementVerdict, ...]:
+    """The requirements of a verdict on all pairs, with regard to host interference."""
+    decided = {one.outcome for one in verdict.requirements if _is_on_pairs(one)}
+    if not decided & {"pass", "fail"}:
+        return verdict.requirements
+    text = pair_set.disturbance_text
+    calm = _judge(objectives, unaffected, policy).requirements
+    # Interference makes a side worse: more on the head's explains a FAIL, on the base's a PASS.
+    without: dict[str, Sequence[RequirementVerdict]] = {
+        outcome: _judge(objectives, without_excess(pair_set.played, side), policy).requirements
+        for outcome, side in _EXPLAINED_BY.items()
+        if outcome in decided
+    }
+    requirements = []
+    for place, one in enumerate(verdict.requirements):
+        if not _is_on_pairs(one) or one.outcome == "inconclusive":
+            requirements.append(one)
+            continue
+        taken = taken_shares(pair_set.played, _EXPLAINED_BY[one.outcome], one.at_hz, one.confidence)
+        examine = examined_failure if one.outcome == "fail" else examined_pass
+        found = examine(one, calm[place], without[one.outcome][place], taken, text)
+        requirements.append(_strict_pairs(found, calm[place], pair_set, policy))
+    return tuple(requirements)
 
 
 def _strict_pairs(
@@ -205,13 +256,6 @@ def _combine_sustained(found: Sequence[RequirementVerdict]) -> RequirementVerdic
         n=len(found),
         notes=(*one.notes, f"Probed in {len(found)} runs of the head: {counts}."),
         settle=one.settle if outcome == "inconclusive" else "",
-    )
-
-
-def best_case_runs(pairs: InterleavedRuns) -> InterleavedRuns:
-    """Pairs with the best case of the head's affected iterations; the base is unchanged."""
-    return replace(
-        pairs, head=[best_case_run(run, find_affected_iterations(run)) for run in pairs.head]
     )
 
 

@@ -89,7 +89,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         machine: where the run was made.
         versions: of the software involved, by name.
         spec: the spec with every substitution done, as YAML.
-        judged_by: the name of the other spec whose objectives were judged, or empty where they
+        judged_by: the name of the other spec whose objectives and gate counted, or empty where they
             are the run's own.
         objectives: what was judged.
         monitor_labels: the labels of monitors that have one, by monitor.

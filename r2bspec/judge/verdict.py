@@ -104,6 +104,8 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
             confirmation that succeeded or failed, host interference.
         compared: base and head, where the requirement is on their ratio.
         weakened: whether it was decided, and is inconclusive only because of host interference.
+        learning: while a history has too few runs to decide, which of them this one is, such as
+            ``3 of 5``; otherwise empty.
     """
 
     objective: str
@@ -134,6 +136,7 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
     notes: tuple[str, ...] = ()
     compared: Compared | None = None
     weakened: bool = False
+    learning: str = ""
 
 
 class Unusable(msgspec.Struct, frozen=True, kw_only=True):

@@ -97,7 +97,7 @@ def compile_plan(
         setup=plan_setup(spec),
         ready=plan_ready(spec, wiring.namespace),
         after_ready=plan_after_ready(spec, wiring.namespace),
-        gate=_gate(spec),
+        gate=gate_plan(spec),
         drain_timeout_ns=spec.benchmark.drain_timeout.ns,
         segment_bytes=0 if spec.segment is None else spec.segment.bytes,
         play_at_peak=play_at_peak,
@@ -205,7 +205,8 @@ def _harness(spec: Spec) -> HarnessPlan:
     return HarnessPlan(placement=spec.harness.placement)
 
 
-def _gate(spec: Spec) -> GatePlan:
+def gate_plan(spec: Spec) -> GatePlan:
+    """How the verdicts of a spec are decided, and their consequences."""
     gate = spec.benchmark.gate
     return GatePlan(
         confidence=gate.confidence.fraction,

@@ -71,6 +71,7 @@ class PairsRecord(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         against: the base, as given by the user; empty if the head is compared with itself.
         control: whether base and head are equal, so that every difference is noise.
+        seed: of the coin that decided the order of the two sides in each pair.
         planned: the requested number of pairs.
         differences: between the plans of the base and the head, one per line.
         environment: the changed variables of the base, by name; empty for a removed one.
@@ -84,6 +85,7 @@ class PairsRecord(msgspec.Struct, frozen=True, kw_only=True):
     base_plan: str
     against: str
     control: bool
+    seed: int = 0
     planned: int
     started_at: str
     ended_at: str

@@ -36,6 +36,8 @@ _MAX_LISTED_ITERATIONS = 6
 def verdict_word(one: RequirementVerdict) -> str:
     """The outcome of a requirement, and its level where it does not fail the run."""
     word = OUTCOME_WORDS[one.outcome]
+    if one.learning:
+        return f"? learning, {one.learning}"
     if one.outcome == "pass" or one.level == "error":
         return word
     return f"{word} ({'warning' if one.level == 'warn' else 'information'})"

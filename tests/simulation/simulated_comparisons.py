@@ -12,11 +12,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
-from simulated_gates import CONFIDENCE, ratio_outcome
+from simulated_gates import CONFIDENCE, heads, ratio_outcome
 from simulated_starts import Errors, Shape, StartWorld
 
 from r2bspec.judge.history_comparison import HISTORY_CONFIRMATION_CONFIDENCE
-from r2bspec.judge.statistics.paired_ratio import abba, paired_ratio
+from r2bspec.judge.statistics.paired_ratio import paired_ratio
 from r2bspec.judge.statistics.prediction_interval import predicted_ratio
 from r2bspec.judge.statistics.welch_t import RunValues, welch_ratio_of_runs
 from r2bspec.language.confidence import CONFIRMATION_CONFIDENCE
@@ -65,13 +65,13 @@ RUN_WORLDS: dict[str, RunWorld] = {
 
 
 def pairs_errors(world: RunWorld, *, pairs: int = 10, runs: int, seed: int = 1) -> Errors:
-    """Interleaved pairs, A B B A; a failure is confirmed by as many fresh pairs."""
+    """Interleaved pairs in the order of a coin; a failure is confirmed by as many fresh pairs."""
     random = np.random.default_rng(seed)
-    order = np.array([letter == "B" for letter in abba(pairs)])
     found = Errors(runs)
 
     def one(confidence: float) -> int:
         values = np.exp(world(random, 2 * pairs))
+        order = heads(pairs, int(random.integers(2**32)))
         interval = paired_ratio(values[~order].tolist(), values[order].tolist(), confidence)
         return ratio_outcome(interval, 1.0)
 

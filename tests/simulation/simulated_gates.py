@@ -12,7 +12,7 @@ from r2bspec.judge.interim_looks import InterimLooks
 from r2bspec.judge.statistics.autocorrelation import serial_inflation
 from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
 from r2bspec.judge.statistics.effective_sample_size import SampleDesign, effective_sample
-from r2bspec.judge.statistics.paired_ratio import RatioInterval, abba, paired_ratio
+from r2bspec.judge.statistics.paired_ratio import RatioInterval, pair_orders, paired_ratio
 from r2bspec.judge.statistics.prediction_interval import predicted_ratio
 from r2bspec.judge.statistics.t_interval import mean_interval
 from r2bspec.judge.statistics.welch_t import welch_ratio
@@ -97,6 +97,11 @@ def looked_gate(
     return Rates.of(outcomes), float(np.mean(played))
 
 
+def heads(pairs: int, seed: int) -> NDArray[np.bool_]:
+    """Which of the runs of so many pairs are of the head, in the order in which they are played."""
+    return np.array([letter == "B" for order in pair_orders(pairs, seed) for letter in order])
+
+
 def paired_values(
     random: np.random.Generator,
     runs: int,
@@ -108,14 +113,14 @@ def paired_values(
     """Base and head of interleaved runs, shape (runs, pairs) each.
 
     Each value varies by itself; all share a machine that gets slower by `drift` over the run, in
-    the order A B B A of `abba`, and another machine of the day for each run.
+    an order that a coin decides, and another machine of the day for each run.
     """
-    order = np.array([letter == "B" for letter in abba(pairs)])
+    is_head = np.array([heads(pairs, seed) for seed in random.integers(2**32, size=runs).tolist()])
     time = np.linspace(0, drift, 2 * pairs)
     day = random.normal(0, 0.05, (runs, 1))
     noise = random.normal(0, variation, (runs, 2 * pairs))
-    level = np.exp(np.log(100.0) + day + noise - time + order * np.log(ratio))
-    return level[:, ~order], level[:, order]
+    level = np.exp(np.log(100.0) + day + noise - time + is_head * np.log(ratio))
+    return level[~is_head].reshape(runs, pairs), level[is_head].reshape(runs, pairs)
 
 
 def ratio_outcome(interval: RatioInterval, limit: float) -> int:

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.judge.statistics.paired_ratio import abba
+from r2bspec.judge.statistics.paired_ratio import pair_orders
 from r2bspec.language.spec import Objective
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import GatePlan, Plan, PlayPlan
@@ -50,6 +50,7 @@ class Comparison:
         again: what came out where a pair was played again, by its number.
         unusable: pairs that could not be judged at first, by number, and why.
         disturbed: pairs that the machine disturbed at first, by number, and by what.
+        load: the other load of the base and of the head in such pairs, as `Simulation` has it.
         fresh: pairs that were played to confirm a failure, likewise.
     """
 
@@ -59,6 +60,7 @@ class Comparison:
     again: Mapping[int, tuple[float, float]] = field(default_factory=dict)
     unusable: Mapping[int, str] = field(default_factory=dict)
     disturbed: Mapping[int, str] = field(default_factory=dict)
+    load: tuple[Mapping[str, float], Mapping[str, float]] = (_BUSY, _BUSY)
     fresh: Sequence[tuple[float, float]] = ()
     control: bool = False
     planned: int = 0
@@ -74,11 +76,11 @@ class Comparison:
         folder.write_base_plan(plan)
         folder.write_spec("r2bspec: 1\nname: simulated\n")
         pairs: list[PairRecord] = []
-        orders = abba(len(self.base))
+        orders = pair_orders(len(self.base), seed=1)
         for number, (base_s, head_s) in enumerate(zip(self.base, self.head, strict=True), start=1):
             pair = PairRecord(
                 number=number,
-                order="AB" if orders[2 * number - 2] == "A" else "BA",
+                order=orders[number - 1],
                 base=f"base/{number:03d}",
                 head=f"head/{number:03d}",
                 unusable=self.unusable.get(number, ""),
@@ -106,6 +108,7 @@ class Comparison:
                 base_plan=plan_hash(plan),
                 against="" if self.control else "other.r2b.yaml",
                 control=self.control,
+                seed=1,
                 planned=self.planned or len(self.base),
                 started_at="2026-01-01T00:00:00+00:00",
                 ended_at="2026-01-01T00:10:00+00:00",
@@ -126,8 +129,8 @@ class Comparison:
         )
 
     def _play(self, path: Path, pair: PairRecord, base_s: float, head_s: float) -> PairRecord:
-        sides = [(pair.base, base_s), (pair.head, head_s)]
-        for name, level_s in sides if pair.order == "AB" else reversed(sides):
+        sides = [(pair.base, base_s, self.load[0]), (pair.head, head_s, self.load[1])]
+        for name, level_s, load in sides if pair.order == "AB" else reversed(sides):
             # Runs follow each other on one clock: as many seconds after the first as there are.
             before = sum(1 for _ in path.glob("*/*/record.json"))
             simulated = replace(
@@ -135,7 +138,7 @@ class Comparison:
                 segments=[Played(RATE_HZ, latencies(level_s))],
                 objectives=self.objectives,
                 start_ns=EPOCH_NS + before * 10 * 10**9,
-                surroundings=_BUSY if pair.disturbed else self.template.surroundings,
+                surroundings=load if pair.disturbed else self.template.surroundings,
             )
             simulated.write(path / name)
         return pair

@@ -1,7 +1,7 @@
 """Base and head, measured in pairs on one host: the t test on the logarithms of the ratios.
 
-Runs are interleaved A B B A (A the base, B the head), each in new processes, so that a machine
-that gets slower slows both. Pair i has the values a_i and b_i of a metric, one iteration each, and
+Runs are interleaved (A the base, B the head), each in new processes, so that a machine that gets
+slower slows both. Pair i has the values a_i and b_i of a metric, one iteration each, and
 
     d_i = ln(b_i / a_i),        mean d,  standard deviation s,  over n pairs.
 
@@ -15,17 +15,26 @@ The limit of the requirement is the margin: ``throughput.mean >= 97 % of baselin
 lower bound on rho is at least 0.97, fails if the upper bound is below it. That is a test for
 non-inferiority, not for a difference: given enough pairs any two graphs differ.
 
-A linear drift of the machine adds +delta to the pairs A B and -delta to the pairs B A. It cancels
-in the mean of an even number of pairs, and only widens the interval.
+Which side of a pair is first is decided by a coin (`pair_orders`). Whatever happens to the first or
+the second run of a pair, to every third or every fourth run, or to all runs after a moment, then
+falls on either side by chance alone, and chance is what the test accounts for. A fixed order such
+as A B B A shares a linear drift exactly, but puts whatever returns with every fourth run on one
+side: equal graphs then fail in half of the comparisons. A coin that fell alike for all pairs is
+thrown again, because a drift would then be a difference between the sides.
 """
 
 from __future__ import annotations
 
 import math
+import random
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 from r2bspec.judge.statistics.t_interval import mean_interval
+
+PairOrder = Literal["AB", "BA"]
+"""Which side of a pair is played first; A is the base."""
 
 
 @dataclass(frozen=True)
@@ -47,9 +56,20 @@ class RatioInterval:
     n: int
 
 
-def abba(pairs: int) -> str:
-    """The order in which to run so many pairs: ``ABBAABBA..``, two letters for each."""
-    return "".join("AB" if pair % 2 == 0 else "BA" for pair in range(pairs))
+def pair_orders(pairs: int, seed: int, session: int = 0) -> tuple[PairOrder, ...]:
+    """The order of the two sides in each of so many pairs, by a coin.
+
+    Args:
+        pairs: how many; from two on, both orders occur.
+        seed: of the coin; the same one gives the same orders.
+        session: which of the sessions of a comparison: 0 for the first pairs, 1 for those that
+            confirm a failure.
+    """
+    coin = random.Random(f"{seed}/{session}")  # noqa: S311 - chance, not a secret
+    while True:
+        heads_first = [bool(coin.getrandbits(1)) for _ in range(pairs)]
+        if pairs < 2 or len(set(heads_first)) == 2:
+            return tuple("BA" if first else "AB" for first in heads_first)
 
 
 def paired_ratio(

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from r2bspec.compare.interleaved_runs import ComparisonSide, ComparisonSpec, _PairRunner
+from r2bspec.compare.interleaved_runs import (
+    ComparisonSide,
+    ComparisonSpec,
+    JudgedSession,
+    _PairRunner,
+)
 from r2bspec.execute.processes.signals import Interrupts
 from r2bspec.execute.progress import NullProgress
-from r2bspec.judge.verdict import Verdict
 from r2bspec.record.comparison_folder import ComparisonFolder
 from run_simulation import Simulation
 
 
-def never_judged(_: bool) -> Verdict:
+def never_judged(_: bool) -> JudgedSession:
     raise AssertionError
 
 

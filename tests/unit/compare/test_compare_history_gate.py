@@ -12,11 +12,19 @@ from pair_simulation import latencies
 from r2bspec.compare.errors import IncomparableError
 from r2bspec.compare.gated_run import run_with_baseline
 from r2bspec.compare.history import open_history
-from r2bspec.compare.history_gate import baseline_from_stored_run, write_baseline
+from r2bspec.compare.history_gate import (
+    baseline_from_history,
+    baseline_from_stored_run,
+    write_baseline,
+)
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of, to_json
+from r2bspec.judge.outcome import InconclusivePolicy
 from r2bspec.judge.result import Result
 from r2bspec.plan.plan import GatePlan, Plan
 from r2bspec.record.run_folder import RunFolder, open_run
+from r2bspec.report.format_registry import renderer
+from r2bspec.report.terminal import to_text
 from run_simulation import Played, Simulation, objective
 
 NO_REGRESSION = {"no_regression": objective("latency.p50 <= 110 % of baseline")}
@@ -70,9 +78,50 @@ def machine(tmp_path: Path) -> Machine:
 
 def test_a_history_gates_once_it_has_enough_runs(machine: Machine) -> None:
     settled = [machine.run(simulated(level)).verdict for level in LEVELS]
-    assert [one.outcome for one in settled] == ["inconclusive"] * 5 + ["pass"]
+    assert [one.outcome for one in settled] == ["pass"] * 6
+    learning = [one.requirements[0].learning for one in settled]
+    assert learning == ["1 of 5", "2 of 5", "3 of 5", "4 of 5", "5 of 5", ""]
+    assert [one.requirements[0].outcome for one in settled] == ["inconclusive"] * 5 + ["pass"]
+    assert settled[2].reason.endswith("earning, 3 of 5: 1 requirement waits for the history.")
     assert settled[2].requirements[0].settle == "5 are needed: 3 more."
     assert settled[5].requirements[0].method == "prediction interval"
+
+
+def test_while_a_history_learns_the_other_requirements_count(machine: Machine) -> None:
+    fast = replace(
+        simulated(0.02),
+        objectives=NO_REGRESSION | {"fast": objective("latency.p50 < 10 ms")},
+    )
+    verdict = machine.run(fast, fast).verdict
+    assert (verdict.outcome, verdict.exit_code) == ("fail", 1)
+    assert {one.objective: one.learning for one in verdict.requirements} == {
+        "fast": "",
+        "no_regression": "1 of 5",
+    }
+
+
+@pytest.mark.parametrize(
+    ("inconclusive", "outcome"), [("report", "pass"), ("pass", "pass"), ("fail", "fail")]
+)
+def test_a_history_that_learns_fails_only_if_the_gate_asks_for_it(
+    tmp_path: Path, inconclusive: InconclusivePolicy, outcome: str
+) -> None:
+    run = simulated(0.02).write(tmp_path / "run")
+    write_baseline(run.folder, baseline_from_history(tmp_path / "history.sqlite", run))
+    result = result_of(run, gate=GatePlan(inconclusive=inconclusive))
+    assert result.verdict.outcome == outcome
+    shown = to_text(result, run.folder, 100)
+    assert "learning, 1 of 5" in shown
+
+
+def test_reports_of_a_history_that_learns_are_green(tmp_path: Path) -> None:
+    run = simulated(0.02).write(tmp_path / "run")
+    write_baseline(run.folder, baseline_from_history(tmp_path / "history.sqlite", run))
+    reported = ReportInput(result=result_of(run), run=run)
+    junit = renderer("junit")(reported).decode()
+    assert "<error" not in junit
+    assert "<failure" not in junit
+    assert "::error" not in renderer("github")(reported).decode()
 
 
 def test_a_failure_is_confirmed_by_a_fresh_run_and_is_no_baseline(machine: Machine) -> None:
@@ -121,7 +170,7 @@ def test_runs_of_another_length_are_another_history(machine: Machine) -> None:
     longer = replace(simulated(0.02, 0.02), monitors=("detections", "more"))
     for level in LEVELS:
         machine.run(simulated(level))
-    assert machine.run(longer).verdict.outcome == "inconclusive"
+    assert {one.learning for one in machine.run(longer).verdict.requirements} == {"1 of 5"}
 
 
 class TestStored:

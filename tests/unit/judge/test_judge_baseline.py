@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,7 +18,7 @@ from r2bspec.judge.baseline_ratio import (
     judge_history,
     judge_pairs,
 )
-from r2bspec.judge.statistics.paired_ratio import abba, paired_ratio
+from r2bspec.judge.statistics.paired_ratio import pair_orders, paired_ratio
 from r2bspec.judge.statistics.power import (
     noise_floor,
     pairs_needed,
@@ -88,11 +89,21 @@ class TestStatistics:
         assert found.upper == pytest.approx(deviation * math.sqrt(4 / stats.chi2.ppf(0.05, 4)))
         assert not found.biased
 
-    def test_the_order_of_pairs_cancels_a_drift(self) -> None:
-        assert abba(4) == "ABBAABBA"
-        order = np.array(list(abba(4)))
-        times = np.arange(8)
-        assert times[order == "A"].sum() == times[order == "B"].sum()
+    def test_a_coin_decides_the_order_of_pairs(self) -> None:
+        assert pair_orders(10, seed=7) == pair_orders(10, seed=7)
+        assert pair_orders(10, seed=7) != pair_orders(10, seed=7, session=1)
+        thrown = [pair_orders(6, seed=seed) for seed in range(400)]
+        for pair in range(6):
+            heads_first = sum(orders[pair] == "BA" for orders in thrown)
+            assert 150 <= heads_first <= 250
+        # Nothing that returns follows the coin: neighbours are as often alike as not.
+        alike = sum(a == b for orders in thrown for a, b in itertools.pairwise(orders))
+        assert 0.4 < alike / (5 * len(thrown)) < 0.55
+
+    @pytest.mark.parametrize("pairs", [2, 3, 10])
+    def test_both_orders_occur(self, pairs: int) -> None:
+        assert all(set(pair_orders(pairs, seed=seed)) == {"AB", "BA"} for seed in range(100))
+        assert len(pair_orders(1, seed=1)) == 1
 
     @pytest.mark.parametrize("bad", [0.0, -1.0, math.inf])
     def test_a_ratio_needs_positive_values(self, bad: float) -> None:

@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 
 from pair_simulation import Comparison, latencies
-from r2bspec.compare.judge_pairs import judge_comparison_folder
+from r2bspec.compare.judge_pairs import judge_comparison_folder, read_pair_set
+from r2bspec.judge.decision_policy import DecisionPolicy
+from r2bspec.judge.interference_policy import InterferencePolicy
 from r2bspec.judge.judge_run import to_json
+from r2bspec.judge.outcome import InconclusivePolicy
+from r2bspec.judge.pair_comparison import judge_pair_set, reruns_can_decide
+from r2bspec.judge.pair_interference import InterleavedRuns, pair_excess, taken_shares
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
+from r2bspec.measure.interference import Surroundings
 from r2bspec.measure.run_samples import read_samples
+from r2bspec.measure.samples import RunSamples
 from r2bspec.record.comparison_folder import open_comparison
 from r2bspec.record.errors import RecordError
 from run_simulation import Played, Simulation, objective
@@ -92,28 +101,142 @@ def test_few_usable_pairs_are_no_comparison(tmp_path: Path) -> None:
     assert judged(Comparison(BASE, SAME, unusable=everyone), tmp_path / "a").outcome == "invalid"
 
 
-def test_a_disturbed_pair_weakens_a_failure_and_never_a_pass(tmp_path: Path) -> None:
+CALM = {"busy_s": 0.7}
+BUSY = {"busy_s": 1.5, "stolen_s": 0.5}
+EVERYWHERE = dict.fromkeys(range(1, 7), "25 % of the processor time was stolen")
+"""Every pair was affected."""
+
+
+def test_more_load_on_the_head_opens_a_failure(tmp_path: Path) -> None:
     spike = [*(1.06 * level for level in SAME[:5]), SAME[5]]
     busy = dict.fromkeys(range(1, 6), "head: 25 % of the processor time was stolen")
     failing = objective("latency.p50 <= 102 % of baseline")
-    comparison = Comparison(BASE, spike, disturbed=busy, objectives={"no_regression": failing})
-    verdict = judged(comparison, tmp_path / "spike")
-    assert ratio(verdict).outcome == "inconclusive"
-    assert ratio(verdict).weakened
+    comparison = Comparison(
+        BASE, spike, disturbed=busy, load=(CALM, BUSY), objectives={"no_regression": failing}
+    )
+    one = ratio(judged(comparison, tmp_path / "spike"))
+    assert (one.outcome, one.weakened) == ("inconclusive", True)
+    assert "The head had more of it" in one.notes[-1]
     two = {number: busy[number] for number in (1, 2)}
-    slower = judged(Comparison(BASE, SLOWER, disturbed=two), tmp_path / "slower")
+    slower = judged(Comparison(BASE, SLOWER, disturbed=two, load=(CALM, BUSY)), tmp_path / "two")
     assert slower.outcome == "fail"
-    assert any("Host interference in pair 1" in note for note in ratio(slower).notes)
-    passing = judged(Comparison(BASE, SAME, disturbed=busy), tmp_path / "same")
-    assert passing.outcome == "pass"
+    assert any("The unaffected pairs fail, too" in note for note in ratio(slower).notes)
     # What was played again in the place of a disturbed pair must not make a failure a pass.
     again = dict(enumerate(zip(BASE, SAME, strict=True), start=1))
-    everywhere = dict.fromkeys(again, "busy")
-    selected = judged(Comparison(BASE, SLOWER, disturbed=everywhere, again=again), tmp_path / "s")
-    assert ratio(selected).outcome == "inconclusive"
+    selected = Comparison(BASE, SLOWER, disturbed=EVERYWHERE, again=again, load=(CALM, BUSY))
+    assert ratio(judged(selected, tmp_path / "selected")).outcome == "inconclusive"
     # What no disturbance explains stays, also where everything was disturbed.
     far = (np.array(SLOWER) * 10).tolist()
-    assert judged(Comparison(BASE, far, disturbed=everywhere), tmp_path / "f").outcome == "fail"
+    explained = ratio(
+        judged(Comparison(BASE, far, disturbed=EVERYWHERE, load=(CALM, BUSY)), tmp_path / "far")
+    )
+    assert explained.outcome == "fail"
+    assert any("it fails without the excess, too" in note for note in explained.notes)
+
+
+def test_load_that_both_sides_had_alike_opens_nothing(tmp_path: Path) -> None:
+    slower = judged(Comparison(BASE, SLOWER, disturbed=EVERYWHERE), tmp_path / "slower")
+    assert slower.outcome == "fail"
+    assert any("Base and head had it alike" in note for note in ratio(slower).notes)
+    assert judged(Comparison(BASE, SAME, disturbed=EVERYWHERE), tmp_path / "same").outcome == "pass"
+    # More of it on the other side does not explain the verdict either.
+    for name, head, load, outcome in (
+        ("base", SLOWER, (BUSY, CALM), "fail"),
+        ("head", SAME, (CALM, BUSY), "pass"),
+    ):
+        comparison = Comparison(BASE, head, disturbed=EVERYWHERE, load=load)
+        assert ratio(judged(comparison, tmp_path / name)).outcome == outcome
+
+
+def test_more_load_on_the_base_opens_a_pass(tmp_path: Path) -> None:
+    comparison = Comparison(BASE, SAME, disturbed=EVERYWHERE, load=(BUSY, CALM))
+    one = ratio(judged(comparison, tmp_path / "everywhere"))
+    assert (one.outcome, one.weakened) == ("inconclusive", True)
+    assert "The base had more of it" in one.notes[-1]
+    two = {number: EVERYWHERE[number] for number in (1, 2)}
+    rest = judged(Comparison(BASE, SAME, disturbed=two, load=(BUSY, CALM)), tmp_path / "two")
+    assert ratio(rest).outcome == "pass"
+    faster = (np.array(SAME) / 10).tolist()
+    far = judged(
+        Comparison(BASE, faster, disturbed=EVERYWHERE, load=(BUSY, CALM)), tmp_path / "far"
+    )
+    assert ratio(far).outcome == "pass"
+
+
+@pytest.mark.parametrize(
+    ("policy", "same", "slower"),
+    [("tolerate", "pass", "fail"), ("note", "pass", "fail"), ("strict", "inconclusive", "fail")],
+)
+def test_under_strict_only_unaffected_pairs_pass(
+    tmp_path: Path, policy: Literal["tolerate", "note", "strict"], same: str, slower: str
+) -> None:
+    for name, head, outcome in (("same", SAME, same), ("slower", SLOWER, slower)):
+        pairs = Comparison(BASE, head, disturbed=EVERYWHERE).write(tmp_path / name)
+        found = judge_pair_set(
+            pairs.plan.objectives, read_pair_set(pairs), DecisionPolicy(interference=policy)
+        )
+        assert ratio(found).outcome == outcome
+
+
+def test_a_head_that_computes_more_waits_longer_under_the_same_load(tmp_path: Path) -> None:
+    calm = read_samples(Simulation(segments=[Played(30.0, latencies(0.02))]).write(tmp_path / "r"))
+
+    def run(own_cores: float, waited: float) -> RunSamples:
+        known = Surroundings(seconds=1.0, own_cores=own_cores, own_waited=waited, pressure=0.9)
+        (one,) = calm.iterations[30.0]
+        return replace(calm, iterations={30.0: (replace(one, surroundings=known),)})
+
+    base = run(0.4, 0.2)
+    assert pair_excess(run(0.6, 0.3), base, 30.0) == pytest.approx(0.0)
+    assert pair_excess(run(0.4, 0.3), base, 30.0) == pytest.approx(0.1)
+    # A side that computes less is not excused for that.
+    assert pair_excess(run(0.2, 0.2), base, 30.0) == pytest.approx(0.0)
+    pairs = InterleavedRuns([base] * 3, [run(0.4, 0.3)] * 3, base)
+    taken = taken_shares(pairs, "head", 30.0, 0.95)
+    assert (taken.base, taken.head, taken.excess) == pytest.approx((0.2, 0.3, 0.1))
+    assert taken_shares(pairs, "base", 30.0, 0.95).excess < 0
+
+
+@pytest.mark.parametrize(
+    ("load", "head", "inconclusive", "interference", "decides"),
+    [
+        ((CALM, BUSY), SLOWER, "report", "note", True),
+        ((BUSY, BUSY), SLOWER, "report", "note", False),
+        ((BUSY, CALM), SAME, "report", "note", True),
+        # Open or failed, the outcome is a FAIL; open or passed, it is a PASS.
+        ((CALM, BUSY), SLOWER, "fail", "note", False),
+        ((BUSY, CALM), SAME, "pass", "note", False),
+        ((BUSY, BUSY), SAME, "report", "strict", True),
+        ((CALM, BUSY), SLOWER, "report", "tolerate", False),
+    ],
+)
+def test_pairs_are_played_again_only_where_the_outcome_could_change(
+    tmp_path: Path,
+    load: tuple[dict[str, float], dict[str, float]],
+    head: list[float],
+    inconclusive: InconclusivePolicy,
+    interference: InterferencePolicy,
+    decides: bool,
+) -> None:
+    only = {"no_regression": objective("latency.p50 <= 105 % of baseline")}
+    comparison = Comparison(BASE, head, only, disturbed=EVERYWHERE, load=load)
+    pair_set = read_pair_set(comparison.write(tmp_path / "pairs"))
+    policy = DecisionPolicy(inconclusive=inconclusive, interference=interference)
+    verdict = judge_pair_set(only, pair_set, policy)
+    assert reruns_can_decide(verdict, only, pair_set, policy) == decides
+
+
+def test_no_pair_is_played_again_for_what_has_failed_anyway(tmp_path: Path) -> None:
+    both = {
+        "no_regression": objective("latency.p50 <= 105 % of baseline"),
+        "fast": objective("latency.p50 < 1 ms"),
+    }
+    load = ({"busy_s": 0.7}, {"busy_s": 1.0, "stolen_s": 0.1})
+    comparison = Comparison(BASE, SLOWER, both, disturbed=EVERYWHERE, load=load)
+    pair_set = read_pair_set(comparison.write(tmp_path / "pairs"))
+    verdict = judge_pair_set(both, pair_set, DecisionPolicy())
+    assert [one.outcome for one in verdict.requirements] == ["inconclusive", "fail"]
+    assert not reruns_can_decide(verdict, both, pair_set, DecisionPolicy())
 
 
 def test_an_interrupted_comparison_is_incomplete(tmp_path: Path) -> None:

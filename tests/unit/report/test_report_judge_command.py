@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from r2bspec.cli.main import main
+from r2bspec.record.run_record import ConfirmationRecord
 from run_simulation import Played, Simulation, objective
 
 OTHER = """\
@@ -66,7 +67,64 @@ def test_another_spec_s_objectives(
     assert main(["judge", str(run), "--spec", str(spec)]) == 1
     out = capsys.readouterr().out
     assert "latency.p50 < 1 ms" in out
-    assert "judged by the objectives of stricter" in out
+    assert "judged by the objectives and the gate of stricter" in out
+
+
+def spec_with_gate(tmp_path: Path, gate: str, requirement: str) -> str:
+    spec = tmp_path / "other.r2b.yaml"
+    spec.write_text(
+        OTHER.replace("[30 Hz]", f"[30 Hz], gate: {{{gate}}}").replace(
+            "latency.p50 < 1 ms", requirement
+        )
+    )
+    return str(spec)
+
+
+@pytest.mark.parametrize(
+    ("gate", "status"),
+    [("", 3), ("inconclusive: fail", 1), ("inconclusive: pass", 0), ("confidence: 60 %", 1)],
+)
+def test_another_spec_s_gate_applies(tmp_path: Path, gate: str, status: int) -> None:
+    # 7 of 300 messages over the limit of a p98 are not quite enough to show anything at 95 %.
+    latency = np.where(np.arange(300) % 43 == 5, 0.02, 0.01)
+    run = Simulation(segments=[Played(30, latency)]).write(tmp_path / "run").folder
+    spec = spec_with_gate(tmp_path, gate, "latency.p98 < 15 ms")
+    assert main(["judge", str(run), "--spec", spec]) == status
+
+
+@pytest.mark.parametrize(
+    ("gate", "status"), [("", 3), ("interference: tolerate", 1), ("interference: note", 3)]
+)
+def test_another_spec_s_interference_applies(tmp_path: Path, gate: str, status: int) -> None:
+    busy = {"busy_s": 1.9, "stolen_s": 0.3}
+    segments = [Played(30, np.full(300, 0.02))]
+    run = Simulation(segments=segments, surroundings=busy).write(tmp_path / "run").folder
+    spec = spec_with_gate(tmp_path, gate, "latency.p50 < 19 ms")
+    assert main(["judge", str(run), "--spec", spec]) == status
+
+
+@pytest.mark.parametrize(("gate", "status"), [("", 3), ("confirm: false", 1)])
+def test_without_confirm_in_the_other_spec_the_first_run_counts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], gate: str, status: int
+) -> None:
+    confirmation = ConfirmationRecord(search=None, sustained=())
+    segments = [
+        Played(30, np.full(300, 0.02)),
+        Played(30, np.full(300, 0.01), kind="confirmation"),
+    ]
+    run = Simulation(segments=segments, confirmation=confirmation).write(tmp_path / "run").folder
+    spec = spec_with_gate(tmp_path, gate, "latency.p50 < 15 ms")
+    assert main(["judge", str(run), "--spec", spec]) == status
+    said = " ".join(capsys.readouterr().out.split())
+    assert ("its second run does not count" in said) == (status == 1)
+
+
+def test_a_gate_that_is_wrong_is_explained(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spec = spec_with_gate(tmp_path, "interference: ignore", "latency.p50 < 15 ms")
+    assert main(["judge", str(run), "--spec", spec]) == 2
+    assert "other.r2b.yaml:7" in capsys.readouterr().err
 
 
 def test_a_broken_spec_is_explained(

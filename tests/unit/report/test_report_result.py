@@ -83,4 +83,4 @@ def test_other_objectives_are_named(tmp_path: Path) -> None:
     run = SIMULATIONS["usual"].write(tmp_path)
     result = result_of(run, {"slow": objective("latency.p50 < 1 ms")}, judged_by="stricter")
     assert (result.judged_by, result.verdict.outcome) == ("stricter", "fail")
-    assert "judged by the objectives of stricter" in to_text(result)
+    assert "judged by the objectives and the gate of stricter" in to_text(result)
