@@ -18,7 +18,11 @@ ALL_CASES = "all"
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
-    """The options as they were given; the names are those of the command line."""
+    """The options as they were given; the names are those of the command line.
+
+    Attributes:
+        suite_page: the HTML page of the suite that a run belongs to, to which its own pages link.
+    """
 
     output: Path | None = None
     against: tuple[str, ...] = ()
@@ -47,6 +51,8 @@ class RunOptions:
     retry_invalid: int = 1
     output_format: str = "text"
     quiet: bool = False
+    verbose: bool = False
+    suite_page: Path | None = None
     reports: tuple[ReportRequest, ...] = ()
 
     @property

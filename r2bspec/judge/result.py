@@ -100,6 +100,8 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         unplayed: messages of inputs that were not played.
         profiles: of an iteration that counts for nothing.
         accuracy: of the monitors that were compared with the truth.
+        changes: what the graph is made of that differs from the base, such as ``blur.py changed``.
+        gate: about the gate itself, a sentence each: what it allows, and what it could not compare.
     """
 
     r2bspec_result: Literal[1] = 1
@@ -132,6 +134,8 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     unplayed: tuple[UnplayedMessages, ...] = ()
     profiles: tuple[ProfileRecord, ...] = ()
     accuracy: tuple[AccuracyRecord, ...] = ()
+    changes: tuple[str, ...] = ()
+    gate: tuple[str, ...] = ()
 
     def monitor_title(self, name: str) -> str:
         """The title of a monitor: its label and its name, or its name alone."""
