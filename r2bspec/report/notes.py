@@ -123,6 +123,8 @@ def _weight(weight: Weight, text: str) -> Weight:
 
 def _weighted(result: Result) -> Iterator[Note]:
     """The notes in the order in which they are worked out."""
+    interference = tuple(_interference_notes(result))
+    summary = (_interference_summary(result),) if len(interference) > 1 else ()
     groups: tuple[tuple[Weight, Iterable[str]], ...] = (
         (Weight.BROKEN, _status_notes(result)),
         (Weight.BROKEN, _silence_notes(result)),
@@ -130,10 +132,8 @@ def _weighted(result: Result) -> Iterator[Note]:
         (Weight.BROKEN, _exit_notes(result)),
         (Weight.OPEN, _requirement_notes(result, ("fail", "inconclusive"))),
         (Weight.INTERFERENCE, _of_pairs(result)),
-        (Weight.INTERFERENCE, affected_iteration_notes(result.verdict.disturbed)),
-        (Weight.INTERFERENCE, _disturbed_start_notes(result.starts)),
-        (Weight.INTERFERENCE, _disturbed_probe_notes(result.metrics)),
-        (Weight.INTERFERENCE, _disturbed_overhead_notes(result)),
+        (Weight.INTERFERENCE, summary),
+        (Weight.DETAIL if summary else Weight.INTERFERENCE, interference),
         (Weight.PLAYED, accuracy_notes(result)),
         (Weight.PLAYED, unplayed_notes(result)),
         (Weight.PLAYED, result.left_out),
@@ -257,6 +257,42 @@ def affected_iteration_notes(disturbed: Sequence[DisturbedIteration]) -> Iterato
 def _affected_iteration_text(one: DisturbedIteration) -> str:
     again = f", played again as {one.rerun}" if one.rerun else ""
     return f"{one.segment} ({', '.join(one.reasons)}{again})"
+
+
+def _interference_notes(result: Result) -> Iterator[str]:
+    """Everything that other programs disturbed, and how."""
+    yield from affected_iteration_notes(result.verdict.disturbed)
+    yield from _disturbed_start_notes(result.starts)
+    yield from _disturbed_probe_notes(result.metrics)
+    yield from _disturbed_overhead_notes(result)
+
+
+def _interference_summary(result: Result) -> str:
+    """How much of the run other programs disturbed, with one example of how."""
+    rates, search = result.metrics.rates, result.metrics.search
+    probes = [*(search.probes if search is not None else ()), *result.metrics.sustained]
+    disturbed = {
+        "iterations": [iteration.reasons for iteration in result.verdict.disturbed],
+        "starts": [start.disturbed for start in result.starts if start.disturbed],
+        "probes": [probe.disturbed for probe in probes if probe.disturbed],
+        "measurements of the overhead": [
+            floor.disturbed for floor in result.floor if floor.disturbed
+        ],
+    }
+    numbers = {
+        "iterations": sum(len(rate.iterations) + len(rate.reruns) for rate in rates),
+        "starts": len(result.starts),
+        "probes": len(probes),
+        "measurements of the overhead": len(result.floor),
+    }
+    parts = [
+        f"{len(reasons)} of {max(numbers[kind], len(reasons))} {kind}"
+        for kind, reasons in disturbed.items()
+        if reasons
+    ]
+    example = next(reason for kind in disturbed.values() for reasons in kind for reason in reasons)
+    affected = " and ".join(filter(None, [", ".join(parts[:-1]), parts[-1]]))
+    return f"Host interference in {affected}; for example, {example}"
 
 
 def _disturbed_start_notes(starts: Sequence[StartRecord]) -> Iterator[str]:
