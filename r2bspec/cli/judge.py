@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.shared_options import junit_option, reports_option
+from r2bspec.cli.shared_options import junit_option, reports_option, verbose_option
 
 if TYPE_CHECKING:
     from r2bspec.language.spec import Spec
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 @click.option("--write", is_flag=True, help="Replace result.json in the run folder.")
 @reports_option
 @junit_option
+@verbose_option
 def command(
     run: Path,
     spec: Path | None,
@@ -40,6 +42,7 @@ def command(
     write: bool,
     reports: tuple[ReportRequest, ...],
     junit: tuple[ReportRequest, ...],
+    verbose: bool,
 ) -> int:
     """Judge the finished run or comparison in the folder RUN again; needs no ROS.
 
@@ -71,8 +74,8 @@ def command(
     if write:
         RunFolder(run.absolute()).write_result(to_json(found.result))
     if not takes_stdout(reports + junit):
-        show_result(found.result, output_format, run)
-    write_reports(reports + junit, found)
+        show_result(found.result, output_format, run, verbose=verbose)
+    write_reports(reports + junit, replace(found, verbose=verbose))
     return found.result.verdict.exit_code
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.shared_options import junit_option, reports_option
+from r2bspec.cli.shared_options import junit_option, reports_option, verbose_option
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo
 
@@ -30,6 +31,7 @@ def _list_formats(ctx: click.Context, _param: click.Parameter, list_formats: boo
 @click.argument("run", type=click.Path(path_type=Path))
 @reports_option
 @junit_option
+@verbose_option
 @click.option(
     "--spec",
     type=click.Path(path_type=Path, dir_okay=False),
@@ -54,6 +56,7 @@ def command(
     run: Path,
     reports: tuple[ReportRequest, ...],
     junit: tuple[ReportRequest, ...],
+    verbose: bool,
     spec: Path | None,
     against: Path | None,
 ) -> int:
@@ -73,5 +76,6 @@ def command(
             "no report was requested", hint="Name a format and a file: --report html=report.html"
         )
     baseline = open_run(against) if against is not None else None
-    write_reports(requests, read_report_input(run, spec_file=spec, baseline=baseline))
+    found = read_report_input(run, spec_file=spec, baseline=baseline)
+    write_reports(requests, replace(found, verbose=verbose))
     return ExitStatus.OK

@@ -17,6 +17,7 @@ from r2bspec.cli.shared_options import (
     max_bytes_option,
     reports_option,
     spec_options,
+    verbose_option,
 )
 from r2bspec.cli.spec_selection import SpecSelection
 from r2bspec.report.output import echo
@@ -173,6 +174,7 @@ if TYPE_CHECKING:
     help="The output format.",
 )
 @click.option("--quiet", "-q", is_flag=True, help="Show no progress.")
+@verbose_option
 @reports_option
 @junit_option
 def command(

@@ -22,6 +22,7 @@ class RunOptions:
 
     Attributes:
         known_names: names of `allow` that are known to some spec of a suite.
+        suite_page: the HTML page of the suite that a run belongs to, to which its own pages link.
     """
 
     output: Path | None = None
@@ -56,6 +57,8 @@ class RunOptions:
     retry_invalid: int = 1
     output_format: str = "text"
     quiet: bool = False
+    verbose: bool = False
+    suite_page: Path | None = None
     reports: tuple[ReportRequest, ...] = ()
 
     @property

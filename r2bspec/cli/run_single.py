@@ -65,7 +65,7 @@ def _run(selection: SpecSelection, options: RunOptions, folder: _Folder) -> int:
             result = execute(prepared, selection, options, folder.path, remaining, gate)
     show_differences(result, prepared)
     if not takes_stdout(options.reports):
-        show_result(result, options.output_format, folder.path)
+        show_result(result, options.output_format, folder.path, verbose=options.verbose)
     if options.output_format == "json" or takes_stdout(options.reports):
         echo(folder_line(folder.path), err=True)
     write_reports_of(options, folder.path, selection.spec)
@@ -249,7 +249,13 @@ def write_reports_of(options: RunOptions, folder: Path, spec: Path) -> None:
     """Write the requested reports of a run folder."""
     from r2bspec.report.write_reports import write_folder_reports
 
-    write_folder_reports(options.reports, folder, spec)
+    write_folder_reports(
+        options.reports,
+        folder,
+        spec,
+        verbose=options.verbose,
+        suite_page=options.suite_page,
+    )
 
 
 @contextlib.contextmanager

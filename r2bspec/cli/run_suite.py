@@ -25,6 +25,7 @@ from r2bspec.cli.suite_entry import Executor, SuiteEntry
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo, echo_document
+from r2bspec.untrusted.safe_file import is_regular
 
 if TYPE_CHECKING:
     from r2bspec.cli.run_options import RunOptions
@@ -36,6 +37,9 @@ if TYPE_CHECKING:
 
 SUMMARY_FILE = "suite.json"
 """The summary in the folder of the suite; complete after each run."""
+
+RUN_PAGE = "report.html"
+"""The page of a run, in its folder, where the HTML of the suite has no other to link to."""
 
 _SUMMARY_SHARE = 10.0
 """Of ten thousand runs, writing the summary after each would take longer than the runs: it is
@@ -247,6 +251,7 @@ class Suite:
             spec=str(entry.item.selection.spec),
             folder=str(entry.folder) if entry.folder.exists() else "",
             host=host or entry.host,
+            report=self._page_of(entry),
         )
 
     def keep(self, entry: SuiteEntry, result: Result, *, resumed: bool, host: str = "") -> SuiteRun:
@@ -256,7 +261,7 @@ class Suite:
 
         spec = entry.item.selection.spec
         self._results[str(entry.folder)] = result
-        write_reports_of(replace(self._options, reports=self.reports_of(entry)), entry.folder, spec)
+        write_reports_of(self.options_of(entry), entry.folder, spec)
         return run_with_result(
             result,
             spec=str(spec),
@@ -264,16 +269,46 @@ class Suite:
             name=entry.name,
             resumed=resumed,
             host=host or entry.host,
+            report=self._page_of(entry),
         )
 
-    def reports_of(self, entry: SuiteEntry) -> tuple[ReportRequest, ...]:
-        """The reports of one run."""
-        name = "-".join(entry.folder.relative_to(self.root).parts)
-        return tuple(
-            replace(each, path=each.path.replace(_NAME_FIELD, name))
-            for each in self._options.reports
-            if _NAME_FIELD in each.path
+    def options_of(self, entry: SuiteEntry) -> RunOptions:
+        """The options of one run, with its reports."""
+        page = self._summary_page()
+        return replace(
+            self._options,
+            reports=self.reports_of(entry),
+            suite_page=Path(page.path) if page is not None else None,
         )
+
+    def _summary_page(self) -> ReportRequest | None:
+        """The HTML page of the summary, where one was requested as a file."""
+        from r2bspec.report.write_reports import STDOUT
+
+        pages = (
+            request
+            for request in self._options.reports
+            if request.format == "html" and request.path != STDOUT
+        )
+        return next((page for page in pages if _NAME_FIELD not in page.path), None)
+
+    def _page_of(self, entry: SuiteEntry) -> str:
+        """The HTML page of a run, where there is one."""
+        paths = [request.path for request in self.reports_of(entry) if request.format == "html"]
+        return next((path for path in paths if is_regular(Path(path))), "")
+
+    def reports_of(self, entry: SuiteEntry) -> tuple[ReportRequest, ...]:
+        """The reports of one run; a summary in HTML has a page of each run to link to."""
+        name = "-".join(entry.folder.relative_to(self.root).parts)
+        requests = tuple(
+            replace(request, path=request.path.replace(_NAME_FIELD, name))
+            for request in self._options.reports
+            if _NAME_FIELD in request.path
+        )
+        summary = self._summary_page()
+        if summary is None or any(request.format == "html" for request in requests):
+            return requests
+        return (*requests, replace(summary, path=str(entry.folder / RUN_PAGE)))
 
     def _earlier(self, entry: SuiteEntry) -> Result | None:
         """The result of a complete run of the same plan and code; any other makes room."""
@@ -338,15 +373,16 @@ class Suite:
     def _finish(self) -> None:
         """Write the summary to its file, to the requested reports, and to standard output."""
         from r2bspec.report.suite_formats import SUITE_FORMATS
-        from r2bspec.report.write_reports import takes_stdout, write_report
+        from r2bspec.report.write_reports import STDOUT, takes_stdout, write_report
 
         self._write_summary()
         summary = self._summary()
         wanted = [each for each in self._options.reports if _NAME_FIELD not in each.path]
         for each in wanted:
-            write_report(each.path, SUITE_FORMATS[each.format](summary, self._results))
+            content = SUITE_FORMATS[each.format](summary, self._results, each.path)
+            write_report(each.path, content)
         if not takes_stdout(wanted):
-            shown = SUITE_FORMATS[self._options.output_format](summary, self._results)
+            shown = SUITE_FORMATS[self._options.output_format](summary, self._results, STDOUT)
             echo_document(shown, nl=False)
 
 
@@ -396,6 +432,7 @@ class LocalExecutor:
             return self._suite.failed(entry, error)
 
     def _play(self, number: int, entries: Sequence[SuiteEntry]) -> Result:
+        from r2bspec.report.headline import headline
         from r2bspec.report.remaining_time import RemainingTime
 
         entry = entries[number]
@@ -405,12 +442,12 @@ class LocalExecutor:
             echo(f"[{number + 1}/{len(entries)}] {entry.name}: {entry.estimate.text()}", err=True)
         later_s = sum(each.seconds for each in entries[number + 1 :])
         remaining = RemainingTime(entry.estimate, after_s=later_s)
-        of_run = replace(self._options, reports=self._suite.reports_of(entry))
+        of_run = self._suite.options_of(entry)
         result = execute(
             entry.prepared, entry.item.selection, of_run, entry.folder, remaining, self._gate
         )
         if not self._options.quiet:
-            echo(f"  {result.verdict.outcome}: {result.verdict.reason}", err=True)
+            echo(f"  {headline(result)}", err=True)
         return result
 
 

@@ -196,6 +196,13 @@ reports_option = click.option(
 )
 
 
+verbose_option = click.option(
+    "--verbose",
+    is_flag=True,
+    help="The reason of each requirement, and all notes; without it a report has five.",
+)
+
+
 def _parse_junit(
     ctx: click.Context, param: click.Parameter, path: str | None
 ) -> tuple[ReportRequest, ...]:

@@ -25,6 +25,9 @@ class ReportInput:
         baseline: another run, shown next to this one where a report supports it.
         monitor: the one monitor to report, for formats of a single one; None for all.
         rate_hz: the one offered rate to report, likewise.
+        verbose: with every reason and every note; a report is short otherwise.
+        suite_page: the HTML page of the suite that the run belongs to, if it has one.
+        suite_link: the same, as a link of the page that is being written.
     """
 
     result: Result
@@ -33,6 +36,9 @@ class ReportInput:
     baseline: Run | None = None
     monitor: str | None = None
     rate_hz: float | None = None
+    verbose: bool = False
+    suite_page: Path | None = None
+    suite_link: str = ""
 
     def require_run(self, what: str) -> Run:
         """The run folder, for a format that needs it.

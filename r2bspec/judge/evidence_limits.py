@@ -22,6 +22,9 @@ from r2bspec.measure.latency import Seconds
 _FEW_INDEPENDENT: Final = 2.0
 _STALL_RATIO: Final = 1.5
 
+MAY_RESEMBLE: Final = "may resemble each other"
+"""Words of a note that nearly every run of few starts has; a short report leaves it out."""
+
 
 def share_notes(question: Question, outcome: Outcome) -> tuple[str, ...]:
     """The notes on a percentile or a share."""
@@ -47,7 +50,7 @@ def correlation_notes(pieces: str, number: int, inflation: float) -> tuple[str, 
     if left >= _FEW_INDEPENDENT:
         return ()
     note = (
-        f"Successive {pieces} may resemble each other: {number} carry the information of about "
+        f"Successive {pieces} {MAY_RESEMBLE}: {number} carry the information of about "
         f"{left:.1f} independent ones, too few for a test to be sure of its confidence."
     )
     return (note,)

@@ -32,6 +32,15 @@ LONG_BURST: Final = 20.0
 MANY_PIECES: Final = 20
 """So many starts, or iterations of a single start, show whether each resembles the one before."""
 
+FIRST_START_ALONE: Final = "Probed in the first start of the processes alone."
+WITHOUT_BURST: Final = "passed without a burst beyond"
+"""Words of what is true of most runs of a kind; a short report leaves such sentences out."""
+
+
+def particular_limits(limits: Sequence[str]) -> Sequence[str]:
+    """The limits of a verdict without the first, which every run has alike (`run_limits`)."""
+    return limits[1:]
+
 
 def run_limits(requirements: Sequence[RequirementVerdict], samples: RunSamples) -> tuple[str, ...]:
     """What the run as a whole cannot show, a sentence each; nothing without requirements.
@@ -120,10 +129,10 @@ def _no_burst(requirements: Sequence[RequirementVerdict]) -> tuple[str, ...]:
     shortest, one = min(found, key=lambda each: each[0])
     allowed = f"bursts of up to {show(shortest, '', 2)} {_counted(one)} on average"
     if len(found) == 1:
-        text = f"{one.text.strip()} passed without a burst beyond the limit; it allows {allowed}."
+        text = f"{one.text.strip()} {WITHOUT_BURST} the limit; it allows {allowed}."
         return (text,)
     text = (
-        f"{len(found)} requirements passed without a burst beyond their limits; "
+        f"{len(found)} requirements {WITHOUT_BURST} their limits; "
         f"{one.text.strip()} allows the shortest, {allowed}."
     )
     return (text,)
@@ -166,4 +175,4 @@ def _probed_start(one: RequirementVerdict, *, first_alone: bool) -> tuple[str, .
     """That a requirement rests on probes that were made in the first start alone."""
     if not first_alone or METHODS[one.method].rests_on == "iterations":
         return ()
-    return ("Probed in the first start of the processes alone.",)
+    return (FIRST_START_ALONE,)

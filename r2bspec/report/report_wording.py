@@ -8,13 +8,11 @@ from collections.abc import Iterator, Sequence
 from r2bspec.judge.methods.method_registry import METHODS
 from r2bspec.judge.methods.peak_bracket import peak_doubts
 from r2bspec.judge.result import Result
-from r2bspec.judge.verdict import DisturbedIteration, OverallOutcome, RequirementVerdict, Verdict
+from r2bspec.judge.verdict import OverallOutcome, RequirementVerdict, Verdict
 from r2bspec.measure.metrics import RunMetrics
-from r2bspec.measure.units import at_rate, show
-from r2bspec.middleware.rmw_registry import middleware_named
+from r2bspec.measure.units import show
 from r2bspec.record.graph_identity import revision_text
-from r2bspec.record.run_record import Probe, ProfileRecord, SearchRecord, StartRecord
-from r2bspec.report.harness_wording import joined_notes, overhead_notes
+from r2bspec.record.run_record import Probe, SearchRecord, StartRecord
 
 OUTCOME_WORDS: dict[OverallOutcome, str] = {
     "pass": "✔ PASS",
@@ -28,9 +26,6 @@ OUTCOME_WORDS: dict[OverallOutcome, str] = {
 
 _MAX_CHANGES = 12
 """Changes of the code that are listed one by one."""
-
-_MAX_LISTED_ITERATIONS = 6
-"""Affected iterations that are listed one by one."""
 
 
 def verdict_word(one: RequirementVerdict) -> str:
@@ -46,6 +41,24 @@ def verdict_word(one: RequirementVerdict) -> str:
 def sentences(one: RequirementVerdict) -> list[str]:
     """The reason of a verdict, its notes, and what would decide it."""
     return [text for text in (one.reason, *one.notes, one.settle) if text]
+
+
+def reasons(requirements: Sequence[RequirementVerdict], *, name_monitor: bool) -> list[list[str]]:
+    """The reason of each requirement and what would decide it; nothing is said twice.
+
+    Of several requirements with one reason, such as a monitor that received nothing, the others
+    refer to the first.
+    """
+    first: dict[str, str] = {}
+    texts: list[list[str]] = []
+    for verdict in requirements:
+        own = [text for text in (verdict.reason, verdict.settle) if text]
+        if own and own[0] in first:
+            own = [f"As for {first[own[0]]}."]
+        elif own:
+            first[own[0]] = requirement_text(verdict, name_monitor=name_monitor)
+        texts.append(own)
+    return texts
 
 
 def several_monitors(verdict: Verdict) -> bool:
@@ -137,7 +150,8 @@ def undecided_rates_text(search: SearchRecord) -> str:
 
 
 def comparison(result: Result) -> Iterator[str]:
-    """The baseline of a result, a sentence each; nothing without one."""
+    """The baseline of a result and the gate, a sentence each; nothing without them."""
+    yield from (f"{text[:1].upper()}{text[1:]}" for text in result.gate)
     pairs, earlier = result.pairs, result.baseline
     if pairs is not None:
         played = f"{pairs.used} of {pairs.planned} pairs" if pairs.used < pairs.planned else ""
@@ -159,7 +173,7 @@ def comparison(result: Result) -> Iterator[str]:
 
 
 def code_lines(result: Result) -> Iterator[str]:
-    """What was run: the revisions, what changed between them, and what is said of the gate."""
+    """What was run: the revisions, and what changed between them."""
     head, base = (
         revision_text(identity.revision) if identity is not None else ""
         for identity in (result.identity, result.base_identity)
@@ -170,17 +184,11 @@ def code_lines(result: Result) -> Iterator[str]:
         yield f"revision {head}"
     if result.changes:
         yield f"Changed since the base: {', '.join(_shortened(result.changes))}."
-    yield from result.gate
 
 
 def _shortened(texts: Sequence[str]) -> Sequence[str]:
     more = len(texts) - _MAX_CHANGES
     return (*texts[:_MAX_CHANGES], f"{more} more") if more > 0 else texts
-
-
-def _of_pairs(result: Result) -> tuple[str, ...]:
-    """The notes of a comparison."""
-    return result.pairs.notes if result.pairs is not None else ()
 
 
 def own_pace(metrics: RunMetrics) -> str:
@@ -224,199 +232,3 @@ def starts_text(starts: Sequence[StartRecord]) -> str:
         text += f" and {confirming} to confirm"
     cost_s = statistics.median(each.cost_ns for each in (starts[1:] or starts)) / 1e9
     return f"{text}, {show(cost_s, 's', 2)}{' each' if len(starts) > 1 else ''}"
-
-
-def notes(result: Result) -> Iterator[str]:
-    """What a reader must know to interpret the results, a sentence each."""
-    if result.status != "complete":
-        yield f"The run is {result.status}: {result.reason or 'no reason was recorded'}"
-    yield from result.verdict.limits
-    if result.metrics.incomplete:
-        yield f"Cut short, and not included in any value: {', '.join(result.metrics.incomplete)}"
-    for one in result.verdict.unusable:
-        where = f" {at_rate(one.offered_hz)}" if one.offered_hz else ""
-        yield f"Cannot be judged{where}: {one.reason}"
-    for stopped in result.silences:
-        yield f"No more messages on {stopped.topic} in {stopped.segment}. {stopped.reason}"
-    for difference in result.differences:
-        if difference.harmless:
-            yield f"{difference.code}: {difference.message}; {difference.help}"
-    yield from accuracy_notes(result)
-    yield from (f"{each[:1].upper()}{each[1:]}" for each in _of_pairs(result))
-    yield from affected_iteration_notes(result.verdict.disturbed)
-    yield from _disturbed_start_notes(result.starts)
-    yield from unplayed_notes(result)
-    yield from _disturbed_probe_notes(result.metrics)
-    yield from joined_notes(result)
-    yield from overhead_notes(result)
-    yield from _disturbed_overhead_notes(result)
-    yield from result.left_out
-    yield from _live_notes(result)
-    yield from _reception_notes(result)
-    yield from _message_anomalies(result)
-    yield from profile_notes(result.profiles)
-    # Each start has a process of the name; that all end in one way is one note.
-    yield from dict.fromkeys(_exit_notes(result))
-
-
-def accuracy_notes(result: Result) -> Iterator[str]:
-    """What the comparison with the truth found, a sentence or two for each monitor."""
-    for one in result.accuracy:
-        found = ", ".join(
-            f"{name.removeprefix('accuracy.')} {show(value, 'share')}"
-            for name, value in one.values.items()
-        )
-        said = one.problem or f"{found or 'no values'}. {one.text}".strip()
-        compared = f"{one.outputs:,} of {one.steps:,} steps compared"
-        yield f"Accuracy of {one.monitor}, {one.kind} of {one.of}, {compared}: {said}"
-
-
-def _exit_notes(result: Result) -> Iterator[str]:
-    for process in result.processes:
-        if not process.ended_as_told:
-            ended = f"exit code {process.exit_code}"
-            if process.exit_code is not None and process.exit_code < 0:
-                ended = f"signal {-process.exit_code}"
-            yield f"Process {process.name} ended with {ended}"
-
-
-def profile_notes(profiles: Sequence[ProfileRecord]) -> Iterator[str]:
-    """The files of each profile, or why there are none, a sentence each."""
-    for one in profiles:
-        at = f" {at_rate(one.rate_hz)}" if one.rate_hz else ""
-        heading = f"Profile of {one.process}{at}, with {one.profiler}"
-        if not one.files:
-            yield f"{heading}, is missing: {one.error}"
-            continue
-        yield f"{heading}: {', '.join(one.files)}" + (f" ({one.error})" if one.error else "")
-
-
-def unplayed_notes(result: Result) -> Iterator[str]:
-    """The messages of inputs that were not played, a sentence for each input."""
-    for one in result.unplayed:
-        agreed = ", as 'playback.unpaired' allows" if one.agreed else ""
-        yield f"{'Warning: ' if one.is_warning else ''}{one.text}{agreed}"
-
-
-def affected_iteration_notes(disturbed: Sequence[DisturbedIteration]) -> Iterator[str]:
-    """The iterations affected by host interference, its causes, and the reruns, by rate."""
-    for rate_hz in dict.fromkeys(one.rate_hz for one in disturbed):
-        found = [one for one in disturbed if one.rate_hz == rate_hz]
-        listed = [_affected_iteration_text(one) for one in found[:_MAX_LISTED_ITERATIONS]]
-        more = (
-            f"; and {len(found) - _MAX_LISTED_ITERATIONS} more, in result.json"
-            if len(found) > _MAX_LISTED_ITERATIONS
-            else ""
-        )
-        at = f" {at_rate(rate_hz)}" if rate_hz else ""
-        yield f"Host interference{at}: {'; '.join(listed)}{more}"
-
-
-def _disturbed_start_notes(starts: Sequence[StartRecord]) -> Iterator[str]:
-    """The starts that other programs disturbed while their processes came up."""
-    found = [each for each in starts if each.disturbed]
-    if not found:
-        return
-    listed = [f"{each.number} ({', '.join(each.disturbed)})" for each in found]
-    more = len(found) - _MAX_LISTED_ITERATIONS
-    rest = f"; and {more} more, in result.json" if more > 0 else ""
-    yield (
-        f"Host interference while {len(found)} of {len(starts)} starts came up: "
-        f"{'; '.join(listed[:_MAX_LISTED_ITERATIONS])}{rest}"
-    )
-
-
-def _disturbed_probe_notes(metrics: RunMetrics) -> Iterator[str]:
-    """The probes that other programs disturbed, and what became of them."""
-    searched = metrics.search.probes if metrics.search is not None else ()
-    found = [one for one in (*searched, *metrics.sustained) if one.disturbed]
-    if not found:
-        return
-    listed = [_disturbed_probe_text(one) for one in found[:_MAX_LISTED_ITERATIONS]]
-    more = len(found) - _MAX_LISTED_ITERATIONS
-    rest = f"; and {more} more, in result.json" if more > 0 else ""
-    total = len(searched) + len(metrics.sustained)
-    yield (f"Host interference during {len(found)} of {total} probes: {'; '.join(listed)}{rest}")
-
-
-def _disturbed_probe_text(one: Probe) -> str:
-    """Such as ``95 Hz (other processes used 1.7 of 2 cores; can explain the failure)``."""
-    texts = list(one.disturbed)
-    if one.rerun_of:
-        texts.append(f"played in place of {one.rerun_of}")
-    if one.holds:
-        texts.append("sustained all the same")
-    elif one.explained:
-        texts.append("which can explain that it was not sustained")
-    return f"{show(one.rate_hz, 'Hz')} ({', '.join(texts)})"
-
-
-def _disturbed_overhead_notes(result: Result) -> Iterator[str]:
-    """What disturbed the measurement of the harness overhead."""
-    reasons = dict.fromkeys(each for one in result.floor for each in one.disturbed)
-    if reasons:
-        yield f"Host interference while the harness overhead was measured: {', '.join(reasons)}"
-
-
-def _affected_iteration_text(one: DisturbedIteration) -> str:
-    again = f", played again as {one.rerun}" if one.rerun else ""
-    return f"{one.segment} ({', '.join(one.reasons)}{again})"
-
-
-def _live_notes(result: Result) -> Iterator[str]:
-    """What is unknown in a live run."""
-    live = [rate for rate in result.metrics.rates if rate.pace == "source"]
-    if not live:
-        return
-    yield (
-        "The graph has its own source: the messages it sent are not recorded, so missed ones are "
-        "unknown"
-    )
-    for rate in live:
-        for name, seen in rate.pooled.monitors.items():
-            if seen.received and seen.latency.n < seen.received:
-                yield (
-                    f"{name}: the latency of {show(seen.received - seen.latency.n, 'count')} "
-                    "messages is unknown: they have no stamp of this machine's clock"
-                )
-
-
-def _reception_notes(result: Result) -> Iterator[str]:
-    """What latencies include because the middleware does not say when messages were received."""
-    rmw = loaded_rmw(result)
-    seen = [each for rate in result.metrics.rates for each in rate.pooled.monitors.values()]
-    received, untimed = sum(each.received for each in seen), sum(each.untimed for each in seen)
-    if 2 * untimed > received:
-        what = "gives no times of reception"
-    elif rmw and received and middleware_named(rmw).stamps_when_taken:
-        what = "stamps messages when they are taken, not when they are received"
-    else:
-        return
-    yield (
-        f"{rmw or 'The middleware'} {what}: all latencies include the time until the monitor takes "
-        "a message, and do not compare with those of other middlewares"
-    )
-
-
-def _message_anomalies(result: Result) -> Iterator[str]:
-    """Messages that did not arrive exactly once, in order, and in response to an input."""
-    for rate in result.metrics.rates:
-        for name, seen in rate.pooled.monitors.items():
-            where = f"{name} {at_rate(rate.offered_hz, rate.pace)}"
-            if not seen.received:
-                yield f"{where} received nothing"
-            elif seen.unknown_latency:
-                yield f"{where}: the latency is unknown: {seen.unknown_latency}"
-            if seen.expected != seen.sent:
-                inputs, outputs = show(seen.sent, "count"), show(seen.expected, "count")
-                yield f"{where}: {inputs} inputs, {outputs} outputs expected"
-            odd = {
-                "duplicated": seen.duplicates,
-                "reordered": seen.reordered,
-                "matched no input": (seen.unmatched or 0) - (seen.overdue or 0),
-                "arrived in a later segment (counted as missed)": seen.overdue,
-                "arrived before the input": seen.early,
-            }
-            texts = [f"{show(count, 'count')} {what}" for what, count in odd.items() if count]
-            if texts:
-                yield f"{where}: of {show(seen.received, 'count')} messages, {', '.join(texts)}"

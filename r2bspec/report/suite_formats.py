@@ -6,8 +6,9 @@ import html
 import importlib.resources
 import importlib.util
 import io
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Final
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Final, Protocol
 
 import msgspec
 
@@ -19,6 +20,7 @@ from r2bspec.measure.distribution_parts import SHORT_PERCENTILES, part_title
 from r2bspec.measure.units import show, show_rate
 from r2bspec.report.report_wording import OUTCOME_WORDS
 from r2bspec.report.suite_summary import SuiteRow, SuiteRun, SuiteSummary
+from r2bspec.report.write_reports import STDOUT, link_text
 
 Results = Mapping[str, Result]
 """The results of the runs that have one, by run folder."""
@@ -37,13 +39,20 @@ _WORDS: Final[dict[str, str]] = {
 _WIDEST: Final = 1000
 
 
-def to_json(summary: SuiteSummary, _results: Results) -> bytes:
+class SuiteRenderer(Protocol):
+    """Renders a summary for a file of this path, or for standard output."""
+
+    def __call__(self, summary: SuiteSummary, results: Results, path: str = STDOUT) -> bytes:
+        """The content of the file."""
+
+
+def to_json(summary: SuiteSummary, results: Results, path: str = STDOUT) -> bytes:  # noqa: ARG001
     """The summary as it is."""
     return msgspec.json.format(msgspec.json.encode(summary), indent=2) + b"\n"
 
 
-def to_text(summary: SuiteSummary, _results: Results) -> bytes:
-    """A table, then the reason of each run that did not pass."""
+def to_text(summary: SuiteSummary, results: Results, path: str = STDOUT) -> bytes:  # noqa: ARG001
+    """The outcomes, a table, then the first line of the report of each run that did not pass."""
     from rich.text import Text
 
     from r2bspec.report.output import console
@@ -58,36 +67,34 @@ def to_text(summary: SuiteSummary, _results: Results) -> bytes:
     for cells in _table(summary):
         made.add_row(*map(Text, cells))
     page.print(made)
-    lines = [f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines()]
-    lines += [f"\n{_called(run)}: {run.reason}\n" for run in _not_passed(summary)]
-    lines += ["\n", f"{_count_text(summary)}\n"]
+    lines = [f"{_count_text(summary)}\n", "\n"]
+    lines += [f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines()]
+    lines += [f"\n{_told(run)}\n" for run in _not_passed(summary)]
     return harmless("".join(lines)).encode()
 
 
-def to_markdown(summary: SuiteSummary, _results: Results) -> bytes:
+def to_markdown(summary: SuiteSummary, results: Results, path: str = STDOUT) -> bytes:  # noqa: ARG001
     """The same for a comment or a step summary."""
     from r2bspec.report.formats.markdown import escaped, table
 
     lines = [f"### {escaped(_count_text(summary))}", ""]
     lines += table(_header(summary), [tuple(map(escaped, cells)) for cells in _table(summary)])
-    reasons = [
-        f"- **{escaped(_called(run))}**: {escaped(run.reason)}" for run in _not_passed(summary)
-    ]
+    reasons = [f"- {escaped(_told(run))}" for run in _not_passed(summary)]
     return harmless("\n".join([*lines, "", *reasons]).rstrip() + "\n").encode()
 
 
-def to_html(summary: SuiteSummary, results: Results) -> bytes:
-    """One self-contained page; runs on several hosts are drawn, too."""
+def to_html(summary: SuiteSummary, results: Results, path: str = STDOUT) -> bytes:
+    """One page that links to the pages of the runs; runs on several hosts are drawn, too."""
     rows = "\n".join(
-        "<tr>" + "".join(map(_html_cell, _header(summary), cells)) + "</tr>"
-        for cells in _table(summary)
+        f"<tr>{''.join(_html_cells(summary, cells, run, path))}</tr>"
+        for run in summary.runs
+        for cells in _rows_of(run, summary)
     )
     header = "".join(
         f'<th scope="col"{_class_of(each)}>{html.escape(each)}</th>' for each in _header(summary)
     )
     reasons = "\n".join(
-        f"<p><b>{html.escape(_called(run))}</b>: {html.escape(printable_lines(run.reason))}</p>"
-        for run in _not_passed(summary)
+        f"<p>{html.escape(printable_lines(_told(run)))}</p>" for run in _not_passed(summary)
     )
     title = html.escape(_count_text(summary))
     style = importlib.resources.files("r2bspec.report.html").joinpath("style.css")
@@ -122,15 +129,23 @@ def _figures(summary: SuiteSummary, results: Results) -> Iterator[str]:
         )
 
 
-def _html_cell(title: str, cell: str) -> str:
-    return f"<td{_class_of(title)}>{html.escape(printable(cell))}</td>"
+def _html_cells(
+    summary: SuiteSummary, cells: Sequence[str], run: SuiteRun, path: str
+) -> Iterator[str]:
+    """The cells of a line; the name of the run, in its first one, leads to its page."""
+    for number, (title, cell) in enumerate(zip(_header(summary), cells, strict=True)):
+        text = html.escape(printable(cell))
+        if number == 0 and cell and run.report:
+            link = html.escape(link_text(Path(run.report), path if path != STDOUT else ""))
+            text = f'<a href="{link}">{text}</a>'
+        yield f"<td{_class_of(title)}>{text}</td>"
 
 
 def _class_of(title: str) -> str:
     return ' class="n"' if title in _NUMBERS else ""
 
 
-def to_junit(summary: SuiteSummary, results: Results) -> bytes:
+def to_junit(summary: SuiteSummary, results: Results, path: str = STDOUT) -> bytes:  # noqa: ARG001
     """A test suite for each run, with a case for each requirement."""
     from junitparser import Error, JUnitXml, Skipped, TestCase, TestSuite
 
@@ -154,7 +169,7 @@ def to_junit(summary: SuiteSummary, results: Results) -> bytes:
     return harmless(buffer.getvalue().decode().rstrip() + "\n").encode()
 
 
-SUITE_FORMATS: Final[dict[str, Callable[[SuiteSummary, Results], bytes]]] = {
+SUITE_FORMATS: Final[dict[str, SuiteRenderer]] = {
     "text": to_text,
     "json": to_json,
     "markdown": to_markdown,
@@ -175,13 +190,18 @@ def _header(summary: SuiteSummary) -> tuple[str, ...]:
 
 def _table(summary: SuiteSummary) -> Iterator[tuple[str, ...]]:
     for run in summary.runs:
-        word = _WORDS.get(run.outcome, run.outcome) + (" (earlier run)" if run.resumed else "")
-        named = (run.name, run.host) if _has_hosts(summary) else (run.name,)
-        if not run.rows:
-            yield (*named, "", "", "", "", "", "", word)
-        for number, row in enumerate(run.rows):
-            first = named if number == 0 else tuple("" for _ in named)
-            yield (*first, *_cells(row), word if number == 0 else "")
+        yield from _rows_of(run, summary)
+
+
+def _rows_of(run: SuiteRun, summary: SuiteSummary) -> Iterator[tuple[str, ...]]:
+    """The lines of one run; its name and its outcome stand in the first."""
+    word = _WORDS.get(run.outcome, run.outcome) + (" (earlier run)" if run.resumed else "")
+    named = (run.name, run.host) if _has_hosts(summary) else (run.name,)
+    if not run.rows:
+        yield (*named, "", "", "", "", "", "", word)
+    for number, row in enumerate(run.rows):
+        first = named if number == 0 else tuple("" for _ in named)
+        yield (*first, *_cells(row), word if number == 0 else "")
 
 
 def _cells(row: SuiteRow) -> tuple[str, ...]:
@@ -192,6 +212,13 @@ def _cells(row: SuiteRow) -> tuple[str, ...]:
         *(show(getattr(row, f"latency_{part}_s"), "s") for part in SHORT_PERCENTILES),
         show(row.peak_hz, "Hz"),
     )
+
+
+def _told(run: SuiteRun) -> str:
+    """The first line of the report of a run, or its error."""
+    if run.line:
+        return f"{run.line} (on {run.host})" if run.host else run.line
+    return f"{_WORDS.get(run.outcome, run.outcome)} {_called(run)}: {run.reason}"
 
 
 def _called(run: SuiteRun) -> str:

@@ -10,6 +10,7 @@ import msgspec
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.judge.result import Result
+from r2bspec.report.headline import headline
 
 _SEVERITY: Final = (
     ExitStatus.OK,
@@ -49,6 +50,8 @@ class SuiteRun(msgspec.Struct, frozen=True, kw_only=True):
         outcome: of the verdict; ``error`` where the run failed, ``skipped`` after a failure.
         resumed: whether the run is an earlier one.
         host: of a fleet, that made it; empty on this host.
+        line: the first line of its reports; empty where it has no result.
+        report: its page in HTML; empty where it has none.
     """
 
     name: str
@@ -60,6 +63,8 @@ class SuiteRun(msgspec.Struct, frozen=True, kw_only=True):
     resumed: bool = False
     host: str = ""
     rows: tuple[SuiteRow, ...] = ()
+    line: str = ""
+    report: str = ""
 
 
 class SuiteSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -96,6 +101,7 @@ def run_with_result(
     name: str = "",
     resumed: bool = False,
     host: str = "",
+    report: str = "",
 ) -> SuiteRun:
     """A run that has a result."""
     return SuiteRun(
@@ -108,11 +114,19 @@ def run_with_result(
         resumed=resumed,
         host=host,
         rows=tuple(_rows(result)),
+        line=headline(result),
+        report=report,
     )
 
 
 def run_with_error(
-    error: R2bspecError, *, name: str, spec: str, folder: str = "", host: str = ""
+    error: R2bspecError,
+    *,
+    name: str,
+    spec: str,
+    folder: str = "",
+    host: str = "",
+    report: str = "",
 ) -> SuiteRun:
     """A run that failed, or a spec that could not be run."""
     return SuiteRun(
@@ -123,6 +137,7 @@ def run_with_error(
         reason=f"{error.code}: {error}",
         exit_status=error.exit_code,
         host=host,
+        report=report,
     )
 
 

@@ -5,11 +5,13 @@ A file is written atomically; its folders are created.
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from urllib.parse import quote
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.measure.units import rate_name
@@ -75,13 +77,22 @@ def write_reports(requests: Iterable[ReportRequest], report_input: ReportInput) 
         ReportError: one cannot be made from this run.
         RecordError: a file cannot be written.
     """
-    for one in requests:
-        for path, content in _contents(one, report_input):
+    for request in requests:
+        for path, content in _contents(request, report_input):
             write_report(path, content)
+
+
+def link_text(target: Path, page: str) -> str:
+    """A link from a page to a file, relative to the page, so that both can be moved together."""
+    return quote(Path(os.path.relpath(target, Path(page).parent)).as_posix())
 
 
 def _contents(request: ReportRequest, report_input: ReportInput) -> Iterator[tuple[str, bytes]]:
     render = renderer(request.format)
+    page = report_input.suite_page
+    if page is not None:
+        link = link_text(page, request.path) if request.path != STDOUT else ""
+        report_input = replace(report_input, suite_link=link)
     if not find_format(request.format).single or "{" not in request.path:
         yield request.path, render(report_input)
         return
@@ -125,9 +136,21 @@ def write_report(path: str, content: bytes) -> None:
 
 
 def write_folder_reports(
-    requests: Sequence[ReportRequest], folder: Path, spec_file: Path | None
+    requests: Sequence[ReportRequest],
+    folder: Path,
+    spec_file: Path | None,
+    *,
+    verbose: bool = False,
+    suite_page: Path | None = None,
 ) -> None:
     """Write the reports of a run folder; without reports it is not opened.
+
+    Args:
+        requests: what to write.
+        folder: of the run.
+        spec_file: whose objectives were judged.
+        verbose: with every reason and every note.
+        suite_page: the page of the suite of the run, to which its HTML links.
 
     Raises:
         RecordError: the folder is not a run, or a file cannot be written.
@@ -137,4 +160,5 @@ def write_folder_reports(
         return
     from r2bspec.compare.load_results import read_folder
 
-    write_reports(requests, read_folder(folder, spec_file=spec_file))
+    found = replace(read_folder(folder, spec_file=spec_file), verbose=verbose)
+    write_reports(requests, replace(found, suite_page=suite_page))

@@ -3,8 +3,8 @@
 They are read as data, once, so that wiring and plan are pure functions of values. Python files are
 read in the work tree of git that holds the spec, such as ``src/package/node.py`` beside ``bench/``.
 Except for those, and for parameter files that the spec names by their paths, nothing outside of the
-folder of the spec is read, and links out of a folder are not followed. All files of a kind have a limit together, over
-all cases of a spec.
+folder of the spec is read, and links out of a folder are not followed. All files of a kind have a
+limit together, over all cases of a spec.
 """
 
 from __future__ import annotations

@@ -14,12 +14,12 @@ from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics.diagnostic import Span
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.measure.units import at_rate
+from r2bspec.report.headline import headline, reason_after
+from r2bspec.report.notes import particular_sentences, unplayed_notes
 from r2bspec.report.report_wording import (
     outcome_title,
     requirement_text,
-    sentences,
     several_monitors,
-    unplayed_notes,
 )
 from r2bspec.report.requirement_locations import RequirementLocations, read_requirement_locations
 
@@ -46,7 +46,9 @@ def _lines(report_input: ReportInput) -> Iterator[str]:
     file = str(spec_file) if spec_file is not None else ""
     kind = {"pass": "notice", "inconclusive": "warning"}.get(verdict.outcome, "error")
     title = f"{report_input.result.name}: {outcome_title(verdict)}"
-    yield command(kind, title, verdict.reason, {"file": file} if file else {})
+    line = headline(report_input.result)
+    told = "\n".join(filter(None, (line, reason_after(line, verdict))))
+    yield command(kind, title, told, {"file": file} if file else {})
     for one_input, text in zip(
         report_input.result.unplayed, unplayed_notes(report_input.result), strict=True
     ):
@@ -61,7 +63,7 @@ def _lines(report_input: ReportInput) -> Iterator[str]:
     for one in annotated[:MAX_ANNOTATIONS]:
         text = requirement_text(one, name_monitor=several)
         at = f" {at_rate(one.at_hz)}" if one.at_hz else ""
-        texts = "\n".join(sentences(one))
+        texts = "\n".join(particular_sentences(one))
         shown = _ADVISORY_COMMANDS.get(one.level, _COMMANDS[one.outcome])
         place = _place(one, locations, file)
         yield command(shown, f"{one.objective}: {text}{at}", texts, place)

@@ -14,15 +14,16 @@ from typing import TYPE_CHECKING
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics.quote import printable, printable_lines
+from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.measure.units import at_rate, show
+from r2bspec.report.headline import headline, reason_after, requirement_headline
+from r2bspec.report.notes import notes
 from r2bspec.report.report_wording import (
     bounds_text,
     comparison,
     estimate_text,
-    notes,
     requirement_text,
-    sentences,
     several_monitors,
     verdict_word,
 )
@@ -62,9 +63,8 @@ def to_suite(report_input: ReportInput, *, lenient: bool) -> TestSuite:
     for key, value in result.labels.items():
         suite.add_property(printable(f"label.{key}"), printable(str(value)))
     suite.add_testcase(_run_case(report_input, name))
-    several = several_monitors(result.verdict)
     for one in result.verdict.requirements:
-        suite.add_testcase(_case(one, name, several=several, lenient=lenient))
+        suite.add_testcase(_case(one, result, lenient=lenient))
     # After the cases: adding one makes the suite sum up the times of all.
     suite.time = _duration_s(result.started_at, result.ended_at)
     return suite
@@ -75,33 +75,39 @@ def _run_case(report_input: ReportInput, name: str) -> TestCase:
     from junitparser import Error, TestCase
 
     verdict = report_input.result.verdict
+    line = headline(report_input.result)
     case = TestCase("run", name)
     if verdict.outcome in {"invalid", "incomplete"}:
-        reason = printable_lines(verdict.reason)
-        error = Error(reason, verdict.outcome)
+        error = Error(printable_lines(line), verdict.outcome)
         # In the text as well: readers of XML turn the line breaks of an attribute into spaces.
-        error.text = reason
+        error.text = printable_lines(verdict.reason)
         case.result = [error]
     # The verdict of requirements does not say of how many starts it is.
-    texts = [] if case.result or not verdict.requirements else [verdict.reason]
-    texts += [*comparison(report_input.result), *notes(report_input.result)]
+    judged = not case.result and verdict.requirements
+    texts = [line, reason_after(line, verdict)] if judged else []
+    told = notes(report_input.result, verbose=report_input.verbose)
+    texts = [*filter(None, texts), *comparison(report_input.result), *told.shown]
+    texts += [told.more] if told.more else []
     if texts:
         case.system_out = "\n".join(map(printable_lines, texts))
     return case
 
 
-def _case(one: RequirementVerdict, name: str, *, several: bool, lenient: bool) -> TestCase:
+def _case(one: RequirementVerdict, result: Result, *, lenient: bool) -> TestCase:
     from junitparser import Error, Failure, Skipped, TestCase
 
+    name, several = printable(result.name), several_monitors(result.verdict)
     text = requirement_text(one, name_monitor=several)
     at = f" {at_rate(one.at_hz)}" if one.at_hz else ""
     case = TestCase(printable(f"{text}{at}"), printable(f"{name}.{one.objective}"))
-    reason = printable_lines(" ".join(sentences(one)))
+    # The notes of all requirements are those of the run, among the output of its case.
+    reason = printable_lines(" ".join(filter(None, (one.reason, one.settle))))
     if one.outcome == "pass" or one.level != "error":
         case.system_out = f"{verdict_word(one)}: {reason}\n{_numbers(one)}"
     else:
         kind = Failure if one.outcome == "fail" else Skipped if lenient else Error
-        found = kind(reason, one.outcome)
+        line = requirement_headline(one, result, name_monitor=several)
+        found = kind(printable_lines(line), one.outcome)
         found.text = f"{reason}\n{_numbers(one)}"
         case.result = [found]
     return case

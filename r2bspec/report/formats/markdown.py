@@ -7,11 +7,11 @@ omitted rows, long before that.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.result import Result
-from r2bspec.judge.verdict import RequirementVerdict, Verdict
+from r2bspec.judge.verdict import Verdict
 from r2bspec.measure.distribution_parts import (
     MAIN_PERCENTILES,
     SHORT_PERCENTILES,
@@ -20,18 +20,19 @@ from r2bspec.measure.distribution_parts import (
 )
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import show, show_rate
+from r2bspec.report.harness_wording import overhead_notes
+from r2bspec.report.headline import headline, reason_after
+from r2bspec.report.notes import notes
 from r2bspec.report.report_wording import (
     bounds_text,
     code_lines,
     comparison,
     estimate_text,
     loaded_rmw,
-    notes,
-    outcome_heading,
     own_pace,
     peak_text,
+    reasons,
     requirement_text,
-    sentences,
     several_monitors,
     starts_text,
     verdict_word,
@@ -53,10 +54,15 @@ def render(report_input: ReportInput) -> bytes:
 def _lines(report_input: ReportInput) -> Iterator[str]:
     result = report_input.result
     verdict = result.verdict
-    yield f"### {outcome_heading(verdict)} – {escaped(result.title or result.name)}"
+    line = headline(result)
+    yield f"### {escaped(line)}"
     yield ""
-    yield escaped(verdict.reason)
-    yield ""
+    if reason := reason_after(line, verdict):
+        yield escaped(reason)
+        yield ""
+    if result.title and result.title != result.name:
+        yield escaped(result.title)
+        yield ""
     if rmw := loaded_rmw(result):
         yield code(rmw)
         yield ""
@@ -64,10 +70,12 @@ def _lines(report_input: ReportInput) -> Iterator[str]:
         yield from (f"{escaped(each)}  " for each in compared)
         yield ""
     if verdict.requirements:
-        yield from _requirements(verdict, own_pace(result.metrics))
-    yield from (f"> {escaped(note)}  " for note in notes(result))
+        verbose = report_input.verbose
+        yield from _requirements(verdict, own_pace(result.metrics), verbose=verbose)
+    told = notes(result, verbose=report_input.verbose)
+    yield from (f"> {escaped(note)}  " for note in (*told.shown, told.more) if note)
     yield ""
-    yield from folded("Measurements", _measured(result))
+    yield from folded("Measurements", _measured(result, told.shown))
     yield from folded("Environment", _provenance(report_input))
 
 
@@ -77,7 +85,7 @@ def _bounds_heading(verdict: Verdict) -> str:
     return f"{show(confidences.pop(), 'share', 4)} bounds" if len(confidences) == 1 else "bounds"
 
 
-def _requirements(verdict: Verdict, pace: str) -> Iterator[str]:
+def _requirements(verdict: Verdict, pace: str, *, verbose: bool) -> Iterator[str]:
     several = several_monitors(verdict)
     ordered = sorted(verdict.requirements, key=lambda one: _ORDER.index(one.outcome))
     yield from table(
@@ -95,18 +103,16 @@ def _requirements(verdict: Verdict, pace: str) -> Iterator[str]:
         ],
     )
     # The table does not show the values behind a ratio that passes.
-    explained = [one for one in ordered if one.outcome != "pass" or one.compared is not None]
-    for one in explained[:_MAX_ROWS]:
-        yield f"- {_why(one, several=several)}"
+    explained = [
+        one for one in ordered if verbose or one.outcome != "pass" or one.compared is not None
+    ][:_MAX_ROWS]
+    for one, texts in zip(explained, reasons(explained, name_monitor=several), strict=True):
+        text = code(requirement_text(one, name_monitor=several))
+        yield f"- **{escaped(one.objective)}** {text}: {' '.join(map(escaped, texts))}"
     yield ""
 
 
-def _why(one: RequirementVerdict, *, several: bool) -> str:
-    texts = [f"**{escaped(one.objective)}** {code(requirement_text(one, name_monitor=several))}:"]
-    return " ".join([*texts, *map(escaped, sentences(one))])
-
-
-def _measured(result: Result) -> Iterator[str]:
+def _measured(result: Result, said: Collection[str]) -> Iterator[str]:
     metrics = result.metrics
     names = dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.monitors)
     for name in names:
@@ -130,6 +136,10 @@ def _measured(result: Result) -> Iterator[str]:
     if metrics.search is not None and metrics.search.probes:
         yield f"Peak {escaped(peak_text(metrics.search))}"
         yield ""
+    for text in overhead_notes(result):
+        if text not in said:
+            yield escaped(text)
+            yield ""
 
 
 def _hops(metrics: RunMetrics, monitor: str) -> Iterator[str]:

@@ -8,4 +8,5 @@ from r2bspec.report.terminal import to_text
 
 def render(report_input: ReportInput) -> bytes:
     """The terminal report without colours, 100 columns wide; wider tables are not cut."""
-    return to_text(report_input.result, whole_tables=True).encode()
+    text = to_text(report_input.result, whole_tables=True, verbose=report_input.verbose)
+    return text.encode()

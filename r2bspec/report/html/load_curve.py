@@ -224,7 +224,8 @@ def _bracket(metrics: RunMetrics, panels: tuple[Axes, Axes]) -> None:
 def _limits(upper: Axes, lower: Axes, verdict: Verdict) -> None:
     """A short bar at the rate of each requirement on throughput or drops."""
     for one in verdict.requirements:
-        if one.limit is None or one.at_hz is None:
+        # The limit of a ratio is on neither axis.
+        if one.limit is None or one.at_hz is None or one.compared is not None:
             continue
         ink = PALETTE[OUTCOME_COLOURS[one.outcome]]
         if one.metric.endswith("throughput.mean"):

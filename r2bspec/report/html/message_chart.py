@@ -46,7 +46,11 @@ def messages_chart(
             limits = [
                 one
                 for one in verdict.requirements
-                if one.monitor == monitor and one.at_hz == rate and "latency." in one.metric
+                if one.monitor == monitor
+                and one.at_hz == rate
+                and "latency." in one.metric
+                # The limit of a ratio is no time.
+                and one.compared is None
             ]
             thin |= _row(sketch, axes, run, monitor, rate, row + len(rates) - len(shown), limits)
         grid[-1][0].set_xlabel("message")

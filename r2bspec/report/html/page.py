@@ -22,10 +22,12 @@ from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import at_rate, show, show_rate
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import ProfileRecord
+from r2bspec.report.headline import headline, reason_after
 from r2bspec.report.html.canvas import Chart
 from r2bspec.report.html.number_links import Numbers
 from r2bspec.report.html.page_templates import own_text, render_template
 from r2bspec.report.html.svg import PALETTE
+from r2bspec.report.notes import notes, profile_notes
 from r2bspec.report.report_wording import (
     OUTCOME_WORDS,
     PROBE_PURPOSES,
@@ -33,11 +35,9 @@ from r2bspec.report.report_wording import (
     comparison,
     estimate_text,
     loaded_rmw,
-    notes,
-    outcome_heading,
     own_pace,
     peak_text,
-    profile_notes,
+    reasons,
     requirement_text,
     several_monitors,
     starts_text,
@@ -67,6 +67,7 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
     monitors = [*dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.monitors)]
     processes = [*dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.processes)]
     charts = _charts(report_input, monitors)
+    line = headline(result)
     return {
         "result": result,
         "metrics": metrics,
@@ -81,10 +82,14 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
                 "text": requirement_text(one, name_monitor=several),
                 "estimate": estimate_text(one),
                 "bounds": bounds_text(one),
+                "reasons": texts,
             }
-            for one in ordered
+            for one, texts in zip(ordered, reasons(ordered, name_monitor=several), strict=True)
         ],
-        "notes": [*notes(result)],
+        "notes": notes(result),
+        "line": line,
+        "reason": reason_after(line, result.verdict),
+        "suite_link": report_input.suite_link,
         "profiles": [*profile_notes(result.profiles)],
         "comparison": [*comparison(result)],
         "compared": [
@@ -120,7 +125,6 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "facts": {key: _plain(value) for key, value in result.machine.items()},
         "rmw": loaded_rmw(result),
         "starts": starts_text(result.starts),
-        "outcome": outcome_heading(result.verdict),
         "dataset": {key: _plain(value) for key, value in result.dataset.items()},
         "palette": PALETTE,
         "style": own_text("style.css"),

@@ -123,7 +123,9 @@ def _ranks(n: int) -> NDArray[np.int64]:
 
 
 def _is_drawn(one: RequirementVerdict) -> bool:
-    """Whether it is a limit of a percentile of the latency."""
+    """Whether it is a limit of a percentile of the latency; that of a ratio is on no axis."""
+    if one.compared is not None:
+        return False
     family, _, part = one.metric.rpartition(".")
     return family.endswith("latency") and quantile(part) is not None and one.limit is not None
 

@@ -1,4 +1,4 @@
-"""The report in the terminal at the end of a run: verdicts first, then measurements."""
+"""The report in the terminal: the verdict in a line, what it rests on, then the values."""
 
 from __future__ import annotations
 
@@ -17,12 +17,21 @@ from r2bspec.judge.judge_run import to_json
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import Verdict
 from r2bspec.report.findings.print_findings import wants_colour
+from r2bspec.report.headline import headline, verdict_headline
+from r2bspec.report.notes import notes
 from r2bspec.report.output import console, echo
 from r2bspec.report.report_wording import own_pace
 from r2bspec.report.terminal.cost_tables import harness_overhead_section, load_section
-from r2bspec.report.terminal.header_and_footer import header, notes_section, overall, search_section
+from r2bspec.report.terminal.header_and_footer import (
+    first_line,
+    header,
+    notes_section,
+    search_section,
+    second_line,
+)
 from r2bspec.report.terminal.hop_table import hop_sections
 from r2bspec.report.terminal.monitor_tables import monitor_sections
+from r2bspec.report.terminal.style import DIM_STYLE, outcome_text
 from r2bspec.report.terminal.verdict_lines import verdict_section
 
 _MIN_WIDTH = 60
@@ -35,22 +44,25 @@ _WIDEST = 1000
 """The limit for the width of tables where there is no terminal."""
 
 
-def show_result(result: Result, output_format: str, folder: Path | None = None) -> None:
+def show_result(
+    result: Result, output_format: str, folder: Path | None = None, *, verbose: bool = False
+) -> None:
     """Write a result to standard output.
 
     Args:
         result: what to write.
         output_format: ``text`` for the report, ``json`` for the content of ``result.json``.
         folder: the run folder, to be printed at the end; None for none.
+        verbose: with every reason and every note.
     """
     if output_format == "json":
         # As bytes: JSON is UTF-8, whatever the encoding of the terminal.
         sys.stdout.buffer.write(to_json(result))
         sys.stdout.flush()
     elif sys.stdout.isatty():
-        print_report(result, folder, _standard_output())
+        print_report(result, folder, _standard_output(), verbose=verbose)
     else:
-        _print_whole(result, folder)
+        _print_whole(result, folder, verbose=verbose)
 
 
 def show_verdict(title: str, verdict: Verdict, output_format: str) -> None:
@@ -67,16 +79,18 @@ def show_verdict(title: str, verdict: Verdict, output_format: str) -> None:
         sys.stdout.flush()
         return
     terminal = _standard_output()
-    section = verdict_section(verdict, max(terminal.width, _MIN_WIDTH))
-    for each in (Text(title, style="bold"), section, overall(verdict)):
-        if each is not None:
-            terminal.print(each)
+    line = verdict_headline(title, verdict)
+    section = verdict_section(verdict, max(terminal.width, _MIN_WIDTH), verbose=True)
+    for part in (first_line(line, verdict), second_line(line, verdict), section):
+        if part is not None:
+            terminal.print(part)
 
 
-def _print_whole(result: Result, folder: Path | None) -> None:
+def _print_whole(result: Result, folder: Path | None, *, verbose: bool) -> None:
     """Write the report where no terminal limits its width: tables are not cut."""
     width = max(shutil.get_terminal_size((_PIPED_WIDTH, 24)).columns, _PIPED_WIDTH)
-    echo(to_text(result, folder, width, whole_tables=True), nl=False)
+    text = to_text(result, folder, width, whole_tables=True, verbose=verbose)
+    echo(text, nl=False)
 
 
 def _standard_output() -> Console:
@@ -89,7 +103,12 @@ def _standard_output() -> Console:
 
 
 def print_report(
-    result: Result, folder: Path | None, console: Console, *, whole_tables_from: int = 0
+    result: Result,
+    folder: Path | None,
+    console: Console,
+    *,
+    whole_tables_from: int = 0,
+    verbose: bool = False,
 ) -> None:
     """Print a result.
 
@@ -99,27 +118,32 @@ def print_report(
         console: to print to, with its width and colours.
         whole_tables_from: if it is not 0, the width of the report, which wider tables exceed up to
             the width of the console.
+        verbose: with every reason and every note.
     """
     width = max(whole_tables_from or console.width, _MIN_WIDTH)
+    line = headline(result)
+    # One line, however long, where no terminal would wrap it: it is what logs are searched for.
+    console.print(first_line(line, result.verdict), soft_wrap=bool(whole_tables_from))
     sections = (
+        second_line(line, result.verdict),
         header(result),
-        verdict_section(result.verdict, width, own_pace(result.metrics)),
+        verdict_section(result.verdict, width, own_pace(result.metrics), verbose=verbose),
+        notes_section(notes(result, verbose=verbose)),
         *monitor_sections(result, width),
         *hop_sections(result.metrics),
         load_section(result.metrics, width),
         harness_overhead_section(result.floor),
         search_section(result.metrics.search),
-        notes_section(result),
     )
     for section in sections:
         if section is not None:
             shown = max(width, _table_width(section, console)) if whole_tables_from else None
             console.print(section, width=shown)
             console.print()
-    console.print(overall(result.verdict), width=width if whole_tables_from else None)
     if folder is not None:
-        # Unwrapped, so that it can be copied.
-        console.print(f"  {folder}", style="dim", soft_wrap=True, highlight=False, markup=False)
+        # Unwrapped, so that it can be copied. The outcome once more: its line may be out of sight.
+        last = Text.assemble(outcome_text(result.verdict.outcome), "  ", (str(folder), DIM_STYLE))
+        console.print(last, soft_wrap=True)
 
 
 def _table_width(section: RenderableType, console: Console) -> int:
@@ -130,7 +154,12 @@ def _table_width(section: RenderableType, console: Console) -> int:
 
 
 def to_text(
-    result: Result, folder: Path | None = None, width: int = 100, *, whole_tables: bool = False
+    result: Result,
+    folder: Path | None = None,
+    width: int = 100,
+    *,
+    whole_tables: bool = False,
+    verbose: bool = False,
 ) -> str:
     """The report as plain text, without colours.
 
@@ -139,9 +168,11 @@ def to_text(
         folder: the run folder, named in the last line.
         width: of the text, in columns.
         whole_tables: tables that are wider are not cut.
+        verbose: with every reason and every note.
     """
     buffer = io.StringIO()
     columns = _WIDEST if whole_tables else width
     page = console(buffer, width=columns, color_system=None, legacy_windows=False)
-    print_report(result, folder, page, whole_tables_from=width if whole_tables else 0)
+    whole_from = width if whole_tables else 0
+    print_report(result, folder, page, whole_tables_from=whole_from, verbose=verbose)
     return "".join(f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines())

@@ -1,4 +1,4 @@
-"""The beginning and the end of the report: the run, the search, notes, and the verdict."""
+"""The parts of the report around its tables: the verdict in a line, the run, notes, the search."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import Verdict
 from r2bspec.measure.units import show
 from r2bspec.record.run_record import SearchRecord
+from r2bspec.report.headline import reason_after
+from r2bspec.report.notes import Notes
 from r2bspec.report.report_wording import (
     code_lines,
     comparison,
     loaded_rmw,
-    notes,
     peak_text,
     probe_mark,
     starts_text,
@@ -71,16 +72,23 @@ def search_section(search: SearchRecord | None) -> RenderableType | None:
     return Group(*lines)
 
 
-def notes_section(result: Result) -> RenderableType | None:
+def notes_section(notes: Notes) -> RenderableType | None:
     """The notes; None if there are none."""
-    texts = [*notes(result)]
-    if not texts:
-        return None
-    return Group(
-        heading("notes"), *(Padding(Text(note), (0, 0, 0, 2), expand=False) for note in texts)
-    )
+    if not notes.shown:
+        return heading("notes", notes.more) if notes.more else None
+    lines = [Text(text) for text in notes.shown]
+    if notes.more:
+        lines.append(Text(notes.more, style=DIM_STYLE))
+    return Group(heading("notes"), *(Padding(line, (0, 0, 0, 2), expand=False) for line in lines))
 
 
-def overall(verdict: Verdict) -> RenderableType:
-    """The verdict on the run, in one line."""
-    return Text.assemble(outcome_text(verdict.outcome), "  ", verdict.reason)
+def first_line(line: str, verdict: Verdict) -> Text:
+    """The first line of the report, with its outcome in colour."""
+    word = outcome_text(verdict.outcome)
+    return Text.assemble(word, (line.removeprefix(word.plain), "bold"))
+
+
+def second_line(line: str, verdict: Verdict) -> RenderableType | None:
+    """The verdict in a sentence; None if the first line has said it."""
+    reason = reason_after(line, verdict)
+    return Text(reason) if reason else None

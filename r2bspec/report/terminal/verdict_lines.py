@@ -1,4 +1,4 @@
-"""The verdicts: one line of values and its sentences for each requirement."""
+"""The verdicts: one line of values for each requirement, and the reason where it is not met."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from r2bspec.measure.units import at_rate
 from r2bspec.report.report_wording import (
     bounds_text,
     estimate_text,
+    reasons,
     requirement_text,
     several_monitors,
 )
@@ -33,19 +34,23 @@ class _Line:
     text: str
     estimate: str
     bounds: str
+    reasons: tuple[str, ...]
 
 
-def verdict_section(verdict: Verdict, width: int, pace: str = "") -> RenderableType | None:
+def verdict_section(
+    verdict: Verdict, width: int, pace: str = "", *, verbose: bool = False
+) -> RenderableType | None:
     """Every requirement, by objective; None if there are none.
 
     Args:
         verdict: to show.
         width: of the terminal.
         pace: what set the rate of messages, where none was offered.
+        verbose: with the reasons of requirements that are met, too.
     """
     if not verdict.requirements:
         return None
-    lines = _lines(verdict)
+    lines = _lines(verdict, verbose=verbose)
     widths = _widths(lines, width)
     parts: list[RenderableType] = []
     for (name, at_hz), group in groupby(
@@ -59,7 +64,7 @@ def verdict_section(verdict: Verdict, width: int, pace: str = "") -> RenderableT
     return Group(*parts)
 
 
-def _lines(verdict: Verdict) -> list[_Line]:
+def _lines(verdict: Verdict, *, verbose: bool) -> list[_Line]:
     several = several_monitors(verdict)
     return [
         _Line(
@@ -67,8 +72,11 @@ def _lines(verdict: Verdict) -> list[_Line]:
             text=requirement_text(one, name_monitor=several),
             estimate=estimate_text(one),
             bounds=bounds_text(one),
+            reasons=tuple(texts) if verbose or one.outcome != "pass" else (),
         )
-        for one in verdict.requirements
+        for one, texts in zip(
+            verdict.requirements, reasons(verdict.requirements, name_monitor=several), strict=True
+        )
     ]
 
 
@@ -86,11 +94,11 @@ def _requirement(line: _Line, widths: tuple[int, int, int, int]) -> list[Rendera
     cells = Table.grid(padding=(0, 2, 0, 0), pad_edge=False)
     for number, column in enumerate(widths):
         cells.add_column(width=column, overflow="fold", justify="left" if number < 2 else "right")
-    one = line.verdict
-    cells.add_row(verdict_text(one), *map(Text, (line.text, line.estimate, line.bounds)))
-    texts = [Text(one.reason), *(Text(note, style=DIM_STYLE) for note in one.notes)]
-    if one.settle:
-        texts.append(Text(one.settle, style=DIM_STYLE))
+    word = verdict_text(line.verdict)
+    cells.add_row(word, *map(Text, (line.text, line.estimate, line.bounds)))
+    texts = [
+        Text(text, style=DIM_STYLE if number else "") for number, text in enumerate(line.reasons)
+    ]
     return [
         Padding(cells, (0, 0, 0, _INDENT)),
         *(Padding(text, (0, 0, 0, _REASON_INDENT), expand=False) for text in texts),

@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from r2bspec.report.report.notes import all_notes
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.baseline_requirements import BaselineQuestion, judge_baseline_requirements
@@ -25,7 +26,6 @@ from r2bspec.plan.plan import Plan
 from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.record.sample_arrays import Rows
 from r2bspec.report.format_registry import FORMATS, renderer
-from r2bspec.report.report_wording import notes
 from r2bspec.report.terminal import to_text
 from r2bspec.report.trace_timeline import expected_answers
 from run_simulation import Played, Simulation, objective
@@ -207,9 +207,8 @@ def test_an_unknown_latency_is_in_no_report(tmp_path: Path) -> None:
     assert rate.pooled.monitors["detections"].latency.n == 0
     assert rate.pooled.monitors["detections"].interval.n > 0
     result = result_of(run)
-    assert "the latency is unknown: outputs are matched by order, and 1 of 600" in " ".join(
-        notes(result)
-    )
+    told = " ".join(note.text for note in all_notes(result))
+    assert "the latency is unknown: outputs are matched by order, and 1 of 600" in told
     reported = ReportInput(result=result, run=run)
     for name in FORMATS:
         assert renderer(name)(reported)

@@ -149,7 +149,7 @@ def test_hostile_words_stay_words(tmp_path: Path) -> None:
 
 def test_the_verdict_and_its_reasons_come_first(tmp_path: Path) -> None:
     page = page_of(USUAL, tmp_path)
-    table = page.text.index("Reason")
+    table = page.text.index("Requirement")
     assert page.text.index("✘ FAIL") < table
     assert table < page.text.index("drop_rate <= 1 %") < page.text.index("✔ PASS", table)
     assert page.text.index("got no output") < page.text.index("The graph")

@@ -10,6 +10,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from r2bspec.judge.judge_run import from_json, result_of, to_json
+from r2bspec.report.headline import headline
 from r2bspec.report.result_schema import FILE_NAME, result_schema, result_schema_text
 from r2bspec.report.terminal import to_text
 from run_simulation import Played, Simulation, objective
@@ -57,7 +58,9 @@ def test_judging_twice_gives_the_same_bytes(simulation: Simulation, tmp_path: Pa
 
 def test_every_result_can_be_shown(simulation: Simulation, tmp_path: Path) -> None:
     text = to_text(result_of(simulation.write(tmp_path)), tmp_path, 80)
-    assert text.splitlines()[0] == "A simulated run"
+    result = result_of(simulation.write(tmp_path / "again"))
+    assert text.split("\n\n")[0].replace("\n", " ").startswith(headline(result))
+    assert "A simulated run" in text.splitlines()
     assert str(tmp_path) in text.splitlines()[-1]
 
 

@@ -1,0 +1,232 @@
+"""The first line of every report: the verdict, the one number that decided it, and what changed.
+
+    ✘ FAIL blur: latency.p99 46.4 ms > 40 ms at 30 Hz; blur.py changed against origin/main@9b1e44f
+
+Of a FAIL it is the requirement furthest beyond its limit, of a PASS the one nearest to it, and of
+an INCONCLUSIVE the first that is open, with what would decide it. A ratio to a base is written with
+its interval: ``latency.p50 116 % [114, 119] of main@9b1e44f, limit 107 %``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from r2bspec.judge.result import Result
+from r2bspec.judge.verdict import RequirementVerdict, Verdict
+from r2bspec.language.requirement_grammar import (
+    Requirement,
+    RequirementError,
+    parse_requirement,
+)
+from r2bspec.measure.units import at_rate, show
+from r2bspec.report.report_wording import (
+    OUTCOME_WORDS,
+    own_pace,
+    requirement_text,
+    several_monitors,
+)
+
+_MOST_CHANGES: Final = 3
+"""Changes that are named; the others are counted."""
+
+_MOST_DIGITS: Final = 6
+"""Digits of a value that looks like its limit with fewer."""
+
+_SUSTAINED: Final = {
+    "pass": "was sustained",
+    "fail": "was not sustained",
+    "inconclusive": "was neither shown to be sustained nor not to be",
+}
+
+
+def headline(result: Result) -> str:
+    """The first line of the reports of a run."""
+    base = base_name(result)
+    text = verdict_headline(result.name, result.verdict, base, own_pace(result.metrics))
+    changes = changes_text(result.changes, base)
+    return f"{text}; {changes}" if changes else text
+
+
+def verdict_headline(name: str, verdict: Verdict, base: str = "", pace: str = "") -> str:
+    """The verdict and the number that decided it.
+
+    Args:
+        name: of what was judged.
+        verdict: on it.
+        base: what it was compared with, if it was.
+        pace: what set the rate of messages, where none was offered.
+    """
+    of_start = " of this start of" if verdict.starts == 1 else ""
+    text = f"{OUTCOME_WORDS[verdict.outcome]}{of_start} {name}: {_decisive(verdict, base, pace)}"
+    return " ".join(text.split())
+
+
+def requirement_headline(
+    verdict: RequirementVerdict, result: Result, *, name_monitor: bool = False
+) -> str:
+    """The same line about one requirement, for a report that shows each by itself."""
+    base = base_name(result)
+    value = _value(verdict, base, own_pace(result.metrics), name_monitor=name_monitor)
+    text = f"{OUTCOME_WORDS[verdict.outcome]} {result.name}: {value}"
+    changes = changes_text(result.changes, base)
+    return " ".join(f"{text}; {changes}".split()) if changes else " ".join(text.split())
+
+
+def reason_after(line: str, verdict: Verdict) -> str:
+    """The verdict in one sentence, unless the first line of the report has said it."""
+    reason = " ".join(verdict.reason.split())
+    return "" if reason.rstrip(".") in line else reason
+
+
+def base_name(result: Result) -> str:
+    """What a run was compared with, in few words; empty where it was not compared."""
+    pairs, earlier = result.pairs, result.baseline
+    if pairs is not None:
+        return "itself" if pairs.control else pairs.against
+    if earlier is None:
+        return ""
+    if earlier.kind == "stored":
+        return f"the stored run {earlier.source}"
+    return "1 earlier run" if len(earlier.run_ids) == 1 else f"{len(earlier.run_ids)} earlier runs"
+
+
+def changes_text(changes: Sequence[str], base: str) -> str:
+    """What differs from the base, such as ``blur.py changed against origin/main@9b1e44f``."""
+    if not changes:
+        return ""
+    named = ", ".join(changes[:_MOST_CHANGES])
+    more = len(changes) - _MOST_CHANGES
+    others = f" and {more} more" if more > 0 else ""
+    return f"{named}{others}{f' against {base}' if base else ''}"
+
+
+def _decisive(verdict: Verdict, base: str, pace: str) -> str:
+    counted = [requirement for requirement in verdict.requirements if requirement.level == "error"]
+    if verdict.outcome in {"invalid", "incomplete"} or not counted:
+        return verdict.reason.rstrip(".")
+    several = several_monitors(verdict)
+
+    def value(requirement: RequirementVerdict) -> str:
+        return _value(requirement, base, pace, name_monitor=several)
+
+    failed = [requirement for requirement in counted if requirement.outcome == "fail"]
+    if failed:
+        worst = max(failed, key=_excess)
+        more = f", and {len(failed) - 1} more failed"
+        return f"{value(worst)}{more if len(failed) > 1 else ''}"
+    undecided = [requirement for requirement in counted if requirement.outcome == "inconclusive"]
+    if undecided:
+        first = undecided[0]
+        number = f"{len(undecided)} of {len(counted)} open, " if len(counted) > 1 else "open is "
+        settle = f"{first.settle[:1].lower()}{first.settle[1:].rstrip('.')}"
+        return f"{number}{value(first)}{f'; {settle}' if settle else ''}"
+    nearest = max(counted, key=_used)
+    place = f", the nearest of {len(counted)} to its limit" if len(counted) > 1 else ""
+    return f"{value(nearest)}{place}"
+
+
+def _value(verdict: RequirementVerdict, base: str, pace: str, *, name_monitor: bool) -> str:
+    """The number that decided a requirement, next to its limit."""
+    requirement = _parsed(verdict)
+    at = "" if verdict.at_hz is None else f" {at_rate(verdict.at_hz, pace)}"
+    if verdict.method == "sequential probe":
+        return f"{show(verdict.at_hz, 'Hz')} {_SUSTAINED[verdict.outcome]}"
+    if requirement is None or (verdict.estimate is None and not verdict.lost):
+        text = requirement_text(verdict, name_monitor=name_monitor)
+        return f"{text}{at}: {verdict.reason[:1].lower()}{verdict.reason[1:].rstrip('.')}"
+    name = verdict.metric
+    if name_monitor and verdict.monitor is not None:
+        name = f"{verdict.monitor}.{name}"
+    limit = show(verdict.limit, verdict.unit)
+    if verdict.compared is not None:
+        of = f" of {base}" if base else " of the base"
+        return (
+            f"{name} {show(verdict.estimate, 'share')}{_interval(verdict)}{of}{at}, limit {limit}"
+        )
+    windows = ""
+    if requirement.windows_share is not None:
+        share = show(requirement.windows_share, "share", 6)
+        windows = f" in {share} of {show(requirement.window_ns / 1e9, 's')} windows"
+    if verdict.lost:
+        return f"{name} is that of a lost message{windows}{at}, limit {limit}"
+    if verdict.outcome == "inconclusive":
+        estimate = show(verdict.estimate, verdict.unit)
+        return f"{name} {estimate}{_interval(verdict)}{windows}{at}, limit {limit}"
+    return f"{name} {_relation(verdict)}{windows}{at}"
+
+
+def _relation(verdict: RequirementVerdict) -> str:
+    """The estimate and its limit with the sign between them: ``46.4 ms > 40 ms``."""
+    estimate, limit = verdict.estimate or 0.0, verdict.limit
+    if limit is None:
+        return show(estimate, verdict.unit)
+    sign = "=" if estimate == limit else ">" if estimate > limit else "<"
+    for digits in range(3, _MOST_DIGITS + 1):
+        shown, bound = (show(value, verdict.unit, digits) for value in (estimate, limit))
+        if shown != bound or sign == "=":
+            break
+    else:
+        sign = "≈"
+    return f"{shown} {sign} {bound}"
+
+
+def _interval(verdict: RequirementVerdict) -> str:
+    """The bounds in brackets, with the unit where the estimate does not share it."""
+    if verdict.lower is None and verdict.upper is None:
+        return ""
+    if verdict.lower is None:
+        return f" [≤ {show(verdict.upper, verdict.unit)}]"
+    if verdict.upper is None:
+        return f" [≥ {show(verdict.lower, verdict.unit)}]"
+    ends = [show(value, verdict.unit) for value in (verdict.lower, verdict.upper)]
+    unit = show(verdict.estimate, verdict.unit).partition(" ")[2]
+    if all(end.partition(" ")[2] == unit for end in ends):
+        ends = [end.partition(" ")[0] for end in ends]
+    return f" [{', '.join(ends)}]"
+
+
+def _parsed(verdict: RequirementVerdict) -> Requirement | None:
+    """The requirement; None for ``sustained``, and for a text that is none."""
+    try:
+        requirement = parse_requirement(verdict.text)
+    except RequirementError:
+        return None
+    return requirement if requirement.bound is not None else None
+
+
+def _excess(verdict: RequirementVerdict) -> float:
+    """How far a failed requirement is beyond its limit; what was not measured is furthest."""
+    if verdict.estimate is None:
+        return math.inf
+    return _share_of_limit(verdict, verdict.estimate)
+
+
+def _used(verdict: RequirementVerdict) -> float:
+    """How much of the room up to its limit a requirement uses, at the end of its interval."""
+    requirement = _parsed(verdict)
+    if requirement is None or verdict.estimate is None:
+        return -math.inf
+    end = verdict.upper if requirement.op in {"<", "<="} else verdict.lower
+    return _share_of_limit(verdict, verdict.estimate if end is None else end)
+
+
+def _share_of_limit(verdict: RequirementVerdict, value: float) -> float:
+    """1 at the limit, more beyond it.
+
+    Ratios count from 1, what is measured against the offered rate from that rate, and other
+    quantities from 0. Limits that leave no room, such as 0 messages, have no share: they come last.
+    """
+    requirement, limit = _parsed(verdict), verdict.limit
+    if requirement is None or limit is None or requirement.op in {"==", "!="} or limit <= 0:
+        return -math.inf
+    bound = requirement.bound
+    if verdict.compared is not None:
+        return math.log(value) / math.log(limit) if value > 0 and limit != 1 else -math.inf
+    if bound is not None and bound.of_offered and bound.value != 1:
+        offered = limit / bound.value
+        return (offered - value) / (offered - limit)
+    if requirement.op in {"<", "<="}:
+        return value / limit
+    return limit / value if value > 0 else math.inf

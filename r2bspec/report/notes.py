@@ -1,0 +1,400 @@
+"""What a reader must know to interpret the results: sentences, the most important first.
+
+A report shows at most five of them; the others stand in the HTML, and elsewhere with ``--verbose``.
+What is true of every run alike is no note: it stands in the documentation of verdicts. A sentence
+that the report has said already, such as the reason of a failed requirement, is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from itertools import chain, repeat
+from typing import Final
+
+from r2bspec.judge.evidence_limits import MAY_RESEMBLE
+from r2bspec.judge.result import Result
+from r2bspec.judge.run_limits import FIRST_START_ALONE, WITHOUT_BURST, particular_limits
+from r2bspec.judge.verdict import DisturbedIteration, RequirementVerdict
+from r2bspec.measure.metrics import RunMetrics
+from r2bspec.measure.units import at_rate, show
+from r2bspec.middleware.rmw_registry import middleware_named
+from r2bspec.record.run_record import Probe, ProfileRecord, StartRecord
+from r2bspec.report.harness_wording import joined_notes, overhead_notes
+from r2bspec.report.headline import headline
+from r2bspec.report.report_wording import (
+    loaded_rmw,
+    requirement_text,
+    sentences,
+    several_monitors,
+)
+
+MOST_NOTES: Final = 5
+"""Notes of a report that is not verbose."""
+
+_MAX_LISTED_ITERATIONS: Final = 6
+"""Affected iterations that are listed one by one."""
+
+_GENERAL: Final = (MAY_RESEMBLE, FIRST_START_ALONE, WITHOUT_BURST)
+"""Words of notes that most runs of a kind have alike."""
+
+
+class Weight(IntEnum):
+    """How much a note matters, the most first."""
+
+    BROKEN = 1
+    """The run, a process or an output did not do what it was to do."""
+    OPEN = 2
+    """What a requirement that is not met, or not decided, rests on."""
+    INTERFERENCE = 3
+    """Other programs took part."""
+    PLAYED = 4
+    """What was played, received and compared is not all that the spec names."""
+    MEANING = 5
+    """What a value includes."""
+    MET = 6
+    """What a requirement that is met rests on."""
+    DETAIL = 7
+    """True, but no reason to read the results in another way; only in a verbose report."""
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """A sentence, and how much it matters."""
+
+    weight: Weight
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Notes:
+    """The notes that a report shows, and the number of those that it leaves out."""
+
+    shown: tuple[str, ...]
+    others: tuple[str, ...]
+
+    @property
+    def more(self) -> str:
+        """How many are left out, and where they are; empty if none are."""
+        if not self.others:
+            return ""
+        number = f"{len(self.others)} more note{'s' if len(self.others) > 1 else ''}"
+        return f"{number}: with --verbose, or in the HTML report"
+
+
+def notes(result: Result, *, verbose: bool = False) -> Notes:
+    """The notes of a result: five at most, or all of them."""
+    ordered = all_notes(result)
+    if verbose:
+        return Notes(tuple(note.text for note in ordered), ())
+    important = [note.text for note in ordered if note.weight < Weight.DETAIL][:MOST_NOTES]
+    return Notes(tuple(important), tuple(note.text for note in ordered[len(important) :]))
+
+
+def all_notes(result: Result) -> tuple[Note, ...]:
+    """Every note once, the most important first; notes of one weight keep their order."""
+    said = _said(result)
+    texts: dict[str, Note] = {}
+    for note in _weighted(result):
+        text = " ".join(note.text.split())
+        if text and text.rstrip(".").lower() not in said:
+            texts.setdefault(text, Note(_weight(note.weight, text), text))
+    return tuple(sorted(texts.values(), key=lambda note: note.weight))
+
+
+def particular_sentences(verdict: RequirementVerdict) -> list[str]:
+    """What is said of a requirement that is shown by itself, without what most runs have alike."""
+    return [text for text in sentences(verdict) if _weight(Weight.OPEN, text) is not Weight.DETAIL]
+
+
+def _said(result: Result) -> str:
+    """What every report says before its notes, in lower case."""
+    texts = [headline(result), result.verdict.reason]
+    for verdict in result.verdict.requirements:
+        if verdict.outcome != "pass":
+            texts += (verdict.reason, verdict.settle)
+    return " ".join(texts).lower()
+
+
+def _weight(weight: Weight, text: str) -> Weight:
+    return Weight.DETAIL if any(words in text for words in _GENERAL) else weight
+
+
+def _weighted(result: Result) -> Iterator[Note]:
+    """The notes in the order in which they are worked out."""
+    interference = tuple(_interference_notes(result))
+    summary = (_interference_summary(result),) if len(interference) > 1 else ()
+    groups: tuple[tuple[Weight, Iterable[str]], ...] = (
+        (Weight.BROKEN, _status_notes(result)),
+        (Weight.BROKEN, _silence_notes(result)),
+        # Each start has a process of the name; that all end in one way is one note.
+        (Weight.BROKEN, _exit_notes(result)),
+        (Weight.OPEN, _requirement_notes(result, ("fail", "inconclusive"))),
+        (Weight.INTERFERENCE, _of_pairs(result)),
+        (Weight.INTERFERENCE, summary),
+        (Weight.DETAIL if summary else Weight.INTERFERENCE, interference),
+        (Weight.PLAYED, accuracy_notes(result)),
+        (Weight.PLAYED, unplayed_notes(result)),
+        (Weight.PLAYED, result.left_out),
+        (Weight.PLAYED, _message_anomalies(result)),
+        (Weight.PLAYED, _difference_notes(result)),
+        (Weight.MEANING, _live_notes(result)),
+        (Weight.MEANING, _reception_notes(result)),
+        (Weight.MEANING, joined_notes(result)),
+        (Weight.MEANING, profile_notes(result.profiles)),
+        (Weight.MET, _requirement_notes(result, ("pass",))),
+        (Weight.MET, particular_limits(result.verdict.limits)),
+        (Weight.DETAIL, overhead_notes(result)),
+    )
+    pairs = chain.from_iterable(zip(repeat(weight), texts) for weight, texts in groups)
+    yield from (Note(weight, text) for weight, text in pairs)
+
+
+def _status_notes(result: Result) -> Iterator[str]:
+    """Why the run ended early, or cannot be judged."""
+    said = _said(result)
+    if result.status != "complete" and (not result.reason or result.reason.lower() not in said):
+        yield f"The run is {result.status}: {result.reason or 'no reason was recorded'}"
+    if result.metrics.incomplete:
+        yield f"Cut short, and not included in any value: {', '.join(result.metrics.incomplete)}"
+    for unusable in result.verdict.unusable:
+        where = f" {at_rate(unusable.offered_hz)}" if unusable.offered_hz else ""
+        if unusable.reason.rstrip(".").lower() not in said:
+            yield f"Cannot be judged{where}: {unusable.reason}"
+
+
+def _silence_notes(result: Result) -> Iterator[str]:
+    """The outputs that stopped, and where their messages end."""
+    for silence in result.silences:
+        yield f"No more messages on {silence.topic} in {silence.segment}. {silence.reason}"
+
+
+def _difference_notes(result: Result) -> Iterator[str]:
+    """The differences between graph and spec that change no value."""
+    for difference in result.differences:
+        if difference.harmless:
+            yield f"{difference.code}: {difference.message}; {difference.help}"
+
+
+def _requirement_notes(result: Result, outcomes: Sequence[str]) -> Iterator[str]:
+    """The notes of requirements with these outcomes; one that several have is told once."""
+    several = several_monitors(result.verdict)
+    about: dict[str, list[str]] = {}
+    for verdict in result.verdict.requirements:
+        if verdict.outcome in outcomes:
+            for text in dict.fromkeys(verdict.notes):
+                about.setdefault(text, []).append(_where(verdict, several=several))
+    for text, where in about.items():
+        more = f" and {len(where) - 1} more" if len(where) > 1 else ""
+        yield f"{where[0]}{more}: {text}"
+
+
+def _where(verdict: RequirementVerdict, *, several: bool) -> str:
+    at = f" {at_rate(verdict.at_hz)}" if verdict.at_hz else ""
+    return f"{requirement_text(verdict, name_monitor=several)}{at}"
+
+
+def _of_pairs(result: Result) -> Iterator[str]:
+    """The decisions during a comparison."""
+    if result.pairs is not None:
+        yield from (f"{text[:1].upper()}{text[1:]}" for text in result.pairs.notes)
+
+
+def accuracy_notes(result: Result) -> Iterator[str]:
+    """What the comparison with the truth found, a sentence or two for each monitor."""
+    for one in result.accuracy:
+        found = ", ".join(
+            f"{name.removeprefix('accuracy.')} {show(value, 'share')}"
+            for name, value in one.values.items()
+        )
+        said = one.problem or f"{found or 'no values'}. {one.text}".strip()
+        compared = f"{one.outputs:,} of {one.steps:,} steps compared"
+        yield f"Accuracy of {one.monitor}, {one.kind} of {one.of}, {compared}: {said}"
+
+
+def _exit_notes(result: Result) -> Iterator[str]:
+    for process in result.processes:
+        if not process.ended_as_told:
+            ended = f"exit code {process.exit_code}"
+            if process.exit_code is not None and process.exit_code < 0:
+                ended = f"signal {-process.exit_code}"
+            yield f"Process {process.name} ended with {ended}"
+
+
+def profile_notes(profiles: Sequence[ProfileRecord]) -> Iterator[str]:
+    """The files of each profile, or why there are none, a sentence each."""
+    for one in profiles:
+        at = f" {at_rate(one.rate_hz)}" if one.rate_hz else ""
+        heading = f"Profile of {one.process}{at}, with {one.profiler}"
+        if not one.files:
+            yield f"{heading}, is missing: {one.error}"
+            continue
+        yield f"{heading}: {', '.join(one.files)}" + (f" ({one.error})" if one.error else "")
+
+
+def unplayed_notes(result: Result) -> Iterator[str]:
+    """The messages of inputs that were not played, a sentence for each input."""
+    for one in result.unplayed:
+        agreed = ", as 'playback.unpaired' allows" if one.agreed else ""
+        yield f"{'Warning: ' if one.is_warning else ''}{one.text}{agreed}"
+
+
+def affected_iteration_notes(disturbed: Sequence[DisturbedIteration]) -> Iterator[str]:
+    """The iterations affected by host interference, its causes, and the reruns, by rate."""
+    for rate_hz in dict.fromkeys(one.rate_hz for one in disturbed):
+        found = [one for one in disturbed if one.rate_hz == rate_hz]
+        listed = [_affected_iteration_text(one) for one in found[:_MAX_LISTED_ITERATIONS]]
+        more = (
+            f"; and {len(found) - _MAX_LISTED_ITERATIONS} more, in result.json"
+            if len(found) > _MAX_LISTED_ITERATIONS
+            else ""
+        )
+        at = f" {at_rate(rate_hz)}" if rate_hz else ""
+        yield f"Host interference{at}: {'; '.join(listed)}{more}"
+
+
+def _affected_iteration_text(one: DisturbedIteration) -> str:
+    again = f", played again as {one.rerun}" if one.rerun else ""
+    return f"{one.segment} ({', '.join(one.reasons)}{again})"
+
+
+def _interference_notes(result: Result) -> Iterator[str]:
+    """Everything that other programs disturbed, and how."""
+    yield from affected_iteration_notes(result.verdict.disturbed)
+    yield from _disturbed_start_notes(result.starts)
+    yield from _disturbed_probe_notes(result.metrics)
+    yield from _disturbed_overhead_notes(result)
+
+
+def _interference_summary(result: Result) -> str:
+    """How much of the run other programs disturbed, with one example of how."""
+    rates, search = result.metrics.rates, result.metrics.search
+    probes = [*(search.probes if search is not None else ()), *result.metrics.sustained]
+    disturbed = {
+        "iterations": [iteration.reasons for iteration in result.verdict.disturbed],
+        "starts": [start.disturbed for start in result.starts if start.disturbed],
+        "probes": [probe.disturbed for probe in probes if probe.disturbed],
+        "measurements of the overhead": [
+            floor.disturbed for floor in result.floor if floor.disturbed
+        ],
+    }
+    numbers = {
+        "iterations": sum(len(rate.iterations) + len(rate.reruns) for rate in rates),
+        "starts": len(result.starts),
+        "probes": len(probes),
+        "measurements of the overhead": len(result.floor),
+    }
+    parts = [
+        f"{len(reasons)} of {max(numbers[kind], len(reasons))} {kind}"
+        for kind, reasons in disturbed.items()
+        if reasons
+    ]
+    example = next(reason for kind in disturbed.values() for reasons in kind for reason in reasons)
+    affected = " and ".join(filter(None, [", ".join(parts[:-1]), parts[-1]]))
+    return f"Host interference in {affected}; for example, {example}"
+
+
+def _disturbed_start_notes(starts: Sequence[StartRecord]) -> Iterator[str]:
+    """The starts that other programs disturbed while their processes came up."""
+    found = [each for each in starts if each.disturbed]
+    if not found:
+        return
+    listed = [f"{each.number} ({', '.join(each.disturbed)})" for each in found]
+    more = len(found) - _MAX_LISTED_ITERATIONS
+    rest = f"; and {more} more, in result.json" if more > 0 else ""
+    yield (
+        f"Host interference while {len(found)} of {len(starts)} starts came up: "
+        f"{'; '.join(listed[:_MAX_LISTED_ITERATIONS])}{rest}"
+    )
+
+
+def _disturbed_probe_notes(metrics: RunMetrics) -> Iterator[str]:
+    """The probes that other programs disturbed, and what became of them."""
+    searched = metrics.search.probes if metrics.search is not None else ()
+    found = [one for one in (*searched, *metrics.sustained) if one.disturbed]
+    if not found:
+        return
+    listed = [_disturbed_probe_text(one) for one in found[:_MAX_LISTED_ITERATIONS]]
+    more = len(found) - _MAX_LISTED_ITERATIONS
+    rest = f"; and {more} more, in result.json" if more > 0 else ""
+    total = len(searched) + len(metrics.sustained)
+    yield (f"Host interference during {len(found)} of {total} probes: {'; '.join(listed)}{rest}")
+
+
+def _disturbed_probe_text(one: Probe) -> str:
+    """Such as ``95 Hz (other processes used 1.7 of 2 cores; can explain the failure)``."""
+    texts = list(one.disturbed)
+    if one.rerun_of:
+        texts.append(f"played in place of {one.rerun_of}")
+    if one.holds:
+        texts.append("sustained all the same")
+    elif one.explained:
+        texts.append("which can explain that it was not sustained")
+    return f"{show(one.rate_hz, 'Hz')} ({', '.join(texts)})"
+
+
+def _disturbed_overhead_notes(result: Result) -> Iterator[str]:
+    """What disturbed the measurement of the harness overhead."""
+    reasons = dict.fromkeys(each for one in result.floor for each in one.disturbed)
+    if reasons:
+        yield f"Host interference while the harness overhead was measured: {', '.join(reasons)}"
+
+
+def _live_notes(result: Result) -> Iterator[str]:
+    """What is unknown in a live run."""
+    live = [rate for rate in result.metrics.rates if rate.pace == "source"]
+    if not live:
+        return
+    yield (
+        "The graph has its own source: the messages it sent are not recorded, so missed ones are "
+        "unknown"
+    )
+    for rate in live:
+        for name, seen in rate.pooled.monitors.items():
+            if seen.received and seen.latency.n < seen.received:
+                yield (
+                    f"{name}: the latency of {show(seen.received - seen.latency.n, 'count')} "
+                    "messages is unknown: they have no stamp of this machine's clock"
+                )
+
+
+def _reception_notes(result: Result) -> Iterator[str]:
+    """What latencies include because the middleware does not say when messages were received."""
+    rmw = loaded_rmw(result)
+    seen = [each for rate in result.metrics.rates for each in rate.pooled.monitors.values()]
+    received, untimed = sum(each.received for each in seen), sum(each.untimed for each in seen)
+    if 2 * untimed > received:
+        what = "gives no times of reception"
+    elif rmw and received and middleware_named(rmw).stamps_when_taken:
+        what = "stamps messages when they are taken, not when they are received"
+    else:
+        return
+    yield (
+        f"{rmw or 'The middleware'} {what}: all latencies include the time until the monitor takes "
+        "a message, and do not compare with those of other middlewares"
+    )
+
+
+def _message_anomalies(result: Result) -> Iterator[str]:
+    """Messages that did not arrive exactly once, in order, and in response to an input."""
+    for rate in result.metrics.rates:
+        for name, seen in rate.pooled.monitors.items():
+            where = f"{name} {at_rate(rate.offered_hz, rate.pace)}"
+            if not seen.received:
+                yield f"{where} received nothing"
+            elif seen.unknown_latency:
+                yield f"{where}: the latency is unknown: {seen.unknown_latency}"
+            if seen.expected != seen.sent:
+                inputs, outputs = show(seen.sent, "count"), show(seen.expected, "count")
+                yield f"{where}: {inputs} inputs, {outputs} outputs expected"
+            odd = {
+                "duplicated": seen.duplicates,
+                "reordered": seen.reordered,
+                "matched no input": (seen.unmatched or 0) - (seen.overdue or 0),
+                "arrived in a later segment (counted as missed)": seen.overdue,
+                "arrived before the input": seen.early,
+            }
+            texts = [f"{show(count, 'count')} {what}" for what, count in odd.items() if count]
+            if texts:
+                yield f"{where}: of {show(seen.received, 'count')} messages, {', '.join(texts)}"
