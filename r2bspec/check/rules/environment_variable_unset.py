@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
+
 from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example
-from r2bspec.untrusted.looked_up_files import environment_variable
 
 
 def _find(context: Context) -> Findings:
     for index, name in enumerate(context.spec.environment):
-        if environment_variable(name) is None:
+        if os.environ.get(name) is None:
             yield Finding(
                 message=f"environment variable {name} is not set",
                 path=("environment", index),

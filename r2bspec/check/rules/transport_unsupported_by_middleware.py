@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import os
+
 from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example
 from r2bspec.middleware.rmw_registry import RMW_VARIABLE, refuse_transport, selected_rmw
-from r2bspec.untrusted.looked_up_files import environment_variable
 
 
 def _find(context: Context) -> Findings:
     transport = context.spec.transport
-    selected = {RMW_VARIABLE: environment_variable(RMW_VARIABLE) or ""}
+    selected = {RMW_VARIABLE: os.environ.get(RMW_VARIABLE) or ""}
     refusal = refuse_transport(transport, selected_rmw(selected))
     if refusal is not None:
         default = "the default " if context.value_at(("transport",)) is None else ""
