@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from data_bags import chatter, write_bag
-from r2bspec.check.example_spec import example
+from example_spec import example
 from r2bspec.cli import spec_watch
 from r2bspec.cli.check_files import check_file
 from r2bspec.cli.file_report import CheckOptions, FileReport

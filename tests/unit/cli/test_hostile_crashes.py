@@ -11,7 +11,7 @@ import msgspec
 import pytest
 
 import r2bspec.cli.check_files as check_files_module
-from r2bspec.check.example_spec import example
+from example_spec import example
 from r2bspec.cli.main import main
 from r2bspec.exit_status import ExitStatus
 from r2bspec.judge.judge_run import from_json, result_of, to_json

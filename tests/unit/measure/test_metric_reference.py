@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from example_spec import example
 from r2bspec.check import check
-from r2bspec.check.example_spec import example
 from r2bspec.cli.main import main
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.requirement_grammar import RequirementError, parse_requirement
