@@ -18,12 +18,6 @@ ROOT = Path(__file__).parents[3]
 EVERY_RULE = pytest.mark.parametrize("rule", all_rules(), ids=lambda rule: rule.code)
 
 
-def test_every_file_holds_a_rule_and_every_code_stands_once() -> None:
-    files = [file for path in rules.__path__ for file in Path(path).glob("[!_]*.py")]
-    found = [rule.code for rule in all_rules()]
-    assert len(found) == len(files) == len(set(found))
-
-
 def test_causes_come_before_consequences() -> None:
     found = [rule.code for rule in all_rules()]
     late = [rule.code for rule in all_rules() if not rule.early]
@@ -61,30 +55,16 @@ def test_every_code_has_one_slug_of_its_own() -> None:
     assert find_page("R2B999") is None
 
 
+def test_every_code_has_one_rule() -> None:
+    codes = [rule.code for rule in all_rules()]
+    assert len(codes) == len(set(codes)) > 100
+
+
 def test_the_slug_of_a_rule_is_the_name_of_its_file() -> None:
     for path in rules.__path__:
         for file in Path(path).glob("[!_]*.py"):
             rule = import_module(f"{rules.__name__}.{file.stem}").RULE
             assert rule.page.slug == file.stem.replace("_", "-")
-
-
-SAME_ON_THE_REAL_GRAPH = {
-    "execute/bringup/spec_mismatches.py",
-    "execute/diagnosis/find_fault.py",
-    "execute/inputs/build_schedule.py",
-}
-"""Where a run finds in the real graph what a rule would have found, had it been known before."""
-
-
-def test_no_error_class_has_the_code_of_an_unrelated_rule() -> None:
-    # What is missing on a machine is found by a rule, or by the run that needs it.
-    shared = re.compile(r"R2B(30\d|62[1-5]|681)")
-    rule_codes = {rule.code for rule in all_rules() if not shared.match(rule.code)}
-    for file in (ROOT / "r2bspec").rglob("*.py"):
-        module = file.relative_to(ROOT / "r2bspec")
-        if "check" not in module.parts and module.as_posix() not in SAME_ON_THE_REAL_GRAPH:
-            used = set(re.findall(r'"(R2B\d{3})"', file.read_text(encoding="utf-8")))
-            assert used & rule_codes == set(), file
 
 
 @pytest.mark.parametrize("page", all_pages().values(), ids=lambda page: page.code)
