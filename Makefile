@@ -11,12 +11,13 @@ comma := ,
 EXTRAS := $(if $(HAVE_ROS),vision,ros$(comma)vision)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo suite test install install-dev lint types imports unit coverage ros bench clean
+.PHONY: help demo suite test install install-dev lint types imports unit coverage ros generated bench clean
 
 help:
 	@echo "make demo      install, then run specs/apriltag_node.r2b.yaml on real ROS 2"
 	@echo "make test      install, then run every check and test"
 	@echo "make suite     run specs/suite and print its table (SMOKE=1: one short iteration of each)"
+	@echo "make generated write schemas, reference tables and expected outputs anew"
 	@echo "make bench     measure the harness, and rewrite the tables of docs/performance.md"
 	@echo "make clean     remove the environment and everything that was generated"
 
@@ -74,6 +75,11 @@ RERUN := --reruns 1 -rfER
 ros: install-dev
 	$(BIN)/pytest $(RERUN) -n 2 --dist loadfile tests/ros
 	$(BIN)/pytest $(RERUN) tests/fault tests/fleet
+
+# Read the difference before it is committed: a golden is what somebody wanted.
+generated: install-dev
+	PYTHONPATH=tests/support $(BIN)/python tests/support/generated_files.py
+	R2BSPEC_REWRITE=1 $(BIN)/pytest -q tests/golden
 
 # BENCH=--quick prints a short one and writes nothing; BENCH=--ablate leaves out techniques in turn.
 BENCH ?=

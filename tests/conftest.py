@@ -28,8 +28,6 @@ def pytest_configure() -> None:
     """
     # Tests make runs at the same time, on purpose; those of the lock have a lock of their own.
     os.environ["R2BSPEC_NO_LOCK"] = "1"
-    # A report that an earlier test left says nothing of what is tested.
-    os.environ["R2BSPEC_NO_CACHE"] = "1"
     # Output is plainer and rarer in a CI job; tests of that set the variable themselves.
     os.environ.pop("CI", None)
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

@@ -18,6 +18,7 @@ from r2bspec.check.document_files import DocumentFiles
 from r2bspec.check.finding_location import to_diagnostic
 from r2bspec.check.rule import Rule
 from r2bspec.check.rule_registry import all_rules
+from r2bspec.diagnostics.code_pages import all_pages
 from r2bspec.diagnostics.diagnostic import Diagnostic, Severity
 from r2bspec.diagnostics.waivers import apply_waivers
 from r2bspec.language.case_findings import merge_case_findings
@@ -109,8 +110,6 @@ def _check_document(loaded: LoadedSpec, context: Context | None) -> list[Diagnos
 
 
 def _slugs_by_code() -> Mapping[str, str]:
-    from r2bspec.check.pages import all_pages
-
     return {code: page.slug for code, page in all_pages().items()}
 
 
@@ -127,7 +126,7 @@ def _apply_rules(context: Context) -> list[Diagnostic]:
             each for each in chain((first,), findings) if suppressed.isdisjoint(each.suppressed_by)
         )
         kept = list(islice(unsuppressed, MAX_PROBLEMS + 1))
-        made = [to_diagnostic(each, rule.code, rule.severity, context.loaded) for each in kept]
+        made = [to_diagnostic(each, rule.code, rule.page.severity, context.loaded) for each in kept]
         for finding in kept:
             suppressed |= finding.suppresses
         if len(made) > MAX_PROBLEMS:
@@ -138,7 +137,10 @@ def _apply_rules(context: Context) -> list[Diagnostic]:
 
 def _rule_stopped(rule: Rule, made: Sequence[Diagnostic]) -> Diagnostic:
     """Says that a rule was stopped. What it would have found then may include an error."""
-    may_be_error = rule.severity == "error" or any(one.severity == "error" for one in made)
+    may_be_error = any(
+        severity == "error"
+        for severity in (rule.page.severity, *(finding.severity for finding in made))
+    )
     return Diagnostic(
         _STOPPED,
         Severity.ERROR if may_be_error else Severity.WARNING,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from r2bspec.check.finding import Finding, SeverityName
+from r2bspec.check.finding import Finding
 from r2bspec.diagnostics.diagnostic import (
     Certainty,
     Diagnostic,
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def to_diagnostic(
-    finding: Finding, code: str, severity: SeverityName, loaded: LoadedSpec
+    finding: Finding, code: str, severity: Severity, loaded: LoadedSpec
 ) -> Diagnostic:
     """The diagnostic of a finding; code and severity of the rule are the defaults."""
     span = _span(finding, loaded)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
 
-from r2bspec.untrusted.looked_up_files import environment_variable
 from r2bspec.wiring.known_packages import catalogue_packages
 
 _DEFAULT_DISTRIBUTION = "jazzy"
@@ -59,7 +59,7 @@ _INTERFACE_PACKAGE = re.compile(r"_(msgs|interfaces|msg|srvs)$")
 
 def ros_distribution() -> str:
     """The distribution whose packages a user installs: that of the environment, or Jazzy."""
-    found = environment_variable("ROS_DISTRO") or ""
+    found = os.environ.get("ROS_DISTRO") or ""
     return found if re.fullmatch(r"[a-z]+", found) else _DEFAULT_DISTRIBUTION
 
 

@@ -12,11 +12,7 @@ from collections.abc import Iterator
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
-from r2bspec.untrusted.looked_up_files import (
-    environment_variable,
-    note_lookup,
-    shared_lookup,
-)
+from r2bspec.untrusted.looked_up_files import shared_lookup
 from r2bspec.untrusted.safe_file import is_there, names_in, read_bytes
 
 _MAX_SOURCE_BYTES = 1_000_000
@@ -29,42 +25,24 @@ _PACKAGE_INDEX = f"{_INDEX}/packages"
 def find_module(name: str) -> ModuleSpec | None:
     """Find a module by its dotted name, without importing its parent packages."""
     top, *below = name.split(".")
-    _note_search(top, [*_unseen_folders(), *sys.path])
     try:
         found = PathFinder.find_spec(top, _unseen_folders()) or importlib.util.find_spec(top)
     except (ImportError, ValueError):
         found = None
-    _note_origin(found)
     path = top
     for part in below:
         if found is None or found.submodule_search_locations is None:
             return None
         path = f"{path}.{part}"
-        folders = list(found.submodule_search_locations)
-        _note_search(part, folders)
-        found = PathFinder.find_spec(path, folders)
-        _note_origin(found)
+        found = PathFinder.find_spec(path, list(found.submodule_search_locations))
     return found
-
-
-def _note_search(name: str, folders: list[str]) -> None:
-    """Take notice of the folders in which a module is searched, and of its own, if it has one."""
-    for each in folders:
-        # The times of a folder change when a file comes or goes.
-        note_lookup(Path(each))
-        note_lookup(Path(each, name))
-
-
-def _note_origin(found: ModuleSpec | None) -> None:
-    if found is not None and found.has_location and found.origin:
-        note_lookup(Path(found.origin))
 
 
 def _unseen_folders() -> list[str]:
     """The folders of PYTHONPATH, where this interpreter ignores it (``-I``): processes do not."""
     if not sys.flags.ignore_environment:
         return []
-    entries = (environment_variable("PYTHONPATH") or "").split(os.pathsep)
+    entries = (os.environ.get("PYTHONPATH") or "").split(os.pathsep)
     return [str(Path(each).absolute()) for each in entries if each]
 
 
@@ -113,8 +91,6 @@ def _assigned_names(part: ast.AST) -> Iterator[str]:
 @shared_lookup
 def is_on_path(program: str) -> bool:
     """Whether the folders of ``$PATH`` have a program of that name."""
-    for each in (environment_variable("PATH") or os.defpath).split(os.pathsep):
-        note_lookup(Path(each, program))
     import shutil
 
     return shutil.which(program) is not None
@@ -122,7 +98,7 @@ def is_on_path(program: str) -> bool:
 
 def ament_prefixes() -> list[Path]:
     """The folders in which ROS packages are installed."""
-    prefixes = environment_variable("AMENT_PREFIX_PATH") or ""
+    prefixes = os.environ.get("AMENT_PREFIX_PATH") or ""
     return [Path(each) for each in prefixes.split(":") if each]
 
 
@@ -143,13 +119,8 @@ def package_executables(package: str) -> frozenset[str]:
     for prefix in ament_prefixes():
         folder = prefix / "lib" / package
         with contextlib.suppress(OSError):
-            found.update(each for each in names_in(folder) if _is_executable(folder / each))
+            found.update(each for each in names_in(folder) if os.access(folder / each, os.X_OK))
     return frozenset(found)
-
-
-def _is_executable(file: Path) -> bool:
-    note_lookup(file)
-    return os.access(file, os.X_OK)
 
 
 def package_plugins(package: str) -> set[str]:

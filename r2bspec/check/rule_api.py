@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from r2bspec.check.check_context import Context
-from r2bspec.check.example_spec import april_tag_example, example
 from r2bspec.check.finding import Finding, Findings, Pointer
 from r2bspec.check.message_text import MAX_SUGGESTIONS, pluralize, quoted_list, suggestion
 from r2bspec.check.requirement_metrics import KnownMetric, known_metrics, max_wrong_share
@@ -34,9 +33,7 @@ __all__ = [
     "PhaseWiring",
     "Pointer",
     "Rule",
-    "april_tag_example",
     "did_you_mean",
-    "example",
     "flow_key",
     "known_metrics",
     "max_wrong_share",

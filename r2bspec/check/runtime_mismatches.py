@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from r2bspec.check.check_context import Context
 from r2bspec.check.finding import Finding
 from r2bspec.check.finding_location import to_diagnostic
-from r2bspec.diagnostics.diagnostic import Diagnostic, Path
+from r2bspec.diagnostics.diagnostic import Diagnostic, Path, Severity
 from r2bspec.record.run_record import Difference
 from r2bspec.wiring.wiring import NodeWiring
 
@@ -36,7 +36,7 @@ def differences_to_diagnostics(
         to_diagnostic(
             Finding(message=each.message, path=path, key=key, help=each.help),
             each.code,
-            "warning" if each.harmless else "error",
+            Severity.WARNING if each.harmless else Severity.ERROR,
             loaded,
         )
         for each in differences

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from r2bspec.plan.host_match import MachineFacts
-from r2bspec.untrusted.looked_up_files import environment_variable, shared_lookup
+from r2bspec.untrusted.looked_up_files import shared_lookup
 from r2bspec.untrusted.safe_file import names_in
 
 LABELS_VARIABLE: Final = "R2BSPEC_LABELS"
@@ -40,7 +40,7 @@ def this_machine() -> MachineFacts:
         cores=len(os.sched_getaffinity(0)),
         gpus=gpus(),
         ros_distro=ros_distro(),
-        labels=labels_of(environment_variable(LABELS_VARIABLE) or ""),
+        labels=labels_of(os.environ.get(LABELS_VARIABLE) or ""),
     )
 
 
@@ -64,7 +64,7 @@ def shared_memory_bytes() -> int | None:
 
 def ros_distro() -> str:
     """The ROS distribution: a sourced one, or that of the wheels; empty if there is none."""
-    if distribution := environment_variable("ROS_DISTRO"):
+    if distribution := os.environ.get("ROS_DISTRO"):
         return distribution
     installed = {
         found[1] for each in sys.path for found in map(_RCLPY.match, _names_in(each)) if found

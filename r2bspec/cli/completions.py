@@ -76,7 +76,7 @@ def complete_template(_ctx: click.Context) -> Iterable[str]:
 @_proposals
 def complete_code(_ctx: click.Context) -> Iterable[str]:
     """Codes, their slugs, and metrics."""
-    from r2bspec.check.pages import all_pages
+    from r2bspec.diagnostics.code_pages import all_pages
     from r2bspec.measure.metric_catalogue import names
 
     pages = all_pages()

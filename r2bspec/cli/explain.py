@@ -5,19 +5,15 @@ from __future__ import annotations
 import sys
 import textwrap
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
 
 import click
 
 from r2bspec.cli.completions import complete_code
-from r2bspec.diagnostics.code_pages import FAMILIES
+from r2bspec.diagnostics.code_pages import FAMILIES, Page, all_pages
 from r2bspec.diagnostics.quote import printable
 from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo
-
-if TYPE_CHECKING:
-    from r2bspec.diagnostics.code_pages import Page
 
 _FILE = "example.r2b.yaml"
 _WIDTH = 88
@@ -30,7 +26,6 @@ def command(code: str | None) -> int:
 
     CODE may also be a metric, such as latency.p99; 'r2bspec metrics' lists them.
     """
-    from r2bspec.check.pages import all_pages
     from r2bspec.cli.metrics import explain_metric
 
     if code is not None and (metric := explain_metric(code)):

@@ -51,11 +51,6 @@ if TYPE_CHECKING:
     "--quiet", "-q", is_flag=True, help="Print nothing but findings: no summary at the end."
 )
 @click.option("--watch", is_flag=True, help="Check again whenever a file changes; end with Ctrl-C.")
-@click.option(
-    "--no-cache",
-    is_flag=True,
-    help="Check every file, also those of which nothing has changed since an earlier check.",
-)
 def command(
     paths: tuple[str, ...],
     output_format: str,
@@ -68,7 +63,6 @@ def command(
     require_slos: bool,
     quiet: bool,
     watch: bool,
-    no_cache: bool,
 ) -> int:
     """Check specs and report problems.
 
@@ -78,7 +72,6 @@ def command(
     from r2bspec.cli.check_files import check_files, check_text
     from r2bspec.cli.file_report import CheckOptions
     from r2bspec.cli.internal_error import InternalError, WorkerEndedError
-    from r2bspec.cli.report_cache import ReportCache
     from r2bspec.cli.spec_files import spec_files
 
     check_options = CheckOptions(
@@ -100,11 +93,10 @@ def command(
         changes = repair(files, lambda text, file: check_text(text, file, check_options), write=fix)
         if diff:
             return ExitStatus.FINDINGS_OR_FAILED if changes else ExitStatus.OK
-    cache = None if no_cache else ReportCache.of_check(files, check_options)
     checked: list[FileReport] = []
     crash: R2bspecError | None = None
     try:
-        checked.extend(check_files(files, check_options, cache))
+        checked.extend(check_files(files, check_options))
     except (InternalError, WorkerEndedError) as error:
         crash = error
     failing = {"error", "warning"} if strict else {"error"}

@@ -61,7 +61,7 @@ def propose_limits(loaded: LoadedSpec, found: Calibration, text: str) -> tuple[s
             part=each.part,
             replacement=each.proposed,
         )
-        edit = to_diagnostic(finding, RULE.code, RULE.severity, loaded).edit
+        edit = to_diagnostic(finding, RULE.code, RULE.page.severity, loaded).edit
         if edit is not None and edit.span.file == loaded.file:
             edits.append(edit)
         else:

@@ -10,12 +10,10 @@ from r2bspec.bags.errors import BAG_NOT_FOUND, DataError
 from r2bspec.bags.recording import BagIndex, BagLocation
 from r2bspec.datasets.sequences import SEQUENCES, describe, unknown_dataset_error
 from r2bspec.diagnostics.quote import clip
-from r2bspec.untrusted.looked_up_files import environment_variable, note_lookup
 from r2bspec.untrusted.safe_file import is_folder, is_there, names_in
 
 _MAX_NAME_LENGTH = 4095  # that of Linux
 DATASETS_VARIABLE = "R2B_DATASETS"
-_USERS = Path("/etc/passwd")
 
 
 def locate(bag: str, base_dir: Path) -> BagLocation:
@@ -95,15 +93,12 @@ def known_datasets() -> tuple[str, ...]:
 
 def _expanded(path: str) -> str:
     """A path with the home folder in place of ``~``."""
-    if path.startswith("~"):
-        note_lookup(_USERS)
-        environment_variable("HOME")
     return os.path.expanduser(path)  # noqa: PTH111 - that of pathlib raises for unknown users
 
 
 def _datasets_folder() -> Path | None:
     """The folder of recorded datasets; None if the variable is not set."""
-    value = environment_variable(DATASETS_VARIABLE) or ""
+    value = os.environ.get(DATASETS_VARIABLE) or ""
     if not value:
         return None
     folder = Path(_expanded(value))

@@ -66,6 +66,3 @@ def _one_of(words: list[str]) -> str:
 
 SUFFIXES_TEXT: Final = _one_of([each.suffix for each in BAG_FORMATS])
 """The suffixes in words, such as ``.a, .b or .c``."""
-
-TITLES_TEXT: Final = _one_of([each.title for each in BAG_FORMATS])
-"""The formats in words."""

@@ -52,7 +52,6 @@ from r2bspec.language.variable_declarations import (
 from r2bspec.language.variable_references import OPENING, MalformedReference, Reference, references
 from r2bspec.language.yaml_composer import MAX_EXPANDED_VALUES
 from r2bspec.language.yaml_scalars import ScalarError, ScalarValue, resolve
-from r2bspec.untrusted.looked_up_files import note_variable
 
 _DECLARATIONS = frozenset({"variables", "environment", "r2bspec"})
 
@@ -375,7 +374,6 @@ class _Substitution:
         if name in self._refused:
             return None
         text = self._environ.get(name)
-        note_variable(name, text)
         if text is None:
             span = self._inner(node, found.name_start, len(name))
             self.problems.error(

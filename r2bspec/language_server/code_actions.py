@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 
 from lsprotocol import types
 
-from r2bspec.check.pages import find_page
 from r2bspec.diagnostics import Diagnostic, Severity
+from r2bspec.diagnostics.code_pages import find_page
 from r2bspec.diagnostics.edits import applicable_together
 from r2bspec.diagnostics.waivers import NOT_WAIVABLE
 from r2bspec.language_server.analysis import Analysis

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from lsprotocol import types
 
+from r2bspec.diagnostics.code_pages import all_pages
 from r2bspec.language.schema_validator import schema_at
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.completion_values import names_as_keys, proposed_values
@@ -216,8 +217,6 @@ def _references(analysis: Analysis | None, kind: str) -> Iterator[Proposal]:
 
 
 def _codes() -> Iterator[Proposal]:
-    from r2bspec.check.pages import all_pages
-
     for code, page in all_pages().items():
         yield Proposal(page.slug, detail=code, documentation=page.why)
         yield Proposal(code, detail=page.slug, documentation=page.why)

@@ -9,8 +9,8 @@ from typing import Final
 from lsprotocol import types
 
 from r2bspec.diagnostics import Diagnostic, Severity, Span
+from r2bspec.diagnostics.code_pages import find_page, page_file
 from r2bspec.language_server.analysis import Analysis
-from r2bspec.language_server.code_page_files import page_uri
 from r2bspec.language_server.text_positions import TextPositions
 
 _SEVERITIES: Final = {
@@ -46,7 +46,7 @@ def to_diagnostic(each: Diagnostic, file: str, positions_of: PositionsOf) -> typ
         range=positions_of(file).range(_visible(span)),
         severity=_SEVERITIES[each.severity],
         code=each.code,
-        code_description=types.CodeDescription(page_uri(each.code)),
+        code_description=types.CodeDescription(page_file(each.code).as_uri()),
         source="r2bspec",
         message=f"{message}\n{each.help}" if each.help else message,
         tags=[types.DiagnosticTag.Unnecessary] if _is_unused(each) else None,
@@ -82,7 +82,5 @@ def _visible(span: Span) -> Span:
 
 
 def _is_unused(each: Diagnostic) -> bool:
-    from r2bspec.check.pages import find_page
-
     page = find_page(each.code)
     return page is not None and "unused" in page.slug.split("-")

@@ -21,7 +21,6 @@ from r2bspec.language_server import editor_commands as commands
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.code_actions import code_actions
 from r2bspec.language_server.code_lenses import code_lenses
-from r2bspec.language_server.code_page_files import remove_pages
 from r2bspec.language_server.completion_items import TRIGGERS, ClientAbilities, complete
 from r2bspec.language_server.hover import hover
 from r2bspec.language_server.inlay_hints import inlay_hints
@@ -248,7 +247,6 @@ class SpecLanguageServer(LanguageServer):
         """End the commands that still run."""
         for task in self._running:
             task.cancel()
-        remove_pages()
 
 
 def _text_folder() -> str:

@@ -1,8 +1,8 @@
-"""What a check looked up on this machine, so that it can be made again when that has changed.
+"""Which files and folders a check looked up: `validate --watch` makes it again when they change.
 
-Every access to a file, to a folder or to a variable of the environment is noted here before it is
-made. `shared_lookups` answers a question about the machine once for many documents; what the
-answer depends on is then noted for each of them.
+The functions of `safe_file` note each path here before they use it. `shared_lookups` answers a
+question about the machine once for many documents; what the answer depends on is then noted for
+each of them.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import os
 from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 from functools import wraps
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeVar
 
@@ -30,25 +31,16 @@ class Lookups(msgspec.Struct):
 
     Attributes:
         files: files and folders by their absolute paths, as they were at the first time.
-        variables: variables of the environment by name; None if not set.
         read: the paths of files of which the content was read.
-        complete: whether that is all that the result depends on.
     """
 
     files: dict[str, Stamp] = msgspec.field(default_factory=dict)
-    variables: dict[str, str | None] = msgspec.field(default_factory=dict)
     read: set[str] = msgspec.field(default_factory=set)
-    complete: bool = True
-    _added: dict[int, Lookups] = msgspec.field(default_factory=dict)
 
     def add(self, other: Lookups) -> None:
         """Add what was looked up elsewhere; what is known here already stays."""
-        if id(other) not in self._added:
-            self._added[id(other)] = other
-            self.files = other.files | self.files
-            self.variables = other.variables | self.variables
-            self.read |= other.read
-            self.complete = self.complete and other.complete
+        self.files = other.files | self.files
+        self.read |= other.read
 
 
 _LOOKED_UP: Final[ContextVar[Lookups | None]] = ContextVar("looked_up", default=None)
@@ -60,9 +52,12 @@ _SHARED: Final[ContextVar[dict[Any, tuple[Any, Lookups]] | None]] = ContextVar(
 @contextlib.contextmanager
 def looked_up_files() -> Iterator[Lookups]:
     """Within this context, everything that is looked up is added."""
-    found = Lookups()
-    with _noting(found):
-        yield found
+    lookups = Lookups()
+    token = _LOOKED_UP.set(lookups)
+    try:
+        yield lookups
+    finally:
+        _LOOKED_UP.reset(token)
 
 
 @contextlib.contextmanager
@@ -76,7 +71,7 @@ def shared_lookups() -> Iterator[None]:
 
 
 def shared_lookup(function: Callable[P, R]) -> Callable[P, R]:
-    """Let many checks share the answers of a function that looks up files or variables.
+    """Let many checks share the answers of a function that looks up files.
 
     Its arguments must be hashable, and nothing may change its result. Exceptions are not shared.
     """
@@ -87,65 +82,57 @@ def shared_lookup(function: Callable[P, R]) -> Callable[P, R]:
         if answers is None:
             return function(*args, **kwargs)
         question = (function, args, *kwargs.items())
-        known = answers.get(question)
-        if known is None:
-            seen = Lookups()
-            try:
-                with _noting(seen):
-                    known = answers[question] = function(*args, **kwargs), seen
-            finally:
-                _note_all(seen)
-        else:
-            _note_all(known[1])
-        value: R = known[0]
-        return value
+        if question not in answers:
+            answers[question] = _noted(lambda: function(*args, **kwargs))
+        elif (noting := _LOOKED_UP.get()) is not None:
+            noting.add(answers[question][1])
+        answer: R = answers[question][0]
+        return answer
 
     return ask
 
 
+def _noted(ask: Callable[[], R]) -> tuple[R, Lookups]:
+    """An answer, and what it depends on if somebody takes notice."""
+    noting = _LOOKED_UP.get()
+    if noting is None:
+        return ask(), Lookups()
+    lookups = Lookups()
+    try:
+        with looked_up_files() as lookups:
+            return ask(), lookups
+    finally:
+        noting.add(lookups)
+
+
 def note_lookup(path: Path) -> None:
     """Take notice of a file or a folder before it is opened or looked for."""
-    found = _LOOKED_UP.get()
-    if found is not None:
+    noting = _LOOKED_UP.get()
+    if noting is not None:
         place = str(path.absolute())
-        if place not in found.files:
-            found.files[place] = stamp(place)
-
-
-def note_folder(folder: Path, max_files: int = 10_000) -> None:
-    """Take notice of everything below a folder, or of a file; of too much, of not all."""
-    found = _LOOKED_UP.get()
-    if found is None:
-        return
-    note_lookup(folder)
-    for parent, folders, files in os.walk(folder):
-        max_files -= len(folders) + len(files)
-        if max_files < 0:
-            found.complete = False
-            return
-        for name in (*folders, *files):
-            note_lookup(Path(parent, name))
+        if place not in noting.files:
+            noting.files[place] = stamp(place)
 
 
 def note_read(path: Path) -> None:
     """Take notice that the content of a file is read, which was looked up before."""
-    found = _LOOKED_UP.get()
-    if found is not None:
-        found.read.add(str(path.absolute()))
+    noting = _LOOKED_UP.get()
+    if noting is not None:
+        noting.read.add(str(path.absolute()))
 
 
-def environment_variable(name: str) -> str | None:
-    """A variable of the environment, of which notice is taken; None if it is not set."""
-    value = os.environ.get(name)
-    note_variable(name, value)
-    return value
-
-
-def note_variable(name: str, value: str | None) -> None:
-    """Take notice of a variable of the environment that was read."""
-    found = _LOOKED_UP.get()
-    if found is not None:
-        found.variables.setdefault(name, value)
+def note_folder(folder: Path, max_files: int = 10_000) -> None:
+    """Take notice of a bag: of everything below a folder up to a number, or of a file."""
+    if _LOOKED_UP.get() is None:
+        return
+    note_lookup(folder)
+    below = (
+        Path(parent, name)
+        for parent, folders, files in os.walk(folder)
+        for name in (*folders, *files)
+    )
+    for path in islice(below, max_files):
+        note_lookup(path)
 
 
 def stamp(path: str | Path) -> Stamp:
@@ -155,18 +142,3 @@ def stamp(path: str | Path) -> Stamp:
     except (OSError, ValueError):
         return None
     return status.st_mtime_ns, status.st_size, status.st_ino, status.st_ctime_ns
-
-
-@contextlib.contextmanager
-def _noting(found: Lookups) -> Iterator[None]:
-    token = _LOOKED_UP.set(found)
-    try:
-        yield
-    finally:
-        _LOOKED_UP.reset(token)
-
-
-def _note_all(seen: Lookups) -> None:
-    found = _LOOKED_UP.get()
-    if found is not None:
-        found.add(seen)

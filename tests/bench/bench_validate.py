@@ -5,15 +5,13 @@
     pip install check-jsonschema
     python tests/bench/bench_validate.py
 
-Both read the same files; the other tool gets the published schema of this repository. `validate`
-runs with ``--no-cache``, so that it checks every file, and again with the reports that it has kept
-from the round before. Each case is run several times, all in turn, each run in a fresh process
-whose wall time, CPU time and largest memory are taken from the kernel; the CPU time of processes
-that it starts counts, too. Shown are medians, and in parentheses the fastest and the slowest run.
-One round comes first and is not counted, so that files are in the cache of the system, and reports
-are kept. Byte code is kept in a folder made for the purpose, so that all find theirs, as installed
-programs do. The start of `validate` is compared with an interpreter that imports yaml and
-jsonschema.
+Both read the same files; the other tool gets the published schema of this repository. Each case is
+run several times, all in turn, each run in a fresh process whose wall time, CPU time and largest
+memory are taken from the kernel; the CPU time of processes that it starts counts, too. Shown are
+medians, and in parentheses the fastest and the slowest run. One round comes first and is not
+counted, so that files are in the cache of the system. Byte code is kept in a folder made for the
+purpose, so that all find theirs, as installed programs do. The start of `validate` is compared with
+an interpreter that imports yaml and jsonschema.
 """
 
 from __future__ import annotations
@@ -36,13 +34,10 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 SPEC = ROOT / "specs" / "apriltag_node.r2b.yaml"
 SCHEMA = ROOT / "schemas" / "r2bspec-v1.schema.json"
-CHECKED = "every file checked (--no-cache)"
-KEPT = "reports kept"
+OURS = "r2bspec validate"
 THEIRS = "check-jsonschema"
-VALIDATE = [sys.executable, "-m", "r2bspec", "validate", "--quiet"]
 TOOLS = {
-    CHECKED: [*VALIDATE, "--no-cache"],
-    KEPT: VALIDATE,
+    OURS: [sys.executable, "-m", "r2bspec", "validate", "--quiet"],
     THEIRS: [sys.executable, "-m", "check_jsonschema", "--schemafile", str(SCHEMA)],
 }
 IMPORTS = [sys.executable, "-c", "import yaml, jsonschema"]
@@ -58,7 +53,7 @@ class Run:
 
 
 def measure(command: list[str], folder: Path) -> Run:
-    """Run a command to its end; byte code and reports are kept in `folder`.
+    """Run a command to its end; byte code and indexes of bags are kept in `folder`.
 
     Raises:
         SystemExit: it found something wrong, so that it did not do the work that is compared.
@@ -69,8 +64,7 @@ def measure(command: list[str], folder: Path) -> Run:
         "PYTHONPATH": str(ROOT),
         "XDG_CACHE_HOME": str(folder / "cache"),
     }
-    for name in ("PYTHONDONTWRITEBYTECODE", "R2BSPEC_NO_CACHE"):
-        environ.pop(name, None)
+    environ.pop("PYTHONDONTWRITEBYTECODE", None)
     with tempfile.TemporaryFile() as output:
         start = time.perf_counter()
         process = subprocess.Popen(command, cwd=ROOT, env=environ, stdout=output, stderr=output)
@@ -145,14 +139,14 @@ def kinds(folder: Path, number: int) -> list[Path]:
 
 def table(cases: dict[str, dict[str, list[Run]]]) -> Iterator[str]:
     """The measured times as a table in Markdown."""
-    yield f"| case | {CHECKED} | {KEPT} | {THEIRS} | theirs / checked | theirs / kept | memory |"
-    yield "| --- | --- | --- | --- | --- | --- | --- |"
+    yield f"| case | {OURS} | {THEIRS} | theirs / ours | memory |"
+    yield "| --- | --- | --- | --- | --- |"
     for case, runs in cases.items():
         memory = {tool: max(run.memory_bytes for run in runs[tool]) / 1e6 for tool in TOOLS}
         yield (
             f"| {case} | {' | '.join(shown(runs[tool]) for tool in TOOLS)} "
-            f"| {ratios(runs[THEIRS], runs[CHECKED])} | {ratios(runs[THEIRS], runs[KEPT])} "
-            f"| {memory[CHECKED]:.0f}, {memory[KEPT]:.0f}, {memory[THEIRS]:.0f} MB |"
+            f"| {ratios(runs[THEIRS], runs[OURS])} "
+            f"| {memory[OURS]:.0f}, {memory[THEIRS]:.0f} MB |"
         )
 
 
@@ -203,8 +197,7 @@ def main() -> None:
         folder = Path(name)
         start = {
             "python -c 'import yaml, jsonschema'": IMPORTS,
-            "r2bspec validate SPEC --no-cache": [*TOOLS[CHECKED], str(SPEC)],
-            "r2bspec validate SPEC": [*TOOLS[KEPT], str(SPEC)],
+            "r2bspec validate SPEC": [*TOOLS[OURS], str(SPEC)],
         }
         starts = compare(start, 4 * options.repeat, folder)
         (folder / "copies").mkdir()
@@ -233,7 +226,7 @@ def main() -> None:
         *table(cases),
         "",
     ]
-    for tool in (CHECKED, THEIRS):
+    for tool in (OURS, THEIRS):
         times = growth(small[tool], large[tool], cold[tool])
         lines.append(
             f"{tool}: ten times the nodes take {times:.1f} times the CPU time, start-up apart"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, quote
 from r2bspec.wiring.name_resolution import SHARED_TOPICS
 
 
@@ -41,31 +41,4 @@ def _absolute_names(context: Context) -> Iterator[tuple[str, Path, bool]]:
                 yield right, (*node.path, "remappings", left), False
 
 
-RULE = Rule(
-    code="R2B214",
-    title="absolute name outside of the namespace",
-    severity="info",
-    why="The namespace separates the topics of a benchmark from all others. A name outside of it "
-    "may be intended, or have a '/' too many.",
-    failing=example(
-        playback="{inputs: {/image: {from: image_raw, format: sensor_msgs/msg/Image}}}",
-        graph="""
-            nodes:
-              relay:
-                command: [sh, ./relay.sh]
-                subscribes: {/image: sensor_msgs/msg/Image}
-                publishes: {output: sensor_msgs/msg/Image}
-        """,
-    ),
-    passing=example(
-        playback="{inputs: {image: {from: image_raw, format: sensor_msgs/msg/Image}}}",
-        graph="""
-            nodes:
-              relay:
-                command: [sh, ./relay.sh]
-                subscribes: {image: sensor_msgs/msg/Image}
-                publishes: {output: sensor_msgs/msg/Image}
-        """,
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B214", find=_find)

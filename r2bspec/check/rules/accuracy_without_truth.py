@@ -7,7 +7,6 @@ from r2bspec.check.rule_api import (
     Finding,
     Findings,
     Rule,
-    april_tag_example,
     known_metrics,
     quote,
 )
@@ -35,15 +34,4 @@ def _find(context: Context) -> Findings:
         )
 
 
-_SLOS = "{right: {require: [accuracy.tag_missed == 0 %]}}"
-
-RULE = Rule(
-    code="R2B533",
-    title="accuracy without a truth",
-    severity="error",
-    why="Accuracy is the difference between messages and the ground truth of the recording. Which "
-    "part of it a monitor is compared with is not guessed.",
-    failing=april_tag_example(slos=_SLOS),
-    passing=april_tag_example(truth="{kind: tag, name: /d455_1_rgb_image}", slos=_SLOS),
-    find=_find,
-)
+RULE = Rule(code="R2B533", find=_find)

@@ -8,7 +8,6 @@ from r2bspec.check.rule_api import (
     Findings,
     Rule,
     did_you_mean,
-    example,
     quote,
     quoted_list,
 )
@@ -41,27 +40,4 @@ def _find(context: Context) -> Findings:
                 )
 
 
-RULE = Rule(
-    code="R2B414",
-    title="unknown playback input in 'answers'",
-    severity="error",
-    why="In a timeline, a monitor counts only the steps that have a message of every input in "
-    "'answers'.",
-    failing=example(
-        playback="""
-            mode: timeline
-            inputs: {image: {from: image_raw, format: sensor_msgs/msg/Image}}
-        """,
-        monitors="{output: {topic: output, format: sensor_msgs/msg/Image, answers: [camera]}}",
-        benchmark="{duration: 5 s}",
-    ),
-    passing=example(
-        playback="""
-            mode: timeline
-            inputs: {image: {from: image_raw, format: sensor_msgs/msg/Image}}
-        """,
-        monitors="{output: {topic: output, format: sensor_msgs/msg/Image, answers: [image]}}",
-        benchmark="{duration: 5 s}",
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B414", find=_find)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule
 
 
 def _find(context: Context) -> Findings:
@@ -12,12 +12,4 @@ def _find(context: Context) -> Findings:
             yield Finding(message=str(error), path=recording.path, help=error.hint, code=error.code)
 
 
-RULE = Rule(
-    code="R2B301",
-    title="bag does not exist",
-    severity="error",
-    why="There are no messages to play.",
-    failing=example(data_loader="{bag: ./bags/kitchen, topics: {/camera/image_raw: image_raw}}"),
-    passing=example(data_loader="{bag: r2b_storage, topics: {/d455_1_rgb_image: image_raw}}"),
-    find=_find,
-)
+RULE = Rule(code="R2B301", find=_find)

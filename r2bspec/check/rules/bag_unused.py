@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, quoted_list
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote, quoted_list
 
 
 def _find(context: Context) -> Findings:
@@ -21,22 +21,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B324",
-    title="unused bag",
-    severity="warning",
-    why="The bag is located and hashed, but none of its messages is played.",
-    failing=example(
-        data_loader="""
-            bags: [r2b_storage, r2b_hope]
-            topics: {/d455_1_rgb_image: image_raw}
-        """
-    ),
-    passing=example(
-        data_loader="""
-            bags: [r2b_storage]
-            topics: {/d455_1_rgb_image: image_raw}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B324", find=_find)

@@ -10,7 +10,6 @@ from r2bspec.check.rule_api import (
     Findings,
     KnownMetric,
     Rule,
-    example,
     known_metrics,
     quote,
 )
@@ -62,12 +61,4 @@ def _constant_outcome(each: KnownMetric) -> bool | None:
     return None
 
 
-RULE = Rule(
-    code="R2B515",
-    title="bound always passes or never passes",
-    severity="warning",
-    why="A bound that always passes checks nothing. One that never passes is an error.",
-    failing=example(slos="{fast: {at: 30 Hz, require: [drop_rate <= 100 %]}}"),
-    passing=example(slos="{fast: {at: 30 Hz, require: [drop_rate <= 5 %]}}"),
-    find=_find,
-)
+RULE = Rule(code="R2B515", find=_find)

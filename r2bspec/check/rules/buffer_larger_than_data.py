@@ -7,7 +7,6 @@ from r2bspec.check.rule_api import (
     Finding,
     Findings,
     Rule,
-    example,
     pluralize,
     quote,
     value_key,
@@ -62,34 +61,4 @@ def _counts_by_input(context: Context) -> dict[str, MessageCount]:
     return found
 
 
-RULE = Rule(
-    code="R2B322",
-    title="buffer larger than the data",
-    severity="warning",
-    why="Fewer distinct messages are played than the spec states.",
-    failing=example(
-        data_loader="""
-            bag: r2b_storage
-            window: {end: 0.5 s}
-            topics: {/d455_1_rgb_image: image_raw}
-        """,
-        playback="""
-            buffer: 30
-            inputs:
-              image: {from: image_raw, format: sensor_msgs/msg/Image}
-        """,
-    ),
-    passing=example(
-        data_loader="""
-            bag: r2b_storage
-            window: {end: 0.5 s}
-            topics: {/d455_1_rgb_image: image_raw}
-        """,
-        playback="""
-            buffer: 15
-            inputs:
-              image: {from: image_raw, format: sensor_msgs/msg/Image}
-        """,
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B322", find=_find)

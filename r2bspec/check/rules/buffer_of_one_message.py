@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule
 
 
 def _find(context: Context) -> Findings:
@@ -15,25 +15,4 @@ def _find(context: Context) -> Findings:
         )
 
 
-RULE = Rule(
-    code="R2B323",
-    title="buffer of one message",
-    severity="info",
-    why="Caches, trackers and branch predictors adapt to a repeated message, so nodes appear "
-    "faster than they are. It may be intended where every message costs the same.",
-    failing=example(
-        playback="""
-            buffer: 1
-            inputs:
-              image: {from: image_raw, format: sensor_msgs/msg/Image}
-        """
-    ),
-    passing=example(
-        playback="""
-            buffer: 10
-            inputs:
-              image: {from: image_raw, format: sensor_msgs/msg/Image}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B323", find=_find)

@@ -15,11 +15,4 @@ def _find(context: Context) -> Findings:
         )
 
 
-RULE = Rule(
-    code="R2B524",
-    title="unusable calibration file",
-    severity="warning",
-    why="This file next to the spec holds the measured noise of the unchanged graph. Without it, "
-    "there is no warning of margins below the noise.",
-    find=_find,
-)
+RULE = Rule(code="R2B524", find=_find)

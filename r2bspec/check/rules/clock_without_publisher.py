@@ -10,7 +10,6 @@ from r2bspec.check.rule_api import (
     Path,
     PhaseWiring,
     Rule,
-    example,
     quote,
 )
 
@@ -57,29 +56,4 @@ def _other_publishers(phase: PhaseWiring, node: NodeWiring) -> bool:
     return any(each is not node for each in phase.possible_publishers)
 
 
-RULE = Rule(
-    code="R2B233",
-    title="no publisher of /clock for a node that uses it",
-    severity="warning",
-    why="With 'use_sim_time' the clock of a node is 0 until the node receives /clock: its timers "
-    "do not run, and its stamps are 0.",
-    failing=example(
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                parameters: {use_sim_time: true}
-                remappings: {input: image}
-        """
-    ),
-    passing=example(
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                parameters: {use_sim_time: false}
-                remappings: {input: image}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B233", find=_find)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule
 
 
 def _find(context: Context) -> Findings:
@@ -16,33 +16,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B234",
-    title="command without ROS arguments",
-    severity="info",
-    why="A command may be any program, and may refuse arguments that it does not know. It gets "
-    "--ros-args with the namespace, the remappings and the parameters only if the spec states one "
-    "of these, or its topics.",
-    failing=example(
-        graph="""
-            nodes:
-              detector:
-                command: [sh, ./detector.sh]
-              relay:
-                python: r2bspec.nodes.RelayNode
-                remappings: {input: image}
-        """
-    ),
-    passing=example(
-        graph="""
-            nodes:
-              detector:
-                command: [sh, ./detector.sh]
-                subscribes: {image: sensor_msgs/msg/Image}
-              relay:
-                python: r2bspec.nodes.RelayNode
-                remappings: {input: image}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B234", find=_find)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, suggestion
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote, suggestion
 from r2bspec.language.located_tree import ListNode, to_plain
 
 
@@ -28,21 +28,4 @@ def _values(context: Context, variable: str) -> list[str]:
     return []
 
 
-RULE = Rule(
-    code="R2B518",
-    title="condition of an objective is always false",
-    severity="warning",
-    why="'when' compares a variable with a value that it cannot have, so the objective is not "
-    "judged.",
-    failing=example(
-        variables="{threads: {type: integer, value: 1, choices: [1, 2]}}",
-        benchmark="{iterations: $(var threads), rates: [30 Hz]}",
-        slos="{fast: {at: 30 Hz, when: {threads: 4}, require: [received > 0]}}",
-    ),
-    passing=example(
-        variables="{threads: {type: integer, value: 1, choices: [1, 2]}}",
-        benchmark="{iterations: $(var threads), rates: [30 Hz]}",
-        slos="{fast: {at: 30 Hz, when: {threads: 2}, require: [received > 0]}}",
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B518", find=_find)

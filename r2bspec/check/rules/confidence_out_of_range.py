@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule
 
 
 def _find(context: Context) -> Findings:
@@ -26,13 +26,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B522",
-    title="confidence is not between 50 % and 100 %",
-    severity="error",
-    why="A verdict is wrong with a probability of 1 minus its confidence. This probability is "
-    "never 0, and at 50 % the verdict is as good as a coin toss.",
-    failing=example(benchmark="{rates: [30 Hz], gate: {confidence: 100 %}}"),
-    passing=example(benchmark="{rates: [30 Hz], gate: {confidence: 99 %}}"),
-    find=_find,
-)
+RULE = Rule(code="R2B522", find=_find)

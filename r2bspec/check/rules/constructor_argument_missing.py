@@ -21,11 +21,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B231",
-    title="constructor of a node needs other arguments",
-    severity="error",
-    why="A node is created with **kwargs for Node, or without arguments. A parameter without a "
-    "default would fail every run.",
-    find=_find,
-)
+RULE = Rule(code="R2B231", find=_find)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, quote
 
 
 def _find(context: Context) -> Findings:
@@ -33,32 +33,4 @@ def _find(context: Context) -> Findings:
         )
 
 
-RULE = Rule(
-    code="R2B219",
-    title="node kind does not match its container",
-    severity="error",
-    why="A component container loads C++ components, and a Python container loads rclpy nodes. "
-    "Neither can load the other kind, or a program.",
-    failing=example(
-        harness="{placement: graph}",
-        containers="{perception: {executable: component_container}}",
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                container: perception
-                remappings: {input: image}
-        """,
-    ),
-    passing=example(
-        containers="{perception: {executable: python}}",
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                container: perception
-                remappings: {input: image}
-        """,
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B219", find=_find)

@@ -30,11 +30,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B232",
-    title="container with a node that needs its own process",
-    severity="error",
-    why="ROS arguments apply to every node of a process: all would have one name. Nodes whose "
-    "constructors pass **kwargs to Node get their arguments one by one.",
-    find=_find,
-)
+RULE = Rule(code="R2B232", find=_find)

@@ -9,7 +9,6 @@ from r2bspec.check.rule_api import (
     Pointer,
     Rule,
     did_you_mean,
-    example,
     quote,
     suggestion,
 )
@@ -35,30 +34,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B217",
-    title="unknown container",
-    severity="error",
-    why="Only declared containers are started, so the node would have no process to run in.",
-    failing=example(
-        containers="{perception: {executable: python}}",
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                container: percepton
-                remappings: {input: image}
-        """,
-    ),
-    passing=example(
-        containers="{perception: {executable: python}}",
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                container: perception
-                remappings: {input: image}
-        """,
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B217", find=_find)

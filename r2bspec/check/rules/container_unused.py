@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote
 
 
 def _find(context: Context) -> Findings:
@@ -18,21 +18,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B218",
-    title="unused container",
-    severity="warning",
-    why="The container is not started, and its settings have no effect.",
-    failing=example(containers="{perception: {executable: python}}"),
-    passing=example(
-        containers="{perception: {executable: python}}",
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                container: perception
-                remappings: {input: image}
-        """,
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B218", find=_find)

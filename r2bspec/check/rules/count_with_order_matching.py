@@ -8,7 +8,6 @@ from r2bspec.check.rule_api import (
     Findings,
     Pointer,
     Rule,
-    example,
     known_metrics,
     quote,
 )
@@ -35,33 +34,4 @@ def _find(context: Context) -> Findings:
                 )
 
 
-RULE = Rule(
-    code="R2B525",
-    title="count is not available when matching by order",
-    severity="error",
-    why="Duplicate and reordered outputs are detected by their stamps. When matching by order, a "
-    "duplicate is taken for the next output, and the count is always 0.",
-    failing=example(
-        graph="""
-            nodes:
-              counter:
-                command: [sh, ./counter.sh]
-                subscribes: {image: sensor_msgs/msg/Image}
-                publishes: {output: std_msgs/msg/Float32}
-        """,
-        monitors="{output: {topic: output, format: std_msgs/msg/Float32, match: order}}",
-        slos="{once: {at: 30 Hz, require: [duplicates == 0]}}",
-    ),
-    passing=example(
-        graph="""
-            nodes:
-              counter:
-                command: [sh, ./counter.sh]
-                subscribes: {image: sensor_msgs/msg/Image}
-                publishes: {output: std_msgs/msg/Float32}
-        """,
-        monitors="{output: {topic: output, format: std_msgs/msg/Float32, match: order}}",
-        slos="{all: {at: 30 Hz, require: [unmatched == 0]}}",
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B525", find=_find)

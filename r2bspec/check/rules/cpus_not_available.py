@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule
 
 
 def _find(context: Context) -> Findings:
@@ -28,28 +28,4 @@ def _pinned_cpus(context: Context) -> Iterator[tuple[Path, tuple[int, ...]]]:
         yield (*node.path, "cpus"), node.node.cpus
 
 
-RULE = Rule(
-    code="R2B638",
-    title="requested CPU is not available",
-    severity="warning",
-    why="A run on this machine would fail at startup.",
-    failing=example(
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                cpus: [0, 9999]
-                remappings: {input: image}
-        """
-    ),
-    passing=example(
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                cpus: [0]
-                remappings: {input: image}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B638", find=_find)

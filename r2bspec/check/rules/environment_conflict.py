@@ -10,7 +10,6 @@ from r2bspec.check.rule_api import (
     Path,
     Pointer,
     Rule,
-    example,
 )
 
 
@@ -39,40 +38,4 @@ def _shared_process(context: Context, node: NodeWiring) -> str:
     return f" {kind.name}" if shared and node.shares_process else ""
 
 
-RULE = Rule(
-    code="R2B615",
-    title="conflicting environment variables in one process",
-    severity="error",
-    why="Nodes of one container run in one process, and so do all Python nodes with 'placement: "
-    "shared'. A process has one environment.",
-    failing=example(
-        harness="{placement: graph}",
-        graph="""
-            placement: shared
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                remappings: {input: image, output: relayed}
-                env: {OMP_NUM_THREADS: "1"}
-              next:
-                python: r2bspec.nodes.RelayNode
-                remappings: {input: relayed}
-                env: {OMP_NUM_THREADS: "4"}
-        """,
-    ),
-    passing=example(
-        graph="""
-            placement: separate
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                remappings: {input: image, output: relayed}
-                env: {OMP_NUM_THREADS: "1"}
-              next:
-                python: r2bspec.nodes.RelayNode
-                remappings: {input: relayed}
-                env: {OMP_NUM_THREADS: "4"}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B615", find=_find)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example
-from r2bspec.untrusted.looked_up_files import environment_variable
+import os
+
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule
 
 
 def _find(context: Context) -> Findings:
     for index, name in enumerate(context.spec.environment):
-        if environment_variable(name) is None:
+        if os.environ.get(name) is None:
             yield Finding(
                 message=f"environment variable {name} is not set",
                 path=("environment", index),
@@ -17,13 +18,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B617",
-    title="unset environment variable",
-    severity="info",
-    why="The processes of a run get the variables that 'environment' lists. A variable that is "
-    "not set may be optional.",
-    failing=example(environment="[R2BSPEC_EXAMPLE_MODELS]"),
-    passing=example(environment="[PATH]"),
-    find=_find,
-)
+RULE = Rule(code="R2B617", find=_find)

@@ -25,11 +25,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B623",
-    title="executable not found in its ROS package",
-    severity="warning",
-    why="A run on this machine would fail at startup. This is a warning, because another version "
-    "of the package may have it.",
-    find=_find,
-)
+RULE = Rule(code="R2B623", find=_find)

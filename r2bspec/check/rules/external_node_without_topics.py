@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote
 
 
 def _find(context: Context) -> Findings:
@@ -21,28 +21,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B220",
-    title="external node without declared topics",
-    severity="info",
-    why="A run does not start an external node; it can only check that the node's topics exist "
-    "and have the right types.",
-    failing=example(
-        graph="""
-            nodes:
-              relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}
-              localisation: {external: true}
-        """
-    ),
-    passing=example(
-        graph="""
-            nodes:
-              relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}
-              localisation:
-                external: true
-                subscribes: {output: sensor_msgs/msg/Image}
-                publishes: {pose: geometry_msgs/msg/PoseStamped}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B220", find=_find)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote
 from r2bspec.plan.plan import ProcessPlan
 from r2bspec.plan.process_plans import graph_processes
 
@@ -36,27 +36,4 @@ def _shared_by_design(process: ProcessPlan) -> bool:
     return process.role == "container" or len(process.nodes) > 1
 
 
-_CONTAINERS = "{vision: {executable: python}}"
-_NODES = """
-    nodes:
-      first:
-        python: r2bspec.nodes.RelayNode
-        remappings: {input: image, output: middle}
-        container: vision
-      second:
-        python: r2bspec.nodes.RelayNode
-        remappings: {input: middle}
-        container: vision
-"""
-
-RULE = Rule(
-    code="R2B673",
-    title="harness outside the only process of the graph",
-    severity="info",
-    why="Within one process messages are handed over; to another one they are copied and sent, "
-    "which often takes longer than the nodes themselves. Where the nodes run in one process on the "
-    "robot, too, their neighbours do as well, and the way to other processes is not theirs.",
-    failing=example(containers=_CONTAINERS, graph=_NODES),
-    passing=example(harness="{placement: graph}", containers=_CONTAINERS, graph=_NODES),
-    find=_find,
-)
+RULE = Rule(code="R2B673", find=_find)

@@ -11,7 +11,6 @@ from r2bspec.check.rule_api import (
     Finding,
     Findings,
     Rule,
-    example,
     value_key,
 )
 from r2bspec.check.window_counts import window_message_counts
@@ -130,34 +129,4 @@ def _size(path: Path) -> int:
         return _MAX_READ_BYTES + 1
 
 
-_CAMERA_AND_IMU = example(
-    data_loader="""
-        bag: r2b_storage
-        topics: {/d455_1_rgb_camera_info: recorded/info, /d455_1_imu: recorded/imu}
-    """,
-    playback="""
-        inputs:
-          info: {from: recorded/info, format: sensor_msgs/msg/CameraInfo}
-          imu: {from: recorded/imu, format: sensor_msgs/msg/Imu}
-    """,
-    graph="""
-        nodes:
-          fusion:
-            command: [sh, ./fusion.sh]
-            subscribes: {info: sensor_msgs/msg/CameraInfo, imu: sensor_msgs/msg/Imu}
-            publishes: {output: sensor_msgs/msg/Imu}
-    """,
-    monitors="{output: {topic: output, format: sensor_msgs/msg/Imu}}",
-)
-
-RULE = Rule(
-    code="R2B415",
-    title="input messages without a partner",
-    severity="warning",
-    why="The messages of one step are those of all inputs with one header stamp. A message "
-    "without a partner is not played, so the run tests another load than the recording: above "
-    "5 % this is a warning, above 50 % an error.",
-    failing=_CAMERA_AND_IMU.replace("playback:", "playback:\n  unpaired: refuse"),
-    passing=_CAMERA_AND_IMU.replace("playback:", "playback:\n  unpaired: drop"),
-    find=_find,
-)
+RULE = Rule(code="R2B415", find=_find)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from r2bspec.check.message_types import begins_with_header
-from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, example, value_key
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, value_key
 
 
 def _find(context: Context) -> Findings:
@@ -36,36 +36,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B407",
-    title="monitor matches by stamp, but no playback input is stamped",
-    severity="error",
-    why="The player writes a unique stamp into the header of each message. Outputs of inputs "
-    "without such a stamp cannot be matched by it.",
-    failing=example(
-        graph="""
-            nodes:
-              camera:
-                command: [sh, ./camera.sh]
-                subscribes: {trigger: std_msgs/msg/Bool}
-                publishes: {output: sensor_msgs/msg/Image}
-        """,
-        preprocessors="""
-            trigger:
-              command: [sh, ./trigger.sh]
-              subscribes: {image_raw: sensor_msgs/msg/Image}
-              publishes: {trigger_raw: std_msgs/msg/Bool}
-        """,
-        playback="{inputs: {trigger: {from: trigger_raw, format: std_msgs/msg/Bool}}}",
-    ),
-    passing=example(
-        graph="""
-            nodes:
-              camera:
-                command: [sh, ./camera.sh]
-                subscribes: {image: sensor_msgs/msg/Image}
-                publishes: {output: sensor_msgs/msg/Image}
-        """,
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B407", find=_find)

@@ -31,12 +31,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B223",
-    title="unusable interface file",
-    severity="warning",
-    why="A file in the folder 'interfaces' describes the topics and parameters of a node before it "
-    "starts. Without the file, fewer errors are found. A file that was recorded from another node, "
-    "or before the node was changed, is not used.",
-    find=_find,
-)
+RULE = Rule(code="R2B223", find=_find)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, example, pluralize
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, pluralize
 from r2bspec.language.default_starts import MIN_ITERATIONS, default_starts
 
 
@@ -24,13 +24,4 @@ def _find(context: Context) -> Findings:
     )
 
 
-RULE = Rule(
-    code="R2B530",
-    title="too few iterations for the number of starts",
-    severity="error",
-    why="Starts of the same processes differ, and so do the iterations of one start. With one "
-    "iteration in each start, a verdict could not tell how much of the difference is the start's.",
-    failing=example(benchmark="{iterations: 4, starts: 5, rates: [30 Hz]}"),
-    passing=example(benchmark="{iterations: 10, starts: 5, rates: [30 Hz]}"),
-    find=_find,
-)
+RULE = Rule(code="R2B530", find=_find)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path as FilePath
 
 from r2bspec.check.installed_packages import package_share
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, suggestion
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote, suggestion
 from r2bspec.untrusted.safe_file import is_regular, names_in
 
 
@@ -46,21 +46,4 @@ def _launch_files(share: FilePath) -> list[str]:
         return []
 
 
-RULE = Rule(
-    code="R2B613",
-    title="launch file not found",
-    severity="error",
-    why="A run would fail at startup. A file next to the spec is part of it, so this is an error. "
-    "For a file of a package it is a warning, because another machine may have it.",
-    failing=example(
-        graph="""
-            nodes:
-              camera:
-                launch: {path: ./camera.launch.py}
-                subscribes: {image: sensor_msgs/msg/Image}
-                publishes: {output: sensor_msgs/msg/Image}
-        """
-    ),
-    passing=example(),
-    find=_find,
-)
+RULE = Rule(code="R2B613", find=_find)

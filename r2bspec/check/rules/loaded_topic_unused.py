@@ -8,7 +8,6 @@ from r2bspec.check.rule_api import (
     Finding,
     Findings,
     Rule,
-    example,
     quote,
     suggestion,
     topic_key,
@@ -33,25 +32,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B403",
-    title="unused loaded topic",
-    severity="warning",
-    why="Loading it takes time and memory. Often the name is misspelled.",
-    failing=example(
-        data_loader="""
-            bag: r2b_storage
-            topics:
-              /d455_1_rgb_image: image_raw
-              /d455_1_depth: depth_raw
-        """
-    ),
-    passing=example(
-        data_loader="""
-            bag: r2b_storage
-            topics:
-              /d455_1_rgb_image: image_raw
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B403", find=_find)

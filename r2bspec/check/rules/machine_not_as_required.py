@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule
 from r2bspec.check.this_machine import ARCHITECTURES, ROS_DISTROS, this_machine
 from r2bspec.language.spec import Requires
 from r2bspec.plan.host_match import unmet
@@ -32,12 +32,4 @@ def _known(requires: Requires | None) -> Requires | None:
     )
 
 
-RULE = Rule(
-    code="R2B676",
-    title="machine is not what the spec requires",
-    severity="warning",
-    why="A run on this machine is refused.",
-    failing=example(requires="{cores: 100000}"),
-    passing=example(requires="{cores: 1}"),
-    find=_find,
-)
+RULE = Rule(code="R2B676", find=_find)

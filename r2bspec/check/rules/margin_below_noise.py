@@ -22,12 +22,4 @@ def _find(context: Context) -> Findings:
         )
 
 
-RULE = Rule(
-    code="R2B523",
-    title="margin is below the noise of the machine",
-    severity="warning",
-    why="'r2bspec calibrate' measured how much runs of the unchanged graph differ. With a smaller "
-    "margin the unchanged graph is often inconclusive, and more than 10 % of the regressions of "
-    "that size are missed.",
-    find=_find,
-)
+RULE = Rule(code="R2B523", find=_find)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, value_key
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote, value_key
 
 
 def _find(context: Context) -> Findings:
@@ -17,19 +17,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B606",
-    title="unused matrix variable",
-    severity="warning",
-    why="Its cases do not differ, but each of them is run.",
-    failing=example(
-        variables="{threads: 1}",
-        matrix="{cases: {many: {threads: 4}}}",
-    ),
-    passing=example(
-        variables="{threads: 1}",
-        matrix="{cases: {many: {threads: 4}}}",
-        benchmark="{iterations: $(var threads), rates: [30 Hz]}",
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B606", find=_find)

@@ -48,11 +48,4 @@ def _messages(package: str) -> frozenset[str] | None:
         return None
 
 
-RULE = Rule(
-    code="R2B681",
-    title="message type not installed",
-    severity="warning",
-    why="Player and monitor need the Python package of a message type to publish it and to "
-    "subscribe to it. This is a warning, because another machine may have it.",
-    find=_find,
-)
+RULE = Rule(code="R2B681", find=_find)

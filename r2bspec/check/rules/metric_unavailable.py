@@ -9,7 +9,6 @@ from r2bspec.check.rule_api import (
     Findings,
     KnownMetric,
     Rule,
-    example,
     known_metrics,
     quote,
 )
@@ -72,28 +71,4 @@ def _monitor_without_header(context: Context, each: KnownMetric) -> str:
     )
 
 
-RULE = Rule(
-    code="R2B526",
-    title="metric is not available in this playback mode",
-    severity="error",
-    why="A live graph has its own source: its inputs, and so its losses, are not observed, and "
-    "latency is computed from the header stamp. Neither a live graph nor a timeline is played at "
-    "a selectable rate. A requirement on an unavailable metric cannot be met.",
-    failing=example(
-        playback="""
-            mode: timeline
-            inputs: {image: {from: image_raw, format: sensor_msgs/msg/Image}}
-        """,
-        benchmark="{duration: 5 s}",
-        slos="{steady: {require: [throughput.mean >= 97 % of offered]}}",
-    ),
-    passing=example(
-        playback="""
-            mode: timeline
-            inputs: {image: {from: image_raw, format: sensor_msgs/msg/Image}}
-        """,
-        benchmark="{duration: 5 s}",
-        slos="{steady: {require: [throughput.mean >= 29 Hz]}}",
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B526", find=_find)

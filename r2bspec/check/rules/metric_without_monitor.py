@@ -7,7 +7,6 @@ from r2bspec.check.rule_api import (
     Finding,
     Findings,
     Rule,
-    example,
     known_metrics,
     quote,
     quoted_list,
@@ -28,25 +27,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B503",
-    title="requirement applies to every monitor",
-    severity="info",
-    why="A metric without a monitor name is judged for each monitor. This may be intended, but it "
-    "is not visible in the document.",
-    failing=example(
-        monitors="""
-            output: {topic: output, format: sensor_msgs/msg/Image}
-            input: {topic: image, format: sensor_msgs/msg/Image}
-        """,
-        slos="{fast: {at: 30 Hz, require: [latency.p90 < 50 ms]}}",
-    ),
-    passing=example(
-        monitors="""
-            output: {topic: output, format: sensor_msgs/msg/Image}
-            input: {topic: image, format: sensor_msgs/msg/Image}
-        """,
-        slos="{fast: {at: 30 Hz, require: [output.latency.p90 < 50 ms]}}",
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B503", find=_find)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule
 
 
 def _find(context: Context) -> Findings:
@@ -19,22 +19,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B411",
-    title="duplicate monitor",
-    severity="warning",
-    why="Each monitor costs processor time, and the second one measures the same again.",
-    failing=example(
-        monitors="""
-            output: {topic: output, format: sensor_msgs/msg/Image}
-            again: {topic: /r2b/output, format: sensor_msgs/msg/Image}
-        """
-    ),
-    passing=example(
-        monitors="""
-            output: {topic: output, format: sensor_msgs/msg/Image}
-            input: {topic: image, format: sensor_msgs/msg/Image}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B411", find=_find)

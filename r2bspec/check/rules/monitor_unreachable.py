@@ -9,7 +9,6 @@ from r2bspec.check.rule_api import (
     Findings,
     Pointer,
     Rule,
-    example,
     quote,
     topic_key,
 )
@@ -40,34 +39,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B405",
-    title="no path from a playback input to a monitor",
-    severity="error",
-    why="None of the monitored messages results from an input, so they say nothing about the "
-    "graph under test.",
-    failing=example(
-        graph="""
-            nodes:
-              relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}
-              ring: {python: r2bspec.nodes.RelayNode, remappings: {input: a, output: b}}
-              back: {python: r2bspec.nodes.RelayNode, remappings: {input: b, output: a}}
-        """,
-        monitors="""
-            output: {topic: output, format: sensor_msgs/msg/Image}
-            other: {topic: a, format: sensor_msgs/msg/Image}
-        """,
-    ),
-    passing=example(
-        graph="""
-            nodes:
-              relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}
-              next: {python: r2bspec.nodes.RelayNode, remappings: {input: output, output: a}}
-        """,
-        monitors="""
-            output: {topic: output, format: sensor_msgs/msg/Image}
-            other: {topic: a, format: sensor_msgs/msg/Image}
-        """,
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B405", find=_find)

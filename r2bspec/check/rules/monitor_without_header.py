@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from r2bspec.check.message_types import begins_with_header
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, value_key
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, value_key
 
 
 def _find(context: Context) -> Findings:
@@ -19,31 +19,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B406",
-    title="monitor matches by stamp, but its messages have no header",
-    severity="error",
-    why="Matching by stamp pairs each output with the input that has the same header stamp. "
-    "Without a header no output matches, and every input counts as missed.",
-    failing=example(
-        graph="""
-            nodes:
-              counter:
-                command: [sh, ./counter.sh]
-                subscribes: {image: sensor_msgs/msg/Image}
-                publishes: {output: std_msgs/msg/Float32}
-        """,
-        monitors="{output: {topic: output, format: std_msgs/msg/Float32}}",
-    ),
-    passing=example(
-        graph="""
-            nodes:
-              counter:
-                command: [sh, ./counter.sh]
-                subscribes: {image: sensor_msgs/msg/Image}
-                publishes: {output: std_msgs/msg/Float32}
-        """,
-        monitors="{output: {topic: output, format: std_msgs/msg/Float32, match: order}}",
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B406", find=_find)

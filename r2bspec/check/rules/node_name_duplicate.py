@@ -40,11 +40,4 @@ def _generated_nodes(phase: PhaseWiring) -> Iterator[tuple[str, tuple[str, Path]
             yield f"{node.name}_container", (f"the container of {node.key}", node.path)
 
 
-RULE = Rule(
-    code="R2B215",
-    title="duplicate node name",
-    severity="error",
-    why="Nodes with the same name share services and parameters, and ROS does not define which of "
-    "them answers.",
-    find=_find,
-)
+RULE = Rule(code="R2B215", find=_find)

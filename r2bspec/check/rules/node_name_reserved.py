@@ -8,7 +8,6 @@ from r2bspec.check.rule_api import (
     Findings,
     Pointer,
     Rule,
-    example,
     quote,
     quoted_list,
 )
@@ -43,24 +42,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B203",
-    title="node name is reserved or already used by a container",
-    severity="error",
-    why="Logs and metrics (cpu.NAME.mean) are stored under the name of a process, and the process "
-    "of a node has the node's name. The harness uses the reserved names for its own processes, and "
-    "'system' for the whole machine.",
-    failing=example(
-        graph="""
-            nodes:
-              monitor: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}
-        """
-    ),
-    passing=example(
-        graph="""
-            nodes:
-              relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B203", find=_find)

@@ -36,12 +36,4 @@ def _message(node: NodeWiring, placement: str) -> str:
     )
 
 
-RULE = Rule(
-    code="R2B230",
-    title="node starts in its own process with ROS arguments",
-    severity="info",
-    why="A constructor without **kwargs cannot be given a name, a namespace, remappings and "
-    "parameters. They are then ROS arguments of the whole process, as with 'ros2 run', so that no "
-    "other node can run in it.",
-    find=_find,
-)
+RULE = Rule(code="R2B230", find=_find)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote
 
 
 def _find(context: Context) -> Findings:
@@ -15,12 +15,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B519",
-    title="disabled objective",
-    severity="info",
-    why="It remains in the document but checks nothing, which is easily overlooked.",
-    failing=example(slos="{fast: {at: 30 Hz, level: 'off', require: [latency.p90 < 50 ms]}}"),
-    passing=example(slos="{fast: {at: 30 Hz, level: info, require: [latency.p90 < 50 ms]}}"),
-    find=_find,
-)
+RULE = Rule(code="R2B519", find=_find)

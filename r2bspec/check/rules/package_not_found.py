@@ -14,7 +14,6 @@ from r2bspec.check.rule_api import (
     Pointer,
     Rule,
     did_you_mean,
-    example,
     pluralize,
     quote,
     value_key,
@@ -60,22 +59,4 @@ def _packages(context: Context) -> Iterator[tuple[Path, str]]:
             yield (*node.path, "launch", "package"), node.node.launch.package
 
 
-RULE = Rule(
-    code="R2B622",
-    title="ROS package not found",
-    severity="warning",
-    why="A run on this machine would fail at startup. This is a warning, because another machine "
-    "may have it.",
-    failing=example(
-        graph="""
-            nodes:
-              detector:
-                package: r2bspec_example_detector
-                executable: detector
-                subscribes: {image: sensor_msgs/msg/Image}
-                publishes: {output: sensor_msgs/msg/Image}
-        """
-    ),
-    passing=example(),
-    find=_find,
-)
+RULE = Rule(code="R2B622", find=_find)

@@ -31,11 +31,4 @@ def _advice(keys: list[str], node: NodeWiring) -> str:
     return f"it has parameters of {quoted_list(keys)}; '/**' matches any node"
 
 
-RULE = Rule(
-    code="R2B618",
-    title="parameter file has no parameters of the node",
-    severity="error",
-    why="ROS matches the full name of the node against the keys of the file, and ignores other "
-    "keys without a warning.",
-    find=_find,
-)
+RULE = Rule(code="R2B618", find=_find)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from r2bspec.check.parameter_types import parameter_file_paths
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, value_key
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote, value_key
 
 
 def _find(context: Context) -> Findings:
@@ -24,28 +24,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B614",
-    title="unusable parameter file",
-    severity="error",
-    why="The node would not start, or would start with default parameters.",
-    failing=example(
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                parameters: ./relay.yaml
-                remappings: {input: image}
-        """
-    ),
-    passing=example(
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                parameters: {service_time_ms: 1.0}
-                remappings: {input: image}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B614", find=_find)

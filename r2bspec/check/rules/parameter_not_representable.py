@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from r2bspec.check.parameter_types import parameter_overrides, parameter_type
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, value_key
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote, value_key
 from r2bspec.language.spec import ParameterValue
 
 
@@ -39,33 +39,4 @@ def _problem(value: ParameterValue) -> tuple[str, str] | None:
     return None
 
 
-RULE = Rule(
-    code="R2B213",
-    title="parameter value that ROS cannot represent",
-    severity="error",
-    why="A ROS parameter is a boolean, a 64-bit integer, a double, a string, or a list of items of "
-    "one of these types.",
-    failing=example(
-        graph="""
-            nodes:
-              relay:
-                command: [sh, ./relay.sh]
-                parameters: {gains: [1, 0.5]}
-                subscribes: {input: sensor_msgs/msg/Image}
-                publishes: {output: sensor_msgs/msg/Image}
-                remappings: {input: image}
-        """
-    ),
-    passing=example(
-        graph="""
-            nodes:
-              relay:
-                command: [sh, ./relay.sh]
-                parameters: {gains: [1.0, 0.5]}
-                subscribes: {input: sensor_msgs/msg/Image}
-                publishes: {output: sensor_msgs/msg/Image}
-                remappings: {input: image}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B213", find=_find)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from r2bspec.check.certainty import as_version_warning, with_record
 from r2bspec.check.parameter_types import ParameterOverride, parameter_overrides, parameter_type
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, value_key
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote, value_key
 from r2bspec.diagnostics.quote import clip
 from r2bspec.wiring.node_interface import ParameterInfo
 
@@ -43,28 +43,4 @@ def _finding(node: str, each: ParameterOverride, given: str, declared: Parameter
     )
 
 
-RULE = Rule(
-    code="R2B212",
-    title="parameter value of the wrong type",
-    severity="error",
-    why="A node does not start with a parameter of another type than it declares.",
-    failing=example(
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                parameters: {service_time_ms: 10}
-                remappings: {input: image}
-        """
-    ),
-    passing=example(
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                parameters: {service_time_ms: 10.0}
-                remappings: {input: image}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B212", find=_find)

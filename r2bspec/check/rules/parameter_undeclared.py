@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from r2bspec.check.certainty import as_version_warning, with_record
 from r2bspec.check.parameter_types import parameter_overrides
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, suggestion
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote, suggestion
 
 # Every node accepts these, and qos_overrides of its topics.
 _COMMON_PARAMETERS = ("use_sim_time", "start_type_description_service")
@@ -34,28 +34,4 @@ def _is_common_parameter(name: str) -> bool:
     return name in _COMMON_PARAMETERS or name.startswith("qos_overrides.")
 
 
-RULE = Rule(
-    code="R2B211",
-    title="parameter that the node does not declare",
-    severity="error",
-    why="ROS ignores the value and prints no warning; the node uses its default.",
-    failing=example(
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                parameters: {service_time: 10.0}
-                remappings: {input: image}
-        """
-    ),
-    passing=example(
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                parameters: {service_time_ms: 10.0}
-                remappings: {input: image}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B211", find=_find)

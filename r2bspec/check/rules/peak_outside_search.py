@@ -8,7 +8,6 @@ from r2bspec.check.rule_api import (
     Findings,
     Pointer,
     Rule,
-    example,
     known_metrics,
     quote,
 )
@@ -44,19 +43,4 @@ def _find(context: Context) -> Findings:
         )
 
 
-RULE = Rule(
-    code="R2B507",
-    title="required peak is outside the search range",
-    severity="error",
-    why="A search finds no peak outside its range, so the range alone would decide the "
-    "requirement.",
-    failing=example(
-        benchmark="{search: {min: 5 Hz, max: 40 Hz}}",
-        slos="{headroom: {require: [peak.rate >= 45 Hz]}}",
-    ),
-    passing=example(
-        benchmark="{search: {min: 5 Hz, max: 90 Hz}}",
-        slos="{headroom: {require: [peak.rate >= 45 Hz]}}",
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B507", find=_find)

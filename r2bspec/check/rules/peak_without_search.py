@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, known_metrics, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, known_metrics, quote
 
 
 def _find(context: Context) -> Findings:
@@ -27,15 +27,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B506",
-    title="requirement on the peak without a search",
-    severity="error",
-    why="The peak is the result of the search.",
-    failing=example(slos="{headroom: {require: [peak.rate >= 45 Hz]}}"),
-    passing=example(
-        benchmark="{rates: [30 Hz], search: {min: 5 Hz, max: 200 Hz}}",
-        slos="{headroom: {require: [peak.rate >= 45 Hz]}}",
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B506", find=_find)

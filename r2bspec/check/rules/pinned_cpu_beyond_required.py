@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule
 
 
 def _find(context: Context) -> Findings:
@@ -28,30 +28,4 @@ def _pinned_cpus(context: Context) -> Iterator[tuple[Path, tuple[int, ...]]]:
         yield (*node.path, "cpus"), node.node.cpus
 
 
-RULE = Rule(
-    code="R2B675",
-    title="pinned CPU beyond the required cores",
-    severity="warning",
-    why="A host with the fewest required cores takes the run, which then fails at its start.",
-    failing=example(
-        requires="{cores: 1}",
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                cpus: [0, 1]
-                remappings: {input: image}
-        """,
-    ),
-    passing=example(
-        requires="{cores: 1}",
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                cpus: [0]
-                remappings: {input: image}
-        """,
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B675", find=_find)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quoted_list
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quoted_list
 
 
 def _find(context: Context) -> Findings:
@@ -23,25 +23,4 @@ def _find(context: Context) -> Findings:
         )
 
 
-RULE = Rule(
-    code="R2B626",
-    title="nodes run in the process of the harness",
-    severity="info",
-    why="Messages need not be sent between processes, but the harness delays the graph: only one "
-    "of them runs at a time, on any number of cores.",
-    failing=example(
-        graph="""
-            placement: harness
-            nodes:
-              relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}
-        """
-    ),
-    passing=example(
-        graph="""
-            placement: separate
-            nodes:
-              relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B626", find=_find)

@@ -21,12 +21,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B639",
-    title="component not found in its package",
-    severity="warning",
-    why="The container cannot load it. This is a warning, because another version of the package "
-    "may have it.",
-    find=_find,
-    early=True,
-)
+RULE = Rule(code="R2B639", find=_find, early=True)

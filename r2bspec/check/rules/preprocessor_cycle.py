@@ -8,7 +8,6 @@ from r2bspec.check.rule_api import (
     Finding,
     Findings,
     Rule,
-    example,
     quote,
     topic_key,
 )
@@ -33,32 +32,4 @@ def _find(context: Context) -> Findings:
                 )
 
 
-RULE = Rule(
-    code="R2B402",
-    title="preprocessors form a cycle",
-    severity="error",
-    why="Messages circulate in a cycle without end, so preprocessing never completes.",
-    failing=example(
-        preprocessors="""
-            relay:
-              python: r2bspec.nodes.RelayNode
-              remappings: {input: again, output: prepared}
-            back:
-              python: r2bspec.nodes.RelayNode
-              remappings: {input: prepared, output: again}
-        """,
-        playback="{inputs: {image: {from: prepared, format: sensor_msgs/msg/Image}}}",
-    ),
-    passing=example(
-        preprocessors="""
-            relay:
-              python: r2bspec.nodes.RelayNode
-              remappings: {input: image_raw, output: again}
-            back:
-              python: r2bspec.nodes.RelayNode
-              remappings: {input: again, output: prepared}
-        """,
-        playback="{inputs: {image: {from: prepared, format: sensor_msgs/msg/Image}}}",
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B402", find=_find)

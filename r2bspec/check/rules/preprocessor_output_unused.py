@@ -8,7 +8,6 @@ from r2bspec.check.rule_api import (
     Finding,
     Findings,
     Rule,
-    example,
     quoted_list,
     topic_key,
 )
@@ -39,25 +38,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B404",
-    title="unused preprocessor output",
-    severity="warning",
-    why="The preprocessor runs before every benchmark, but none of its messages is played.",
-    failing=example(
-        preprocessors="""
-            relay:
-              python: r2bspec.nodes.RelayNode
-              remappings: {input: image_raw, output: prepared}
-        """
-    ),
-    passing=example(
-        preprocessors="""
-            relay:
-              python: r2bspec.nodes.RelayNode
-              remappings: {input: image_raw, output: prepared}
-        """,
-        playback="{inputs: {image: {from: prepared, format: sensor_msgs/msg/Image}}}",
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B404", find=_find)

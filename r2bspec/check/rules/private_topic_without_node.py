@@ -10,7 +10,6 @@ from r2bspec.check.rule_api import (
     Findings,
     Path,
     Rule,
-    example,
     flow_key,
     quote,
     topic_key,
@@ -57,29 +56,4 @@ def _harness_topics(context: Context) -> Iterator[tuple[str, Path, str, bool]]:
         yield monitor.topic, ("monitors", name, "topic"), "measure", False
 
 
-RULE = Rule(
-    code="R2B201",
-    title="private topic used outside of a node",
-    severity="error",
-    why="'~' is replaced by the name of the node that uses the topic. The data loader, the player "
-    "and monitors are not nodes of the graph, so there is no name to insert.",
-    failing=example(
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                remappings: {input: image, output: ~/output}
-        """,
-        monitors="{output: {topic: ~/output, format: sensor_msgs/msg/Image}}",
-    ),
-    passing=example(
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                remappings: {input: image, output: ~/output}
-        """,
-        monitors="{output: {topic: relay/output, format: sensor_msgs/msg/Image}}",
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B201", find=_find)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, NodeWiring, Rule, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, NodeWiring, Rule, quote
 from r2bspec.language.node_kinds import PROCESS_KEYS
 
 
@@ -34,31 +34,4 @@ def _why_shared(context: Context, node: NodeWiring) -> str:
     return f"with 'placement: {placement}' the node shares a process"
 
 
-RULE = Rule(
-    code="R2B221",
-    title="process setting without effect",
-    severity="warning",
-    why="'cpus', 'nice', 'prefix' and 'memory_limit' apply to a process. A node in a container "
-    "shares the process of the other nodes.",
-    failing=example(
-        graph="""
-            placement: shared
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                nice: 5
-                remappings: {input: image}
-        """
-    ),
-    passing=example(
-        graph="""
-            placement: separate
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                nice: 5
-                remappings: {input: image}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B221", find=_find)

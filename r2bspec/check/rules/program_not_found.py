@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path as FilePath
 
 from r2bspec.check.installed_packages import is_on_path
-from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, quote
 from r2bspec.untrusted.safe_file import is_regular
 
 
@@ -48,29 +48,4 @@ def _programs(context: Context) -> Iterator[tuple[Path, str, FilePath]]:
             yield ("after_ready", name, "command", 0), step.command[0], base_dir
 
 
-RULE = Rule(
-    code="R2B621",
-    title="program not found",
-    severity="warning",
-    why="A run on this machine would fail at startup. This is a warning, because another machine "
-    "may have it.",
-    failing=example(
-        graph="""
-            nodes:
-              detector:
-                command: [r2bspec-example-detector, --fast]
-                subscribes: {image: sensor_msgs/msg/Image}
-                publishes: {output: sensor_msgs/msg/Image}
-        """
-    ),
-    passing=example(
-        graph="""
-            nodes:
-              detector:
-                command: [sh, ./detector.sh]
-                subscribes: {image: sensor_msgs/msg/Image}
-                publishes: {output: sensor_msgs/msg/Image}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B621", find=_find)

@@ -36,12 +36,4 @@ def _find(context: Context) -> Findings:
                 )
 
 
-RULE = Rule(
-    code="R2B680",
-    title="import of a Python node not found",
-    severity="warning",
-    why="The node would not start on this machine. The file is parsed, not executed; imports in "
-    "branches, in functions and below 'try' are left out. This is a warning, because another "
-    "machine may have the module.",
-    find=_find,
-)
+RULE = Rule(code="R2B680", find=_find)

@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from r2bspec.check.installed_packages import find_module, top_level_names
 from r2bspec.check.python_target import PythonTarget, python_target
-from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example, quote, value_key
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, quote, value_key
 from r2bspec.untrusted.safe_file import is_regular
 
 
@@ -58,22 +58,4 @@ def _file(context: Context, path: Path, target: PythonTarget) -> Finding | None:
     return None
 
 
-RULE = Rule(
-    code="R2B624",
-    title="file or module of a Python node not found",
-    severity="error",
-    why="A run would fail at startup. A file is part of the spec, so this is an error. For a "
-    "module it is a warning, because another machine may have it.",
-    failing=example(
-        graph="""
-            nodes:
-              detector:
-                python: ./my_nodes.py:Detector
-                subscribes: {image: sensor_msgs/msg/Image}
-                publishes: {output: sensor_msgs/msg/Image}
-        """
-    ),
-    passing=example(),
-    find=_find,
-    early=True,
-)
+RULE = Rule(code="R2B624", find=_find, early=True)

@@ -11,7 +11,6 @@ from r2bspec.check.rule_api import (
     Finding,
     Findings,
     Rule,
-    example,
     quote,
     suggestion,
     value_key,
@@ -71,24 +70,4 @@ def _public(names: frozenset[str]) -> list[str]:
     ]
 
 
-RULE = Rule(
-    code="R2B625",
-    title="class or function of a Python node not found",
-    severity="error",
-    why="A run would fail at startup. The file is parsed, not executed; if the name may be "
-    "imported (from x import *), nothing is reported.",
-    failing=example(
-        graph="""
-            nodes:
-              relay: {python: r2bspec.nodes.RelayNod, remappings: {input: image}}
-        """
-    ),
-    passing=example(
-        graph="""
-            nodes:
-              relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}
-        """
-    ),
-    find=_find,
-    early=True,
-)
+RULE = Rule(code="R2B625", find=_find, early=True)

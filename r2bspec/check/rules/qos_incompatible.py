@@ -11,7 +11,6 @@ from r2bspec.check.rule_api import (
     PhaseWiring,
     Pointer,
     Rule,
-    example,
     flow_key,
     quote,
     topic_key,
@@ -73,43 +72,4 @@ def _endpoint_label(endpoint: Endpoint) -> str:
     return endpoint.owner.rpartition("/")[2] if endpoint.is_node else f"the {endpoint.owner}"
 
 
-RULE = Rule(
-    code="R2B216",
-    title="incompatible QoS of a publisher and a subscription",
-    severity="error",
-    why="ROS does not connect a subscription that requests more than the publisher offers, so no "
-    "message arrives.",
-    failing=example(
-        playback="""
-            inputs:
-              image:
-                from: image_raw
-                format: sensor_msgs/msg/Image
-                qos: {reliability: best_effort}
-        """,
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                remappings: {input: image}
-                qos: {input: {reliability: reliable}}
-        """,
-    ),
-    passing=example(
-        playback="""
-            inputs:
-              image:
-                from: image_raw
-                format: sensor_msgs/msg/Image
-                qos: {reliability: best_effort}
-        """,
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                remappings: {input: image}
-                qos: {input: {reliability: best_effort}}
-        """,
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B216", find=_find)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule
 from r2bspec.language.located_tree import ListNode
 from r2bspec.plan.topic_plans import direct_bag_topic
 
@@ -54,13 +54,4 @@ def _is_played_unchanged(context: Context, bag_topic: str) -> bool:
     )
 
 
-RULE = Rule(
-    code="R2B627",
-    title="rate exceeds the capacity of the transport",
-    severity="warning",
-    why="The transport becomes the bottleneck, and playback misses its schedule. The capacities "
-    "are estimates: a faster machine carries more.",
-    failing=example(transport="udp", benchmark="{rates: [200 Hz]}"),
-    passing=example(transport="udp", benchmark="{rates: [30 Hz]}"),
-    find=_find,
-)
+RULE = Rule(code="R2B627", find=_find)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule
 from r2bspec.language.quantities import Rate
 
 
@@ -19,12 +19,4 @@ def _find(context: Context) -> Findings:
         first.setdefault(rate, index)
 
 
-RULE = Rule(
-    code="R2B512",
-    title="duplicate rate",
-    severity="warning",
-    why="Results are stored by rate, so each rate is played once.",
-    failing=example(benchmark="{rates: [30 Hz, 0.03 kHz]}"),
-    passing=example(benchmark="{rates: [30 Hz, 60 Hz]}"),
-    find=_find,
-)
+RULE = Rule(code="R2B512", find=_find)

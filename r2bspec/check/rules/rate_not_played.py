@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, value_key
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, value_key
 from r2bspec.language.spec import Objective
 from r2bspec.measure.metric_catalogue import METRICS
 
@@ -32,15 +32,4 @@ def _needs_playing(objective: Objective) -> bool:
     )
 
 
-RULE = Rule(
-    code="R2B504",
-    title="objective at a rate that is not played",
-    severity="error",
-    why="There would be no data to judge the objective by.",
-    failing=example(slos="{fast: {at: 60 Hz, require: [latency.p90 < 50 ms]}}"),
-    passing=example(
-        benchmark="{rates: [30 Hz, 60 Hz]}",
-        slos="{fast: {at: 60 Hz, require: [latency.p90 < 50 ms]}}",
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B504", find=_find)

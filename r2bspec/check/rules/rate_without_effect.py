@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote
 
 
 def _find(context: Context) -> Findings:
@@ -30,27 +30,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B408",
-    title="rate without effect in this playback mode",
-    severity="error",
-    why="A timeline is played at its recorded times, and a live graph has its own source. Neither "
-    "can be played at another rate.",
-    failing=example(
-        playback="""
-            mode: timeline
-            inputs:
-              image: {from: image_raw, format: sensor_msgs/msg/Image}
-        """,
-        benchmark="{rates: [30 Hz]}",
-    ),
-    passing=example(
-        playback="""
-            mode: timeline
-            inputs:
-              image: {from: image_raw, format: sensor_msgs/msg/Image}
-        """,
-        benchmark="{duration: 5 s}",
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B408", find=_find)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, suggestion
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote, suggestion
 
 
 def _find(context: Context) -> Findings:
@@ -16,12 +16,4 @@ def _find(context: Context) -> Findings:
         )
 
 
-RULE = Rule(
-    code="R2B608",
-    title="ready probe of an unknown process",
-    severity="error",
-    why="The expected line never appears. A process has the name of its node or of its container.",
-    failing=example(ready="{up: {log: {process: rely, pattern: started}}}"),
-    passing=example(ready="{up: {log: {process: relay, pattern: started}}}"),
-    find=_find,
-)
+RULE = Rule(code="R2B608", find=_find)

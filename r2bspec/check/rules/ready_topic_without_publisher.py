@@ -7,7 +7,6 @@ from r2bspec.check.rule_api import (
     Finding,
     Findings,
     Rule,
-    example,
     quote,
     quoted_list,
     suggestion,
@@ -37,12 +36,4 @@ def _find(context: Context) -> Findings:
         )
 
 
-RULE = Rule(
-    code="R2B413",
-    title="ready probe waits for a topic without a publisher",
-    severity="error",
-    why="The run would wait until the probe times out, and then fail.",
-    failing=example(ready="{relay: {topic: outptu}}"),
-    passing=example(ready="{relay: {topic: output}}"),
-    find=_find,
-)
+RULE = Rule(code="R2B413", find=_find)

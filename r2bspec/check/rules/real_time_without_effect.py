@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule
 
 
 def _find(context: Context) -> Findings:
@@ -15,24 +15,4 @@ def _find(context: Context) -> Findings:
         )
 
 
-RULE = Rule(
-    code="R2B326",
-    title="real-time loading without preprocessors",
-    severity="warning",
-    why="'real_time' sets the speed at which preprocessors receive messages. Without "
-    "preprocessors, messages go directly from the bag into the buffer.",
-    failing=example(
-        data_loader="""
-            bag: r2b_storage
-            real_time: true
-            topics: {/d455_1_rgb_image: image_raw}
-        """
-    ),
-    passing=example(
-        data_loader="""
-            bag: r2b_storage
-            topics: {/d455_1_rgb_image: image_raw}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B326", find=_find)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote
 from r2bspec.wiring.name_resolution import expand
 
 
@@ -20,26 +20,4 @@ def _find(context: Context) -> Findings:
                 )
 
 
-RULE = Rule(
-    code="R2B206",
-    title="topic remapped to itself",
-    severity="warning",
-    why="The remapping has no effect and misleads readers of the spec.",
-    failing=example(
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                remappings: {input: image, output: /r2b/output}
-        """
-    ),
-    passing=example(
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                remappings: {input: image}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B206", find=_find)

@@ -11,7 +11,6 @@ from r2bspec.check.rule_api import (
     NodeWiring,
     Rule,
     did_you_mean,
-    example,
     flow_key,
     quote,
     quoted_list,
@@ -117,27 +116,4 @@ def _node_remapping_finding(phase: str, node: NodeWiring, left: str) -> Finding:
     )
 
 
-RULE = Rule(
-    code="R2B204",
-    title="remapping matches no topic of the node",
-    severity="error",
-    why="ROS ignores a remapping that matches no topic and prints no warning. The node keeps its "
-    "own topic name, and no message arrives.",
-    failing=example(
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                remappings: {inptu: image}
-        """
-    ),
-    passing=example(
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                remappings: {input: image}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B204", find=_find)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, quote
 from r2bspec.check.spec_requirements import LocatedRequirement
 
 
@@ -29,14 +29,4 @@ def _when(context: Context, located: LocatedRequirement) -> str:
     return "" if objective is None else repr((objective.when, objective.at_peak, objective.level))
 
 
-RULE = Rule(
-    code="R2B516",
-    title="duplicate requirement",
-    severity="warning",
-    why="It is judged twice, and a run that violates it fails two requirements.",
-    failing=example(
-        slos="{fast: {at: 30 Hz, require: [latency.p90 < 50 ms, latency.p90 < 50 ms]}}"
-    ),
-    passing=example(slos="{fast: {at: 30 Hz, require: [latency.p90 < 50 ms, drop_rate <= 5 %]}}"),
-    find=_find,
-)
+RULE = Rule(code="R2B516", find=_find)

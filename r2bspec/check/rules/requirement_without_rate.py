@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, known_metrics, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, known_metrics, quote
 
 
 def _find(context: Context) -> Findings:
@@ -22,13 +22,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B505",
-    title="requirement has no rate",
-    severity="error",
-    why="A latency at 10 Hz says little about the latency at 60 Hz. Only the result of the search "
-    "(peak.rate) and the accuracy have no rate.",
-    failing=example(slos="{fast: {require: [latency.p90 < 50 ms]}}"),
-    passing=example(slos="{fast: {at: 30 Hz, require: [latency.p90 < 50 ms]}}"),
-    find=_find,
-)
+RULE = Rule(code="R2B505", find=_find)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule
 
 _SEARCH = ("benchmark", "search")
 
@@ -19,12 +19,4 @@ def _find(context: Context) -> Findings:
         )
 
 
-RULE = Rule(
-    code="R2B508",
-    title="empty search range",
-    severity="error",
-    why="There is no rate to try.",
-    failing=example(benchmark="{rates: [30 Hz], search: {min: 200 Hz, max: 5 Hz}}"),
-    passing=example(benchmark="{rates: [30 Hz], search: {min: 5 Hz, max: 200 Hz}}"),
-    find=_find,
-)
+RULE = Rule(code="R2B508", find=_find)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, quote
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
 from r2bspec.language.secret_variables import is_secret_key
 
@@ -52,29 +52,4 @@ def _is_secret(node: TreeNode) -> bool:
     )
 
 
-RULE = Rule(
-    code="R2B604",
-    title="secret in plain text",
-    severity="warning",
-    why="Specs are committed to repositories and copied into run folders and reports. Values from "
-    "the environment are not.",
-    failing=example(
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                remappings: {input: image}
-                env: {CAMERA_PASSWORD: hunter2}
-        """
-    ),
-    passing=example(
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                remappings: {input: image}
-                env: {CAMERA_USER: guest}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B604", find=_find)

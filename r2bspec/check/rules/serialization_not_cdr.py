@@ -20,10 +20,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B306",
-    title="recorded messages are not CDR",
-    severity="error",
-    why="Messages are played as recorded, and ROS 2 nodes expect CDR.",
-    find=_find,
-)
+RULE = Rule(code="R2B306", find=_find)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote
 
 _BUILD_COMMAND = re.compile(
     r"(?:^|/)(?:colcon|cmake|make|ninja|bazel|cargo|pip|trtexec)$|build|compile|convert|download"
@@ -23,13 +23,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B607",
-    title="build step without 'creates'",
-    severity="info",
-    why="Without 'creates' a step runs before every run. With it, the step runs once, and a lock "
-    "prevents concurrent runs from building the same file.",
-    failing=example(setup="{model: {command: [sh, ./build_model.sh]}}"),
-    passing=example(setup="{model: {command: [sh, ./build_model.sh], creates: model.plan}}"),
-    find=_find,
-)
+RULE = Rule(code="R2B607", find=_find)

@@ -26,11 +26,4 @@ def _find(context: Context) -> Findings:
         )
 
 
-RULE = Rule(
-    code="R2B629",
-    title="not enough shared memory on this machine",
-    severity="warning",
-    why="Every process that uses the transport creates a segment of this size. A process for "
-    "which no space is left sends its messages over UDP.",
-    find=_find,
-)
+RULE = Rule(code="R2B629", find=_find)

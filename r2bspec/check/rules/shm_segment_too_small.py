@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, quote
 from r2bspec.language.quantities import Size
 
 
@@ -28,12 +28,4 @@ def _find(context: Context) -> Findings:
             return
 
 
-RULE = Rule(
-    code="R2B628",
-    title="shared memory segment is too small",
-    severity="error",
-    why="A message that does not fit is sent in fragments over UDP, with ten times the latency.",
-    failing=example(transport="{kind: shared_memory, segment: 1 MiB}"),
-    passing=example(transport="{kind: shared_memory, segment: 128 MiB}"),
-    find=_find,
-)
+RULE = Rule(code="R2B628", find=_find)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule
 
 
 def _find(context: Context) -> Findings:
@@ -17,22 +17,4 @@ def _find(context: Context) -> Findings:
         )
 
 
-_EXTERNAL = """
-    nodes:
-      relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}
-      localisation:
-        external: true
-        subscribes: {output: sensor_msgs/msg/Image}
-        publishes: {pose: geometry_msgs/msg/PoseStamped}
-"""
-
-RULE = Rule(
-    code="R2B531",
-    title="several starts of external nodes",
-    severity="warning",
-    why="Each start runs in new processes, so that a verdict is about the graph and not about one "
-    "start of it. External nodes are started by others.",
-    failing=example(graph=_EXTERNAL, benchmark="{iterations: 10, starts: 5, rates: [30 Hz]}"),
-    passing=example(graph=_EXTERNAL, benchmark="{iterations: 10, starts: 1, rates: [30 Hz]}"),
-    find=_find,
-)
+RULE = Rule(code="R2B531", find=_find)

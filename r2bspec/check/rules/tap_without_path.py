@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from r2bspec.check.message_types import begins_with_header
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, quoted_list
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote, quoted_list
 
 
 def _find(context: Context) -> Findings:
@@ -44,24 +44,4 @@ def _any_stamp(context: Context) -> bool:
     )
 
 
-RULE = Rule(
-    code="R2B412",
-    title="taps without an intermediate topic",
-    severity="info",
-    why="Taps split the latency of a graph into the latencies of its hops. They are set on the "
-    "known topics between the playback inputs and the monitored topic.",
-    failing=example(
-        monitors="{output: {topic: output, format: sensor_msgs/msg/Image, taps: true}}"
-    ),
-    passing=example(
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                remappings: {input: image, output: relayed}
-              again: {python: r2bspec.nodes.RelayNode, remappings: {input: relayed}}
-        """,
-        monitors="{output: {topic: output, format: sensor_msgs/msg/Image, taps: true}}",
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B412", find=_find)

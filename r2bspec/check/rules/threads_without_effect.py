@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote
 from r2bspec.language.spec import Container
 
 
@@ -28,31 +28,4 @@ def _reason(container: Container) -> str:
     return f"{container.executable} has no such setting"
 
 
-RULE = Rule(
-    code="R2B222",
-    title="thread count without effect",
-    severity="warning",
-    why="Only component_container_mt and Python containers with a multi-threaded executor have a "
-    "configurable number of threads.",
-    failing=example(
-        containers="{perception: {executable: python, threads: 4}}",
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                container: perception
-                remappings: {input: image}
-        """,
-    ),
-    passing=example(
-        containers="{perception: {executable: python, executor: multi_threaded, threads: 4}}",
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                container: perception
-                remappings: {input: image}
-        """,
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B222", find=_find)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from r2bspec.check.message_types import begins_with_header
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote
 from r2bspec.plan.topic_plans import direct_bag_topic
 
 
@@ -25,56 +25,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B409",
-    title="input of a timeline has no timestamps",
-    severity="error",
-    why="A timeline plays each message at the time of its header or of its recording. The output "
-    "of a preprocessor has no recorded times, so it needs a header.",
-    failing=example(
-        preprocessors="""
-            trigger:
-              command: [sh, ./trigger.sh]
-              subscribes: {image_raw: sensor_msgs/msg/Image}
-              publishes: {trigger_raw: std_msgs/msg/Bool}
-        """,
-        playback="""
-            mode: timeline
-            inputs:
-              image: {from: image_raw, format: sensor_msgs/msg/Image}
-              trigger: {from: trigger_raw, format: std_msgs/msg/Bool}
-        """,
-        graph="""
-            nodes:
-              camera:
-                command: [sh, ./camera.sh]
-                subscribes: {image: sensor_msgs/msg/Image, trigger: std_msgs/msg/Bool}
-                publishes: {output: sensor_msgs/msg/Image}
-        """,
-        benchmark="{duration: 5 s}",
-    ),
-    passing=example(
-        preprocessors="""
-            trigger:
-              command: [sh, ./trigger.sh]
-              subscribes: {image_raw: sensor_msgs/msg/Image}
-              publishes: {trigger_raw: std_msgs/msg/Bool}
-        """,
-        playback="""
-            mode: timeline
-            record_timeline: true
-            inputs:
-              image: {from: image_raw, format: sensor_msgs/msg/Image}
-              trigger: {from: trigger_raw, format: std_msgs/msg/Bool}
-        """,
-        graph="""
-            nodes:
-              camera:
-                command: [sh, ./camera.sh]
-                subscribes: {image: sensor_msgs/msg/Image, trigger: std_msgs/msg/Bool}
-                publishes: {output: sensor_msgs/msg/Image}
-        """,
-        benchmark="{duration: 5 s}",
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B409", find=_find)

@@ -10,7 +10,6 @@ from r2bspec.check.rule_api import (
     Findings,
     KnownMetric,
     Rule,
-    example,
     known_metrics,
     max_wrong_share,
     quote,
@@ -71,20 +70,4 @@ def _too_few(context: Context, each: KnownMetric, at: Rate, needed: int) -> Find
     )
 
 
-RULE = Rule(
-    code="R2B510",
-    title="too few messages to confirm a requirement",
-    severity="error",
-    why="A verdict needs 95 % confidence. Confirming that at most 1 % of all messages are late "
-    "takes 299 messages, none of them late; with fewer, even the best possible run is "
-    "inconclusive.",
-    failing=example(
-        benchmark="{duration: 5 s, iterations: 1, rates: [30 Hz]}",
-        slos="{fast: {at: 30 Hz, require: [latency.p99 < 50 ms]}}",
-    ),
-    passing=example(
-        benchmark="{duration: 5 s, iterations: 5, rates: [30 Hz]}",
-        slos="{fast: {at: 30 Hz, require: [latency.p99 < 50 ms]}}",
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B510", find=_find)

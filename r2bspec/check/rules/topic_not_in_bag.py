@@ -7,7 +7,6 @@ from r2bspec.check.rule_api import (
     Finding,
     Findings,
     Rule,
-    example,
     quote,
     suggestion,
     value_key,
@@ -29,12 +28,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B308",
-    title="topic not in the bag",
-    severity="error",
-    why="No message of the topic can be loaded, and every node that depends on it waits forever.",
-    failing=example(data_loader="{bag: r2b_storage, topics: {/d455_1_rgb_imgae: image_raw}}"),
-    passing=example(data_loader="{bag: r2b_storage, topics: {/d455_1_rgb_image: image_raw}}"),
-    find=_find,
-)
+RULE = Rule(code="R2B308", find=_find)

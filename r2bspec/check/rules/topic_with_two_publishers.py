@@ -10,7 +10,6 @@ from r2bspec.check.rule_api import (
     PhaseWiring,
     Pointer,
     Rule,
-    example,
     flow_key,
     quote,
     topic_key,
@@ -51,33 +50,4 @@ def _endpoint_label(endpoint: Endpoint) -> str:
     return _HARNESS_LABELS.get(endpoint.owner, endpoint.owner.rpartition("/")[2])
 
 
-RULE = Rule(
-    code="R2B209",
-    title="topic with two publishers",
-    severity="warning",
-    why="Messages of two publishers interleave, so outputs cannot be matched to inputs. If one of "
-    "them is the player or the data loader, the measurement is meaningless, and this is an error.",
-    failing=example(
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                remappings: {input: image}
-              again:
-                python: r2bspec.nodes.RelayNode
-                remappings: {input: image}
-        """
-    ),
-    passing=example(
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                remappings: {input: image, output: relayed}
-              again:
-                python: r2bspec.nodes.RelayNode
-                remappings: {input: relayed}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B209", find=_find)

@@ -18,7 +18,6 @@ from r2bspec.check.rule_api import (
     Pointer,
     Rule,
     did_you_mean,
-    example,
     flow_key,
     quote,
     quoted_list,
@@ -181,27 +180,4 @@ def _consequences(unpublished: _UnpublishedTopic) -> set[str]:
     return {flow_key(phase.phase), *(topic_key(phase.phase, name) for name in topics)}
 
 
-RULE = Rule(
-    code="R2B207",
-    title="subscribed topic has no publisher",
-    severity="error",
-    why="The subscription never receives a message. This is certain where the interfaces of all "
-    "nodes are known; otherwise it is a warning that names the nodes with unknown publishers.",
-    failing=example(
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                remappings: {input: imgae}
-        """
-    ),
-    passing=example(
-        graph="""
-            nodes:
-              relay:
-                python: r2bspec.nodes.RelayNode
-                remappings: {input: image}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B207", find=_find)

@@ -10,7 +10,6 @@ from r2bspec.check.rule_api import (
     Findings,
     PhaseWiring,
     Rule,
-    example,
     quote,
     suggestion,
     topic_key,
@@ -60,35 +59,4 @@ def _finding(
     )
 
 
-RULE = Rule(
-    code="R2B208",
-    title="published topic has no subscription",
-    severity="warning",
-    why="Playing the topic costs time and measures nothing. A remapping to a topic without a "
-    "subscription is often misspelt.",
-    failing=example(
-        data_loader="""
-            bag: r2b_storage
-            topics:
-              /d455_1_rgb_image: image_raw
-              /d455_1_rgb_camera_info: info_raw
-        """,
-        playback="""
-            inputs:
-              image: {from: image_raw, format: sensor_msgs/msg/Image}
-              camera_info: {from: info_raw, format: sensor_msgs/msg/CameraInfo}
-        """,
-    ),
-    passing=example(
-        data_loader="""
-            bag: r2b_storage
-            topics:
-              /d455_1_rgb_image: image_raw
-        """,
-        playback="""
-            inputs:
-              image: {from: image_raw, format: sensor_msgs/msg/Image}
-        """,
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B208", find=_find)

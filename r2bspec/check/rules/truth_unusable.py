@@ -7,7 +7,6 @@ from r2bspec.check.rule_api import (
     Finding,
     Findings,
     Rule,
-    april_tag_example,
     did_you_mean,
     quote,
     quoted_list,
@@ -77,14 +76,4 @@ def _of_kind(names: TruthNames, truth: Truth) -> tuple[str, ...]:
     return names.disparity if truth.kind == "disparity" else names.tag
 
 
-RULE = Rule(
-    code="R2B416",
-    title="truth that the recording does not have",
-    severity="error",
-    why="What a monitor receives is compared with the ground truth of the recording. Synthetic "
-    "datasets have the disparities of their stereo pairs, if both images are loaded, and the poses "
-    "of the tag of r2b_storage; other recordings have what their ground_truth.json says.",
-    failing=april_tag_example(truth="{kind: tag, name: /d455_1_rbg_image}"),
-    passing=april_tag_example(truth="{kind: tag, name: /d455_1_rgb_image}"),
-    find=_find,
-)
+RULE = Rule(code="R2B416", find=_find)

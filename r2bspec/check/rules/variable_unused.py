@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, value_key
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote, value_key
 
 
 def _find(context: Context) -> Findings:
@@ -17,12 +17,4 @@ def _find(context: Context) -> Findings:
             )
 
 
-RULE = Rule(
-    code="R2B616",
-    title="unused variable",
-    severity="warning",
-    why="Setting it with --var has no effect.",
-    failing=example(variables="{rate: 30 Hz}"),
-    passing=example(variables="{rate: 30 Hz}", benchmark="{rates: [$(var rate)]}"),
-    find=_find,
-)
+RULE = Rule(code="R2B616", find=_find)

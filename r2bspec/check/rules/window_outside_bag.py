@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, value_key
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote, value_key
 from r2bspec.language.quantities import Duration
 
 _WINDOW = ("data_loader", "window")
@@ -43,25 +43,4 @@ def _duration_ns(context: Context) -> int:
     return context.bag.duration_ns if context.bag is not None else 0
 
 
-RULE = Rule(
-    code="R2B309",
-    title="window outside of the bag",
-    severity="error",
-    why="The part of the window outside of the bag has no messages. If a recorded bag only ends "
-    "before the window does, this is a warning.",
-    failing=example(
-        data_loader="""
-            bag: r2b_storage
-            window: {start: 12 s, end: 13 s}
-            topics: {/d455_1_rgb_image: image_raw}
-        """
-    ),
-    passing=example(
-        data_loader="""
-            bag: r2b_storage
-            window: {start: 2 s, end: 3 s}
-            topics: {/d455_1_rgb_image: image_raw}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B309", find=_find)

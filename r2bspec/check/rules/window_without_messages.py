@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Rule, example, quote, value_key
+from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote, value_key
 from r2bspec.check.window_counts import window_message_counts
 
 _WINDOW = ("data_loader", "window")
@@ -32,24 +32,4 @@ def _find(context: Context) -> Findings:
         )
 
 
-RULE = Rule(
-    code="R2B321",
-    title="window without messages",
-    severity="error",
-    why="Without messages there is nothing to play.",
-    failing=example(
-        data_loader="""
-            bag: r2b_storage
-            window: {start: 10 ms, end: 20 ms}
-            topics: {/d455_1_rgb_image: image_raw}
-        """
-    ),
-    passing=example(
-        data_loader="""
-            bag: r2b_storage
-            window: {start: 10 ms, end: 200 ms}
-            topics: {/d455_1_rgb_image: image_raw}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B321", find=_find)

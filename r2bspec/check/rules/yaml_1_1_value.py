@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, example, quote
+from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, quote
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
 
 _BOOLEAN_WORDS = frozenset({"yes", "no", "on", "off", "y", "n"})
@@ -56,31 +56,4 @@ def _yaml_1_1_value(text: str) -> tuple[str, str] | None:
     return None
 
 
-RULE = Rule(
-    code="R2B603",
-    title="value that YAML 1.1 reads as a number or a boolean",
-    severity="warning",
-    why="Specs are YAML 1.2, where 'on', '010' and '12:30' are strings. ROS parameter files are "
-    "YAML 1.1, where they are a boolean and numbers.",
-    failing=example(
-        graph="""
-            nodes:
-              relay:
-                command: [sh, ./relay.sh]
-                parameters: {fast: yes}
-                subscribes: {image: sensor_msgs/msg/Image}
-                publishes: {output: sensor_msgs/msg/Image}
-        """
-    ),
-    passing=example(
-        graph="""
-            nodes:
-              relay:
-                command: [sh, ./relay.sh]
-                parameters: {fast: true}
-                subscribes: {image: sensor_msgs/msg/Image}
-                publishes: {output: sensor_msgs/msg/Image}
-        """
-    ),
-    find=_find,
-)
+RULE = Rule(code="R2B603", find=_find)

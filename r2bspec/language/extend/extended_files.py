@@ -23,7 +23,6 @@ from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNod
 from r2bspec.language.source_text import MAX_DOCUMENT_BYTES, Source, read_file
 from r2bspec.language.variable_references import OPENING
 from r2bspec.language.yaml_composer import compose
-from r2bspec.untrusted.looked_up_files import note_lookup
 from r2bspec.untrusted.safe_file import ByteBudget, is_regular, names_in
 
 KEY = "extends"
@@ -147,11 +146,10 @@ class _FileMerger:
 
     def _readable_path(self, node: ScalarNode, path: FilePath, text: str) -> FilePath | None:
         """The real path of a file that may be read; None if the reason why not is reported."""
-        note_lookup(path)
         try:
             real = path.resolve()
             inside = any(real.is_relative_to(folder) for folder in self._folders)
-            there = inside and is_regular(real)
+            there = inside and is_regular(path)
         except (OSError, ValueError, RuntimeError):
             inside, there, real = True, False, path
         if not inside:

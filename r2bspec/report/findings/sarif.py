@@ -17,6 +17,7 @@ from urllib.parse import quote
 
 from r2bspec._version import __version__
 from r2bspec.diagnostics import Diagnostic, Severity, Span, format_path
+from r2bspec.diagnostics.code_pages import find_page
 
 SCHEMA = "https://json.schemastore.org/sarif-2.1.0.json"
 _LEVELS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.INFO: "note"}
@@ -51,8 +52,6 @@ def render(
 
 
 def _rule(code: str) -> dict[str, Any]:
-    from r2bspec.check.pages import find_page
-
     page = find_page(code)
     if page is None:
         return {"id": code}

@@ -1,20 +1,13 @@
-"""The slugs of codes, looked up only when a finding is shown."""
+"""Codes as they are shown to users, with their slugs."""
 
 from __future__ import annotations
 
-from functools import cache
+from r2bspec.diagnostics.code_pages import find_page
 
 
-@cache
 def slug_of(code: str) -> str:
     """The slug of a code, such as ``unknown-key``; empty for a code without a page."""
-    from r2bspec.language.pages import PAGES
-
-    page = PAGES.get(code)
-    if page is None:
-        from r2bspec.check.pages import find_page
-
-        page = find_page(code)
+    page = find_page(code)
     return page.slug if page is not None else ""
 
 

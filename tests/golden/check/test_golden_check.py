@@ -1,9 +1,9 @@
 """Specs with mistakes in them, and what is said about them, word for word.
 
-``CODE.yaml`` is the failing example of the rule of that code, any other ``NAME.yaml`` a case with
-several mistakes, or with one that many rules could trip over. ``NAME.out`` is what a user sees.
-With ``R2BSPEC_REWRITE=1`` in the environment the outputs, and the rules' examples, are written
-instead of compared; look at the difference before you commit it.
+``CODE.out`` is what a user sees of the failing example on the page of that code. ``NAME.yaml`` is a
+case with several mistakes, or with one that many rules could trip over, beside its ``NAME.out``.
+With ``R2BSPEC_REWRITE=1`` in the environment the outputs are written instead of compared; look at
+the difference before you commit it.
 """
 
 from __future__ import annotations
@@ -14,16 +14,15 @@ from pathlib import Path
 import pytest
 
 from r2bspec.check import check
-from r2bspec.check.rule import Rule
 from r2bspec.check.rule_registry import all_rules
+from r2bspec.diagnostics import Page
 from r2bspec.language.load_spec import load_spec
 from r2bspec.report.findings import text
 
 HERE = Path(__file__).parent
 REWRITE = bool(os.environ.get("R2BSPEC_REWRITE"))
-WITH_EXAMPLES = [rule for rule in all_rules() if rule.failing]
-CODES = {rule.code for rule in WITH_EXAMPLES}
-CASES = sorted(file for file in HERE.glob("*.yaml") if file.stem not in CODES)
+WITH_EXAMPLES = [rule.page for rule in all_rules() if rule.page.failing]
+CASES = sorted(HERE.glob("*.yaml"))
 
 
 @pytest.fixture(autouse=True)
@@ -50,21 +49,16 @@ def compare(said: str, beside: Path) -> None:
     assert said == beside.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("rule", WITH_EXAMPLES, ids=lambda rule: rule.code)
-def test_the_failing_example_of_a_rule(rule: Rule) -> None:
-    file = HERE / f"{rule.code}.yaml"
-    if REWRITE:
-        file.write_text(rule.failing, encoding="utf-8")
-    assert rule.failing == file.read_text(encoding="utf-8")
-    said = said_about(rule.failing, file.name)
-    compare(said, file.with_suffix(".out"))
-    codes = {each.code for each in check(load_spec(rule.failing, environ={}))}
-    assert codes == {rule.code}, "an example shows one thing"
+@pytest.mark.parametrize("page", WITH_EXAMPLES, ids=lambda page: page.code)
+def test_the_failing_example_of_a_rule(page: Page) -> None:
+    compare(said_about(page.failing, f"{page.code}.yaml"), HERE / f"{page.code}.out")
+    codes = {each.code for each in check(load_spec(page.failing, environ={}))}
+    assert codes == {page.code}, "an example shows one thing"
 
 
-@pytest.mark.parametrize("rule", WITH_EXAMPLES, ids=lambda rule: rule.code)
-def test_nothing_is_said_about_the_passing_example_of_a_rule(rule: Rule) -> None:
-    assert said_about(rule.passing, "passing.yaml") == ""
+@pytest.mark.parametrize("page", WITH_EXAMPLES, ids=lambda page: page.code)
+def test_nothing_is_said_about_the_passing_example_of_a_rule(page: Page) -> None:
+    assert said_about(page.passing, "passing.yaml") == ""
 
 
 @pytest.mark.parametrize("file", CASES, ids=lambda file: file.stem)

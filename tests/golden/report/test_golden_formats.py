@@ -1,6 +1,6 @@
 """Reports that are text, word for word.
 
-After a wanted change: UPDATE_GOLDEN=1 pytest tests/golden/report, and read the difference.
+After a wanted change: `make generated`, and read the difference.
 """
 
 from __future__ import annotations
@@ -60,6 +60,6 @@ def test_the_report_reads_like_this(
     reported = ReportInput(result=result_of(run), run=run, spec_file=spec)
     content = renderer(format_name)(reported)
     golden = Path(__file__).parent / f"{format_name}_{name}.{FORMATS[format_name]}"
-    if os.environ.get("UPDATE_GOLDEN"):
+    if os.environ.get("R2BSPEC_REWRITE"):
         golden.write_bytes(content)
     assert content == golden.read_bytes()

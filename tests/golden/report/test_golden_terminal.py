@@ -1,6 +1,6 @@
 """The terminal report, word for word.
 
-After a wanted change: UPDATE_GOLDEN=1 pytest tests/golden/report, and read the difference.
+After a wanted change: `make generated`, and read the difference.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def test_the_report_reads_like_this(
     result = result_of(simulation.write(tmp_path))
     text = to_text(result, Path("runs/simulated-20260101-000000"), width)
     golden = Path(__file__).parent / f"terminal_{name}_{width}.txt"
-    if os.environ.get("UPDATE_GOLDEN"):
+    if os.environ.get("R2BSPEC_REWRITE"):
         golden.write_text(text, encoding="utf-8")
     assert text == golden.read_text(encoding="utf-8")
     assert all(len(line) <= width for line in text.splitlines())

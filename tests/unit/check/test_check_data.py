@@ -8,8 +8,8 @@ import msgspec
 import pytest
 from check_specs import STRING, codes, findings, write_bag
 
+from example_spec import example
 from r2bspec.check.check_context import Context
-from r2bspec.check.example_spec import example
 from r2bspec.check.rules.serialization_not_cdr import RULE as SERIALIZED
 from r2bspec.check.window_counts import MessageCount, window_message_counts
 from r2bspec.language.load_spec import load_spec

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from check_specs import codes, findings
 
-from r2bspec.check.example_spec import example
+from example_spec import example
 from r2bspec.diagnostics import Severity
 from r2bspec.language.load_spec import load_spec
 

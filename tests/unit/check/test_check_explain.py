@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from r2bspec.check.pages import all_pages
 from r2bspec.cli.main import main
+from r2bspec.diagnostics.code_pages import all_pages
 from r2bspec.report.findings.slugs import code_with_slug
 
 

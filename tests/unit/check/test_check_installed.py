@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from check_specs import codes, findings
 
-from r2bspec.check.example_spec import example
+from example_spec import example
 from r2bspec.check.installation_advice import ros_package_advice
 from r2bspec.check.installed_packages import find_module, package_executables, top_level_names
 from r2bspec.diagnostics import Certainty

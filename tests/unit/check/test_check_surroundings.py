@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from check_specs import codes, findings, write_bag
 
+from example_spec import example
 from r2bspec.check.bag_index_cache import cached_index
-from r2bspec.check.example_spec import example
 from r2bspec.datasets.locate_bag import locate as locate_bag
 from r2bspec.diagnostics import Certainty
 

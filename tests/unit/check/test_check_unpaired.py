@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from check_specs import codes, findings
 
-from r2bspec.check.example_spec import example
+from example_spec import example
 from r2bspec.check.rules import input_messages_unpaired
 from ros_runs import write_bag
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.check.example_spec import example
+from example_spec import example
 from r2bspec.cli.docs import docs_folder
 from r2bspec.cli.main import main
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,7 @@ import pytest
 from r2bspec.api import compile_plan, validate
 from r2bspec.cli.main import main
 from r2bspec.diagnostics import Certainty
-from r2bspec.language.templates import SUFFIX, filled, node_key, purpose, templates
+from r2bspec.language.templates import node_key, purpose, templates
 
 ROOT = Path(__file__).parents[3]
 
@@ -85,21 +84,6 @@ def test_the_list_says_what_each_is_for(capsys: pytest.CaptureFixture[str]) -> N
         purpose(text) in line for text, line in zip(templates().values(), lines, strict=True)
     )
     assert max(map(len, lines)) <= 140
-
-
-def test_the_templates_in_specs_are_written_from_those_of_the_package() -> None:
-    """They are there for people to read; `R2BSPEC_REWRITE=1 pytest` writes them."""
-    folder = ROOT / "specs" / "templates"
-    wanted = {
-        f"{name}{SUFFIX}": filled(text, None, "../../schemas/r2bspec-v1.schema.json")
-        for name, text in templates().items()
-    }
-    if os.environ.get("R2BSPEC_REWRITE"):
-        for stale in folder.glob(f"*{SUFFIX}"):
-            stale.unlink()
-        for name, text in wanted.items():
-            (folder / name).write_text(text)
-    assert {each.name: each.read_text() for each in folder.glob(f"*{SUFFIX}")} == wanted
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from example_spec import example
 from r2bspec import api
-from r2bspec.check.example_spec import example
 from r2bspec.cli.main import main
 from r2bspec.language.untrusted_environment import UntrustedSpecs
 

@@ -11,11 +11,18 @@ from pathlib import Path
 import pytest
 
 from data_bags import chatter, write_bag
+from example_spec import example
 from r2bspec.cli import spec_watch
-from r2bspec.cli.file_report import FileReport
+from r2bspec.cli.check_files import check_file
+from r2bspec.cli.file_report import CheckOptions, FileReport
 from r2bspec.cli.main import main
 from r2bspec.cli.spec_watch import SpecWatch
-from r2bspec.untrusted.looked_up_files import looked_up_files, note_lookup, stamp
+from r2bspec.untrusted.looked_up_files import (
+    looked_up_files,
+    note_lookup,
+    shared_lookups,
+    stamp,
+)
 from r2bspec.untrusted.safe_file import is_there, read_text
 
 BASE = """\
@@ -206,6 +213,27 @@ def test_nothing_is_done_while_nothing_changes(
     assert [each.texts for each in told][1] == {str(files[1]): "22"}
     # One call for each path, although all specs depend on the common one.
     assert polls.looks == 12 * 4
+
+
+def test_what_is_looked_up_once_is_noted_for_every_spec(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    index = tmp_path / "prefix/share/ament_index/resource_index/packages"
+    index.mkdir(parents=True)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "prefix"))
+    specs = [tmp_path / "one.r2b.yaml", tmp_path / "two.r2b.yaml"]
+    node = "{nodes: {relay: {package: some_package, executable: relay}}}"
+    for file in specs:
+        file.write_text(example(graph=node))
+    noted = []
+    with shared_lookups():
+        for file in specs:
+            with looked_up_files() as seen:
+                check_file(str(file), CheckOptions())
+            noted.append(set(seen.files))
+    one, two = noted
+    assert str(index) in one & two
+    assert {Path(path).parent for path in one ^ two} == {tmp_path}
 
 
 def test_it_prints_text_for_people_only(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,7 +10,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from r2bspec.check.example_spec import example
+import r2bspec.cli.check_files as check_files_module
+from example_spec import example
 from r2bspec.cli.main import main
 from r2bspec.exit_status import ExitStatus
 from r2bspec.judge.judge_run import from_json, result_of, to_json
@@ -60,6 +61,29 @@ def test_a_file_name_that_is_not_utf_8(
     if output_format == "sarif":
         uri = json.loads(shown.out)["runs"][0]["artifacts"][0]["location"]["uri"]
         assert uri.endswith("/%FF%FE.r2b.yaml")
+
+
+@pytest.mark.parametrize("together", [True, False])
+@pytest.mark.parametrize("text", [example(), "r2bspec: 3\n"], ids=["valid", "wrong"])
+def test_a_file_name_that_is_not_utf_8_hides_no_finding_of_other_files(
+    text: str,
+    together: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(check_files_module, "MIN_PARALLEL_FILES", 2 if together else 1000)
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1})
+    Path(os.fsdecode(os.fsencode(tmp_path) + b"/20\xff.r2b.yaml")).write_text(text)
+    others = [tmp_path / f"{number}.r2b.yaml" for number in range(10, 50)]
+    for file in others:
+        file.write_text("1: 2\n")
+    status = main(["validate", "--format", "json", str(tmp_path)])
+    shown = capsys.readouterr()
+    assert (status, shown.err) == (ExitStatus.FINDINGS_OR_FAILED, "")
+    named = {finding["file"] for finding in json.loads(shown.out)["findings"]}
+    assert named >= {str(file) for file in others}
+    assert len(named) == len(others) + (text != example())
 
 
 def _put(document: Any, place: tuple[str | int, ...], value: object) -> Any:

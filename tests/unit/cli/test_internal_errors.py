@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 import r2bspec.cli.check_files as check_files_module
-from r2bspec.check.example_spec import example
+from example_spec import example
 from r2bspec.cli import main as cli
 from r2bspec.cli.file_report import CheckOptions
 from r2bspec.cli.internal_error import MAX_FAILURES, Crash, InternalError, WorkerEndedError

@@ -12,8 +12,8 @@ import click
 import msgspec
 import pytest
 
+from example_spec import example
 from r2bspec import api
-from r2bspec.check.example_spec import example
 from r2bspec.cli.main import main
 from r2bspec.cli.run import command as run_verb
 from r2bspec.cli.run_selection import run_items

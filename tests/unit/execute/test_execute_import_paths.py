@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.check.example_spec import example
+from example_spec import example
 from r2bspec.cli.main import main
 
 PACKAGE = Path(__file__).parents[3] / "r2bspec"

@@ -11,8 +11,8 @@ from typing import Any
 import msgspec
 import pytest
 
+from example_spec import example
 from r2bspec import api
-from r2bspec.check.example_spec import example
 from r2bspec.check.rules.transport_unsupported_by_middleware import RULE
 from r2bspec.compare.interleaved_comparison import prepare_comparison
 from r2bspec.compare.interleaved_runs import ComparisonSide

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from example_spec import example
 from r2bspec.check import check
-from r2bspec.check.example_spec import example
-from r2bspec.check.pages import all_pages
 from r2bspec.diagnostics import Diagnostic, Severity, Span
+from r2bspec.diagnostics.code_pages import all_pages
 from r2bspec.diagnostics.waivers import apply_waivers, waivers_in
 from r2bspec.language.load_spec import load_spec
 

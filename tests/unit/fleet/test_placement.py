@@ -7,8 +7,8 @@ from typing import Any
 import msgspec
 import pytest
 
+from example_spec import example
 from r2bspec._version import __version__
-from r2bspec.check.example_spec import example
 from r2bspec.fleet.host_facts import HostFacts
 from r2bspec.fleet.placement import place
 from r2bspec.language.load_spec import load_spec

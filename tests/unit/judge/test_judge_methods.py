@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import ast
 import math
-from collections.abc import Iterator
 from pathlib import Path
 from typing import get_args
 
@@ -20,15 +18,6 @@ from r2bspec.measure.metric_catalogue import METRICS
 PACKAGE = Path(judge_requirement.__file__).parents[1]
 METHOD_MODULES = PACKAGE / "judge" / "methods"
 HELPERS = {"__init__", "method_registry", "forecast"}
-
-NAMED_ELSEWHERE = {
-    "exact binomial": {"interop/imported_verdicts.py"},
-    "paired t on logs": {"judge/baseline_ratio.py", "judge/pair_comparison.py"},
-    "prediction interval": {"judge/baseline_ratio.py", "judge/history_comparison.py"},
-    "stored baseline": {"judge/baseline_ratio.py"},
-}
-"""Where a method is named besides its module: by what decides with it, and confirms it by itself.
-``observation`` is a word of metrics, too, and ``none`` one of many things."""
 
 
 def question(text: str) -> Question:
@@ -61,17 +50,3 @@ def test_a_requirement_has_its_method(text: str, module: str) -> None:
 def test_every_method_is_in_the_registry() -> None:
     assert set(METHODS) == set(get_args(Method))
     assert set(DECIDERS) == {each.stem for each in METHOD_MODULES.glob("*.py")} - HELPERS
-
-
-def named(method: str) -> Iterator[str]:
-    """The modules outside of the package of methods that name one."""
-    for file in PACKAGE.rglob("*.py"):
-        if not file.is_relative_to(METHOD_MODULES) and f'"{method}"' in file.read_text():
-            constants = ast.walk(ast.parse(file.read_text()))
-            if any(isinstance(each, ast.Constant) and each.value == method for each in constants):
-                yield str(file.relative_to(PACKAGE))
-
-
-@pytest.mark.parametrize("method", sorted(set(METHODS) - {"none", "observation"}))
-def test_a_method_is_named_by_its_module_and_the_registry(method: str) -> None:
-    assert set(named(method)) == NAMED_ELSEWHERE.get(method, set())

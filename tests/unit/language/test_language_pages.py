@@ -7,13 +7,18 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.diagnostics.code_pages import Page
+from r2bspec.diagnostics.code_pages import Page, all_pages
 from r2bspec.language.load_spec import load_spec
-from r2bspec.language.pages import PAGES
 
 SPEC = Path(__file__).parents[3] / "r2bspec" / "language"
 ENVIRON = {"HOME": "/home/someone", "HOME_TOKEN": "0123456789"}
 
+# R2B04x are waivers, which another package reads.
+PAGES = {
+    code: page
+    for code, page in all_pages().items()
+    if code < "R2B200" and not code.startswith("R2B04")
+}
 WITH_EXAMPLES = [page for page in PAGES.values() if page.failing]
 
 
@@ -38,7 +43,6 @@ def test_every_code_in_the_sources_has_a_page_and_the_other_way_round() -> None:
     used = {
         code
         for file in SPEC.rglob("*.py")
-        if "pages" not in file.parts
         for code in re.findall(r'"(R2B[01]\d\d)"', file.read_text())
     }
     assert used == set(PAGES)

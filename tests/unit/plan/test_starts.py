@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from r2bspec.check.example_spec import example
+from example_spec import example
 from r2bspec.check.rules import iterations_per_start, starts_of_external_nodes
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.spec import Spec
@@ -49,7 +49,8 @@ def test_the_default_plays_for_as_long_as_before_there_were_starts() -> None:
 
 
 def test_external_nodes_have_one_start() -> None:
-    for written in (starts_of_external_nodes.RULE.failing, starts_of_external_nodes.RULE.passing):
+    page = starts_of_external_nodes.RULE.page
+    for written in (page.failing, page.passing):
         loaded = load_spec(written, file="example.r2b.yaml")
         assert loaded.spec is not None
         assert compile_plan(loaded.spec, None).starts == 1

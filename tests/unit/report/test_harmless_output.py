@@ -12,7 +12,7 @@ import msgspec
 import pytest
 from rich.text import Text
 
-from r2bspec.check.example_spec import example
+from example_spec import example
 from r2bspec.cli.main import main
 from r2bspec.compare.comparison import ComparedSource, Comparison, ComparisonLine
 from r2bspec.compare.history import HistoryEntry, open_history

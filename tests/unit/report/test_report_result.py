@@ -11,7 +11,7 @@ from jsonschema import Draft202012Validator
 
 from r2bspec.judge.judge_run import from_json, result_of, to_json
 from r2bspec.report.headline import headline
-from r2bspec.report.result_schema import FILE_NAME, result_schema, result_schema_text
+from r2bspec.report.result_schema import result_schema, result_schema_text
 from r2bspec.report.terminal import to_text
 from run_simulation import Played, Simulation, objective
 
@@ -64,10 +64,8 @@ def test_every_result_can_be_shown(simulation: Simulation, tmp_path: Path) -> No
     assert str(tmp_path) in text.splitlines()[-1]
 
 
-def test_the_published_schema_is_the_one_of_the_types() -> None:
-    published = (ROOT / "schemas" / FILE_NAME).read_text(encoding="utf-8")
-    assert published == result_schema_text()
-    Draft202012Validator.check_schema(json.loads(published))
+def test_the_schema_is_one() -> None:
+    Draft202012Validator.check_schema(json.loads(result_schema_text()))
 
 
 def test_a_result_says_what_it_rests_on(tmp_path: Path) -> None:

@@ -1,0 +1,82 @@
+"""What the documentation points to is there: pages, sections, commands, and tests of promises."""
+
+from __future__ import annotations
+
+import ast
+import re
+import shlex
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = [*sorted((ROOT / "docs").glob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+EVERY_PAGE = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+
+RELIABILITY = (ROOT / "docs" / "reliability.md").read_text(encoding="utf-8")
+PROMISED = sorted(set(re.findall(r"`(tests/\S+?\.py)::(\w+)`", RELIABILITY)))
+
+
+@cache
+def anchors(page: Path) -> set[str]:
+    """The anchors of the headings of a page, as GitHub makes them."""
+    text = re.sub(
+        r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE
+    )
+    headings = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@EVERY_PAGE
+def test_every_link_leads_somewhere(page: Path) -> None:
+    text = re.sub(r"`[^`\n]*`", "", page.read_text(encoding="utf-8"))
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if ":" in target:
+            continue
+        name, _, anchor = target.partition("#")
+        file = (page.parent / name).resolve() if name else page
+        assert file.exists(), target
+        assert not anchor or anchor in anchors(file), target
+
+
+@EVERY_PAGE
+def test_every_command_that_prints_figures_exists(page: Path) -> None:
+    for command in re.findall(r"Printed by `([^`]+)`", page.read_text(encoding="utf-8")):
+        words = [word for word in shlex.split(command) if not re.match(r"^[A-Z_]+=", word)]
+        if words[0] == "make":
+            assert f"\n{words[1]}:" in (ROOT / "Makefile").read_text(encoding="utf-8"), command
+            continue
+        assert words[0] == "python", command
+        script = ROOT / words[1]
+        options = [word.partition("=")[0] for word in words[2:] if word.startswith("--")]
+        assert script.is_file(), command
+        source = script.read_text(encoding="utf-8")
+        assert [option for option in options if f'"{option}"' not in source] == [], command
+
+
+@pytest.mark.parametrize(("file", "name"), PROMISED, ids=[name for _, name in PROMISED])
+def test_the_test_of_a_promise_is_there(file: str, name: str) -> None:
+    assert name in functions(ROOT / file)
+
+
+@cache
+def functions(file: Path) -> frozenset[str]:
+    """The names of the functions of a module."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    return frozenset(node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef))
+
+
+def test_every_promise_names_a_test() -> None:
+    rows = [
+        line
+        for line in RELIABILITY.splitlines()
+        if line.startswith("| ") and not line.startswith(("| ---", "| what ", "| promise "))
+    ]
+    assert len(rows) > 30
+    assert [row for row in rows if "`tests/" not in row] == []
+
+
+def test_every_module_of_fault_tests_is_on_the_page() -> None:
+    modules = {f"tests/fault/{file.name}" for file in (ROOT / "tests/fault").glob("test_*.py")}
+    assert modules <= {file for file, _ in PROMISED}
