@@ -512,8 +512,14 @@ def run_gated(
             folder.rename(folder.with_name(f"{folder.name}-base-failed"))
             sides = gate.alone_without_base(head, error)
     alone = replace(head, plan=sides.head.plan)
-    extras = {"identity": sides.head.identity, "gate": sides.sentences}
-    return run(alone, folder, progress, lock=lock, **extras)
+    return run(
+        alone,
+        folder,
+        progress,
+        lock=lock,
+        identity=sides.head.identity,
+        gate=sides.sentences,
+    )
 
 
 def calibrate(

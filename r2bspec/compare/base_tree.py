@@ -24,7 +24,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import BinaryIO
+from typing import IO, BinaryIO
 
 from r2bspec.compare.base_reference import HINT, BaseReference
 from r2bspec.diagnostics.quote import clip
@@ -283,7 +283,7 @@ class _TreeWriter:
                     process.kill()
                     raise
 
-    def _write_object(self, entry: _Entry, objects: BinaryIO) -> None:
+    def _write_object(self, entry: _Entry, objects: IO[bytes]) -> None:
         header = objects.readline().split()
         if len(header) != 3 or header[0].decode() != entry.object_id:
             raise self._incomplete(b" ".join(header))
@@ -337,7 +337,7 @@ class _TreeWriter:
         )
 
 
-def _read(source: BinaryIO, size: int) -> bytes:
+def _read(source: IO[bytes], size: int) -> bytes:
     data = source.read(size)
     if len(data) != size:
         raise BaseRevisionError("git ended before it had given all objects")
