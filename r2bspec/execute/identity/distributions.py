@@ -94,25 +94,34 @@ class ModuleSearch:
         self._gone = frozenset(started_with) - frozenset(self._current)
         inherited = [path for path in sys.path if path and path not in self._gone]
         self.folders = tuple(dict.fromkeys([*self._current, *inherited]))
-        self._found: dict[str, ModuleSpec | None] = {}
+        self._found: dict[tuple[str, str], ModuleSpec | None] = {}
 
-    def find(self, name: str) -> ModuleSpec | None:
-        """A module by its dotted name; no parent package is imported."""
-        if name not in self._found:
-            self._found[name] = self._find(name)
-        return self._found[name]
+    def find(self, name: str, folder: str = "") -> ModuleSpec | None:
+        """A module by its dotted name; no parent package is imported.
 
-    def _find(self, name: str) -> ModuleSpec | None:
+        Args:
+            name: of the module.
+            folder: where modules are looked for first; empty for nowhere else.
+        """
+        key = (name, folder)
+        if key not in self._found:
+            self._found[key] = self._find(name, folder)
+        return self._found[key]
+
+    def _find(self, name: str, folder: str) -> ModuleSpec | None:
         parent, _, last = name.rpartition(".")
         if not parent:
-            return self._find_top(last)
-        package = self.find(parent)
+            return self._find_top(last, folder)
+        package = self.find(parent, folder)
         if package is None or package.submodule_search_locations is None:
             return None
         return _path_spec(name, [*package.submodule_search_locations])
 
-    def _find_top(self, name: str) -> ModuleSpec | None:
-        found = _path_spec(name, [*self.folders])
+    def _find_top(self, name: str, folder: str) -> ModuleSpec | None:
+        if name in sys.stdlib_module_names:
+            # Nothing but the folder of a program comes before the standard library.
+            return _path_spec(name, [folder]) if folder else None
+        found = _path_spec(name, [folder, *self.folders] if folder else [*self.folders])
         if found is None:
             # An editable installation has a finder of its own.
             with contextlib.suppress(ImportError, ValueError, AttributeError):
