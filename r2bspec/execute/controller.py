@@ -77,6 +77,7 @@ from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import Plan
 from r2bspec.record.errors import RecordError
 from r2bspec.record.graph_identity import GraphIdentity
+from r2bspec.record.loaded_files import write_loaded_files
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import AccuracyRecord, Difference, ProfileRecord, RunRecord
 
@@ -226,6 +227,8 @@ class _Controller:
         with contextlib.suppress(RecordError) if failure else contextlib.nullcontext():
             self._resources.stop()
             self._write_resource_samples()
+            if self._starts is not None:
+                write_loaded_files(self._folder.path, self._starts.loaded_files())
         with contextlib.suppress(RecordError) if failure else contextlib.nullcontext():
             self._folder.write_record(record)
         return record
@@ -256,6 +259,7 @@ class _Controller:
             self._measure(domain)
             # Detect a process that exited after the last message, which also fails the run.
             self._supervisor.pump(0.0)
+            self._sessions()[-1].note_loaded_files()
             self._phase("collect", "stopping all processes and collecting the samples")
             # Before the domain is released, so that no other run sees these processes.
             self._supervisor.end(list(self._supervisor))

@@ -159,6 +159,7 @@ class FleetRuns:
         ends at once, before anything is played. Closing the iterator starts no further run.
         """
         bundles: dict[tuple[int, int], Bundle] = {}
+        codes: dict[int, str] = {}
         for run in runs:
             try:
                 bundle = _bundle(run, bundles)
@@ -167,7 +168,7 @@ class FleetRuns:
                 yield Ended(run, "", failure)
                 continue
             needs = tuple(needs_of(each.plan, bundle.digest) for each in _sides(run))
-            self._entries.append(_Entry(run, bundle, needs, code=_code_of(run)))
+            self._entries.append(_Entry(run, bundle, needs, code=_code_of(run, codes)))
         left = len(self._entries)
         try:
             self._offer_all()
@@ -476,9 +477,15 @@ def _sides(run: FleetRun) -> list[SentSide]:
     return [run.head] if run.base is None else [run.head, run.base]
 
 
-def _code_of(run: FleetRun) -> tuple[str, ...]:
-    """What the graphs of a run are made of here: other code is another run."""
-    return tuple(graph_identity(side.plan, side.base_dir).digest for side in _sides(run))
+def _code_of(run: FleetRun, known: dict[int, str]) -> tuple[str, ...]:
+    """What the graphs of a run are made of here: other code is another run.
+
+    As for bundles, sides that several runs have in common are looked at once.
+    """
+    for side in _sides(run):
+        if id(side) not in known:
+            known[id(side)] = graph_identity(side.plan, side.base_dir).digest
+    return tuple(known[id(side)] for side in _sides(run))
 
 
 def _refusal(entry: _Entry) -> R2bspecError:

@@ -139,11 +139,6 @@ def common_identity(identities: Iterable[GraphIdentity | None]) -> GraphIdentity
     return first
 
 
-def is_other_code(base: GraphIdentity | None, head: GraphIdentity | None) -> bool:
-    """Whether two identities are known to be of different code."""
-    return base is not None and head is not None and base.digest != head.digest
-
-
 def identity_differences(base: GraphIdentity, head: GraphIdentity) -> tuple[str, ...]:
     """What differs, from the base to the head: ``blur.py changed``, ``numpy 2.1 → 2.2``.
 

@@ -10,6 +10,7 @@ A run folder contains::
                        each tapped topic, with dots instead of slashes
     resources.npy      CPU and memory of every process over the whole run
     surroundings.npy   host interference over the whole run
+    loaded_files.json  the files that each process of the graph loaded (`loaded_files`)
     logs/PROCESS.log   the output of each process
     profile/PROCESS/   what a profiler wrote
 

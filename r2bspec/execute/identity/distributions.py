@@ -30,6 +30,7 @@ _METADATA: Final = re.compile(
 _EGG_WITHOUT_VERSION: Final = re.compile(r"(?P<name>[A-Za-z0-9._-]+)\.(?P<kind>egg-info)")
 _REQUIREMENT: Final = re.compile(rb"(?m)^Requires-Dist: *([A-Za-z0-9._-]+)([^\r\n]*)")
 _VERSION_FIELD: Final = re.compile(rb"(?m)^Version: *([^\r\n]+)")
+_SEPARATORS: Final = str.maketrans("", "", "-_.")
 _INSTALLED_FOLDERS: Final = frozenset({"site-packages", "dist-packages"})
 
 
@@ -39,19 +40,23 @@ class Distribution:
 
     Attributes:
         name: as its metadata folder has it, with hyphens.
-        metadata: the folder, or the file, of its metadata.
+        plain: its name without what may be written differently.
+        folder: where it is installed.
+        metadata: the name of the folder, or the file, of its metadata.
         kind: ``dist-info``, or ``egg-info`` for one that setuptools, and so colcon, has installed.
     """
 
     name: str
+    plain: str
     version: str
-    metadata: Path
+    folder: str
+    metadata: str
     kind: str
 
     def read(self, name: str) -> bytes:
         """A file of its metadata; empty if there is none."""
         try:
-            return read_bytes(self.metadata / name, max_bytes=_MAX_METADATA_BYTES)
+            return read_bytes(Path(self.folder, self.metadata, name), max_bytes=_MAX_METADATA_BYTES)
         except (OSError, ValueError):
             return b""
 
@@ -64,7 +69,7 @@ class Distribution:
     def is_of_system(self) -> bool:
         """Whether it belongs to the system or to the interpreter, and so changes with a version."""
         roots = ("/usr/", "/opt/ros/", f"{sys.prefix}/", f"{sys.base_prefix}/")
-        return str(self.metadata).startswith(roots)
+        return self.folder.startswith(roots)
 
     @property
     def requirements(self) -> Iterator[str]:
@@ -94,25 +99,34 @@ class ModuleSearch:
         self._gone = frozenset(started_with) - frozenset(self._current)
         inherited = [path for path in sys.path if path and path not in self._gone]
         self.folders = tuple(dict.fromkeys([*self._current, *inherited]))
-        self._found: dict[str, ModuleSpec | None] = {}
+        self._found: dict[tuple[str, str], ModuleSpec | None] = {}
 
-    def find(self, name: str) -> ModuleSpec | None:
-        """A module by its dotted name; no parent package is imported."""
-        if name not in self._found:
-            self._found[name] = self._find(name)
-        return self._found[name]
+    def find(self, name: str, folder: str = "") -> ModuleSpec | None:
+        """A module by its dotted name; no parent package is imported.
 
-    def _find(self, name: str) -> ModuleSpec | None:
+        Args:
+            name: of the module.
+            folder: where modules are looked for first; empty for nowhere else.
+        """
+        key = (name, folder)
+        if key not in self._found:
+            self._found[key] = self._find(name, folder)
+        return self._found[key]
+
+    def _find(self, name: str, folder: str) -> ModuleSpec | None:
         parent, _, last = name.rpartition(".")
         if not parent:
-            return self._find_top(last)
-        package = self.find(parent)
+            return self._find_top(last, folder)
+        package = self.find(parent, folder)
         if package is None or package.submodule_search_locations is None:
             return None
         return _path_spec(name, [*package.submodule_search_locations])
 
-    def _find_top(self, name: str) -> ModuleSpec | None:
-        found = _path_spec(name, [*self.folders])
+    def _find_top(self, name: str, folder: str) -> ModuleSpec | None:
+        if name in sys.stdlib_module_names:
+            # Nothing but the folder of a program comes before the standard library.
+            return _path_spec(name, [folder]) if folder else None
+        found = _path_spec(name, [folder, *self.folders] if folder else [*self.folders])
         if found is None:
             # An editable installation has a finder of its own.
             with contextlib.suppress(ImportError, ValueError, AttributeError):
@@ -126,13 +140,13 @@ class ModuleSearch:
         folder = _root(spec)
         if folder is None or folder.name not in _INSTALLED_FOLDERS:
             return None
-        installed = [each for each in self._installed.values() if each.metadata.parent == folder]
         plain = _plain(spec.name)
-        # By name at first: few need their lists of files to be read.
-        installed.sort(
-            key=lambda each: (_plain(each.name) != plain, plain not in _plain(each.name))
-        )
         inside = os.path.relpath(_place(spec), folder)
+        # By name at first: few need their lists of files to be read.
+        installed = sorted(
+            self._by_folder.get(str(folder), ()),
+            key=lambda each: (each.plain != plain, plain not in each.plain),
+        )
         return next((each for each in installed if _owns(each, spec.name, inside)), None)
 
     def distribution(self, name: str) -> Distribution | None:
@@ -151,27 +165,39 @@ class ModuleSearch:
         return versions
 
     @cached_property
+    def _by_folder(self) -> dict[str, list[Distribution]]:
+        """What is installed, by folders in the order in which they are searched."""
+        return {folder: [*_distributions_in(folder)] for folder in self.folders}
+
+    @cached_property
     def _installed(self) -> dict[str, Distribution]:
         """What is installed, by plain names; what is found first counts."""
         installed: dict[str, Distribution] = {}
-        for folder in self.folders:
-            try:
-                names = names_in(Path(folder))
-            except OSError:
-                continue
-            for name in names:
-                match = name.endswith("-info") and (
-                    _METADATA.fullmatch(name) or _EGG_WITHOUT_VERSION.fullmatch(name)
-                )
-                if match:
-                    metadata = Path(folder, name)
-                    parts = match.groupdict()
-                    version = parts.get("version") or _version_inside(metadata)
-                    distribution = Distribution(
-                        parts["name"].replace("_", "-"), version, metadata, parts["kind"]
-                    )
-                    installed.setdefault(_plain(parts["name"]), distribution)
+        for distributions in self._by_folder.values():
+            for distribution in distributions:
+                installed.setdefault(distribution.plain, distribution)
         return installed
+
+
+def _distributions_in(folder: str) -> Iterator[Distribution]:
+    try:
+        names = names_in(Path(folder))
+    except OSError:
+        return
+    for name in names:
+        match = name.endswith("-info") and (
+            _METADATA.fullmatch(name) or _EGG_WITHOUT_VERSION.fullmatch(name)
+        )
+        if match:
+            parts = match.groupdict()
+            yield Distribution(
+                name=parts["name"].replace("_", "-"),
+                plain=_plain(parts["name"]),
+                version=parts.get("version") or _version_inside(Path(folder, name)),
+                folder=folder,
+                metadata=name,
+                kind=parts["kind"],
+            )
 
 
 def _python_path(text: str) -> list[str]:
@@ -213,19 +239,19 @@ def _root(spec: ModuleSpec) -> Path | None:
 
 
 def _plain(name: str) -> str:
-    return re.sub(r"[-_.]+", "", name).lower()
+    return name.translate(_SEPARATORS).lower()
 
 
 def _owns(distribution: Distribution, module: str, inside: str) -> bool:
     """Whether a distribution has installed a file or a folder, by its path below the folder."""
     if distribution.kind == "egg-info":
         named = distribution.read("top_level.txt").decode(errors="replace").split()
-        return module in named or (not named and _plain(module) == _plain(distribution.name))
+        return module in named or (not named and _plain(module) == distribution.plain)
     needle = inside.encode()
     record = distribution.read("RECORD")
     if not record:
         named = distribution.read("top_level.txt").decode(errors="replace").split()
-        return module in named or _plain(module) == _plain(distribution.name)
+        return module in named or _plain(module) == distribution.plain
     return any(
         record.startswith(needle + end) or b"\n" + needle + end in record for end in (b",", b"/")
     )

@@ -112,7 +112,7 @@ def _build_id_note(file: BinaryIO) -> str:
         ValueError: an offset is none.
     """
     identification = file.read(16)
-    if identification[:4] != _ELF or identification[4] not in _HEADERS:
+    if len(identification) < 16 or identification[:4] != _ELF or identification[4] not in _HEADERS:
         return ""
     order = "<" if identification[5] == 1 else ">"
     header, entry = (struct.Struct(order + each) for each in _HEADERS[identification[4]])

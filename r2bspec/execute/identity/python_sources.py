@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import ast
 import re
-import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from importlib.machinery import ModuleSpec
@@ -97,7 +96,7 @@ class PythonSources:
 
         Modules beside it are found first, as if it were run as a script.
         """
-        trail = _Trail(self, self._search, file.parent)
+        trail = _Trail(self, self._search, str(file.parent))
         trail.add_file(file, "")
         return trail.follow()
 
@@ -105,7 +104,7 @@ class PythonSources:
         """The sources of a module; None if there is no such module."""
         if self._search.find(name) is None:
             return None
-        trail = _Trail(self, self._search, None, own=name.partition(".")[0])
+        trail = _Trail(self, self._search, "", own=name.partition(".")[0])
         trail.add_module(name, ())
         return trail.follow()
 
@@ -129,12 +128,12 @@ class _Trail:
     Args:
         sources: reads files.
         search: where modules are found.
-        folder: where they are found first; None for nowhere else.
+        folder: where they are found first; empty for nowhere else.
         own: the top-level package that is followed wherever it is installed.
     """
 
     def __init__(
-        self, sources: PythonSources, search: ModuleSearch, folder: Path | None, own: str = ""
+        self, sources: PythonSources, search: ModuleSearch, folder: str, own: str = ""
     ) -> None:
         self._sources = sources
         self._search = search
@@ -170,7 +169,7 @@ class _Trail:
         parts = name.split(".")
         spec: ModuleSpec | None = None
         for end in range(1, len(parts) + 1):
-            spec = self._search.find(".".join(parts[:end]))
+            spec = self._search.find(".".join(parts[:end]), self._folder)
             if spec is None:
                 return
             self._add_spec(spec)
@@ -179,7 +178,7 @@ class _Trail:
         for part in taken:
             if part == "*":
                 self._add_tree(spec.name, spec.submodule_search_locations)
-            elif (below := self._search.find(f"{name}.{part}")) is not None:
+            elif (below := self._search.find(f"{name}.{part}", self._folder)) is not None:
                 self._add_spec(below)
 
     def _add_spec(self, spec: ModuleSpec) -> None:
@@ -199,47 +198,13 @@ class _Trail:
                 return
             self.add_module(".".join([*base, name] if name else base), taken)
             return
-        top = name.partition(".")[0]
-        if self._folder is not None and self._add_beside(name, taken):
-            return
-        if top in sys.stdlib_module_names or top in sys.builtin_module_names:
-            return
-        if self._installed(top):
-            return
-        self.add_module(name, taken)
-
-    def _add_beside(self, name: str, taken: tuple[str, ...]) -> bool:
-        """Add a module from the folder of the program; whether there is one."""
-        assert self._folder is not None  # noqa: S101 - see the caller
-        top, *below = name.split(".")
-        module = self._folder / f"{top}{_SUFFIX}"
-        if not below and is_regular(module):
-            self.add_file(module, "")
-            return True
-        package = self._folder / top
-        if not is_regular(package / "__init__.py"):
-            return False
-        self.add_file(package / "__init__.py", top)
-        for number, part in enumerate(below):
-            self._add_below(package, part, ".".join([top, *below[:number]]))
-            package = package / part
-        for part in taken:
-            if part == "*":
-                self._add_tree(name, [str(package)])
-            else:
-                self._add_below(package, part, name)
-        return True
-
-    def _add_below(self, folder: Path, name: str, package: str) -> None:
-        if is_regular(module := folder / f"{name}{_SUFFIX}"):
-            self.add_file(module, package)
-        elif is_regular(inner := folder / name / "__init__.py"):
-            self.add_file(inner, f"{package}.{name}")
+        if not self._installed(name.partition(".")[0]):
+            self.add_module(name, taken)
 
     def _installed(self, top: str) -> bool:
         """Whether a top-level module is known by a version; it is taken down then."""
         if top not in self._is_installed:
-            spec = self._search.find(top)
+            spec = self._search.find(top, self._folder)
             owner = self._search.owner(spec) if spec is not None else None
             if owner is not None:
                 self._found.distributions.add(owner.name)

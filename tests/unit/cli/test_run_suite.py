@@ -20,6 +20,7 @@ from r2bspec.cli.run_selection import run_items
 from r2bspec.cli.spec_selection import SpecSelection
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.execute.errors import InterruptedRunError
+from r2bspec.execute.identity import graph_identity
 from r2bspec.exit_status import ExitStatus
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.judge_run import to_json as result_json
@@ -133,7 +134,10 @@ def played(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         place = RunFolder(folder)
         place.write_plan(canonical_json(prepared.plan).decode())
         hashed = plan_hash(prepared.plan)
-        place.write_record(msgspec.structs.replace(written.record, plan_hash=hashed))
+        identity = graph_identity(prepared.plan, prepared.base_dir)
+        place.write_record(
+            msgspec.structs.replace(written.record, plan_hash=hashed, identity=identity)
+        )
         result = result_of(open_run(folder))
         place.write_result(result_json(result))
         if name.startswith("broken"):
@@ -219,6 +223,38 @@ def test_resume_plays_what_is_missing_changed_or_incomplete(
     # What was there is kept.
     assert (tmp_path / "out" / "b.earlier-1" / "record.json").is_file()
     assert (tmp_path / "out" / "broken_c.earlier-1" / "record.json").is_file()
+
+
+def test_resume_refuses_the_result_of_other_code(
+    tmp_path: Path, played: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    spec = write_spec(tmp_path / "specs", "a")
+    spec.write_text(spec.read_text().replace("r2bspec.nodes.RelayNode", "./node.py:Relay"))
+    node, helper = (tmp_path / "specs" / f"{name}.py" for name in ("node", "helper"))
+    node.write_text(
+        "import helper\nfrom rclpy.node import Node\nfrom sensor_msgs.msg import Image\n\n"
+        "class Relay(Node):\n"
+        "    def __init__(self, **kwargs):\n        super().__init__('relay', **kwargs)\n"
+        "        out = self.create_publisher(Image, 'output', 10)\n"
+        "        self.create_subscription(Image, 'input', out.publish, 10)\n"
+    )
+    helper.write_text("WAIT_S = 0.0\n")
+    arguments = ["run", str(tmp_path / "specs"), "-o", str(tmp_path / "out")]
+    main([*arguments, "--resume"])
+    main([*arguments, "--resume"])
+    assert played == ["a"]
+    helper.write_text("WAIT_S = 0.2\n")
+    capsys.readouterr()
+    main([*arguments, "--resume"])
+    assert played == ["a", "a"]
+    assert "a: the earlier run does not count: helper.py changed" in capsys.readouterr().err
+    assert not suite(tmp_path / "out").runs[0].resumed
+    # What was there is kept, and a result that says nothing of its code does not count either.
+    assert (tmp_path / "out" / "a.earlier-1" / "record.json").is_file()
+    record = tmp_path / "out" / "a" / "record.json"
+    record.write_text(json.dumps(json.loads(record.read_text()) | {"identity": None}))
+    main([*arguments, "--resume"])
+    assert played == ["a", "a", "a"]
 
 
 def test_an_interruption_keeps_the_summary_and_names_its_folder(
