@@ -95,6 +95,7 @@ def run_plan(
     profile: str = "",
     profile_node: str = "",
     identity: GraphIdentity | None = None,
+    gate: tuple[str, ...] = (),
 ) -> RunRecord:
     """Execute a plan; the run folder is written completely when this returns or raises.
 
@@ -110,6 +111,7 @@ def run_plan(
         profile: a profiler for one more iteration; empty for none (`find_profiler`).
         profile_node: the node, or process, that it observes; all nodes if empty.
         identity: what the graph is made of; looked up if None, after the setup steps.
+        gate: what reports say of the merge gate, one sentence each.
 
     Raises:
         UsageError: the profiler, or its node, does not exist.
@@ -130,7 +132,7 @@ def run_plan(
         controller.abort_on_fail = abort_on_fail
         controller.record_outputs = record_outputs
         controller.profile, controller.profile_node = profile, profile_node
-        controller.identity = identity
+        controller.identity, controller.gate = identity, gate
         return controller.run()
 
 
@@ -142,6 +144,7 @@ class _Controller:
     profile = ""
     profile_node = ""
     identity: GraphIdentity | None = None
+    gate: tuple[str, ...] = ()
 
     def __init__(
         self,
@@ -593,6 +596,7 @@ class _Controller:
             accuracy=self._accuracy,
             phases=self._clock.phases(),
             identity=self.identity,
+            gate=self.gate,
         )
 
 
