@@ -243,7 +243,7 @@ def pair_numbers() -> None:
         return f"{same:.1f} / {slower:.0f}"
 
     show(
-        "Both sides loaded alike, limit 105 %: confirmed fails, unchanged / 15 % slower, in % of 200",
+        "A third taken from both sides, limit 105 %: confirmed fails, same / 15 % slower, in %",
         ["starts differ by", *(f"{pairs} pairs" for pairs in numbers)],
         (
             [f"{100 * starts:g} %", *(cell(starts, pairs) for pairs in numbers)]
