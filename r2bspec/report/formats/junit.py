@@ -79,8 +79,9 @@ def _run_case(report_input: ReportInput, name: str) -> TestCase:
     case = TestCase("run", name)
     if verdict.outcome in {"invalid", "incomplete"}:
         error = Error(printable_lines(line), verdict.outcome)
-        # In the text as well: readers of XML turn the line breaks of an attribute into spaces.
-        error.text = printable_lines(verdict.reason)
+        if "\n" in verdict.reason:
+            # Once more: readers of XML turn the line breaks of an attribute into spaces.
+            error.text = printable_lines(verdict.reason)
         case.result = [error]
     # The verdict of requirements does not say of how many starts it is.
     judged = not case.result and verdict.requirements
