@@ -24,6 +24,7 @@ from r2bspec.untrusted.safe_file import is_regular
 if TYPE_CHECKING:
     from r2bspec.cli.run_options import RunOptions
     from r2bspec.judge.result import Result
+    from r2bspec.record.graph_identity import GraphIdentity
     from r2bspec.report.suite_summary import SuiteRun, SuiteSummary
     from r2bspec.report.write_reports import ReportRequest
 
@@ -249,8 +250,9 @@ class Suite:
         return (*requests, replace(summary, path=str(entry.folder / RUN_PAGE)))
 
     def _earlier(self, entry: SuiteEntry) -> Result | None:
-        """The result of a complete run of the same plan; an incomplete one makes room."""
+        """The result of a complete run of the same plan and code; any other makes room."""
         from r2bspec.compare.load_results import read_folder
+        from r2bspec.execute.identity import graph_identity
         from r2bspec.plan.canonical_json import plan_hash
 
         if not entry.folder.exists():
@@ -263,10 +265,32 @@ class Suite:
             result is not None
             and result.status == "complete"
             and result.plan_hash == plan_hash(entry.prepared.plan)
+            and self._is_same_code(
+                entry,
+                result.identity,
+                graph_identity(entry.prepared.plan, entry.prepared.base_dir),
+            )
         ):
             return result
         _move_away(entry.folder)
         return None
+
+    def _is_same_code(
+        self, entry: SuiteEntry, earlier: GraphIdentity | None, current: GraphIdentity
+    ) -> bool:
+        """Whether an earlier run was of the code that there is now; says what has changed."""
+        from r2bspec.record.graph_identity import identity_differences, source_differences
+
+        if earlier is None:
+            changes: tuple[str, ...] = ("it does not say what code it ran",)
+        elif entry.host:
+            # Another machine has other versions of what is installed.
+            changes = source_differences(earlier, current)
+        else:
+            changes = identity_differences(earlier, current)
+        if changes and not self._options.quiet:
+            echo(f"{entry.name}: the earlier run does not count: {', '.join(changes)}", err=True)
+        return not changes
 
     def _summary(self) -> SuiteSummary:
         from r2bspec.report.suite_summary import SuiteSummary, worst_status

@@ -19,6 +19,7 @@ from r2bspec.measure.distribution_parts import MAIN_PERCENTILES, part_value, qua
 from r2bspec.measure.metrics import MonitorMetrics, RateMetrics
 from r2bspec.measure.percentiles import rank
 from r2bspec.plan.plan import Plan
+from r2bspec.record.graph_identity import GraphIdentity
 from r2bspec.record.run_record import SearchRecord
 from r2bspec.untrusted.safe_file import is_folder, read_bytes
 from r2bspec.untrusted.safe_json import MAX_JSON_BYTES
@@ -57,6 +58,7 @@ class ComparedResult:
     machine: dict[str, Any] | None
     versions: dict[str, str]
     tool: str = "r2bspec"
+    identity: GraphIdentity | None = None
 
 
 def read_compared_result(path: Path) -> ComparedResult:
@@ -106,6 +108,7 @@ def _of_result(source: str, result: Result, plan: Plan | None) -> ComparedResult
         dataset=str(result.dataset.get("sha256") or result.dataset.get("source") or "") or None,
         machine=result.machine,
         versions=result.versions,
+        identity=result.identity,
     )
 
 

@@ -27,6 +27,7 @@ from r2bspec.plan.comparability import measured_hash
 from r2bspec.plan.plan import Plan
 from r2bspec.record.atomic_files import write_atomically
 from r2bspec.record.baseline_file import BASELINE_FILE, BaselineRecord, BaselineSeries, to_json
+from r2bspec.record.graph_identity import decode_identity, encode_identity
 from r2bspec.record.machine_fingerprint import describe_machine, fingerprint
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import RunRecord
@@ -96,6 +97,7 @@ def history_entry(run: Run, result: Result) -> HistoryEntry:
         dataset=_dataset(run.record),
         version=run.record.versions.get("r2bspec", ""),
         outcome=result.verdict.outcome,
+        identity=encode_identity(run.record.identity),
         metrics=tuple(
             HistoryMetric(
                 at_hz=at_hz,
@@ -136,6 +138,7 @@ def baseline_from_history(path: Path, run: Run) -> BaselineRecord:
             BaselineSeries(at_hz=at_hz, monitor=monitor, metric=metric, values=tuple(column))
             for (at_hz, monitor, metric), column in values.items()
         ),
+        identity=decode_identity(found[-1].identity) if found else None,
     )
 
 
@@ -188,6 +191,7 @@ def baseline_from_stored_run(
             )
             for (at_hz, monitor, metric), (values, starts) in series.items()
         ),
+        identity=stored.identity,
     )
 
 

@@ -49,7 +49,7 @@ def judge_comparison_folder(
     """
     objectives = pairs.plan.objectives if objectives is None else objectives
     counted = pairs.usable_pairs()
-    head = pairs.merged(counted, "head")
+    base, head = pairs.merged(counted, "base"), pairs.merged(counted, "head")
     read: dict[str, RunSamples] = {}
     first = read_pair_set(pairs, read, confirms=False)
     confirms = any(each.confirms for each in pairs.record.pairs)
@@ -62,8 +62,9 @@ def judge_comparison_folder(
         metrics=summarise(first.played.merged),
         verdict=verdict,
         pairs=_pairs_result(pairs),
+        base_identity=base.record.identity,
     )
-    return JudgedComparison(result, pairs.merged(counted, "base"), head)
+    return JudgedComparison(result, base, head)
 
 
 def read_pair_set(

@@ -27,6 +27,7 @@ from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.measure.units import show
 from r2bspec.plan.comparability import brief_difference, graph_differences, load_differences
 from r2bspec.plan.plan import Plan
+from r2bspec.record.graph_identity import identity_differences
 from r2bspec.record.machine_fingerprint import MACHINE_FACTS
 
 SHARE_MARGIN = 0.005
@@ -89,7 +90,7 @@ def blocking_differences(base: ComparedResult, head: ComparedResult) -> Iterator
 
 
 def differences_of(base: ComparedResult, head: ComparedResult) -> Iterator[str]:
-    """The differences of two results in tool, plan, data and machine, a line each."""
+    """The differences of two results in tool, plan, code, data and machine, a line each."""
     if base.tool != head.tool:
         yield f"tool: {base.tool} -> {head.tool}, with different measurement rules"
     elif base.tool != "r2bspec":
@@ -101,8 +102,18 @@ def differences_of(base: ComparedResult, head: ComparedResult) -> Iterator[str]:
             f"plan: {base.plan_hash or 'unknown'} -> {head.plan_hash or 'unknown'} "
             "(compare run folders to see the differences)"
         )
+    yield from _code_differences(base, head)
     yield from _data_difference(base, head)
     yield from _machine_differences(base, head)
+
+
+def _code_differences(base: ComparedResult, head: ComparedResult) -> Iterator[str]:
+    if base.identity is None or head.identity is None:
+        return
+    changes = identity_differences(base.identity, head.identity)
+    yield from (f"code: {change}" for change in changes[:_MAX_DIFFERENCES])
+    if len(changes) > _MAX_DIFFERENCES:
+        yield f"code: {len(changes) - _MAX_DIFFERENCES} more changes"
 
 
 def _data_difference(base: ComparedResult, head: ComparedResult) -> Iterator[str]:

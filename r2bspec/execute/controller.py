@@ -36,6 +36,7 @@ from r2bspec.execute.host.full_disk import unwritable_log
 from r2bspec.execute.host.host_watch import HostWatch
 from r2bspec.execute.host.machine import describe_machine, describe_versions
 from r2bspec.execute.host.resource_sampler import ResourceSampler
+from r2bspec.execute.identity import graph_identity
 from r2bspec.execute.inputs.buffer_bags import buffer_bags
 from r2bspec.execute.inputs.dataset import ResolvedDataset, obtain_dataset
 from r2bspec.execute.inputs.preprocess import preprocess
@@ -75,6 +76,8 @@ from r2bspec.measure.samples import RunSamples
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import Plan
 from r2bspec.record.errors import RecordError
+from r2bspec.record.graph_identity import GraphIdentity
+from r2bspec.record.loaded_files import write_loaded_files
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import AccuracyRecord, Difference, ProfileRecord, RunRecord
 
@@ -91,6 +94,7 @@ def run_plan(
     record_outputs: bool = False,
     profile: str = "",
     profile_node: str = "",
+    identity: GraphIdentity | None = None,
 ) -> RunRecord:
     """Execute a plan; the run folder is written completely when this returns or raises.
 
@@ -105,6 +109,7 @@ def run_plan(
         record_outputs: record the messages of one more iteration in the run folder.
         profile: a profiler for one more iteration; empty for none (`find_profiler`).
         profile_node: the node, or process, that it observes; all nodes if empty.
+        identity: what the graph is made of; looked up if None, after the setup steps.
 
     Raises:
         UsageError: the profiler, or its node, does not exist.
@@ -125,6 +130,7 @@ def run_plan(
         controller.abort_on_fail = abort_on_fail
         controller.record_outputs = record_outputs
         controller.profile, controller.profile_node = profile, profile_node
+        controller.identity = identity
         return controller.run()
 
 
@@ -135,6 +141,7 @@ class _Controller:
     record_outputs = False
     profile = ""
     profile_node = ""
+    identity: GraphIdentity | None = None
 
     def __init__(
         self,
@@ -220,6 +227,8 @@ class _Controller:
         with contextlib.suppress(RecordError) if failure else contextlib.nullcontext():
             self._resources.stop()
             self._write_resource_samples()
+            if self._starts is not None:
+                write_loaded_files(self._folder.path, self._starts.loaded_files())
         with contextlib.suppress(RecordError) if failure else contextlib.nullcontext():
             self._folder.write_record(record)
         return record
@@ -232,6 +241,8 @@ class _Controller:
         self._resources.start()
         with self._domain() as domain:
             self._set_up(domain)
+            # What is built by a setup step is a part of the graph.
+            self._identify()
             self._check_programs_installed()
             if "load" in self._plan.phases:
                 self._start_early(domain)
@@ -248,6 +259,7 @@ class _Controller:
             self._measure(domain)
             # Detect a process that exited after the last message, which also fails the run.
             self._supervisor.pump(0.0)
+            self._sessions()[-1].note_loaded_files()
             self._phase("collect", "stopping all processes and collecting the samples")
             # Before the domain is released, so that no other run sees these processes.
             self._supervisor.end(list(self._supervisor))
@@ -313,6 +325,10 @@ class _Controller:
             run_setup_step(
                 step, self._supervisor, environment, self._folder, self._base_dir, self._note
             )
+
+    def _identify(self) -> None:
+        if self.identity is None:
+            self.identity = graph_identity(self._plan, self._base_dir)
 
     def _load(self) -> None:
         self._phase("load", f"reading {self._plan.dataset.source}")
@@ -576,6 +592,7 @@ class _Controller:
             profiles=self._profiles,
             accuracy=self._accuracy,
             phases=self._clock.phases(),
+            identity=self.identity,
         )
 
 

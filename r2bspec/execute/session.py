@@ -45,6 +45,7 @@ from r2bspec.execute.diagnosis.observe_graph import (
     find_faults,
 )
 from r2bspec.execute.errors import NoOutputError, ProcessFailedError, RunError
+from r2bspec.execute.identity.loaded_files import loaded_by_graph, mapped_files
 from r2bspec.execute.inputs.build_schedule import build_schedule
 from r2bspec.execute.measurement.foreign_publishers import foreign_publishers, guarded_topics
 from r2bspec.execute.measurement.harness_overhead import (
@@ -55,7 +56,7 @@ from r2bspec.execute.measurement.harness_overhead import (
 from r2bspec.execute.measurement.live_mode import LiveSegmentWatcher
 from r2bspec.execute.measurement.run_reporter import RunReporter
 from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, SegmentPlayer
-from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
+from r2bspec.execute.processes.supervisor import NO_ANSWER, ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import buffered_transforms
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
@@ -81,6 +82,8 @@ _WARM_UP_STEPS = 10
 _WARM_UP_RETRY_NS = 1_000_000_000
 """The length of each further attempt after one without output."""
 
+_MODULES_TIMEOUT_S = 5.0
+
 _IDLE_WINDOW_S = 1.0
 """For how long the nodes are observed while nothing is played."""
 
@@ -104,6 +107,7 @@ class Session:
         overhead_ns: how long its measurement took.
         silences: outputs that have stopped since then.
         unplayed: messages of inputs that are not played.
+        loaded_files: the files that each process of the graph has loaded so far, by its name.
     """
 
     def __init__(
@@ -160,6 +164,7 @@ class Session:
         self.silences: tuple[SilenceRecord, ...] = ()
         self._late_outputs: dict[str, int] = {}
         self.unplayed: tuple[UnplayedMessages, ...] = ()
+        self.loaded_files: dict[str, frozenset[str]] = {}
 
     @property
     def segments(self) -> tuple[Segment, ...]:
@@ -286,12 +291,41 @@ class Session:
         if scipy is not None:
             with self._supervisor.waiting("SciPy: imported"):
                 scipy.join()
+        self.note_loaded_files()
         self._warm_up(self._segment_player, deadline)
         segment_player = self._segment_player
         segment_player.on_output_stopped = lambda segment, plan: self._diagnose_stopped_output(
             segment_player, segment, plan
         )
         return segment_player
+
+    def note_loaded_files(self) -> None:
+        """Take down which files the processes of the graph have loaded until now.
+
+        Raises:
+            RunError: a process has exited.
+        """
+        for child in self._supervisor:
+            is_host = child in self._launcher.hosts
+            if not is_host and child.role not in NODE_ROLES:
+                continue
+            files = set(mapped_files(child.pid))
+            if is_host:
+                files.update(loaded_by_graph(self._module_files(child)))
+            known = self.loaded_files.get(child.name, frozenset())
+            self.loaded_files[child.name] = known | files
+
+    def _module_files(self, host: ManagedProcess) -> tuple[str, ...]:
+        """What a host has imported; nothing if a node keeps it from answering."""
+        try:
+            return self._supervisor.request(
+                host, protocol.ListModules(), protocol.Modules, _MODULES_TIMEOUT_S
+            ).files
+        except RunError as error:
+            if error.code != NO_ANSWER:
+                raise
+            self._reporter.note(f"{host.name} does not say which modules it has imported")
+            return ()
 
     def _start_harness(self) -> tuple[ManagedProcess | None, ManagedProcess]:
         """Start the player and the monitor, and measure the overhead of the harness.

@@ -105,6 +105,7 @@ class StartSequence:
             # Detect a process that exited after the last message, which also fails the run.
             self.supervisor.pump(0.0)
             self.find_foreign_publishers()
+            self.sessions[-1].note_loaded_files()
             self.supervisor.end(list(self.supervisor))
 
     def _new_session(self, plan: Plan, *, confirms: bool, is_later: bool) -> Session:
@@ -132,6 +133,14 @@ class StartSequence:
         for each in self.foreign[len(known) :]:
             self.reporter.note(f"a program that is not of this run has published on {each}")
         return bool(self.foreign)
+
+    def loaded_files(self) -> dict[str, frozenset[str]]:
+        """The files that each process of the graph has loaded in any start, by its name."""
+        files: dict[str, frozenset[str]] = {}
+        for session in self.sessions:
+            for name, loaded in session.loaded_files.items():
+                files[name] = files.get(name, frozenset()) | loaded
+        return files
 
     def name_start(self, error: RunError) -> None:
         """Say in an error in which start it occurred, unless it is the first one."""

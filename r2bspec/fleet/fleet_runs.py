@@ -22,6 +22,7 @@ import msgspec
 
 from r2bspec._version import __version__
 from r2bspec.errors import R2bspecError
+from r2bspec.execute.identity import graph_identity
 from r2bspec.fleet.bundle import Bundle, SentSide, make_bundle, needs_of
 from r2bspec.fleet.client import FleetClient, Host
 from r2bspec.fleet.errors import HostFullError, HostLostError, NoHostError, TransferError
@@ -104,6 +105,7 @@ class _Entry:
     refused: dict[str, R2bspecError] = field(default_factory=dict)
     since: float = field(default_factory=time.monotonic)
     ended: bool = False
+    code: tuple[str, ...] = ()
 
     @property
     def hosts(self) -> frozenset[str]:
@@ -165,7 +167,7 @@ class FleetRuns:
                 yield Ended(run, "", failure)
                 continue
             needs = tuple(needs_of(each.plan, bundle.digest) for each in _sides(run))
-            self._entries.append(_Entry(run, bundle, needs))
+            self._entries.append(_Entry(run, bundle, needs, code=_code_of(run)))
         left = len(self._entries)
         try:
             self._offer_all()
@@ -249,7 +251,7 @@ class FleetRuns:
         run, bundle = entry.run, entry.bundle
         words = (
             *(self._journal.suite, str(run.folder.relative_to(self._root)), host, entry.attempt),
-            *(bundle.digest, *(plan_hash(each.plan) for each in _sides(run))),
+            *(bundle.digest, *(plan_hash(each.plan) for each in _sides(run)), *entry.code),
         )
         identity = hashlib.sha256("\0".join(map(str, words)).encode()).hexdigest()[:32]
         return Job(
@@ -472,6 +474,11 @@ def _bundle(run: FleetRun, known: dict[tuple[int, int], Bundle]) -> Bundle:
 
 def _sides(run: FleetRun) -> list[SentSide]:
     return [run.head] if run.base is None else [run.head, run.base]
+
+
+def _code_of(run: FleetRun) -> tuple[str, ...]:
+    """What the graphs of a run are made of here: other code is another run."""
+    return tuple(graph_identity(side.plan, side.base_dir).digest for side in _sides(run))
 
 
 def _refusal(entry: _Entry) -> R2bspecError:

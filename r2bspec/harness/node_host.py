@@ -8,6 +8,7 @@ depend on r2bspec.
 from __future__ import annotations
 
 import contextlib
+import sys
 import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -108,6 +109,12 @@ def _init(plans: Sequence[NodePlan], factories: Sequence[Any]) -> None:
     rclpy_tools.init()
 
 
+def _module_files() -> tuple[str, ...]:
+    """The files of all modules that are imported; a node may have put anything into the table."""
+    files = (getattr(module, "__file__", None) for module in list(sys.modules.values()))
+    return tuple(sorted({str(Path(file).absolute()) for file in files if isinstance(file, str)}))
+
+
 class NodeHost:
     """Creates the nodes and spins them until told to shut down."""
 
@@ -157,6 +164,8 @@ class NodeHost:
     def _listen(self) -> None:
         with contextlib.suppress(ChannelClosedError):
             while not isinstance(command := self._channel.receive(), protocol.Shutdown):
+                if isinstance(command, protocol.ListModules):
+                    self._channel.send(protocol.Modules(files=_module_files()))
                 if isinstance(command, protocol.CountMatches):
                     self._channel.send(
                         protocol.Matched(

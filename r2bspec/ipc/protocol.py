@@ -181,6 +181,10 @@ class CountMatches(_Message, frozen=True, kw_only=True, tag=True):
     """Query how many endpoints of other processes each endpoint is matched with."""
 
 
+class ListModules(_Message, frozen=True, kw_only=True, tag=True):
+    """Ask a host for the files of the modules that its process has imported."""
+
+
 class AwaitStatic(_Message, frozen=True, kw_only=True, tag=True):
     """Wait until all matched subscriptions have received /tf_static, but not for long.
 
@@ -256,6 +260,7 @@ Command = (
     | Record
     | EndRecording
     | CountMatches
+    | ListModules
     | AwaitStatic
     | Discover
     | Survey
@@ -300,6 +305,12 @@ class Matched(_Message, frozen=True, kw_only=True, tag=True):
 
     counts: dict[str, int]
     publisher_counts: dict[str, int] = {}
+
+
+class Modules(_Message, frozen=True, kw_only=True, tag=True):
+    """The absolute paths of the files of all modules that a process has imported."""
+
+    files: tuple[str, ...]
 
 
 class Endpoint(msgspec.Struct, frozen=True, kw_only=True):
@@ -398,6 +409,7 @@ Reply = (
     Prepared
     | Ready
     | Matched
+    | Modules
     | Discovered
     | Surveyed
     | ParameterLists

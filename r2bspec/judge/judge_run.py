@@ -22,6 +22,7 @@ from r2bspec.measure.compute_metrics import summarise
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.record.baseline_file import BaselineRecord, read_baseline, read_confirmation
+from r2bspec.record.graph_identity import GraphIdentity, identity_differences
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import RunRecord
 from r2bspec.untrusted.safe_json import decode_json
@@ -58,6 +59,7 @@ def result_of(
         baseline=_baseline_result(baseline, confirmed=again is not None)
         if baseline is not None
         else None,
+        base_identity=baseline.identity if baseline is not None else None,
     )
 
 
@@ -70,9 +72,14 @@ def build_result(
     verdict: Verdict,
     pairs: PairsResult | None = None,
     baseline: BaselineResult | None = None,
+    base_identity: GraphIdentity | None = None,
+    gate: tuple[str, ...] = (),
 ) -> Result:
     """The result of a run, or of several as one, that has been measured and judged."""
     record, plan = run.record, run.plan
+    changes: tuple[str, ...] = ()
+    if base_identity is not None and record.identity is not None:
+        changes = identity_differences(base_identity, record.identity)
     return Result(
         name=plan.name,
         title=plan.title,
@@ -103,6 +110,10 @@ def build_result(
         unplayed=record.unplayed,
         profiles=record.profiles,
         accuracy=record.accuracy,
+        identity=record.identity,
+        base_identity=base_identity,
+        changes=changes,
+        gate=gate,
     )
 
 

@@ -10,6 +10,7 @@ from r2bspec.judge.verdict import Verdict
 from r2bspec.language.spec import Scalar
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.record.comparison_folder import PairRecord
+from r2bspec.record.graph_identity import GraphIdentity
 from r2bspec.record.run_record import (
     AccuracyRecord,
     Difference,
@@ -100,8 +101,11 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         unplayed: messages of inputs that were not played.
         profiles: of an iteration that counts for nothing.
         accuracy: of the monitors that were compared with the truth.
-        changes: what the graph is made of that differs from the base, such as ``blur.py changed``.
-        gate: about the gate itself, a sentence each: what it allows, and what it could not compare.
+        identity: what the graph was made of, with the revision; None where it is not known, or
+            was not the same in all runs.
+        base_identity: of the base, if this is a comparison or there is a stored run.
+        changes: from the base to this run, such as ``blur.py changed``; nodes first.
+        gate: what the reader has to know of the gate itself, a sentence each.
     """
 
     r2bspec_result: Literal[1] = 1
@@ -134,6 +138,8 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     unplayed: tuple[UnplayedMessages, ...] = ()
     profiles: tuple[ProfileRecord, ...] = ()
     accuracy: tuple[AccuracyRecord, ...] = ()
+    identity: GraphIdentity | None = None
+    base_identity: GraphIdentity | None = None
     changes: tuple[str, ...] = ()
     gate: tuple[str, ...] = ()
 

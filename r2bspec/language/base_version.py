@@ -7,9 +7,7 @@ could bring a configuration of its own, is never looked at.
 
 from __future__ import annotations
 
-import os
 import posixpath
-import subprocess
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -25,8 +23,7 @@ from r2bspec.language.located_tree import MapNode
 from r2bspec.language.source_text import MAX_DOCUMENT_BYTES, decode
 from r2bspec.language.variable_declarations import listed_environment
 from r2bspec.language.yaml_composer import compose
-
-_GIT_TIMEOUT_S = 60.0
+from r2bspec.untrusted.git import find_work_tree, run_git
 
 
 class BaseVersionError(UsageError):
@@ -60,7 +57,7 @@ class BaseVersion:
 
     def read(self, path: str) -> bytes | None:
         """The content of a file, by its path below `top`; None if the commit has no such file."""
-        done = _git(self.top, "cat-file", "blob", f"{self.commit}:{path}")
+        done = run_git(self.top, "cat-file", "blob", f"{self.commit}:{path}")
         found = done.stdout if done is not None and done.returncode == 0 else None
         return None if found is None or len(found) > MAX_DOCUMENT_BYTES else found
 
@@ -75,14 +72,13 @@ def base_version(reference: str, folder: Path) -> BaseVersion:
     Raises:
         BaseVersionError: there is no such commit, no repository, or no git.
     """
-    here = folder.resolve()
-    top = next((each for each in (here, *here.parents) if (each / ".git").exists()), None)
+    top = find_work_tree(folder)
     if top is None:
         raise BaseVersionError(
             f"{folder} is not in a git repository, so --base-ref cannot be read",
             hint="Run it in the repository of the specs, or leave --base-ref out.",
         )
-    done = _git(top, "rev-parse", "--verify", "--end-of-options", f"{reference}^{{commit}}")
+    done = run_git(top, "rev-parse", "--verify", "--end-of-options", f"{reference}^{{commit}}")
     if done is None:
         raise BaseVersionError("git cannot be executed, so --base-ref cannot be read")
     if done.returncode:
@@ -91,29 +87,6 @@ def base_version(reference: str, folder: Path) -> BaseVersion:
             hint="Fetch it first: git fetch --depth=1 origin COMMIT.",
         )
     return BaseVersion(top, done.stdout.decode().strip())
-
-
-def _git(top: Path, *arguments: str) -> subprocess.CompletedProcess[bytes] | None:
-    """Run git on the repository of a working tree; None if that is not possible.
-
-    With its folder named, git looks for no repository, and so finds none that a stranger put below
-    the working tree.
-    """
-    unset = {"GIT_DIR", "GIT_WORK_TREE", "GIT_OBJECT_DIRECTORY", "GIT_INDEX_FILE", "GIT_NAMESPACE"}
-    environment = {name: value for name, value in os.environ.items() if name not in unset}
-    environment |= {"GIT_TERMINAL_PROMPT": "0", "GIT_NO_REPLACE_OBJECTS": "1"}
-    command = ["git", f"--git-dir={top / '.git'}", *arguments]
-    try:
-        return subprocess.run(
-            command,
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            timeout=_GIT_TIMEOUT_S,
-            check=False,
-        )
-    except (OSError, ValueError, subprocess.TimeoutExpired):
-        return None
 
 
 @lru_cache(maxsize=1024)

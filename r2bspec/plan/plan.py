@@ -64,6 +64,8 @@ class NodePlan(_Value, frozen=True, kw_only=True):
         package: the ROS package of a `plugin`, which is the class of a C++ component; both are
             empty for other nodes. A plugin is loaded into its container with this name,
             namespace, and these parameters and remappings.
+        parameter_files: the files that `parameters` are from, as in the spec, in the order in which
+            they apply; a node without any has no such key.
     """
 
     name: str
@@ -74,6 +76,7 @@ class NodePlan(_Value, frozen=True, kw_only=True):
     remappings: dict[str, str]
     package: str = ""
     plugin: str = ""
+    parameter_files: tuple[str, ...] | msgspec.UnsetType = msgspec.UNSET
 
 
 class JoinPlan(_Value, frozen=True, kw_only=True):

@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Literal
 
+import msgspec
+
 from r2bspec.language.spec import Container, Node, Spec
 from r2bspec.plan.command_lines import (
     HARNESS_ARGV,
@@ -254,4 +256,5 @@ def _node(node: NodeWiring) -> NodePlan:
         remappings=dict(node.node.remappings),
         package=node.node.package if node.role == "container" else "",
         plugin=node.node.plugin,
+        parameter_files=node.node.parameter_files or msgspec.UNSET,
     )

@@ -12,6 +12,7 @@ from typing import Final, Literal
 import msgspec
 
 from r2bspec.record.errors import RecordError
+from r2bspec.record.graph_identity import GraphIdentity
 from r2bspec.record.run_folder import Run, open_run
 from r2bspec.untrusted.safe_json import read_json
 
@@ -46,6 +47,8 @@ class BaselineRecord(msgspec.Struct, frozen=True, kw_only=True):
         run_ids: of the runs of the baseline, oldest first.
         differences: between these runs and this one, one per line.
         series: the values.
+        identity: what the graph of the stored run, or of the latest one of the history, was made
+            of.
     """
 
     r2bspec_baseline: Literal[1] = 1
@@ -54,6 +57,7 @@ class BaselineRecord(msgspec.Struct, frozen=True, kw_only=True):
     run_ids: tuple[str, ...]
     differences: tuple[str, ...] = ()
     series: tuple[BaselineSeries, ...]
+    identity: GraphIdentity | None = None
 
     def find(self, at_hz: float | None, monitor: str | None, metric: str) -> BaselineSeries:
         """A metric; without values if the baseline does not have it."""

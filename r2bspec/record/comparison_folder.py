@@ -197,6 +197,7 @@ class PairedComparison:
             search=None,
             sustained=(),
             events=(),
+            identity=one.identity if one else None,
         )
 
 

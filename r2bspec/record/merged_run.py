@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 
 from r2bspec.plan.plan import Plan
+from r2bspec.record.graph_identity import common_identity
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import RunRecord, SearchRecord, Segment
 from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
@@ -128,6 +129,7 @@ def merge_runs(
         unplayed=tuple(dict.fromkeys(each for record in records for each in record.unplayed)),
         # Every run compares the same images; the first one that did so speaks for all.
         accuracy=next((record.accuracy for record in records if record.accuracy), ()),
+        identity=common_identity(record.identity for record in records or [whole]),
     )
     return MergedRun(folder=folder, record=merged, plan=plan, runs=tuple(runs), spec=spec)
 

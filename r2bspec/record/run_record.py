@@ -10,6 +10,7 @@ A run folder contains::
                        each tapped topic, with dots instead of slashes
     resources.npy      CPU and memory of every process over the whole run
     surroundings.npy   host interference over the whole run
+    loaded_files.json  the files that each process of the graph loaded (`loaded_files`)
     logs/PROCESS.log   the output of each process
     profile/PROCESS/   what a profiler wrote
 
@@ -23,6 +24,7 @@ from typing import Any, Literal
 import msgspec
 
 from r2bspec.language.spec import TruthKind
+from r2bspec.record.graph_identity import GraphIdentity
 from r2bspec.record.phase_times import PhaseTime
 
 PLAYBACK_FIELDS = (
@@ -510,6 +512,7 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     `profiles` are those of an iteration that counts for nothing.
     `accuracy` has one entry for each monitor that is compared with the truth, unless the run ended
     before that. `phases` say where the time went, and are empty in older records.
+    `identity` is what the graph was made of; None if that was not looked up.
     """
 
     r2bspec_record: Literal[1] = 1
@@ -538,3 +541,4 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     ended_rates: tuple[EndedRate, ...] = ()
     accuracy: tuple[AccuracyRecord, ...] = ()
     phases: tuple[PhaseTime, ...] = ()
+    identity: GraphIdentity | None = None

@@ -11,6 +11,7 @@ from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import OverallOutcome, RequirementVerdict, Verdict
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import show
+from r2bspec.record.graph_identity import revision_text
 from r2bspec.record.run_record import Probe, SearchRecord, StartRecord
 
 OUTCOME_WORDS: dict[OverallOutcome, str] = {
@@ -21,6 +22,13 @@ OUTCOME_WORDS: dict[OverallOutcome, str] = {
     "incomplete": "! INCOMPLETE",
 }
 """Each outcome with its mark: never shown by colour alone."""
+
+
+NAMED_CHANGES = 3
+"""Changes of the code that the first line of a report names; it counts the others."""
+
+_MAX_CHANGES = 12
+"""Changes of the code that are listed one by one where the first line does not name them all."""
 
 
 def verdict_word(one: RequirementVerdict) -> str:
@@ -143,8 +151,9 @@ def undecided_rates_text(search: SearchRecord) -> str:
 
 
 def comparison(result: Result) -> Iterator[str]:
-    """The baseline of a result and the gate, a sentence each; nothing without them."""
+    """The gate and the baseline of a result, a sentence each; nothing without them."""
     yield from (f"{text[:1].upper()}{text[1:]}" for text in result.gate)
+    yield from _all_changes(result)
     pairs, earlier = result.pairs, result.baseline
     if pairs is not None:
         played = f"{pairs.used} of {pairs.planned} pairs" if pairs.used < pairs.planned else ""
@@ -163,6 +172,25 @@ def comparison(result: Result) -> Iterator[str]:
         else:
             yield f"Compared with the stored run {earlier.source} (advisory)."
         yield from (f"Difference: {each}" for each in earlier.differences)
+
+
+def code_text(result: Result) -> str:
+    """The revisions that were run; empty where they are not known."""
+    head, base = (
+        revision_text(identity.revision) if identity is not None else ""
+        for identity in (result.identity, result.base_identity)
+    )
+    if head and base and head != base:
+        return f"head {head}, base {base}"
+    return f"revision {head}" if head else ""
+
+
+def _all_changes(result: Result) -> Iterator[str]:
+    """What changed since the base, where the first line of a report names only some of it."""
+    if len(result.changes) > NAMED_CHANGES:
+        more = len(result.changes) - _MAX_CHANGES
+        others = f", {more} more" if more > 0 else ""
+        yield f"Changed since the base: {', '.join(result.changes[:_MAX_CHANGES])}{others}."
 
 
 def own_pace(metrics: RunMetrics) -> str:

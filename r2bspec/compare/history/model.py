@@ -33,6 +33,8 @@ class HistoryEntry:
         dataset: hash of the recorded data.
         outcome: of the verdict. A run that failed is no baseline for the next, unless `accepted`.
         started_at: ISO 8601, UTC.
+        identity: what the graph was made of: `GraphIdentity` as JSON; empty if not known. Runs of
+            other code are what a run is compared with, so that it does not select them.
     """
 
     run_id: str
@@ -45,4 +47,5 @@ class HistoryEntry:
     version: str
     outcome: str
     accepted: bool = False
+    identity: str = ""
     metrics: tuple[HistoryMetric, ...] = ()

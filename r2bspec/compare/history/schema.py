@@ -11,8 +11,8 @@ from typing import Final
 APPLICATION_ID: Final = 0x52324253
 """'R2BS' in ASCII: distinguishes a history from the database of another program."""
 
-SCHEMA_VERSION: Final = 2
-"""Version 1 was never released."""
+SCHEMA_VERSION: Final = 3
+"""Version 1 was never released. Version 2 has no identities."""
 
 # A failed run counts as a baseline once it is accepted, as an intended regression.
 _STATEMENTS: Final = (
@@ -27,7 +27,8 @@ _STATEMENTS: Final = (
         dataset TEXT NOT NULL,
         version TEXT NOT NULL,
         outcome TEXT NOT NULL,
-        accepted INTEGER NOT NULL DEFAULT 0
+        accepted INTEGER NOT NULL DEFAULT 0,
+        identity TEXT NOT NULL DEFAULT ''
     ) STRICT
     """,
     """
@@ -46,10 +47,26 @@ _STATEMENTS: Final = (
     f"PRAGMA user_version = {SCHEMA_VERSION}",
 )
 
+_UPGRADES: Final = {2: ("ALTER TABLE runs ADD COLUMN identity TEXT NOT NULL DEFAULT ''",)}
+"""The statements that turn each older version into the next one."""
+
 
 def schema_version(connection: sqlite3.Connection) -> int:
     """The version of a file's format; 0 for a file without tables."""
     return int(connection.execute("PRAGMA user_version").fetchone()[0])
+
+
+def is_upgradable(version: int) -> bool:
+    """Whether a file of an older version can be brought up to date."""
+    return version in _UPGRADES
+
+
+def upgrade(connection: sqlite3.Connection) -> None:
+    """Bring a file of an older version up to date, in the caller's transaction."""
+    while (version := schema_version(connection)) in _UPGRADES:
+        for statement in _UPGRADES[version]:
+            connection.execute(statement)
+        connection.execute(f"PRAGMA user_version = {version + 1}")
 
 
 def create_tables(connection: sqlite3.Connection) -> None:

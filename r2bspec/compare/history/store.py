@@ -16,7 +16,9 @@ from r2bspec.compare.history.schema import (
     APPLICATION_ID,
     SCHEMA_VERSION,
     create_tables,
+    is_upgradable,
     schema_version,
+    upgrade,
 )
 from r2bspec.private_files import private_files
 from r2bspec.untrusted.errors import RefusedDataError
@@ -34,7 +36,7 @@ _TABLES: Final = ("runs", "metrics")
 
 _COLUMNS: Final = (
     *("run_id", "name", "started_at", "host", "machine", "plan", "dataset", "version"),
-    *("outcome", "accepted"),
+    *("outcome", "accepted", "identity"),
 )
 
 
@@ -190,26 +192,29 @@ def open_history(path: Path, *, create: bool = False) -> Iterator[History]:
             stack.enter_context(contextlib.closing(connection))
             restrict(connection, _MAX_OPENING_S)
             with _transaction(connection, "DEFERRED"):
-                empty = _check(path, connection)
-            if empty:
+                state = _check(path, connection)
+            if state != "current":
                 with _transaction(connection):
-                    # Unless another program has created the tables meanwhile.
-                    if _check(path, connection):
+                    # Unless another program has done it meanwhile.
+                    state = _check(path, connection)
+                    if state == "empty":
                         create_tables(connection)
+                    elif state == "older":
+                        upgrade(connection)
             _use_write_ahead_log(connection)
             connection.execute("PRAGMA foreign_keys = ON")
             end_deadline(connection)
         yield History(path, connection)
 
 
-def _check(path: Path, connection: sqlite3.Connection) -> bool:
-    """Check that the file is a history of this version, or empty, before anything is changed.
+def _check(path: Path, connection: sqlite3.Connection) -> Literal["empty", "older", "current"]:
+    """Check that the file is a history that can be read, or empty, before anything is changed.
 
     Returns:
-        Whether it is empty.
+        Whether it is empty, or of an older version that can be brought up to date.
     """
     if not connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
-        return True
+        return "empty"
     if connection.execute("PRAGMA application_id").fetchone()[0] != APPLICATION_ID:
         raise HistoryError(
             f"{path} is a database of another program, not a history of r2bspec",
@@ -217,12 +222,14 @@ def _check(path: Path, connection: sqlite3.Connection) -> bool:
         )
     check_schema(connection, _TABLES)
     version = schema_version(connection)
+    if is_upgradable(version):
+        return "older"
     if version != SCHEMA_VERSION:
         raise HistoryError(
             f"{path} has version {version}; this r2bspec reads version {SCHEMA_VERSION}",
             hint="Use the r2bspec that wrote it, or name another file with --history.",
         )
-    return False
+    return "current"
 
 
 def _use_write_ahead_log(connection: sqlite3.Connection) -> None:

@@ -33,6 +33,9 @@ from r2bspec.record.run_record import ProcessRecord
 
 __all__ = ["ManagedProcess", "ProcessSupervisor", "describe_exit"]
 
+NO_ANSWER = "R2B632"
+"""The code of an error because a process does not respond in time."""
+
 _POLL_S = 0.05
 _NOT_INSTALLED_PREFIX = "R2B62"
 """The codes for missing software: another attempt would not help."""
@@ -281,7 +284,7 @@ class ProcessSupervisor:
                     raise RunError(
                         f"process {child.name} did not respond within {stated_s:g} s",
                         hint=f"It may be blocked in a callback or a constructor; see {child.log}",
-                        code="R2B632",
+                        code=NO_ANSWER,
                     )
                 self.pump()
 

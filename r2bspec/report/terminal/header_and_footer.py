@@ -15,6 +15,7 @@ from r2bspec.record.run_record import SearchRecord
 from r2bspec.report.headline import reason_after
 from r2bspec.report.notes import Notes
 from r2bspec.report.report_wording import (
+    code_text,
     comparison,
     loaded_rmw,
     peak_text,
@@ -34,6 +35,7 @@ def header(result: Result) -> RenderableType:
         f"{_known(result.machine, 'cores')} cores" if "cores" in result.machine else "",
         loaded_rmw(result),
         _known(result.dataset, "source"),
+        code_text(result),
         starts_text(result.starts),
         f"r2bspec {result.versions['r2bspec']}" if "r2bspec" in result.versions else "",
     ]

@@ -6,6 +6,7 @@ import contextlib
 import multiprocessing
 import os
 import sqlite3
+from dataclasses import replace
 from multiprocessing.synchronize import Barrier
 from pathlib import Path
 
@@ -83,7 +84,7 @@ def test_forgetting_a_run_forgets_its_metrics(tmp_path: Path) -> None:
         assert connection.execute("SELECT count(*) FROM metrics").fetchone() == (2,)
 
 
-@pytest.mark.parametrize("version", [SCHEMA_VERSION - 1, SCHEMA_VERSION + 1])
+@pytest.mark.parametrize("version", [1, SCHEMA_VERSION + 1])
 def test_another_version_is_refused_and_left_alone(tmp_path: Path, version: int) -> None:
     path = tmp_path / "h"
     with open_history(path, create=True) as history:
@@ -95,6 +96,22 @@ def test_another_version_is_refused_and_left_alone(tmp_path: Path, version: int)
     with pytest.raises(HistoryError, match=refused), open_history(path):
         pass
     assert path.read_bytes() == before
+
+
+def test_a_history_without_identities_gets_them(tmp_path: Path) -> None:
+    path = tmp_path / "h"
+    with open_history(path, create=True) as history:
+        history.add(entry("a"))
+    with contextlib.closing(sqlite3.connect(path)) as connection:
+        connection.execute("ALTER TABLE runs DROP COLUMN identity")
+        connection.execute("PRAGMA user_version = 2")
+    with open_history(path) as history:
+        assert [run.identity for run in history.runs()] == [""]
+        history.add(replace(entry("b"), identity="{}"))
+    with open_history(path) as history:
+        assert {run.run_id: run.identity for run in history.runs()} == {"a": "", "b": "{}"}
+    with contextlib.closing(sqlite3.connect(path)) as connection:
+        assert connection.execute("PRAGMA user_version").fetchone() == (SCHEMA_VERSION,)
 
 
 @pytest.mark.parametrize("content", [b"x" * 4096, b"SQLite format 3\x00" + b"\xff" * 4080])

@@ -17,6 +17,7 @@ from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.result import BaselineResult, Result
 from r2bspec.judge.verdict import Unusable
 from r2bspec.language.spec import Objective
+from r2bspec.record.graph_identity import GraphIdentity, Revision
 from r2bspec.record.run_record import SearchRecord
 from r2bspec.report.format_registry import renderer
 from r2bspec.report.headline import base_name, changes_text, headline
@@ -218,6 +219,32 @@ class TestComparison:
         for name, first in firsts.items():
             assert "FAIL" in first, name
             assert end[2:].removesuffix(" against other.r2b.yaml") in first, name
+
+    def test_a_base_that_is_a_revision_has_its_name_and_commit(self, tmp_path: Path) -> None:
+        found = self.pairs(tmp_path / "pairs", 1.16)
+        revisions = [
+            Revision(commit="3f2a1c4d" + "0" * 32, dirty=True),
+            Revision(commit="9b1e44f0" + "0" * 32, dirty=False, name="origin/main"),
+        ]
+        head, base = (
+            GraphIdentity(digest=revision.commit, nodes={}, packages={}, revision=revision)
+            for revision in revisions
+        )
+        changes = ("blur.py changed",)
+        named = msgspec.structs.replace(found, identity=head, base_identity=base, changes=changes)
+        assert headline(named) == (
+            "✘ FAIL simulated: latency.p50 116 % [115, 117] of origin/main@9b1e44f at 30 Hz, "
+            "limit 105 %; blur.py changed against origin/main@9b1e44f"
+        )
+        for name in ("text", "markdown", "html", "junit"):
+            text = renderer(name)(ReportInput(result=named)).decode().replace("&#64;", "@")
+            assert "head 3f2a1c4+dirty, base origin/main@9b1e44f" in " ".join(text.split()), name
+
+    def test_the_gate_is_spoken_of_in_every_report(self, tmp_path: Path) -> None:
+        found = self.pairs(tmp_path / "pairs", 1.0)
+        told = msgspec.structs.replace(found, gate=("allowed: objective fast",))
+        for name in ("text", "markdown", "html", "junit"):
+            assert "Allowed: objective fast" in renderer(name)(ReportInput(result=told)).decode()
 
     def test_many_changes_are_counted(self) -> None:
         changes = tuple(f"{name}.py changed" for name in "abcde")

@@ -1,0 +1,394 @@
+"""The identity of the graph of a plan: of each node, from what its process would start.
+
+Nothing is executed, and nothing of the graph is imported. Files are looked up as the processes of
+the run would: relative to the folder of the spec, on ``PATH``, ``PYTHONPATH`` and in the ament
+index, with the environment as it now is. What cannot be known is said in `NodeIdentity.unknown`
+instead of being left out.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import platform
+import re
+import shutil
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from r2bspec.check.installed_packages import (
+    ament_packages,
+    ament_prefixes,
+    package_share,
+    package_version,
+)
+from r2bspec.execute.identity.distributions import ModuleSearch
+from r2bspec.execute.identity.file_digests import FileDigests, build_id, is_elf
+from r2bspec.execute.identity.python_sources import PythonSources, Sources
+from r2bspec.execute.identity.workspace_packages import WorkspacePackages
+from r2bspec.plan.command_lines import INCLUDED_LAUNCH
+from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
+from r2bspec.record.graph_identity import (
+    FileDigest,
+    GraphIdentity,
+    NodeIdentity,
+    Revision,
+    identity_digest,
+    node_digest,
+)
+from r2bspec.untrusted.git import find_work_tree, inspect_work_tree
+from r2bspec.untrusted.looked_up_files import shared_lookups
+from r2bspec.untrusted.safe_file import is_regular, read_bytes
+
+_MAX_TEXT_BYTES: Final = 4_000_000
+_MAX_NAME_LENGTH: Final = 1_000
+_EXECUTABLE: Final = re.compile(r"\$\(executable (?P<package>\S+) (?P<name>\S+)\)")
+_PYTHON_PROGRAM: Final = re.compile(rb"#![^\n]*\bpython[0-9.]*\b")
+_PYTHON_INTERPRETER: Final = re.compile(r"(?:.*/)?python[0-9.]*|\$\(python\)")
+_ENTRY_SCRIPT: Final = re.compile(
+    rb"""['"](?P<name>[\w.-]+)(?:==[^'"]*)?['"],\s*['"](?P<group>\w+)['"],\s*['"](?P<entry>[^'"]+)['"]"""
+)
+"""What a program that was installed with an entry point says of it: distribution, group, name."""
+_QUOTED: Final = re.compile(r"""["']([^"'\n]{1,300})["']""")
+_COMPONENTS: Final = "share/ament_index/resource_index/rclcpp_components"
+_PODMAN_FILE: Final = Path("/run/.containerenv")
+_PODMAN_IMAGE: Final = re.compile(rb'(?m)^imageid="([^"\n]+)"')
+_IMAGE_VARIABLES: Final = ("CI_JOB_IMAGE", "DEVCONTAINER_IMAGE")
+
+
+def graph_identity(
+    plan: Plan, base_dir: Path, *, revision: Revision | None = None, top: Path | None = None
+) -> GraphIdentity:
+    """What the graph of a plan is made of, here and now.
+
+    Args:
+        plan: of the run.
+        base_dir: the folder of the spec, to which its paths are relative.
+        revision: of the work tree; looked up in the repository that contains `base_dir` if None.
+        top: the folder that paths are made relative to: by default the top of the work tree, or
+            `base_dir` where there is no repository.
+    """
+    work_tree = find_work_tree(base_dir)
+    with ThreadPoolExecutor(max_workers=1) as git, shared_lookups():
+        asked = git.submit(_revision_of, work_tree) if revision is None else None
+        identify = _GraphIdentifier(base_dir, top or work_tree or base_dir)
+        nodes = dict(identify.nodes(plan))
+        packages = dict(sorted(identify.packages().items()))
+        revision = asked.result() if asked is not None else revision
+    return GraphIdentity(
+        digest=identity_digest(nodes, packages), nodes=nodes, packages=packages, revision=revision
+    )
+
+
+def _revision_of(work_tree: Path | None) -> Revision | None:
+    state = inspect_work_tree(work_tree) if work_tree is not None else None
+    return Revision(state.commit, bool(state.changed)) if state is not None else None
+
+
+@dataclass
+class _Parts:
+    """What is known of a node so far."""
+
+    kind: str
+    files: dict[str, FileDigest] = field(default_factory=dict)
+    package: str = ""
+    build_ids: list[str] = field(default_factory=list)
+    unknown: list[str] = field(default_factory=list)
+
+
+class _GraphIdentifier:
+    """Identifies the nodes of one plan; what they share is looked up once."""
+
+    def __init__(self, base_dir: Path, top: Path) -> None:
+        self._base_dir = base_dir
+        self._digests = FileDigests(top)
+        self._workspace = WorkspacePackages(top)
+        self._search = ModuleSearch()
+        self._python = PythonSources(self._search)
+        self._distributions: set[str] = set()
+        self._has_python = False
+
+    def nodes(self, plan: Plan) -> Iterator[tuple[str, NodeIdentity]]:
+        """Every node of the graph and every command of the run, by its name."""
+        for process in plan.processes:
+            before = "preprocess." if process.phase == "preprocess" else ""
+            for node in process.nodes:
+                yield f"{before}{node.node}", self._identity(self._node(process, node))
+        for external in plan.external:
+            yield (
+                external.name,
+                self._identity(_Parts("external", unknown=["it is started by others"])),
+            )
+        for setup in plan.setup:
+            parts = _Parts("setup")
+            self._add_command(parts, setup.argv, self._base_dir / setup.directory)
+            yield f"setup {setup.name}", self._identity(parts)
+        for step in plan.after_ready:
+            if step.argv:
+                parts = _Parts("step")
+                self._add_command(parts, step.argv, self._base_dir)
+                yield f"step {step.name}", self._identity(parts)
+
+    def packages(self) -> dict[str, str]:
+        """The versions of what the sources import, and of what contains all of it."""
+        packages = self._search.with_requirements(self._distributions)
+        if self._has_python:
+            packages["python"] = platform.python_version()
+        if image := container_image():
+            packages["container image"] = image
+        return packages
+
+    def _identity(self, parts: _Parts) -> NodeIdentity:
+        node = NodeIdentity(
+            kind=parts.kind,
+            digest="",
+            files=tuple(parts.files[path] for path in sorted(parts.files)),
+            package=parts.package,
+            version=package_version(parts.package),
+            build_id=" ".join(dict.fromkeys(parts.build_ids)),
+            unknown="; ".join(dict.fromkeys(parts.unknown)),
+        )
+        return msgspec.structs.replace(node, digest=node_digest(node))
+
+    def _node(self, process: ProcessPlan, node: NodePlan) -> _Parts:
+        parts = _Parts("command")
+        if node.plugin:
+            parts.kind = "plugin"
+            self._add_plugin(parts, node.package, node.plugin)
+        elif node.target:
+            parts.kind = "python"
+            self._add_target(parts, node.target)
+        elif INCLUDED_LAUNCH in process.argv:
+            parts.kind = "launch"
+            self._add_launch(parts, process.argv)
+        else:
+            self._add_command(parts, process.argv, self._base_dir)
+        if node.plugin or node.target:
+            # A prefix, and a program of the work tree in it.
+            self._add_named_files(parts, process.argv, self._base_dir)
+        files = node.parameter_files
+        for name in files if files is not msgspec.UNSET else ():
+            self._add_file(parts, self._base_dir / name)
+        return parts
+
+    def _add_file(self, parts: _Parts, path: Path) -> None:
+        digest = self._digests.digest(path)
+        if digest is None:
+            parts.unknown.append(f"{path} cannot be read")
+        else:
+            parts.files[digest.path] = digest
+
+    def _add_target(self, parts: _Parts, target: str) -> None:
+        path, colon, _ = target.rpartition(":")
+        if colon:
+            self._add_sources(parts, self._python.of_file((self._base_dir / path).resolve()))
+        else:
+            self._add_module(parts, target.rpartition(".")[0])
+
+    def _add_module(self, parts: _Parts, name: str) -> None:
+        sources = self._python.of_module(name)
+        if sources is None:
+            parts.unknown.append(f"module {name} is not installed")
+            return
+        top = self._search.find(name.partition(".")[0])
+        owner = self._search.owner(top) if top is not None else None
+        if owner is not None:
+            self._distributions.add(owner.name)
+            if owner.kind == "egg-info" and not parts.package:
+                parts.package = owner.name if owner.name in ament_packages() else ""
+        self._add_sources(parts, sources)
+
+    def _add_sources(self, parts: _Parts, sources: Sources) -> None:
+        self._has_python = True
+        self._distributions |= sources.distributions
+        if sources.incomplete:
+            parts.unknown.append(sources.incomplete)
+        for path in sources.files:
+            if path.suffix == ".so":
+                parts.build_ids.append(build_id(path))
+                continue
+            self._add_file(parts, path)
+            self._add_counterpart(parts, path)
+
+    def _add_counterpart(self, parts: _Parts, installed: Path) -> None:
+        """The source that a module was installed from, in place of the module if they are equal.
+
+        An installation that is older than the sources has both.
+        """
+        folder = next((each for each in installed.parents if each.name == "site-packages"), None)
+        if folder is None:
+            return
+        inside = installed.relative_to(folder)
+        source = self._workspace.counterpart(inside.parts[0], str(inside))
+        digest = self._digests.digest(source) if source is not None else None
+        copy = self._digests.digest(installed)
+        if digest is not None and copy is not None:
+            if digest.sha256 == copy.sha256:
+                parts.files.pop(copy.path, None)
+            parts.files[digest.path] = digest
+
+    def _add_plugin(self, parts: _Parts, package: str, plugin: str) -> None:
+        parts.package = package
+        library = _plugin_library(package, plugin)
+        if library is None:
+            parts.unknown.append(f"{package} registers no component {plugin}")
+        else:
+            parts.build_ids.append(build_id(library))
+        self._add_package(parts, package)
+
+    def _add_package(self, parts: _Parts, package: str) -> None:
+        """The sources of a ROS package that lies in the work tree."""
+        for path in self._workspace.sources(package):
+            self._add_file(parts, path)
+
+    def _add_executable(self, parts: _Parts, package: str, name: str) -> None:
+        parts.package = parts.package or package
+        program = next(
+            (
+                prefix / "lib" / package / name
+                for prefix in ament_prefixes()
+                if is_regular(prefix / "lib" / package / name)
+            ),
+            None,
+        )
+        if program is None:
+            parts.unknown.append(f"package {package} has no executable {name} here")
+            self._add_package(parts, package)
+        else:
+            self._add_program(parts, program, package)
+
+    def _add_program(self, parts: _Parts, program: Path, package: str = "") -> None:
+        """A program: its build id, or its sources if it is one of Python."""
+        if is_elf(program):
+            parts.build_ids.append(build_id(program))
+            if package:
+                self._add_package(parts, package)
+            return
+        self._add_file(parts, program)
+        text = _read(program)
+        if program.suffix != ".py" and _PYTHON_PROGRAM.match(text) is None:
+            if package:
+                self._add_package(parts, package)
+            return
+        entry = _ENTRY_SCRIPT.search(text)
+        distribution = self._search.distribution(entry["name"].decode()) if entry else None
+        if entry is not None and distribution is not None:
+            module = distribution.entry_module(entry["group"].decode(), entry["entry"].decode())
+            if module:
+                # The program has the version in it, but nothing that runs.
+                parts.files.pop(self._digests.shown(os.path.realpath(program)), None)
+                self._add_module(parts, module)
+                return
+        self._add_sources(parts, self._python.of_file(program))
+
+    def _add_command(self, parts: _Parts, argv: Sequence[str], folder: Path) -> None:
+        """A command: its program, and the files of the work tree that it names.
+
+        A program elsewhere is of the system, and known by its build id at most.
+        """
+        rest = [*argv]
+        match rest:
+            case ["ros2", "run", package, name, *_] if not package.startswith("-"):
+                parts.kind = "executable"
+                self._add_executable(parts, package, name)
+                rest = rest[4:]
+            case [first, *_] if (executable := _EXECUTABLE.fullmatch(first)) is not None:
+                parts.kind = "executable"
+                self._add_executable(parts, executable["package"], executable["name"])
+                rest = rest[1:]
+            case [first, "-m", module, *_] if _PYTHON_INTERPRETER.fullmatch(first):
+                self._add_module(parts, module)
+            case [first, *_]:
+                self._add_first_word(parts, first, folder)
+                rest = rest[1:]
+        self._add_named_files(parts, rest, folder)
+
+    def _add_first_word(self, parts: _Parts, word: str, folder: Path) -> None:
+        place = str(folder / word) if "/" in word else shutil.which(word)
+        program = Path(place) if place is not None else None
+        if program is None or not is_regular(program):
+            parts.unknown.append(f"program {word} is not installed")
+        elif self._digests.is_inside(program):
+            self._add_program(parts, program)
+        elif is_elf(program):
+            parts.build_ids.append(build_id(program))
+        elif not _PYTHON_INTERPRETER.fullmatch(word):
+            self._add_file(parts, program)
+
+    def _add_named_files(self, parts: _Parts, words: Iterable[str], folder: Path) -> None:
+        """The files of the work tree among the words of a command, also as ``key:=file``."""
+        for word in words:
+            if (executable := _EXECUTABLE.fullmatch(word)) is not None:
+                # Of a container, or after a prefix.
+                if parts.kind == "command":
+                    parts.kind = "executable"
+                    self._add_executable(parts, executable["package"], executable["name"])
+                continue
+            for name in dict.fromkeys((word, word.rpartition("=")[2])):
+                if not name or name.startswith("$(") or len(name) > _MAX_NAME_LENGTH:
+                    continue
+                path = folder / name
+                if is_regular(path) and self._digests.is_inside(path):
+                    if path.suffix == ".py":
+                        self._add_sources(parts, self._python.of_file(path.resolve()))
+                    elif is_elf(path):
+                        parts.build_ids.append(build_id(path))
+                    else:
+                        self._add_file(parts, path)
+
+    def _add_launch(self, parts: _Parts, argv: Sequence[str]) -> None:
+        """A launch file, what it names beside it, and the packages of the work tree in its text.
+
+        What it starts is decided when it is executed: that is not known.
+        """
+        places = dict(word.split(":=", 1) for word in argv if ":=" in word)
+        name, package = places.get("file", ""), places.get("package", "")
+        share = package_share(package) if package else self._base_dir
+        parts.package = package
+        file = share / name if share is not None else None
+        if file is None or not is_regular(file):
+            parts.unknown.append(f"launch file {name} is not installed")
+            return
+        self._add_file(parts, file)
+        if package:
+            self._add_package(parts, package)
+        text = _read(file).decode(errors="replace")
+        installed = ament_packages() | self._workspace.folders.keys()
+        for quoted in dict.fromkeys(_QUOTED.findall(text)):
+            if quoted in installed:
+                self._add_package(parts, quoted)
+            elif "." in quoted and is_regular(path := file.parent / quoted):
+                self._add_file(parts, path)
+        parts.unknown.append("what a launch file starts is decided when it is executed")
+
+
+def container_image() -> str:
+    """The image of the container that this process runs in, as far as it can know; else empty.
+
+    Podman writes the id into a file, and some pipelines set a variable. Docker says nothing.
+    """
+    match = _PODMAN_IMAGE.search(_read(_PODMAN_FILE))
+    if match is not None:
+        return match[1].decode(errors="replace")
+    return next((os.environ[name] for name in _IMAGE_VARIABLES if os.environ.get(name)), "")
+
+
+def _plugin_library(package: str, plugin: str) -> Path | None:
+    """The library that the ament index names for a component."""
+    for prefix in ament_prefixes():
+        for line in _read(prefix / _COMPONENTS / package).decode(errors="replace").splitlines():
+            name, _, library = line.partition(";")
+            if name.strip() == plugin and library.strip():
+                return prefix / library.strip()
+    return None
+
+
+def _read(path: Path) -> bytes:
+    with contextlib.suppress(OSError, ValueError):
+        return read_bytes(path, max_bytes=_MAX_TEXT_BYTES)
+    return b""

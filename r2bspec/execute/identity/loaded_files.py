@@ -1,0 +1,64 @@
+"""The files that a process has loaded, as the kernel knows them.
+
+These are the files that it has mapped, and those of all processes that it has started: a launch
+file is a process of its own. Sources of Python are read and not mapped; processes of Python nodes
+name theirs themselves (`r2bspec.harness.node_host`).
+"""
+
+from __future__ import annotations
+
+import os
+import sysconfig
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Final
+
+import psutil
+
+import r2bspec
+
+_DELETED: Final = " (deleted)"
+_NO_FILES: Final = ("/dev/", "/memfd:", "/SYSV", "/proc/", "/sys/", "/anon_hugepage")
+_OWN_NODES: Final = "nodes"
+_INSTALLED: Final = ("/site-packages/", "/dist-packages/")
+
+
+def mapped_files(pid: int) -> frozenset[str]:
+    """The files that a process and its descendants have mapped; none of one that has ended."""
+    files: set[str] = set()
+    for member in _with_descendants(pid):
+        files.update(_maps(member))
+    return frozenset(loaded_by_graph(files))
+
+
+def loaded_by_graph(files: Iterable[str]) -> Iterator[str]:
+    """Of some files those that are neither of the standard library nor of r2bspec itself."""
+    own = f"{Path(r2bspec.__file__).parent}/"
+    paths = sysconfig.get_paths()
+    library = tuple({f"{os.path.realpath(paths[name])}/" for name in ("stdlib", "platstdlib")})
+    for file in files:
+        is_of_tool = file.startswith(own) and not file.startswith(f"{own}{_OWN_NODES}/")
+        is_standard = file.startswith(library) and not any(name in file for name in _INSTALLED)
+        if not is_of_tool and not is_standard:
+            yield file
+
+
+def _with_descendants(pid: int) -> list[int]:
+    try:
+        return [pid, *(child.pid for child in psutil.Process(pid).children(recursive=True))]
+    except psutil.Error:
+        return [pid]
+
+
+def _maps(pid: int) -> Iterator[str]:
+    try:
+        text = Path(f"/proc/{pid}/maps").read_text(errors="surrogateescape")
+        yield str(Path(f"/proc/{pid}/exe").readlink())
+    except OSError:
+        return
+    for line in text.splitlines():
+        # Address, permissions, offset, device, inode, path: without a file there is no path.
+        fields = line.split(maxsplit=5)
+        path = fields[5] if len(fields) > 5 else ""
+        if path.startswith("/") and not path.startswith(_NO_FILES) and not path.endswith(_DELETED):
+            yield path

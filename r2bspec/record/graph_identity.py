@@ -1,0 +1,229 @@
+"""What a graph was made of: the sources of its nodes, what they import, and the revision.
+
+A plan says what is run, and is the same on every machine. Which code that was is an observation,
+and belongs to the record. Digests do not depend on where a work tree lies, so that two work trees
+with the same code have the same identity. The revision is for people: a commit that changes
+nothing of the graph is not another graph.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import PurePosixPath
+from typing import Final
+
+import msgspec
+
+from r2bspec.untrusted.safe_json import decode_json
+
+_SHOWN_COMMIT_DIGITS: Final = 7
+
+
+class FileDigest(msgspec.Struct, frozen=True):
+    """A file of a node.
+
+    Attributes:
+        path: relative to the top of the work tree, or to the folder of the spec where there is no
+            repository; absolute for a file outside of it.
+        sha256: of its content, in hexadecimal digits.
+    """
+
+    path: str
+    sha256: str
+
+
+class Revision(msgspec.Struct, frozen=True):
+    """A revision of a work tree.
+
+    Attributes:
+        commit: its full name; empty before the first commit.
+        dirty: whether tracked files differ from it.
+        name: what the user called it, such as ``origin/main``; empty for what is checked out.
+    """
+
+    commit: str
+    dirty: bool
+    name: str = ""
+
+
+class NodeIdentity(msgspec.Struct, frozen=True, kw_only=True):
+    """What a node is made of.
+
+    Attributes:
+        kind: ``python``, ``plugin``, ``executable``, ``command``, ``launch`` or ``external``, and
+            ``setup`` or ``step`` for a command before or after the start.
+        digest: over everything but the paths; empty if nothing is known.
+        files: its sources, launch files, parameter files and the files that its command names,
+            sorted by path.
+        package: the ROS package that it is from.
+        version: of the package.
+        build_id: of an executable or a library: what its linker wrote into it, or the digest of
+            the file, with ``sha256:`` before it.
+        unknown: why it is not known, or not completely.
+    """
+
+    kind: str
+    digest: str
+    files: tuple[FileDigest, ...] = ()
+    package: str = ""
+    version: str = ""
+    build_id: str = ""
+    unknown: str = ""
+
+
+class GraphIdentity(msgspec.Struct, frozen=True, kw_only=True):
+    """What a graph is made of.
+
+    Attributes:
+        digest: over all nodes and packages; the revision does not count.
+        nodes: by their keys in the spec; those of a preprocessor begin with ``preprocess.``, those
+            of a command with ``setup `` or ``step ``.
+        packages: versions of what the sources import, by distribution, and of what contains them.
+        revision: of the work tree that holds the spec; None outside of a repository.
+    """
+
+    digest: str
+    nodes: dict[str, NodeIdentity]
+    packages: dict[str, str] = {}
+    revision: Revision | None = None
+
+
+def node_digest(node: NodeIdentity) -> str:
+    """The digest of a node, over everything in it but the paths of its files."""
+    if not (node.files or node.build_id or node.version):
+        return ""
+    files = sorted((PurePosixPath(file.path).name, file.sha256) for file in node.files)
+    return _digest([node.kind, files, node.package, node.version, node.build_id])
+
+
+def identity_digest(nodes: Mapping[str, NodeIdentity], packages: Mapping[str, str]) -> str:
+    """The digest of a graph."""
+    contents = {name: [node.kind, node.digest] for name, node in nodes.items()}
+    return _digest([sorted(contents.items()), sorted(packages.items())])
+
+
+def _digest(value: object) -> str:
+    return hashlib.sha256(msgspec.json.encode(value)).hexdigest()
+
+
+def encode_identity(identity: GraphIdentity | None) -> str:
+    """An identity as JSON on one line; empty for None."""
+    return msgspec.json.encode(identity).decode() if identity is not None else ""
+
+
+def decode_identity(text: str) -> GraphIdentity | None:
+    """What `encode_identity` wrote; None for an empty or a damaged text."""
+    try:
+        return decode_json(text.encode(), GraphIdentity) if text else None
+    except (msgspec.DecodeError, ValueError):
+        return None
+
+
+def revision_text(revision: Revision | None) -> str:
+    """A revision in a few words: ``3f2a1c4+dirty`` or ``origin/main@9b1e44f``; empty for None."""
+    if revision is None:
+        return ""
+    text = revision.commit[:_SHOWN_COMMIT_DIGITS] or "no commit"
+    if revision.name and not revision.commit.startswith(revision.name):
+        text = f"{revision.name}@{text}"
+    return f"{text}+dirty" if revision.dirty else text
+
+
+def common_identity(identities: Iterable[GraphIdentity | None]) -> GraphIdentity | None:
+    """The first of several identities, if all are of the same code."""
+    first, *others = [*identities] or [None]
+    if first is None or any(other is None or other.digest != first.digest for other in others):
+        return None
+    return first
+
+
+def is_other_code(base: GraphIdentity | None, head: GraphIdentity | None) -> bool:
+    """Whether two identities are known to be of different code."""
+    return base is not None and head is not None and base.digest != head.digest
+
+
+def identity_differences(base: GraphIdentity, head: GraphIdentity) -> tuple[str, ...]:
+    """What differs, from the base to the head: ``blur.py changed``, ``numpy 2.1 → 2.2``.
+
+    Those of nodes come first. A file that several nodes have in common is named once. Files
+    outside of the work tree are matched by their content and their names, because the two sides
+    have them in different places.
+    """
+    if base.digest == head.digest:
+        return ()
+    texts: list[str] = []
+    for name in sorted(base.nodes.keys() | head.nodes.keys()):
+        texts += _node_differences(name, base.nodes.get(name), head.nodes.get(name))
+    return (
+        *sorted({*texts, *source_differences(base, head)}),
+        *sorted(_version_changes(base.packages, head.packages)),
+    )
+
+
+def source_differences(base: GraphIdentity, head: GraphIdentity) -> tuple[str, ...]:
+    """The files that differ, whatever is installed: for runs that are made on several machines."""
+    return tuple(sorted(_file_changes(_files(base), _files(head))))
+
+
+def _node_differences(
+    name: str, base: NodeIdentity | None, head: NodeIdentity | None
+) -> Iterator[str]:
+    """What differs in one node, except for its files."""
+    if base is None or head is None:
+        yield f"{name} {'added' if base is None else 'removed'}"
+        return
+    if base.kind != head.kind:
+        yield f"{name}: {base.kind} → {head.kind}"
+    if (base.package, base.version) != (head.package, head.version):
+        yield from _version_changes({base.package: base.version}, {head.package: head.version})
+    if base.build_id != head.build_id:
+        same_sources = bool(base.files) and _contents(base) == _contents(head)
+        yield f"{name} built differently{' from the same sources' if same_sources else ''}"
+
+
+def _contents(node: NodeIdentity) -> list[tuple[str, str]]:
+    return sorted((PurePosixPath(file.path).name, file.sha256) for file in node.files)
+
+
+def _version_changes(base: Mapping[str, str], head: Mapping[str, str]) -> Iterator[str]:
+    for name in base.keys() | head.keys():
+        before, after = base.get(name), head.get(name)
+        if not name or before == after:
+            continue
+        if before is None:
+            yield f"{name} {after} added"
+        elif after is None:
+            yield f"{name} {before} removed"
+        else:
+            yield f"{name} {before or 'unknown'} → {after or 'unknown'}"
+
+
+def _files(identity: GraphIdentity) -> dict[str, str]:
+    return {file.path: file.sha256 for node in identity.nodes.values() for file in node.files}
+
+
+def _file_changes(base: dict[str, str], head: dict[str, str]) -> Iterator[str]:
+    """The files that changed, came or went; by their last names where these are unambiguous."""
+    changed = {path for path in base.keys() & head.keys() if base[path] != head[path]}
+    removed = base.keys() - head.keys()
+    added = head.keys() - base.keys()
+    for path in sorted(removed):
+        # The same file in another place, first with the same content, then with another one.
+        alike = [each for each in sorted(added) if _name(each) == _name(path)]
+        same = [each for each in alike if head[each] == base[path]]
+        if same or len(alike) == 1:
+            moved = (same or alike)[0]
+            removed, added = removed - {path}, added - {moved}
+            if not same:
+                changed.add(moved)
+    groups = {"changed": changed, "added": added, "removed": removed}
+    names = Counter(_name(path) for paths in groups.values() for path in paths)
+    for what, paths in groups.items():
+        for path in paths:
+            yield f"{_name(path) if names[_name(path)] == 1 else path} {what}"
+
+
+def _name(path: str) -> str:
+    return PurePosixPath(path).name

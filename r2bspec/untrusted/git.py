@@ -1,0 +1,195 @@
+"""Git, which reads a repository and executes nothing that the repository names.
+
+The configuration of a repository can name programs: hooks, a file system monitor, filters of
+files, helpers of transports, a pager. A work tree that is only looked at must start none of them.
+`run_git` therefore names the repository and its work tree itself, so that git looks for no other
+one; drops what the environment says about them; overrides what would start a program; and allows
+no transport, so that a repository with missing objects fetches none. Submodules are repositories
+of their own, with configurations of their own, and are never entered.
+
+Filters have names of the user's choice. `inspect_work_tree`, which compares files with commits and
+would have them filtered, asks for the names first and overrides each.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+GIT_TIMEOUT_S: Final = 60.0
+
+_KEPT_VARIABLES: Final = frozenset(
+    {"GIT_EXEC_PATH", "GIT_CONFIG_GLOBAL", "GIT_CONFIG_SYSTEM", "GIT_CONFIG_NOSYSTEM"}
+)
+"""Where git and the configuration of the user are; every other variable of git is dropped."""
+
+_VARIABLES: Final = {
+    "GIT_ALLOW_PROTOCOL": "none",
+    "GIT_LITERAL_PATHSPECS": "1",
+    "GIT_NO_LAZY_FETCH": "1",
+    "GIT_NO_REPLACE_OBJECTS": "1",
+    "GIT_OPTIONAL_LOCKS": "0",
+    "GIT_TERMINAL_PROMPT": "0",
+}
+
+_OVERRIDES: Final = (
+    "core.fsmonitor=false",
+    f"core.hooksPath={os.devnull}",
+    "core.sshCommand=false",
+    "credential.helper=",
+    "diff.ignoreSubmodules=all",
+    "submodule.recurse=false",
+)
+
+_FILTER_KEYS: Final = (("clean", ""), ("smudge", ""), ("process", ""), ("required", "false"))
+
+
+@dataclass(frozen=True, slots=True)
+class WorkTreeState:
+    """What git says of a work tree.
+
+    Attributes:
+        commit: the full name of the commit that is checked out; empty before the first commit.
+        changed: the paths of tracked files that differ from it, below the top, sorted.
+    """
+
+    commit: str
+    changed: tuple[str, ...]
+
+
+def find_work_tree(folder: Path) -> Path | None:
+    """The top of the innermost work tree that contains a folder; None outside of one."""
+    try:
+        start = folder.resolve()
+        return next((path for path in (start, *start.parents) if (path / ".git").exists()), None)
+    except (OSError, RuntimeError, ValueError):
+        return None
+
+
+def git_command(top: Path, *arguments: str) -> list[str]:
+    """The command line of git for a work tree, to be run with `git_environment`.
+
+    With its folders named, git looks for no repository, and so finds none that a stranger put
+    below the work tree.
+
+    Args:
+        top: the top of the work tree, which has ``.git``: a folder, or the file of a linked tree.
+        arguments: the subcommand and what follows it.
+    """
+    options = [f"--git-dir={top / '.git'}", f"--work-tree={top}", "--no-pager"]
+    for override in _OVERRIDES:
+        options += ["-c", override]
+    return ["git", *options, *arguments]
+
+
+def git_environment(filters: Iterable[str] = ()) -> dict[str, str]:
+    """The environment of git.
+
+    Args:
+        filters: the names of filters that are to do nothing.
+    """
+    environment = {
+        name: value
+        for name, value in os.environ.items()
+        if not name.startswith("GIT_") or name in _KEPT_VARIABLES
+    }
+    environment |= _VARIABLES
+    # Not by `-c`, which ends the name of a key at its first equals sign.
+    settings = [(f"filter.{name}.{key}", value) for name in filters for key, value in _FILTER_KEYS]
+    if settings:
+        environment["GIT_CONFIG_COUNT"] = str(len(settings))
+        for number, (key, value) in enumerate(settings):
+            environment[f"GIT_CONFIG_KEY_{number}"] = key
+            environment[f"GIT_CONFIG_VALUE_{number}"] = value
+    return environment
+
+
+def run_git(
+    top: Path,
+    *arguments: str,
+    stdin: bytes = b"",
+    filters: Iterable[str] = (),
+    timeout_s: float = GIT_TIMEOUT_S,
+) -> subprocess.CompletedProcess[bytes] | None:
+    """Run git on a work tree; None if there is no git, or it does not end in time.
+
+    Args:
+        top: the top of the work tree.
+        arguments: the subcommand and what follows it. One that reads or writes files of the work
+            tree needs `filters`.
+        stdin: what git reads from its standard input.
+        filters: the names of filters that are to do nothing (`filter_names`).
+        timeout_s: how long it may take.
+    """
+    try:
+        return subprocess.run(
+            git_command(top, *arguments),
+            env=git_environment(filters),
+            input=stdin,
+            capture_output=True,
+            timeout=timeout_s,
+            check=False,
+        )
+    except (OSError, ValueError, subprocess.TimeoutExpired):
+        return None
+
+
+def filter_names(top: Path) -> frozenset[str] | None:
+    """The filters that the configurations of the repository and the user name; None if unknown."""
+    done = run_git(top, "config", "--null", "--name-only", "--get-regexp", r"^filter\.")
+    # An exit status of 1 says that no key matches.
+    if done is None or done.returncode not in {0, 1}:
+        return None
+    keys = done.stdout.decode(errors="surrogateescape").split("\0")
+    return frozenset(key.removeprefix("filter.").rpartition(".")[0] for key in keys if key)
+
+
+def inspect_work_tree(top: Path) -> WorkTreeState | None:
+    """The commit and the changed files of a work tree; None if git cannot tell.
+
+    Files that git does not track, and submodules, are not looked at. Filters do nothing: a file
+    that is stored filtered, and that git cannot tell to be unchanged by its times, counts as
+    changed.
+    """
+    filters = filter_names(top)
+    if filters is None:
+        return None
+    done = run_git(
+        top,
+        "status",
+        "--porcelain=v2",
+        "--branch",
+        "-z",
+        "--no-ahead-behind",
+        "--no-renames",
+        "--untracked-files=no",
+        "--ignore-submodules=all",
+        filters=filters,
+    )
+    if done is None or done.returncode:
+        return None
+    commit, changed = "", set[str]()
+    for entry in done.stdout.decode(errors="surrogateescape").split("\0"):
+        kind, _, rest = entry.partition(" ")
+        if kind == "#":
+            key, _, value = rest.partition(" ")
+            commit = value if key == "branch.oid" and value != "(initial)" else commit
+        elif kind in _PATH_FIELDS:
+            changed.add(rest.split(" ", _PATH_FIELDS[kind])[-1])
+    return WorkTreeState(commit, tuple(sorted(changed)))
+
+
+_PATH_FIELDS: Final = {"1": 7, "u": 9}
+"""How many fields of an entry come before its path: of changed files, and of unmerged ones."""
+
+
+def commit_of(top: Path, revision: str) -> str | None:
+    """The full name of the commit that a revision means; None if git knows no such commit."""
+    done = run_git(top, "rev-parse", "--verify", "--end-of-options", f"{revision}^{{commit}}")
+    if done is None or done.returncode:
+        return None
+    return done.stdout.decode().strip()

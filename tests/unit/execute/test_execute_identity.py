@@ -1,0 +1,696 @@
+"""Promise: a run knows what its graph was made of, and other code has another identity."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import struct
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from r2bspec.execute.identity import graph_identity
+from r2bspec.execute.identity.file_digests import build_id
+from r2bspec.plan.plan import (
+    AfterReadyPlan,
+    DatasetPlan,
+    ExternalPlan,
+    NodePlan,
+    Plan,
+    ProcessPlan,
+    SetupPlan,
+)
+from r2bspec.record.graph_identity import (
+    GraphIdentity,
+    NodeIdentity,
+    Revision,
+    identity_differences,
+    revision_text,
+)
+
+NODE = "from rclpy.node import Node\n\n\nclass Blur(Node):\n    pass\n"
+
+
+def plan_of(*processes: ProcessPlan, **fields: Any) -> Plan:
+    return Plan(
+        generator="test",
+        name="test",
+        title="",
+        description="",
+        labels={},
+        namespace="/",
+        environment=(),
+        transport="inherit",
+        largest_message_bytes=0,
+        dataset=DatasetPlan(
+            source="", kind="recorded", sha256="", start_ns=0, end_ns=None, topics=()
+        ),
+        processes=processes,
+        topics=(),
+        playback_mode="live",
+        buffer=0,
+        inputs=(),
+        monitors=(),
+        phases=(),
+        warm_up_ns=0,
+        start_timeout_ns=0,
+        search=None,
+        sustained_hz=(),
+        play=(),
+        objectives={},
+        **fields,
+    )
+
+
+def node_plan(name: str, **fields: Any) -> NodePlan:
+    values = {"target": "", "parameters": {}, "remappings": {}} | fields
+    return NodePlan(name=f"/{name}", node=name, namespace="/", **values)
+
+
+def python_process(name: str, target: str, **fields: Any) -> ProcessPlan:
+    return ProcessPlan(
+        name=name,
+        role="host",
+        phase="measure",
+        argv=("$(python)", "-P", "-m", "r2bspec.harness.child"),
+        env={},
+        nodes=(node_plan(name, target=target, **fields),),
+    )
+
+
+def command_process(name: str, *argv: str, **fields: Any) -> ProcessPlan:
+    return ProcessPlan(
+        name=name,
+        role="command",
+        phase="measure",
+        argv=argv,
+        env={},
+        nodes=(node_plan(name, **fields),),
+    )
+
+
+def write(top: Path, files: Mapping[str, str]) -> None:
+    for name, text in files.items():
+        path = top / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+
+
+def git(folder: Path, *arguments: str) -> str:
+    program = shutil.which("git")
+    assert program is not None
+    author = ["-c", "user.name=A", "-c", "user.email=a@example.org"]
+    done = subprocess.run(
+        [program, *author, *arguments], cwd=folder, capture_output=True, text=True, check=True
+    )
+    return done.stdout.strip()
+
+
+def only_node(identity: GraphIdentity) -> NodeIdentity:
+    (node,) = identity.nodes.values()
+    return node
+
+
+def paths(node: NodeIdentity) -> list[str]:
+    return [file.path for file in node.files]
+
+
+@pytest.fixture(autouse=True)
+def _no_workspace(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GIT_CONFIG_GLOBAL", "/dev/null")
+    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+
+
+@pytest.fixture(name="top")
+def new_work_tree(tmp_path: Path) -> Path:
+    """A work tree with a node in a folder, a helper that it imports, and one that it does not."""
+    top = tmp_path / "work tree"
+    write(
+        top,
+        {
+            "bench/blur.r2b.yaml": "r2bspec: 1\n",
+            "nodes/blur.py": f"import json\nimport helper\nfrom shapes.box import Box\n{NODE}",
+            "nodes/helper.py": "WEIGHT = 1\n",
+            "nodes/unused.py": "UNUSED = 1\n",
+            "nodes/shapes/__init__.py": "",
+            "nodes/shapes/box.py": "from .corner import Corner\nBox = 1\n",
+            "nodes/shapes/corner.py": "Corner = 1\n",
+        },
+    )
+    git(top, "init", "-q", "-b", "main")
+    git(top, "add", "-A")
+    git(top, "commit", "-q", "-m", "first")
+    return top
+
+
+BLUR = plan_of(python_process("blur", "../nodes/blur.py:Blur"))
+
+
+def identity_of(top: Path, plan: Plan = BLUR) -> GraphIdentity:
+    return graph_identity(plan, top / "bench")
+
+
+def test_a_python_file_is_known_by_itself_and_what_it_imports_beside_it(top: Path) -> None:
+    identity = identity_of(top)
+    node = only_node(identity)
+    assert node.kind == "python"
+    assert paths(node) == [
+        "nodes/blur.py",
+        "nodes/helper.py",
+        "nodes/shapes/__init__.py",
+        "nodes/shapes/box.py",
+        "nodes/shapes/corner.py",
+    ]
+    assert identity.packages["python"] == ".".join(map(str, sys.version_info[:3]))
+
+
+@pytest.mark.parametrize("name", ["blur.py", "helper.py", "shapes/corner.py"])
+def test_a_change_of_any_of_its_files_is_another_identity_and_is_named(
+    top: Path, name: str
+) -> None:
+    before = identity_of(top)
+    file = top / "nodes" / name
+    file.write_text(f"{file.read_text()}\n# changed\n")
+    after = identity_of(top)
+    assert after.digest != before.digest
+    assert identity_differences(before, after) == (f"{file.name} changed",)
+
+
+def test_a_file_that_is_not_imported_and_another_commit_change_nothing(top: Path) -> None:
+    before = identity_of(top)
+    write(top, {"nodes/unused.py": "UNUSED = 2\n", "README.md": "text"})
+    git(top, "add", "-A")
+    git(top, "commit", "-q", "-m", "second")
+    after = identity_of(top)
+    assert after.digest == before.digest
+    assert after.revision != before.revision
+    assert identity_differences(before, after) == ()
+
+
+def test_a_computed_import_makes_everything_beside_it_a_source(top: Path) -> None:
+    write(top, {"nodes/helper.py": "import importlib\nimportlib.import_module('un' + 'used')\n"})
+    assert "nodes/unused.py" in paths(only_node(identity_of(top)))
+
+
+def test_imports_within_functions_and_over_several_lines_count_and_those_of_types_do_not(
+    top: Path,
+) -> None:
+    write(
+        top,
+        {
+            "nodes/helper.py": "from typing import TYPE_CHECKING\n"
+            "if TYPE_CHECKING:\n    import unused\n\n"
+            "def late():\n    from shapes import (\n        other,  # a comment (\n    )\n"
+            "def later(): import last\n",
+            "nodes/shapes/other.py": "",
+            "nodes/last.py": "from far import \\\n    a\n",
+            "nodes/far.py": "",
+        },
+    )
+    found = paths(only_node(identity_of(top)))
+    assert {"nodes/shapes/other.py", "nodes/last.py", "nodes/far.py"} <= {*found}
+    assert "nodes/unused.py" not in found
+
+
+def test_a_node_that_cannot_be_parsed_or_read_is_still_known_by_its_file(top: Path) -> None:
+    (top / "nodes" / "blur.py").write_bytes(b"import helper\n\x00 from (\n")
+    assert "nodes/blur.py" in paths(only_node(identity_of(top)))
+    (top / "nodes" / "blur.py").unlink()
+    node = only_node(identity_of(top))
+    assert node.digest == ""
+    assert "blur.py cannot be read" in node.unknown
+
+
+def test_the_digest_does_not_depend_on_the_place_of_the_work_tree(
+    top: Path, tmp_path: Path
+) -> None:
+    linked = tmp_path / "linked"
+    git(top, "worktree", "add", "-q", "--detach", str(linked))
+    base = graph_identity(BLUR, linked / "bench", revision=Revision("c" * 40, dirty=False))
+    assert base.digest == identity_of(top).digest
+    assert base.revision == Revision("c" * 40, dirty=False)
+    assert paths(only_node(base)) == paths(only_node(identity_of(top)))
+
+
+def test_nothing_is_executed(top: Path, tmp_path: Path) -> None:
+    mark = tmp_path / "executed"
+    guard = f"open({str(mark)!r}, 'w')\n"
+    write(top, {"nodes/blur.py": guard + NODE, "nodes/helper.py": guard})
+    program = top / "bench" / "program.sh"
+    program.write_text(f"#!/bin/sh\necho > '{mark}'\n")
+    program.chmod(0o755)
+    plan = plan_of(
+        python_process("blur", "../nodes/blur.py:Blur"),
+        command_process("program", "./program.sh"),
+    )
+    assert {*identity_of(top, plan).nodes} == {"blur", "program"}
+    assert not mark.exists()
+
+
+# Revision
+
+
+def test_a_clean_a_dirty_and_no_work_tree(top: Path, tmp_path: Path) -> None:
+    commit = git(top, "rev-parse", "HEAD")
+    assert identity_of(top).revision == Revision(commit, dirty=False)
+    write(top, {"untracked.txt": ""})
+    assert identity_of(top).revision == Revision(commit, dirty=False)
+    write(top, {"nodes/unused.py": "UNUSED = 3\n"})
+    assert identity_of(top).revision == Revision(commit, dirty=True)
+    write(tmp_path / "outside", {"blur.py": NODE})
+    plan = plan_of(python_process("blur", "./blur.py:Blur"))
+    outside = graph_identity(plan, tmp_path / "outside")
+    assert outside.revision is None
+    assert paths(only_node(outside)) == ["blur.py"]
+
+
+@pytest.mark.parametrize(
+    ("revision", "text"),
+    [
+        (None, ""),
+        (Revision("3f2a1c4" + "0" * 33, dirty=True), "3f2a1c4+dirty"),
+        (Revision("9b1e44f" + "0" * 33, dirty=False, name="origin/main"), "origin/main@9b1e44f"),
+        (Revision("9b1e44f" + "0" * 33, dirty=False, name="9b1e44f0"), "9b1e44f"),
+        (Revision("", dirty=True), "no commit+dirty"),
+    ],
+)
+def test_the_text_of_a_revision(revision: Revision | None, text: str) -> None:
+    assert revision_text(revision) == text
+
+
+# Installed modules and distributions
+
+
+def install(folder: Path, name: str, version: str, module: str = "", requires: str = "") -> None:
+    module = module or name
+    required = f"Requires-Dist: {requires}\n" if requires else ""
+    write(
+        folder,
+        {
+            f"{module}/__init__.py": f"VERSION = {version!r}\n",
+            f"{name}-{version}.dist-info/METADATA": f"Name: {name}\n{required}\n",
+            f"{name}-{version}.dist-info/RECORD": f"{module}/__init__.py,,\n",
+        },
+    )
+
+
+@pytest.fixture(name="installed")
+def new_installation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path / "environment" / "site-packages"
+    folder.mkdir(parents=True)
+    monkeypatch.setenv("PYTHONPATH", str(folder))
+    return folder
+
+
+def test_what_is_imported_from_a_distribution_is_known_by_its_version(
+    top: Path, installed: Path
+) -> None:
+    install(installed, "fast_filters", "1.0", module="filters", requires="deep_filters (>=1)")
+    install(installed, "deep_filters", "0.3")
+    write(top, {"nodes/helper.py": "def late():\n    import filters.kernels\n"})
+    before = identity_of(top)
+    assert before.packages["fast-filters"] == "1.0"
+    assert before.packages["deep-filters"] == "0.3"
+    assert not any("site-packages" in path for path in paths(only_node(before)))
+    shutil.rmtree(installed / "fast_filters-1.0.dist-info")
+    shutil.rmtree(installed / "deep_filters-0.3.dist-info")
+    install(installed, "fast_filters", "1.1", module="filters")
+    after = identity_of(top)
+    assert after.digest != before.digest
+    assert identity_differences(before, after) == (
+        "deep-filters 0.3 removed",
+        "fast-filters 1.0 → 1.1",
+    )
+
+
+def test_a_distribution_on_the_path_of_this_process_is_found_too(
+    top: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "site-packages"
+    install(folder, "filters", "2.0")
+    monkeypatch.syspath_prepend(str(folder))
+    write(top, {"nodes/helper.py": "import filters\n"})
+    assert identity_of(top).packages["filters"] == "2.0"
+
+
+def test_what_was_installed_from_a_folder_is_known_by_its_files(top: Path, installed: Path) -> None:
+    install(installed, "own", "1.0")
+    info = installed / "own-1.0.dist-info"
+    (info / "direct_url.json").write_text('{"url": "file:///home/me/own", "dir_info": {}}')
+    write(top, {"nodes/helper.py": "import own\n"})
+    before = identity_of(top)
+    (installed / "own" / "__init__.py").write_text("VERSION = 'patched'\n")
+    assert identity_differences(before, identity_of(top)) == ("__init__.py changed",)
+
+
+def test_a_module_on_the_path_is_followed_with_its_package(
+    top: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(
+        top,
+        {
+            "src/lens/lens/__init__.py": "",
+            "src/lens/lens/blur.py": f"from lens import kernel\nfrom . import sizes\n{NODE}",
+            "src/lens/lens/kernel.py": "K = 1\n",
+            "src/lens/lens/sizes.py": "S = 1\n",
+            "src/lens/lens/sharpen.py": "other node\n",
+        },
+    )
+    monkeypatch.setenv("PYTHONPATH", str(top / "src" / "lens"))
+    plan = plan_of(python_process("blur", "lens.blur.Blur"))
+    before = identity_of(top, plan)
+    names = ["__init__.py", "blur.py", "kernel.py", "sizes.py"]
+    assert paths(only_node(before)) == [f"src/lens/lens/{name}" for name in names]
+    write(top, {"src/lens/lens/kernel.py": "K = 2\n"})
+    assert identity_differences(before, identity_of(top, plan)) == ("kernel.py changed",)
+    monkeypatch.delenv("PYTHONPATH")
+    gone = only_node(identity_of(top, plan))
+    assert gone.unknown == "module lens.blur is not installed"
+    assert gone.digest == ""
+
+
+def test_the_target_itself_is_followed_wherever_it_is_installed(top: Path, installed: Path) -> None:
+    install(installed, "lens", "1.0")
+    write(installed, {"lens/blur.py": "from lens import kernel\n", "lens/kernel.py": "K = 1\n"})
+    plan = plan_of(python_process("blur", "lens.blur.Blur"))
+    before = identity_of(top, plan)
+    assert before.packages["lens"] == "1.0"
+    write(installed, {"lens/kernel.py": "K = 2\n"})
+    assert identity_differences(before, identity_of(top, plan)) == ("kernel.py changed",)
+
+
+# Executables, components, commands and launch files
+
+
+def elf(identifier: bytes = b"", content: bytes = b"") -> bytes:
+    """A file of 64 bits with one segment of notes."""
+    other = struct.pack("<III", 4, 4, 1) + b"XYZ\0" + b"\1\2\3\4"
+    note = struct.pack("<III", 4, len(identifier), 3) + b"GNU\0" + identifier if identifier else b""
+    notes = other + note
+    header = b"\x7fELF\x02\x01\x01" + bytes(9)
+    header += struct.pack("<HHIQQQIHHHHHH", 2, 62, 1, 0, 64, 0, 0, 64, 56, 1, 0, 0, 0)
+    segment = struct.pack("<IIQQQQQQ", 4, 4, 120, 0, 0, len(notes), len(notes), 4)
+    return header + segment + notes + content
+
+
+class Workspace:
+    """A workspace in colcon's layout, with an installation of what it has."""
+
+    def __init__(self, top: Path) -> None:
+        self.top = top
+        self.install = top / "install"
+
+    def package(self, name: str, depends: str = "", version: str = "0.1.0") -> Path:
+        prefix = self.install / name
+        dependency = f"<depend>{depends}</depend>" if depends else ""
+        manifest = f"<package><name>{name}</name><version>{version}</version>{dependency}</package>"
+        index = "share/ament_index/resource_index/packages"
+        write(prefix, {f"{index}/{name}": "", f"share/{name}/package.xml": manifest})
+        write(self.top / "src" / name, {"package.xml": manifest})
+        return prefix
+
+    def activate(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        prefixes = sorted(self.install.iterdir())
+        monkeypatch.setenv("AMENT_PREFIX_PATH", os.pathsep.join(map(str, prefixes)))
+        folders = [str(each) for each in self.install.glob("*/lib/python3/site-packages")]
+        monkeypatch.setenv("PYTHONPATH", os.pathsep.join(folders))
+
+
+@pytest.fixture(name="workspace")
+def new_workspace(top: Path) -> Workspace:
+    return Workspace(top)
+
+
+def write_program(path: Path, content: bytes) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(content)
+    path.chmod(0o755)
+
+
+def test_an_executable_has_its_package_version_and_build_id(
+    top: Path, workspace: Workspace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    prefix = workspace.package("lens")
+    write_program(prefix / "lib/lens/blur_node", elf(b"\xab\xcd"))
+    workspace.activate(monkeypatch)
+    plan = plan_of(command_process("blur", "$(executable lens blur_node)", "--ros-args"))
+    node = only_node(identity_of(top, plan))
+    assert (node.kind, node.package, node.version) == ("executable", "lens", "0.1.0")
+    assert node.build_id == "abcd"
+
+
+def test_an_executable_of_the_work_tree_is_known_by_the_sources_of_its_package(
+    top: Path, workspace: Workspace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    prefix = workspace.package("lens", depends="core")
+    workspace.package("core")
+    write_program(prefix / "lib/lens/blur_node", elf(b"\xab\xcd"))
+    sources = {"lens/src/blur.cpp": "int a;", "core/src/core.cpp": "int b;"}
+    tests = {"lens/test/test_blur.cpp": "int t;", "lens/README.md": "text"}
+    write(top / "src", sources | tests)
+    workspace.activate(monkeypatch)
+    plan = plan_of(command_process("blur", "$(executable lens blur_node)"))
+    before = identity_of(top, plan)
+    assert paths(only_node(before)) == [
+        "src/core/package.xml",
+        "src/core/src/core.cpp",
+        "src/lens/package.xml",
+        "src/lens/src/blur.cpp",
+    ]
+    write(top / "src", {"core/src/core.cpp": "int c;"})
+    after = identity_of(top, plan)
+    assert identity_differences(before, after) == ("core.cpp changed",)
+    write_program(prefix / "lib/lens/blur_node", elf(b"\xab\xce"))
+    assert identity_differences(after, identity_of(top, plan)) == (
+        "blur built differently from the same sources",
+    )
+
+
+@pytest.mark.parametrize("links", [False, True])
+def test_a_python_executable_of_a_workspace_is_known_by_the_modules_that_it_imports(
+    top: Path, workspace: Workspace, monkeypatch: pytest.MonkeyPatch, *, links: bool
+) -> None:
+    prefix = workspace.package("lens")
+    sources = top / "src" / "lens" / "lens"
+    write(sources, {"__init__.py": "", "blur.py": "from lens import kernel\n", "kernel.py": "K=1"})
+    site = prefix / "lib/python3/site-packages"
+    site.mkdir(parents=True)
+    if links:
+        (site / "lens").symlink_to(sources)
+    else:
+        shutil.copytree(sources, site / "lens")
+    write(
+        site / "lens-0.1.0-py3.12.egg-info",
+        {
+            "top_level.txt": "lens\n",
+            "entry_points.txt": "[console_scripts]\nblur_node = lens.blur:main\n",
+        },
+    )
+    script = (
+        "#!/usr/bin/python3\n"
+        "# EASY-INSTALL-ENTRY-SCRIPT: 'lens==0.1.0','console_scripts','blur_node'\n"
+        "import re\nimport sys\n"
+    )
+    write_program(prefix / "lib/lens/blur_node", script.encode())
+    workspace.activate(monkeypatch)
+    plan = plan_of(command_process("blur", "$(executable lens blur_node)"))
+    before = identity_of(top, plan)
+    names = ["__init__.py", "blur.py", "kernel.py"]
+    assert paths(only_node(before)) == [f"src/lens/lens/{name}" for name in names]
+    write(sources, {"kernel.py": "K=2"})
+    assert identity_differences(before, identity_of(top, plan)) in {
+        ("kernel.py changed",),
+        # The installation is older than the sources: both count.
+        ("install/lens/lib/python3/site-packages/lens/kernel.py added", "kernel.py changed"),
+        (
+            "install/lens/lib/python3/site-packages/lens/kernel.py added",
+            "src/lens/lens/kernel.py changed",
+        ),
+    }
+
+
+def test_a_component_is_known_by_its_library(
+    top: Path, workspace: Workspace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    prefix = workspace.package("lens")
+    index = "share/ament_index/resource_index/rclcpp_components/lens"
+    write(prefix, {index: "lens::Sharpen;lib/libsharpen.so\nlens::Blur;lib/libblur.so\n"})
+    write_program(prefix / "lib/libblur.so", elf(b"\x01"))
+    write_program(prefix / "lib/libsharpen.so", elf(b"\x02"))
+    workspace.activate(monkeypatch)
+    container = ProcessPlan(
+        name="blur",
+        role="container",
+        phase="measure",
+        argv=("$(executable rclcpp_components component_container)",),
+        env={},
+        nodes=(node_plan("blur", package="lens", plugin="lens::Blur"),),
+    )
+    node = only_node(identity_of(top, plan_of(container)))
+    assert (node.kind, node.build_id, node.version) == ("plugin", "01", "0.1.0")
+    missing = node_plan("blur", package="lens", plugin="lens::Other")
+    container = ProcessPlan(
+        name="blur", role="container", phase="measure", argv=(), env={}, nodes=(missing,)
+    )
+    unknown = only_node(identity_of(top, plan_of(container))).unknown
+    assert unknown == "lens registers no component lens::Other"
+
+
+def test_a_build_id_is_read_from_its_note_or_is_the_digest_of_the_file(tmp_path: Path) -> None:
+    file = tmp_path / "program"
+    file.write_bytes(elf(bytes(range(20)), b"content"))
+    assert build_id(file) == bytes(range(20)).hex()
+    file.write_bytes(elf(content=b"content"))
+    first = build_id(file)
+    file.write_bytes(elf(content=b"other"))
+    assert first.startswith("sha256:")
+    assert build_id(file) != first
+
+
+@pytest.mark.parametrize("length", [3, 4, 16, 40, 70, 130])
+def test_a_build_id_of_a_cut_file_is_the_digest_of_its_content(tmp_path: Path, length: int) -> None:
+    file = tmp_path / "program"
+    file.write_bytes(elf(b"\x01\x02")[:length])
+    assert build_id(file).startswith("sha256:")
+    assert build_id(tmp_path / "missing") == ""
+
+
+def test_a_real_build_id_is_what_the_linker_wrote() -> None:
+    program = shutil.which("readelf")
+    if program is None:
+        pytest.skip("readelf is not installed")
+    library = Path(os.path.realpath(sys.executable))
+    done = subprocess.run([program, "-n", str(library)], capture_output=True, text=True, check=True)
+    written = [line.split()[-1] for line in done.stdout.splitlines() if "Build ID" in line]
+    assert not written or build_id(library) == written[0]
+
+
+def test_a_command_is_known_by_the_files_of_the_work_tree_that_it_names(top: Path) -> None:
+    write(top, {"bench/tool.py": "import helper\n", "bench/helper.py": "", "bench/map.yaml": "a"})
+    plan = plan_of(
+        command_process("tool", "python3", "./tool.py", "--map:=map.yaml", "missing.yaml")
+    )
+    before = identity_of(top, plan)
+    assert only_node(before).kind == "command"
+    assert paths(only_node(before)) == ["bench/helper.py", "bench/map.yaml", "bench/tool.py"]
+    write(top, {"bench/map.yaml": "b"})
+    assert identity_differences(before, identity_of(top, plan)) == ("map.yaml changed",)
+
+
+def test_a_program_that_is_not_there_is_unknown(top: Path) -> None:
+    node = only_node(identity_of(top, plan_of(command_process("tool", "no-such-program"))))
+    assert (node.digest, node.unknown) == ("", "program no-such-program is not installed")
+
+
+def test_parameter_files_count_for_every_kind_of_node(top: Path) -> None:
+    write(top, {"bench/params.yaml": "/**: {ros__parameters: {a: 1}}\n"})
+    plan = plan_of(
+        python_process("blur", "../nodes/blur.py:Blur", parameter_files=("params.yaml",))
+    )
+    before = identity_of(top, plan)
+    assert "bench/params.yaml" in paths(only_node(before))
+    write(top, {"bench/params.yaml": "/**: {ros__parameters: {a: 2}}\n"})
+    assert identity_differences(before, identity_of(top, plan)) == ("params.yaml changed",)
+
+
+def test_a_launch_file_counts_with_what_it_names_and_says_that_there_is_more(
+    top: Path, workspace: Workspace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    workspace.package("lens")
+    write(top, {"src/lens/src/blur.cpp": "int a;", "bench/gains.yaml": "g: 1\n"})
+    text = "Node(package='lens', executable='blur', parameters=['gains.yaml'])\n"
+    write(top, {"bench/blur.launch.py": text})
+    workspace.activate(monkeypatch)
+    plan = plan_of(
+        command_process(
+            "blur", "ros2", "launch", "$(included_launch)", "file:=./blur.launch.py", "namespace:=/"
+        )
+    )
+    before = identity_of(top, plan)
+    node = only_node(before)
+    assert node.kind == "launch"
+    assert paths(node) == [
+        "bench/blur.launch.py",
+        "bench/gains.yaml",
+        "src/lens/package.xml",
+        "src/lens/src/blur.cpp",
+    ]
+    assert "when it is executed" in node.unknown
+    write(top, {"bench/blur.launch.py": f"{text}# changed\n"})
+    assert identity_differences(before, identity_of(top, plan)) == ("blur.launch.py changed",)
+
+
+def test_preprocessors_setup_steps_and_external_nodes_have_names_of_their_own(top: Path) -> None:
+    write(top, {"bench/build.sh": "make\n", "bench/call.sh": "call\n"})
+    process = python_process("blur", "../nodes/blur.py:Blur")
+    before = ProcessPlan(
+        name="preprocess.blur",
+        role="host",
+        phase="preprocess",
+        argv=process.argv,
+        env={},
+        nodes=process.nodes,
+    )
+    plan = plan_of(
+        before,
+        process,
+        external=(ExternalPlan(name="/camera", phase="measure"),),
+        setup=(
+            SetupPlan(
+                name="build",
+                argv=("sh", "bench/build.sh"),
+                creates="",
+                directory="..",
+                env={},
+                timeout_ns=1,
+            ),
+        ),
+        after_ready=(
+            AfterReadyPlan(name="call", argv=("sh", "call.sh"), timeout_ns=1),
+            AfterReadyPlan(name="service", service="/s", service_type="t", timeout_ns=1),
+        ),
+    )
+    nodes = identity_of(top, plan).nodes
+    assert [*nodes] == ["preprocess.blur", "blur", "/camera", "setup build", "step call"]
+    assert nodes["/camera"].unknown == "it is started by others"
+    assert paths(nodes["setup build"]) == ["bench/build.sh"]
+    assert paths(nodes["step call"]) == ["bench/call.sh"]
+
+
+# Differences
+
+
+def test_nodes_that_come_go_or_change_their_kind_are_named(top: Path) -> None:
+    write(top, {"bench/tool.sh": "tool\n"})
+    blur = python_process("blur", "../nodes/blur.py:Blur")
+    base = identity_of(top, plan_of(blur, command_process("old", "sh", "./tool.sh")))
+    head = identity_of(top, plan_of(command_process("blur", "sh", "./tool.sh"), blur))
+    other = identity_of(top, plan_of(command_process("blur", "sh", "./tool.sh")))
+    assert "old removed" in identity_differences(base, head)
+    assert "blur: python → command" in identity_differences(base, other)
+
+
+def test_files_of_one_name_are_told_apart_by_their_paths() -> None:
+    from r2bspec.record.graph_identity import FileDigest, identity_digest, node_digest
+
+    def identity(*contents: str) -> GraphIdentity:
+        import msgspec
+
+        files = tuple(
+            FileDigest(f"{letter}/__init__.py", content)
+            for letter, content in zip("ab", contents, strict=True)
+        )
+        node = NodeIdentity(kind="python", digest="", files=files)
+        node = msgspec.structs.replace(node, digest=node_digest(node))
+        return GraphIdentity(digest=identity_digest({"n": node}, {}), nodes={"n": node})
+
+    assert identity_differences(identity("1", "1"), identity("2", "2")) == (
+        "a/__init__.py changed",
+        "b/__init__.py changed",
+    )
+    assert identity_differences(identity("1", "1"), identity("1", "2")) == ("__init__.py changed",)
