@@ -171,6 +171,20 @@ def code_lines(result: Result) -> Iterator[str]:
     yield from result.gate
 
 
+def code_facts(result: Result) -> dict[str, str]:
+    """What is known of the code: the revision, each node, and each package; empty if nothing is."""
+    if result.identity is None:
+        return {}
+    nodes = {
+        f"node {name}": " ".join(
+            filter(None, (node.package, node.version, node.digest[:12], node.unknown))
+        )
+        for name, node in result.identity.nodes.items()
+    }
+    packages = {f"package {name}": text for name, text in result.identity.packages.items()}
+    return {"revision": revision_text(result.identity.revision), **nodes, **packages}
+
+
 def _shortened(texts: Sequence[str]) -> Sequence[str]:
     more = len(texts) - _MAX_CHANGES
     return (*texts[:_MAX_CHANGES], f"{more} more") if more > 0 else texts

@@ -18,6 +18,7 @@ from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.measure.units import at_rate, show
 from r2bspec.report.report_wording import (
     bounds_text,
+    code_lines,
     comparison,
     estimate_text,
     notes,
@@ -84,7 +85,8 @@ def _run_case(report_input: ReportInput, name: str) -> TestCase:
         case.result = [error]
     # The verdict of requirements does not say of how many starts it is.
     texts = [] if case.result or not verdict.requirements else [verdict.reason]
-    texts += [*comparison(report_input.result), *notes(report_input.result)]
+    result = report_input.result
+    texts += [*code_lines(result), *comparison(result), *notes(result)]
     if texts:
         case.system_out = "\n".join(map(printable_lines, texts))
     return case

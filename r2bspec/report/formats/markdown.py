@@ -22,6 +22,7 @@ from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import show, show_rate
 from r2bspec.report.report_wording import (
     bounds_text,
+    code_facts,
     code_lines,
     comparison,
     estimate_text,
@@ -162,6 +163,7 @@ def _provenance(report_input: ReportInput) -> Iterator[str]:
         **{f"dataset {key}": value for key, value in result.dataset.items()},
         **{f"machine {key}": value for key, value in result.machine.items()},
         **{f"version of {key}": value for key, value in result.versions.items()},
+        **code_facts(result),
     }
     yield from table(
         ("what", "value"),

@@ -30,6 +30,8 @@ from r2bspec.report.report_wording import (
     OUTCOME_WORDS,
     PROBE_PURPOSES,
     bounds_text,
+    code_facts,
+    code_lines,
     comparison,
     estimate_text,
     loaded_rmw,
@@ -86,7 +88,10 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         ],
         "notes": [*notes(result)],
         "profiles": [*profile_notes(result.profiles)],
-        "comparison": [*comparison(result)],
+        "comparison": [
+            *(code_lines(result) if result.base_identity is not None else ()),
+            *comparison(result),
+        ],
         "compared": [
             {"one": one, "index": number, "text": requirement_text(one, name_monitor=several)}
             for number, one in enumerate(result.verdict.requirements)
@@ -117,6 +122,7 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "show_rate": show_rate,
         "at_rate": at_rate,
         "pace": own_pace(metrics),
+        "code": code_facts(result),
         "facts": {key: _plain(value) for key, value in result.machine.items()},
         "rmw": loaded_rmw(result),
         "starts": starts_text(result.starts),
