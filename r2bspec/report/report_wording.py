@@ -185,6 +185,20 @@ def code_text(result: Result) -> str:
     return f"revision {head}" if head else ""
 
 
+def code_facts(result: Result) -> dict[str, str]:
+    """What is known of the code: the revision, each node, and each package; empty if nothing is."""
+    if result.identity is None:
+        return {}
+    nodes = {
+        f"node {name}": " ".join(
+            filter(None, (node.package, node.version, node.digest[:12], node.unknown))
+        )
+        for name, node in result.identity.nodes.items()
+    }
+    packages = {f"package {name}": text for name, text in result.identity.packages.items()}
+    return {"revision": revision_text(result.identity.revision), **nodes, **packages}
+
+
 def _all_changes(result: Result) -> Iterator[str]:
     """What changed since the base, where the first line of a report names only some of it."""
     if len(result.changes) > NAMED_CHANGES:

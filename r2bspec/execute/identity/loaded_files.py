@@ -15,11 +15,10 @@ from typing import Final
 
 import psutil
 
-import r2bspec
-
+_TOOL: Final = f"{Path(__file__).parents[2]}/"
 _DELETED: Final = " (deleted)"
 _NO_FILES: Final = ("/dev/", "/memfd:", "/SYSV", "/proc/", "/sys/", "/anon_hugepage")
-_OWN_NODES: Final = "nodes"
+_TOOL_NODES: Final = f"{_TOOL}nodes/"
 _INSTALLED: Final = ("/site-packages/", "/dist-packages/")
 
 
@@ -33,11 +32,10 @@ def mapped_files(pid: int) -> frozenset[str]:
 
 def loaded_by_graph(files: Iterable[str]) -> Iterator[str]:
     """Of some files those that are neither of the standard library nor of r2bspec itself."""
-    own = f"{Path(r2bspec.__file__).parent}/"
     paths = sysconfig.get_paths()
     library = tuple({f"{os.path.realpath(paths[name])}/" for name in ("stdlib", "platstdlib")})
     for file in files:
-        is_of_tool = file.startswith(own) and not file.startswith(f"{own}{_OWN_NODES}/")
+        is_of_tool = file.startswith(_TOOL) and not file.startswith(_TOOL_NODES)
         is_standard = file.startswith(library) and not any(name in file for name in _INSTALLED)
         if not is_of_tool and not is_standard:
             yield file

@@ -25,6 +25,7 @@ from r2bspec.report.headline import headline, reason_after
 from r2bspec.report.notes import notes
 from r2bspec.report.report_wording import (
     bounds_text,
+    code_facts,
     code_text,
     comparison,
     estimate_text,
@@ -172,6 +173,7 @@ def _provenance(report_input: ReportInput) -> Iterator[str]:
         **{f"dataset {key}": value for key, value in result.dataset.items()},
         **{f"machine {key}": value for key, value in result.machine.items()},
         **{f"version of {key}": value for key, value in result.versions.items()},
+        **code_facts(result),
     }
     yield from table(
         ("what", "value"),

@@ -41,7 +41,9 @@ def header(result: Result) -> RenderableType:
     ]
     lines = [Text(title, style="bold"), Text(" · ".join(filter(None, where)), style=DIM_STYLE)]
     if result.judged_by:
-        lines.append(Text(f"judged by the objectives of {result.judged_by}", style=DIM_STYLE))
+        lines.append(
+            Text(f"judged by the objectives and the gate of {result.judged_by}", style=DIM_STYLE)
+        )
     lines += [Text(each, style=DIM_STYLE) for each in comparison(result)]
     return Group(*(line for line in lines if line.plain))
 
