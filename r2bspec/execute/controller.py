@@ -37,6 +37,7 @@ from r2bspec.execute.host.host_watch import HostWatch
 from r2bspec.execute.host.machine import describe_machine, describe_versions
 from r2bspec.execute.host.resource_sampler import ResourceSampler
 from r2bspec.execute.identity import graph_identity
+from r2bspec.execute.identity.mapped_files import modules_of_programs
 from r2bspec.execute.inputs.buffer_bags import buffer_bags
 from r2bspec.execute.inputs.dataset import ResolvedDataset, obtain_dataset
 from r2bspec.execute.inputs.preprocess import preprocess
@@ -44,7 +45,7 @@ from r2bspec.execute.measurement.measurement import Measurement
 from r2bspec.execute.measurement.run_reporter import RunReporter
 from r2bspec.execute.measurement.time_budget import TimeBudget
 from r2bspec.execute.phase_clock import PhaseClock
-from r2bspec.execute.processes.environment import RunEnvironment
+from r2bspec.execute.processes.environment import MODULES_FOLDER, RunEnvironment
 from r2bspec.execute.processes.executables import resolve_argv
 from r2bspec.execute.processes.joinable import require_joinable
 from r2bspec.execute.processes.middleware_check import check_middleware
@@ -231,10 +232,20 @@ class _Controller:
             self._resources.stop()
             self._write_resource_samples()
             if self._starts is not None:
-                write_loaded_files(self._folder.path, self._starts.loaded_files())
+                write_loaded_files(self._folder.path, self._loaded_files(record))
         with contextlib.suppress(RecordError) if failure else contextlib.nullcontext():
             self._folder.write_record(record)
         return record
+
+    def _loaded_files(self, record: RunRecord) -> dict[str, frozenset[str]]:
+        """The files that each process of the graph has loaded, by its name."""
+        assert self._starts is not None  # noqa: S101 - see the caller
+        files = self._starts.loaded_files()
+        modules = modules_of_programs(self._scratch / MODULES_FOLDER)
+        for process in record.processes:
+            if process.pid in modules:
+                files[process.name] = files.get(process.name, frozenset()) | modules[process.pid]
+        return files
 
     def _execute(self) -> None:
         _require_rclpy()

@@ -2,7 +2,8 @@
 
 These are the files that it has mapped, and those of all processes that it has started: a launch
 file is a process of its own. Sources of Python are read and not mapped; processes of Python nodes
-name theirs themselves (`r2bspec.harness.node_host`).
+name theirs themselves, hosts when they are asked (`r2bspec.harness.node_host`), and programs when
+they exit (`r2bspec.harness.node_main`).
 """
 
 from __future__ import annotations
@@ -13,7 +14,10 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final
 
+import msgspec
 import psutil
+
+from r2bspec.untrusted.safe_json import read_json
 
 _TOOL: Final = f"{Path(__file__).parents[2]}/"
 _DELETED: Final = " (deleted)"
@@ -28,6 +32,19 @@ def mapped_files(pid: int) -> frozenset[str]:
     for member in _with_descendants(pid):
         files.update(_maps(member))
     return frozenset(loaded_by_graph(files))
+
+
+def modules_of_programs(folder: Path) -> dict[int, frozenset[str]]:
+    """The modules that programs of Python nodes have imported, by process, from their folder."""
+    modules = {}
+    for file in folder.glob("*.json"):
+        try:
+            paths = read_json(file, list[str])
+        except (OSError, ValueError, msgspec.DecodeError):
+            # One that was killed while it wrote.
+            continue
+        modules[int(file.stem)] = frozenset(loaded_by_graph(paths))
+    return modules
 
 
 def loaded_by_graph(files: Iterable[str]) -> Iterator[str]:
