@@ -11,11 +11,9 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from r2bspec.authoring.draft_nodes import DraftNodes
 from r2bspec.bags.has_header import begins_with_header
 from r2bspec.bags.recording import BagIndex, TopicInfo
-from r2bspec.interop.script_import.spec_values import identifier, unique_name
-from r2bspec.interop.script_import.yaml_writer import Block, document
+from r2bspec.interop.script_import.yaml_writer import Block, document, identifier, unique_name
 from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.load_spec import load_spec
@@ -35,6 +33,35 @@ _LOST_PERCENT = (1, 5, 10)
 _LOADED = "recorded"
 _SAME_RATE = 1.2
 """Inputs whose rates differ by more than this factor are played at their recorded times."""
+
+
+@dataclass(slots=True)
+class DraftNodes:
+    """The nodes and containers of a spec, and what the sources do not tell.
+
+    Attributes:
+        nodes: entries of ``graph.nodes``.
+        containers: entries of ``containers``.
+        variables: variables that the nodes refer to, with their values.
+        environment: environment variables that the nodes refer to.
+        topics: absolute names of topics that the nodes are remapped to.
+        unknown: what nothing says, one line each.
+        is_absolute: whether the nodes have absolute namespaces, as launch files and running
+            systems do; the namespace of the benchmark is then the root.
+    """
+
+    nodes: Block = field(default_factory=Block)
+    containers: Block = field(default_factory=Block)
+    variables: dict[str, object] = field(default_factory=dict)
+    environment: list[str] = field(default_factory=list)
+    topics: list[str] = field(default_factory=list)
+    unknown: list[str] = field(default_factory=list)
+    is_absolute: bool = False
+
+    @property
+    def keys(self) -> set[str]:
+        """The names of nodes and containers so far."""
+        return {entry.key for entry in (*self.nodes.entries, *self.containers.entries)}
 
 
 @dataclass(frozen=True, slots=True)

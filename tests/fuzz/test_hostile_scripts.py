@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.cli.init_sources import InitSources, spec_from_sources
+from r2bspec.authoring.sources import InitSources, spec_from_sources
 from r2bspec.cli.main import main
 from r2bspec.errors import UsageError
 

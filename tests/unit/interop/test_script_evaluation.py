@@ -9,10 +9,9 @@ import pytest
 
 from r2bspec.interop.script_import.benchmark_script import read_benchmark_script
 from r2bspec.interop.script_import.evaluator import Evaluator
-from r2bspec.interop.script_import.script_limits import ScriptLimitError
-from r2bspec.interop.script_import.script_reader import ScriptReader, UnusableScriptError
-from r2bspec.interop.script_import.script_values import Construct, Unknown
+from r2bspec.interop.script_import.source_files import ScriptReader, UnusableScriptError
 from r2bspec.interop.script_import.spec_builder import build_spec
+from r2bspec.interop.script_import.values import Construct, ScriptLimitError, Unknown
 
 _COUNTER = """
 class Counter:
