@@ -246,7 +246,7 @@ class _ScriptEvaluation:
             hooks=hooks,
             late_hooks=late_hooks,
             comments=read_comments(self.module.file, self.module.text),
-            notes=[*trace.notes, *self.notes],
+            notes=[*self.evaluator.notes, *self.notes],
             imports=trace.imports,
             texts=self.reader.texts,
         )
@@ -340,7 +340,7 @@ def launch_file_actions(
                 name, default = action.get("name", 0), action.get("default_value")
                 if isinstance(name, str) and default is not None:
                     values.setdefault(name, default)
-    return actions, evaluator.trace.notes
+    return actions, evaluator.notes
 
 
 def _without_opaque(evaluator: Evaluator, actions: list[Any], place: Span) -> list[Any]:

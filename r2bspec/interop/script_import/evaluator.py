@@ -3,8 +3,8 @@
 Assignments, loops over what is known, conditions that are decided, and the script's own functions
 and classes have the effect that they have in Python. Where a condition is not known, neither branch
 counts, and the names that it binds are unknown; only the test whether a file exists is followed, as
-the condition of what it guards. The trace keeps what the script does for its effect, in order, and
-what was not followed.
+the condition of what it guards. The trace keeps what the script does for its effect, in order; notes
+tell what was not followed.
 """
 
 from __future__ import annotations
@@ -50,12 +50,10 @@ class Trace:
 
     Attributes:
         effects: constructs that the script calls for their effect, such as ``time.sleep(5)``.
-        notes: what was not followed.
         imports: the places of imports of modules that were not read, by the name of the module.
     """
 
     effects: list[Construct] = field(default_factory=list)
-    notes: list[Note] = field(default_factory=list)
     imports: dict[str, Span] = field(default_factory=dict)
 
     def take_effects(self) -> list[Construct]:
@@ -339,7 +337,7 @@ class Evaluator(Expressions):
         return module
 
     def _note(self, reason: str, node: ast.AST, scope: Scope) -> None:
-        self.trace.notes.append(Note(reason, scope.place(node)))
+        self.notes.append(Note(reason, scope.place(node)))
 
     def _skip(self, reason: str, node: ast.AST, statements: list[ast.stmt], scope: Scope) -> None:
         """Note that statements are not evaluated: every name that they would bind is unknown."""

@@ -27,6 +27,7 @@ from r2bspec.interop.script_import.values import (
     ImageSize,
     Instance,
     Method,
+    Note,
     NotKnownError,
     PlacedDict,
     PlacedTuple,
@@ -66,6 +67,7 @@ class Expressions:
     def __init__(self, launch_values: Mapping[str, Any], steps: StepCounter) -> None:
         self.launch_values = launch_values
         self.steps = steps
+        self.notes: list[Note] = []
 
     def value(self, node: ast.expr, scope: Scope) -> Any:
         """The value of an expression, which may be unknown."""
@@ -368,6 +370,8 @@ class Expressions:
                 self._set_attribute(self.value(owner, scope), name, value, scope.place(target))
             case ast.Subscript(value=owner, slice=key):
                 self._set_item(self.value(owner, scope), self.value(key, scope), value)
+            case _:
+                self.notes.append(Note("an assignment of this kind", scope.place(target)))
 
     @staticmethod
     def _set_attribute(owner: Any, name: str, value: Any, place: Span) -> None:

@@ -55,7 +55,7 @@ _FUNCTIONS: Final[dict[str, Callable[..., Any]]] = {
     "round": round,
     "repr": repr,
 }
-_METHODS: Final = {
+_METHODS: Final[dict[type, str]] = {
     str: "lower upper title capitalize strip lstrip rstrip split rsplit splitlines partition "
     "rpartition join replace startswith endswith removeprefix removesuffix format zfill",
     list: "append extend insert copy index count pop remove reverse",
@@ -284,7 +284,7 @@ def join_path(*parts: Any) -> str:
     """
     if not parts or not all(isinstance(part, str) for part in parts):
         raise NotKnownError("a part of the path is not a text")
-    return posixpath.join(*parts)
+    return str(posixpath.join(*parts))
 
 
 def _launch_value(kind: str, value: Any, others: list[Any]) -> Any:

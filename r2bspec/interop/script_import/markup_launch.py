@@ -67,7 +67,7 @@ def markup_launch_actions(
 
 
 def _xml(file: Path, text: str) -> _Entity:
-    parser = expat.ParserCreate()
+    parser = expat.ParserCreate(namespace_separator="}")
     path = [_Entity("")]
 
     def refused(reason: str) -> UnusableScriptError:

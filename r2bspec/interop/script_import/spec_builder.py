@@ -95,6 +95,9 @@ class _SpecBuilder:
         body.add("benchmark", self._benchmark([entry.key for entry in monitors.entries]))
         self.settings.note_rest()
         self._note_members()
+        stem = self.script.module.file.stem
+        name = stem if re.search(NAME.pattern, stem) else identifier(stem)
+        top = self._head(name)
         notes = [*self.script.notes, *self.values.notes]
         missing = self._missing_modules()
         found = [
@@ -102,11 +105,10 @@ class _SpecBuilder:
             *(_finding(_NOT_IMPORTED, Severity.WARNING, note) for note in notes),
             *(_finding(_CHANGED, Severity.INFO, note) for note in self.values.changes),
         ]
-        stem = self.script.module.file.stem
-        name = stem if re.search(NAME.pattern, stem) else identifier(stem)
+        top.entries += body.entries
         return ImportedSpec(
             name,
-            self._text(name, body, notes),
+            self._text(top, notes),
             tuple(dict.fromkeys(sorted(found, key=lambda finding: finding.sort_key))),
             self.script.texts,
             is_whole=not missing,
@@ -129,7 +131,7 @@ class _SpecBuilder:
         outer.add("nodes", graph)
         body.add("graph", outer)
 
-    def _text(self, name: str, body: Block, notes: list[Note]) -> str:
+    def _head(self, name: str) -> Block:
         top = Block()
         top.add("r2bspec", 1)
         top.add("name", name)
@@ -140,7 +142,9 @@ class _SpecBuilder:
             top.add("namespace", self.namespace)
         top.add("environment", self.values.environment)
         top.add("variables", self._variables())
-        top.entries += body.entries
+        return top
+
+    def _text(self, top: Block, notes: list[Note]) -> str:
         lost = [f"  {Path(n.place.file).name}:{n.place.line}: {n.reason}" for n in notes]
         top.below += ["Not imported:", *dict.fromkeys(lost), ""] if lost else []
         top.below.append(_NO_OBJECTIVES)
