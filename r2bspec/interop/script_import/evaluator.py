@@ -3,8 +3,8 @@
 Assignments, loops over what is known, conditions that are decided, and the script's own functions
 and classes have the effect that they have in Python. Where a condition is not known, neither branch
 counts, and the names that it binds are unknown; only the test whether a file exists is followed, as
-the condition of what it guards. The trace keeps what the script does for its effect, in order; notes
-tell what was not followed.
+the condition of what it guards. The trace keeps what the script does for its effect, in order;
+notes tell what was not followed.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from r2bspec.diagnostics import Span
-from r2bspec.interop.script_import import known_functions
 from r2bspec.interop.script_import.expressions import Expressions, truth
 from r2bspec.interop.script_import.known_functions import is_file_test
 from r2bspec.interop.script_import.source_files import ScriptReader
@@ -231,7 +230,7 @@ class Evaluator(Expressions):
         left, right = self.value(node.target, scope), self.value(node.value, scope)
         lost = next((side for side in (left, right) if isinstance(side, Unknown)), None)
         try:
-            result = lost or known_functions.binary(type(node.op), left, right)
+            result = lost or self.binary(node.op, left, right)
         except NotKnownError as error:
             result = error.unknown(scope.place(node.value))
         self.assign(node.target, result, scope)

@@ -38,7 +38,6 @@ from r2bspec.interop.script_import.values import (
     ScriptModule,
     StepCounter,
     Unknown,
-    check_size,
     unknown_in,
 )
 
@@ -118,8 +117,7 @@ class Expressions:
             case ast.JoinedStr(values=parts):
                 return self._joined(parts, scope)
             case ast.BinOp(left=left, op=op, right=right):
-                operands = self._known(left, scope), self._known(right, scope)
-                return known_functions.binary(type(op), *operands)
+                return self.binary(op, self._known(left, scope), self._known(right, scope))
             case ast.UnaryOp(op=op, operand=operand):
                 return self._unary(op, self._known(operand, scope), scope.place(node))
             case ast.BoolOp(op=op, values=parts):
@@ -233,7 +231,7 @@ class Expressions:
 
     def _key(self, node: ast.expr, scope: Scope) -> Any:
         key = self.value(node, scope)
-        check_size(key)
+        self.steps.count_items(key)
         if isinstance(key, str | int | float | tuple) and _is_hashable(key):
             return key
         place = scope.place(node)
@@ -260,6 +258,7 @@ class Expressions:
         for part in parts:
             if isinstance(part, ast.FormattedValue):
                 value = self._known(part.value, scope)
+                self.steps.count_items(value)
                 width = "" if part.format_spec is None else self.value(part.format_spec, scope)
                 text += known_functions.formatted(value, width)
             else:
@@ -267,6 +266,15 @@ class Expressions:
             if len(text) > MAX_TEXT:
                 raise ScriptLimitError(f"a text of more than {MAX_TEXT:,} characters")
         return text
+
+    def binary(self, op: ast.operator, left: Any, right: Any) -> Any:
+        """The value of ``left op right``.
+
+        Raises:
+            NotKnownError: it has none.
+        """
+        self.steps.count_items(left, right)
+        return known_functions.binary(type(op), left, right)
 
     @staticmethod
     def _unary(op: ast.unaryop, value: Any, place: Span) -> Any:
@@ -299,16 +307,16 @@ class Expressions:
                     raise NotKnownError(left)
             elif any(isinstance(side, Unknown | Construct | Foreign) for side in (left, right)):
                 raise NotKnownError("what is compared is not known")
+            self.steps.count_items(left, right)
             if not known_functions.compare(type(op), left, right):
                 return False
             left = right
         return True
 
-    @staticmethod
-    def _item(owner: Any, key: Any) -> Any:
+    def _item(self, owner: Any, key: Any) -> Any:
         if isinstance(owner, Foreign) and owner.name == "os.environ" and isinstance(key, str):
             return f"$(env {key})"
-        check_size(key)
+        self.steps.count_items(key)
         try:
             if isinstance(owner, ImageSize):
                 return owner.item(key)
@@ -382,11 +390,10 @@ class Expressions:
             owner.keyword_places[name] = place
 
     def _set_item(self, owner: Any, key: Any, value: Any) -> None:
-        check_size(key)
+        self.steps.count_items(key, value)
         try:
             if isinstance(owner, dict | list):
                 owner[key] = value
-                self.steps.count_items(owner)
         except (TypeError, IndexError):
             pass
 
@@ -404,6 +411,7 @@ class Expressions:
                 keywords |= value
             else:
                 raise NotKnownError("arguments that are not known are passed on")
+        self.steps.count_items(keywords)
         result = self.call_value(function, arguments, keywords, scope.place(node))
         if isinstance(result, Construct) and not result.keyword_places:
             result.keyword_places = places
@@ -436,6 +444,7 @@ class Expressions:
                 return Construct(f"{owner.name}.{name}", arguments, keywords, place, owner=owner)
             case Method(owner=owner, name=name):
                 if not (isinstance(owner, list | dict) and name in _ADDING):
+                    self.steps.count_items(owner)
                     _require_known([arguments, keywords])
                 return known_functions.call_method(owner, name, arguments, keywords)
             case Construct(name=name):

@@ -1,7 +1,8 @@
 """What functions, methods and operators outside of a script return for values that are known.
 
 There are two kinds. Python's own are called, if they are in the tables here: those without an
-effect on anything but their object, with arguments and results within the limits. Well-known
+effect on anything but their object, with results within the limits; the caller limits what is put
+in. Well-known
 functions of packages are not called: their results are written down here. Paths that depend on the
 machine are texts with a reference, ``$(share PACKAGE)``, ``$(assets)``, ``$(script)`` and
 ``$(env NAME)``, which the writer of the spec turns into variables.
@@ -28,7 +29,6 @@ from r2bspec.interop.script_import.values import (
     LaunchText,
     NotKnownError,
     ScriptLimitError,
-    check_size,
     unknown_in,
 )
 
@@ -36,24 +36,17 @@ ASSETS: Final = "$(assets)"
 
 _FUNCTIONS: Final[dict[str, Callable[..., Any]]] = {
     "str": lambda value="": _as_text(value),
-    "int": int,
-    "float": float,
-    "bool": bool,
-    "len": len,
-    "list": list,
-    "tuple": tuple,
-    "dict": dict,
-    "sorted": sorted,
     "reversed": lambda value: list(reversed(value)),
     "zip": lambda *values: list(zip(*values, strict=False)),
     "enumerate": lambda values, start=0: list(enumerate(values, start)),
     "range": lambda *ends: _range(*ends),
-    "min": min,
-    "max": max,
-    "sum": sum,
-    "abs": abs,
-    "round": round,
-    "repr": repr,
+    **{
+        function.__name__: function
+        for function in (
+            *(bool, int, float, abs, round, min, max, sum),
+            *(list, tuple, dict, len, sorted, repr),
+        )
+    },
 }
 _METHODS: Final[dict[type, str]] = {
     str: "lower upper title capitalize strip lstrip rstrip split rsplit splitlines partition "
@@ -127,7 +120,6 @@ def call_function(name: str, arguments: list[Any], keywords: dict[str, Any]) -> 
     function = _FUNCTIONS.get(name)
     if function is None:
         raise NotKnownError(f"{what} is not known")
-    check_size(arguments, keywords)
     return _result(lambda: function(*arguments, **keywords), what)
 
 
@@ -142,7 +134,6 @@ def call_method(owner: Any, name: str, arguments: list[Any], keywords: dict[str,
     what = f"the result of {name}()"
     if name in {"format", "zfill"} and _LARGE_WIDTH.search(f"{owner} {arguments}"):
         raise NotKnownError(f"{what} is not known")
-    check_size(owner, arguments, keywords)
     result = _result(lambda: getattr(owner, name)(*arguments, **keywords), what)
     return list(result) if name in {"items", "keys", "values"} else result
 
@@ -162,13 +153,11 @@ def binary(kind: type, left: Any, right: Any) -> Any:
         kind is ast.Mod and isinstance(left, str) and _LARGE_WIDTH.search(left)
     ):
         raise NotKnownError(f"{what} are not known")
-    check_size(left, right)
     return _result(lambda: _BINARY[kind](left, right), what, "are")
 
 
 def compare(kind: type, left: Any, right: Any) -> bool:
     """The result of a comparison; errors as for `binary`."""
-    check_size(left, right)
     return bool(_result(lambda: _COMPARISONS[kind](left, right), "what is compared"))
 
 
@@ -181,7 +170,6 @@ def formatted(value: Any, width: Any) -> str:
     what = "a part of the text"
     if isinstance(width, str) and len(width) <= 6 and isinstance(value, int | float | str):
         return str(_result(lambda: format(value, width), what))
-    check_size(value)
     if width:
         raise NotKnownError(f"{what} is not known")
     return str(_result(lambda: _as_text(value), what))
@@ -269,7 +257,6 @@ def foreign_call(
     missing = unknown_in([arguments, keywords])
     if missing is not None:
         raise NotKnownError(missing)
-    check_size(arguments, keywords)
     try:
         return function(*arguments, **keywords)
     except (TypeError, ValueError, IndexError, KeyError, AttributeError, ArithmeticError) as error:

@@ -29,7 +29,7 @@ MAX_TEXT: Final = 100_000
 """Characters of one text."""
 MAX_BITS: Final = 256
 """Of one integer."""
-_ITEMS_OF_A_STEP: Final = 20
+_ITEMS_OF_A_STEP: Final = 10
 _CHARACTERS_OF_A_STEP: Final = 200
 _MESSAGE: Final = re.compile(r"\.(?:msg|srv)\.\w+")
 
