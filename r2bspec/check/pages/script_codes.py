@@ -40,6 +40,14 @@ SCRIPT_PAGES = (
         "A script has a class derived from ROS2BenchmarkTest, with a 'config', and a function that "
         "returns its launch actions. A launch file has generate_launch_description.",
     ),
+    error_page(
+        "script-module-missing",
+        "R2B705",
+        "module of a script was not found",
+        "Nodes or monitors of the script are made by functions of a module that is neither next to "
+        "the script nor in a folder above, so they are left out. 'r2bspec import --package-path "
+        "FOLDER' names the folder with its package.",
+    ),
     _page(
         "not-imported",
         "R2B710",

@@ -327,7 +327,7 @@ class _SpecBuilder:
             entry.add("label", prefix if prefix and prefix != key else None)
             block.add(unique_name(key, used), entry, self.script.comments.at(node.source.place))
         if not block.entries:
-            log = {"topic": "/rosout", "format": "rcl_interfaces/msg/Log"}
+            log = {"topic": "/rosout", "format": "rcl_interfaces/msg/Log", "match": "order"}
             block.add("rosout", log, [_NO_MONITOR])
         return block
 

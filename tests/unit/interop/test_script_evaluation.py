@@ -202,5 +202,11 @@ def test_nodes_of_a_missing_module_are_left_out(tmp_path: Path) -> None:
     said = [each.message for each in spec.findings if each.code == "R2B710"]
     assert any("the node that make_node makes is not known" in each for each in said)
     assert any("make_monitor" in each for each in said)
+    (missing,) = [each for each in spec.findings if each.code == "R2B705"]
+    assert missing.severity == "error"
+    assert missing.span.line == 1
+    assert "'cell_far'" in missing.message
+    assert "make_node, make_monitor" in missing.message
+    assert "--package-path" in missing.help
     assert [each.name for each in read.parts.nodes] == ["own"]
     assert "No monitor of the script is known" in spec.text
