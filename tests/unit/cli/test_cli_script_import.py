@@ -154,4 +154,4 @@ def test_a_module_in_a_named_folder_is_read() -> None:
     Path("elsewhere/cell_monitors.py").write_text(HELPER)
     words = ["import", "helped.py", "--package-path", "elsewhere", "-o", "a.r2b.yaml"]
     assert main(words) == 0
-    assert "topic: done" in Path("a.r2b.yaml").read_text()
+    assert "topic: /done" in Path("a.r2b.yaml").read_text()
