@@ -131,12 +131,14 @@ class Settings:
     Attributes:
         notes: is extended by what is left out.
         mode: the mode of playing, as a spec names it.
+        is_mode_known: whether the script determines it; otherwise `mode` is the default.
         namespace: of the benchmark, absolute.
     """
 
     script: BenchmarkScript
     notes: list[Note]
     mode: str = field(init=False)
+    is_mode_known: bool = field(init=False)
     namespace: str = field(init=False)
 
     def __post_init__(self) -> None:
@@ -146,7 +148,8 @@ class Settings:
         mode = self.value("benchmark_mode")
         name = mode.name.rpartition(".")[2] if isinstance(mode, Foreign) else mode
         self.mode = name.lower() if isinstance(name, str) else ""
-        if self.mode not in _MODES:
+        self.is_mode_known = self.mode in _MODES
+        if not self.is_mode_known:
             self.lose("benchmark_mode")
             self.mode = "looping"
 

@@ -30,6 +30,32 @@ _CHILDREN: Final = frozenset(
     }
 )
 _MAX_DEPTH: Final = 40
+_ACTIONS: Final = {
+    "node": "Node",
+    "node_container": "ComposableNodeContainer",
+    "load_composable_node": "LoadComposableNodes",
+    "executable": "ExecuteProcess",
+    "group": "GroupAction",
+    "include": "IncludeLaunchDescription",
+    "set_remap": "SetRemap",
+    "push_ros_namespace": "PushRosNamespace",
+    "push_namespace": "PushRosNamespace",
+}
+"""The actions of Python, by the names of entities."""
+_KEYWORDS: Final = {
+    "name": "name",
+    "pkg": "package",
+    "exec": "executable",
+    "plugin": "plugin",
+    "namespace": "namespace",
+    "target": "target_container",
+    "file": "launch_description_source",
+    "from": "src",
+    "to": "dst",
+}
+"""Their arguments, by the names of attributes."""
+_COMMAND_LINES: Final = {"ros_args": "arguments", "args": "arguments", "cmd": "cmd"}
+_CONDITIONS: Final = {"unless": "UnlessCondition", "if": "IfCondition"}
 
 
 @dataclass(slots=True)
@@ -142,15 +168,13 @@ class _Markup:
     def actions(self, entities: list[_Entity]) -> list[Construct]:
         actions = []
         for entity in entities:
-            self.steps.count()
             if entity.name in {"arg", "let"}:
                 self._declare(entity)
-            elif entity.name not in _MAKERS:
+            elif entity.name in _ACTIONS:
+                actions.append(self._construct(_ACTIONS[entity.name], entity))
+            else:
                 reason = f"<{clip(entity.name)}> has no form in a spec"
                 self.notes.append(Note(reason, self.place))
-            else:
-                name, keywords = _MAKERS[entity.name](self, entity)
-                actions.append(self._construct(name, self._condition(entity) | keywords))
         return actions
 
     def _declare(self, entity: _Entity) -> None:
@@ -159,52 +183,45 @@ class _Markup:
         if is_open and entity.values.keys() & {"value", "default"}:
             self.values[name] = self._text(entity.get("value", "default"))
 
-    def _condition(self, entity: _Entity) -> dict[str, Any]:
-        for name, kind in (("if", "IfCondition"), ("unless", "UnlessCondition")):
+    def _construct(self, kind: str, entity: _Entity) -> Construct:
+        """The construct of an entity, with its attributes and the entities inside as keywords."""
+        self.steps.count(1 + len(entity.children))
+        keywords: dict[str, Any] = {}
+        for name, keyword in _KEYWORDS.items():
             if name in entity.values:
-                text = self._text(entity.get(name))
-                return {"condition": self._construct(kind, {"predicate_expression": text})}
-        return {}
-
-    def _construct(self, name: str, keywords: dict[str, Any]) -> Construct:
-        return Construct(name, [], keywords, self.place)
-
-    def node(self, entity: _Entity) -> tuple[str, dict[str, Any]]:
-        words = [self._text(word) for word in split_words(entity.get("args", "ros_args"))]
-        return "Node", self._node(entity) | {"arguments": words}
-
-    def container(self, entity: _Entity) -> tuple[str, dict[str, Any]]:
-        components = [
-            self._construct("ComposableNode", self._condition(child) | self._node(child))
-            for child in entity.all("composable_node")
-        ]
-        inside = {"composable_node_descriptions": components}
-        return "ComposableNodeContainer", self._node(entity) | inside
-
-    def load(self, entity: _Entity) -> tuple[str, dict[str, Any]]:
-        _, keywords = self.container(entity)
-        target = self._text(entity.get("target"))
-        return "LoadComposableNodes", keywords | {"target_container": target}
-
-    def _node(self, entity: _Entity) -> dict[str, Any]:
-        self.steps.count(len(entity.children))
-        return {
-            "name": self._text(entity.get("name")),
-            "package": self._text(entity.get("pkg")),
-            "executable": self._text(entity.get("exec")),
-            "plugin": self._text(entity.get("plugin")),
-            "namespace": self._text(entity.get("namespace")),
-            "remappings": [
+                keywords[keyword] = self._text(entity.get(name))
+        for name, keyword in _COMMAND_LINES.items():
+            if name in entity.values:
+                words = split_words(entity.get(name))
+                keywords[keyword] = [self._text(word) for word in words]
+        for name, condition in _CONDITIONS.items():
+            if name in entity.values:
+                text = {"predicate_expression": self._text(entity.get(name))}
+                keywords["condition"] = Construct(condition, [], text, self.place)
+        if kind == "GroupAction":
+            keywords["actions"] = self.actions(entity.children)
+        elif kind == "IncludeLaunchDescription":
+            given = [*entity.all("arg"), *entity.all("let")]
+            keywords["launch_arguments"] = dict(map(self._argument, given))
+        else:
+            keywords["composable_node_descriptions"] = [
+                self._construct("ComposableNode", child) for child in entity.all("composable_node")
+            ]
+            keywords["remappings"] = [
                 (self._text(remap.get("from")), self._text(remap.get("to")))
                 for remap in entity.all("remap")
-            ],
-            "parameters": [
+            ]
+            keywords["parameters"] = [
                 self._text(param.get("from"))
                 if "from" in param.values
                 else {self._text(param.get("name")): self._value(param)}
                 for param in entity.all("param")
-            ],
-        }
+            ]
+        return Construct(kind, [], keywords, self.place)
+
+    def _argument(self, entity: _Entity) -> tuple[Any, Any]:
+        name, value = self._text(entity.get("name")), self._text(entity.get("value"))
+        return name, LaunchText(value) if isinstance(value, str) else value
 
     def _value(self, entity: _Entity) -> Any:
         if entity.children:
@@ -220,46 +237,8 @@ class _Markup:
             return text
         return plain if isinstance(plain, bool | int | float) else text
 
-    def executable(self, entity: _Entity) -> tuple[str, dict[str, Any]]:
-        command = [self._text(word) for word in split_words(entity.get("cmd"))]
-        return "ExecuteProcess", {"cmd": command, "name": self._text(entity.get("name"))}
-
-    def group(self, entity: _Entity) -> tuple[str, dict[str, Any]]:
-        return "GroupAction", {"actions": self.actions(entity.children)}
-
-    def include(self, entity: _Entity) -> tuple[str, dict[str, Any]]:
-        arguments = {}
-        for given in (*entity.all("arg"), *entity.all("let")):
-            value = self._text(given.get("value"))
-            name = self._text(given.get("name"))
-            arguments[name] = LaunchText(value) if isinstance(value, str) else value
-        return "IncludeLaunchDescription", {
-            "launch_description_source": self._text(entity.get("file")),
-            "launch_arguments": arguments,
-        }
-
-    def remap(self, entity: _Entity) -> tuple[str, dict[str, Any]]:
-        source, target = self._text(entity.get("from")), self._text(entity.get("to"))
-        return "SetRemap", {"src": source, "dst": target}
-
-    def namespace(self, entity: _Entity) -> tuple[str, dict[str, Any]]:
-        return "PushRosNamespace", {"namespace": self._text(entity.get("namespace"))}
-
     def _text(self, text: str) -> Any:
         """A text with its references replaced; unknown if the value of one is not known."""
         result = substituted(text, self.values, self.steps)
         reason = f"the value of {clip(text)} is not known"
         return Unknown(reason, self.place) if result is None else result
-
-
-_MAKERS: Final = {
-    "node": _Markup.node,
-    "node_container": _Markup.container,
-    "load_composable_node": _Markup.load,
-    "executable": _Markup.executable,
-    "group": _Markup.group,
-    "include": _Markup.include,
-    "set_remap": _Markup.remap,
-    "push_ros_namespace": _Markup.namespace,
-    "push_namespace": _Markup.namespace,
-}

@@ -38,6 +38,7 @@ class _Mistakes:
         self.script = script
         self.config = script.config
         self.settings = Settings(script, [])
+        self.mode = self.settings.mode if self.settings.is_mode_known else ""
         self.graph = divide_by_role(script.parts, script.docstring, self.settings.namespace)
         self.inputs = played_inputs(self.graph.player)
 
@@ -266,7 +267,7 @@ class _Mistakes:
 
     def one_message(self) -> Iterator[Diagnostic]:
         key = "playback_message_buffer_size"
-        if self.config.get(key) == 1 and self.settings.mode == "looping":
+        if self.config.get(key) == 1 and self.mode == "looping":
             yield _finding(
                 "R2B729",
                 Severity.INFO,
@@ -278,7 +279,7 @@ class _Mistakes:
 
     def latency_of_two_messages(self) -> Iterator[Diagnostic]:
         has_keys = self.config.get("revise_timestamps_as_message_ids") is True
-        if has_keys or self.settings.mode == "live":
+        if has_keys or self.mode == "live":
             return
         yield _finding(
             "R2B730",
@@ -297,7 +298,7 @@ class _Mistakes:
             isinstance(value, int | float) and math.isfinite(value)
             for value in (lower, upper, drop)
         )
-        if not is_known or not 0 < lower < upper or self.settings.mode != "looping":
+        if not is_known or not 0 < lower < upper or self.mode != "looping":
             return
         if drop >= lower / 2:
             yield _finding(
@@ -325,7 +326,7 @@ class _Mistakes:
     def counted_transforms(self) -> Iterator[Diagnostic]:
         player = self.graph.player
         formats = player.parameter("data_formats") if player is not None else None
-        if player is None or not isinstance(formats, list) or self.settings.mode != "timeline":
+        if player is None or not isinstance(formats, list) or self.mode != "timeline":
             return
         if "tf2_msgs/msg/TFMessage" in formats:
             yield _finding(
