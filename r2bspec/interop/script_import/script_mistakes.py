@@ -252,7 +252,7 @@ class _Mistakes:
                 )
 
     def monitored_inputs(self) -> Iterator[Diagnostic]:
-        played = {topic_in(each.player.namespace, each.topic) for each in self.inputs}
+        played = {each.full_topic for each in self.inputs}
         for node in self.graph.monitors:
             topic = topic_in(node.namespace, node.remapped("output"))
             if topic in played:
