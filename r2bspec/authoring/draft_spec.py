@@ -11,11 +11,9 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from r2bspec.authoring.draft_nodes import DraftNodes
 from r2bspec.bags.has_header import begins_with_header
 from r2bspec.bags.recording import BagIndex, TopicInfo
-from r2bspec.interop.script_import.spec_values import identifier, unique_name
-from r2bspec.interop.script_import.yaml_writer import Block, document
+from r2bspec.interop.script_import.yaml_writer import Block, document, identifier, unique_name
 from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.load_spec import load_spec
@@ -35,6 +33,35 @@ _LOST_PERCENT = (1, 5, 10)
 _LOADED = "recorded"
 _SAME_RATE = 1.2
 """Inputs whose rates differ by more than this factor are played at their recorded times."""
+
+
+@dataclass(slots=True)
+class DraftNodes:
+    """The nodes and containers of a spec, and what the sources do not tell.
+
+    Attributes:
+        nodes: entries of ``graph.nodes``.
+        containers: entries of ``containers``.
+        variables: variables that the nodes refer to, with their values.
+        environment: environment variables that the nodes refer to.
+        topics: absolute names of topics that the nodes are remapped to.
+        unknown: what nothing says, one line each.
+        is_absolute: whether the nodes have absolute namespaces, as launch files and running
+            systems do; the namespace of the benchmark is then the root.
+    """
+
+    nodes: Block = field(default_factory=Block)
+    containers: Block = field(default_factory=Block)
+    variables: dict[str, object] = field(default_factory=dict)
+    environment: list[str] = field(default_factory=list)
+    topics: list[str] = field(default_factory=list)
+    unknown: list[str] = field(default_factory=list)
+    is_absolute: bool = False
+
+    @property
+    def keys(self) -> set[str]:
+        """The names of nodes and containers so far."""
+        return {entry.key for entry in (*self.nodes.entries, *self.containers.entries)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,8 +190,8 @@ def _select_inputs(draft: _Draft, measured: PhaseWiring | None) -> None:
     uncertain = measured is None or bool(measured.possible_subscribers)
     if uncertain:
         named = {topic: recorded[topic] for topic in draft.nodes.topics if topic in recorded}
-        produced = {each.topic for each in _publishers(measured)}
-        more = {t: i for t, i in named.items() if t not in produced and t not in draft.inputs}
+        produced = {topic for topic, _ in _publishers(measured)} | draft.inputs.keys()
+        more = {topic: info for topic, info in named.items() if topic not in produced}
         draft.inputs |= more
         if more:
             shown = ", ".join(more)
@@ -208,25 +235,18 @@ def _open_subscriptions(measured: PhaseWiring | None) -> dict[str, str]:
     }
 
 
-def _publishers(measured: PhaseWiring | None) -> list[_Output]:
+def _publishers(measured: PhaseWiring | None) -> list[tuple[str, str]]:
+    """The topics that nodes publish, with their types."""
     return [
-        _Output(each.topic, each.type)
-        for each in (measured.endpoints if measured is not None else ())
-        if each.is_node and each.is_publisher and each.topic not in _COMMON
+        (endpoint.topic, endpoint.type)
+        for endpoint in (measured.endpoints if measured is not None else ())
+        if endpoint.is_node and endpoint.is_publisher and endpoint.topic not in _COMMON
     ]
-
-
-@dataclass(frozen=True, slots=True)
-class _Output:
-    topic: str
-    type: str
 
 
 def _select_outputs(draft: _Draft, measured: PhaseWiring | None) -> None:
     published = {
-        each.topic: each.type
-        for each in _publishers(measured)
-        if each.type and each.topic not in draft.inputs
+        topic: kind for topic, kind in _publishers(measured) if kind and topic not in draft.inputs
     }
     last = {
         topic: kind
@@ -352,10 +372,6 @@ def _rate_hz(draft: _Draft) -> float:
     return float(f"{min(rates):.3g}") if rates else 10.0
 
 
-def _rate(draft: _Draft) -> str:
-    return f"{_rate_hz(draft):g} Hz"
-
-
 def _effort(draft: _Draft) -> tuple[float, int | None]:
     """The seconds of an iteration, and the lost messages in percent that a run can confirm.
 
@@ -387,7 +403,7 @@ def _benchmark(draft: _Draft) -> Block:
     block.add("duration", f"{seconds:g} s", above)
     block.add("iterations", _ITERATIONS)
     if has_rate:
-        block.add("rates", [_rate(draft)], ["The rate of the recording."])
+        block.add("rates", [f"{_rate_hz(draft):g} Hz"], ["The rate of the recording."])
     return block
 
 
@@ -397,7 +413,7 @@ def _objectives(draft: _Draft, monitors: list[str]) -> Block | None:
         return None
     entry = Block()
     if not _is_timeline(draft):
-        entry.add("at", _rate(draft))
+        entry.add("at", f"{_rate_hz(draft):g} Hz")
     prefix = f"{monitors[0]}." if len(monitors) > 1 else ""
     entry.add("require", [f"{prefix}drop_rate <= {percent} %"])
     block = Block()

@@ -6,24 +6,27 @@ import ast
 from collections.abc import Mapping
 from pathlib import Path
 
-from r2bspec.authoring.draft_nodes import DraftNodes
+from r2bspec.authoring.draft_spec import DraftNodes
 from r2bspec.check.installed_packages import ament_prefixes, package_share
 from r2bspec.errors import UsageError
 from r2bspec.interop.script_import.benchmark_script import launch_file_actions
-from r2bspec.interop.script_import.evaluator import Note
 from r2bspec.interop.script_import.launch_actions import (
     IncludeAction,
-    LaunchParts,
     NodeAction,
     collect_actions,
+    topic_in,
 )
 from r2bspec.interop.script_import.markup_launch import markup_launch_actions
-from r2bspec.interop.script_import.node_roles import topic_in
-from r2bspec.interop.script_import.script_comments import ScriptComments, read_comments
-from r2bspec.interop.script_import.script_limits import ScriptLimitError
-from r2bspec.interop.script_import.script_reader import ScriptReader, UnusableScriptError
-from r2bspec.interop.script_import.spec_nodes import NodeWriter, containers_of
+from r2bspec.interop.script_import.source_files import (
+    TOO_COMPLEX,
+    ScriptComments,
+    ScriptReader,
+    UnusableScriptError,
+    read_comments,
+)
+from r2bspec.interop.script_import.spec_nodes import NodeWriter
 from r2bspec.interop.script_import.spec_values import SpecValues, relative_folder
+from r2bspec.interop.script_import.values import Note, ScriptLimitError
 from r2bspec.interop.script_import.yaml_writer import Block
 from r2bspec.untrusted.safe_file import is_folder, is_regular
 from r2bspec.wiring.ast_reader import read_node_class, read_python_file
@@ -64,36 +67,45 @@ def add_launch_nodes(draft: DraftNodes, file: Path, spec_folder: Path) -> None:
     """Add the nodes of a launch file, and of files that it includes and that can be read.
 
     Raises:
-        UnusableScriptError: it cannot be read or parsed, or exceeds the limits.
+        UsageError: it cannot be read or parsed, or exceeds the limits.
     """
-    reader = ScriptReader(file)
     try:
-        actions, notes = _actions(reader, file, {})
-        parts = collect_actions(actions, lambda include, _: _expanded(reader, include, notes))
+        _add_nodes(draft, ScriptReader(file), file, spec_folder)
+    except UnusableScriptError as error:
+        span = error.finding.span
+        message = f"{span.file}:{span.line}:{span.column}: {error.finding.message}"
+        raise UsageError(message, code=error.finding.code) from error
     except ScriptLimitError as error:
-        raise UnusableScriptError.of_limit(file, str(error)) from error
-    comments = ScriptComments()
-    if file.suffix == ".py":
-        comments = read_comments(reader.texts.get(str(file), ""))
-    values = SpecValues(relative_folder(file.parent, spec_folder), {})
-    changes: list[Note] = []
-    writer = NodeWriter(values, comments, "/", file, notes, changes, draft.keys)
-    actions_of_nodes: list[NodeAction | IncludeAction] = [*parts.nodes, *parts.includes]
-    used = containers_of(draft.containers, parts.containers, actions_of_nodes, [], [])
-    writer.keys |= used
+        message = f"{file}:1:1: the file needs more than is evaluated: {error}"
+        raise UsageError(message, code=TOO_COMPLEX) from error
+
+
+def _add_nodes(draft: DraftNodes, reader: ScriptReader, file: Path, spec_folder: Path) -> None:
+    actions, notes = _actions(reader, file, {})
+    parts = collect_actions(
+        actions, lambda include: _expanded(reader, include, notes), reader.steps
+    )
+    is_python = file.suffix == ".py"
+    comments = read_comments(file, reader.texts[str(file)]) if is_python else ScriptComments()
+    values = SpecValues(relative_folder(file.parent, spec_folder), "/", comments, notes=notes)
+    writer = NodeWriter(values, draft.keys)
+    writer.add_containers(draft.containers, parts.containers, parts.members, [], [])
     before = len(draft.nodes.entries)
-    writer.add_all(draft.nodes, actions_of_nodes, used)
-    for entry, action in zip(draft.nodes.entries[before:], actions_of_nodes, strict=True):
+    writer.add_all(draft.nodes, parts.members)
+    for entry, action in zip(draft.nodes.entries[before:], parts.members, strict=True):
         if isinstance(action, NodeAction) and isinstance(entry.value, Block):
             _add_interface(entry.value, action, file.parent)
     draft.is_absolute = True
     draft.variables |= values.variables
-    draft.environment += [each for each in values.environment if each not in draft.environment]
-    draft.topics += _topics(parts)
-    ignored = [Note(message, place) for message, place in parts.ignored]
+    draft.environment += [name for name in values.environment if name not in draft.environment]
+    draft.topics += [
+        topic_in(member.namespace or "/", remapping.target)
+        for member in parts.members
+        for remapping in member.remappings
+    ]
     draft.unknown += [
-        f"{each.place.file.name}:{each.place.line}: {each.message}"
-        for each in (*notes, *ignored, *changes)
+        f"{Path(note.place.file).name}:{note.place.line}: {note.reason}"
+        for note in (*notes, *parts.ignored, *values.changes)
     ]
 
 
@@ -141,24 +153,17 @@ def _expanded(
     """The actions of an included file that is next to the launch file or above."""
     file = reader.find_share_file(include.package, include.file)
     share = package_share(include.package) if file is None and include.package else None
-    if share is not None and is_regular(share / include.file):
+    place = include.source.place
+    if share is not None:
         file = share / include.file
-    if file is None and include.path.startswith("$(script)/"):
-        own = include.source.place.file.parent / include.path.removeprefix("$(script)/")
-        file = own if is_regular(own) else None
-    if file is None:
+    elif include.path.startswith("$(script)/"):
+        file = Path(place.file).parent / include.path.removeprefix("$(script)/")
+    if file is None or not is_regular(file):
         return None
     try:
         actions, inner = _actions(reader, file, include.arguments)
     except UnusableScriptError as error:
-        notes.append(Note(f"{file.name} is not expanded: {error}", include.source.place))
+        notes.append(Note(f"{file.name} is not expanded: {error}", place))
         return None
     notes += inner
     return actions
-
-
-def _topics(parts: LaunchParts) -> list[str]:
-    members: list[NodeAction | IncludeAction] = [*parts.nodes, *parts.includes]
-    return [
-        topic_in(node.namespace or "/", each.target) for node in members for each in node.remappings
-    ]

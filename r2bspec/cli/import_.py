@@ -1,19 +1,32 @@
-"""``r2bspec import``: scripts of NVIDIA's ros2_benchmark as specs, and its reports."""
+"""``r2bspec import``: scripts of NVIDIA's ros2_benchmark as specs, and its reports.
+
+Several scripts are imported, or checked, together: one list of findings, one exit status. Of a
+spec that was made, what `validate` calls an error on any machine is a finding, too.
+"""
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from r2bspec.cli.spec_files import SUFFIX
+from r2bspec.diagnostics import Diagnostic, Severity
 from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus
+from r2bspec.report.findings import finding_formats
 from r2bspec.report.findings.finding_formats import FORMATS
+from r2bspec.report.findings.print_findings import wants_colour
 from r2bspec.report.output import echo, echo_document
+from r2bspec.untrusted.safe_file import is_folder, is_there, open_regular
 
 if TYPE_CHECKING:
     from r2bspec.interop.ros2_benchmark import MonitorFigures, ReferenceReport
+    from r2bspec.interop.script_import.benchmark_script import BenchmarkScript
+    from r2bspec.interop.script_import.spec_builder import ImportedSpec
 
 _REPORT_FORMATS = ("text", "json")
 _COLUMNS = (
@@ -76,11 +89,9 @@ def command(
     becomes a comment in the spec and a finding. Values that a report lacks, such as percentiles,
     are left out and never estimated.
     """
-    if all(_is_script(each) for each in files):
-        from r2bspec.cli.import_scripts import ImportOptions, import_scripts
-
-        options = ImportOptions(check, output_format, output, package_paths, force)
-        return import_scripts(files, options)
+    if all(_is_script(file) for file in files):
+        scripts = _Scripts(files, package_paths, output, force)
+        return scripts.check(output_format) if check else scripts.import_all(output_format)
     if len(files) > 1:
         raise UsageError("reports are read one at a time, and not together with scripts")
     if check or output_format not in _REPORT_FORMATS:
@@ -90,8 +101,6 @@ def command(
 
 def _is_script(file: Path) -> bool:
     """Whether a file is a script: by its content, and by its name if it cannot be read."""
-    from r2bspec.untrusted.safe_file import open_regular
-
     try:
         with open_regular(file) as stream:
             start = stream.read(4096).lstrip(b"\xef\xbb\xbf \t\r\n")
@@ -102,18 +111,161 @@ def _is_script(file: Path) -> bool:
     return file.suffix == ".py" or b"import " in start
 
 
+class _Scripts:
+    """The scripts of one call, and the findings about them.
+
+    Args:
+        files: the scripts.
+        package_paths: folders with packages that scripts name.
+        output: a file, or a folder for several scripts; None prints the spec.
+        force: overwrite what exists.
+    """
+
+    def __init__(
+        self,
+        files: Sequence[Path],
+        package_paths: Sequence[Path],
+        output: Path | None,
+        force: bool,
+    ) -> None:
+        self.files = files
+        self.package_paths = package_paths
+        self.output = output
+        self.force = force
+        self.findings: list[Diagnostic] = []
+        self.sources: dict[str, str] = {}
+
+    def check(self, output_format: str) -> int:
+        """Look for mistakes; returns the exit status."""
+        from r2bspec.interop.script_import.script_mistakes import find_mistakes
+
+        for file in self.files:
+            script = self._read(file)
+            if script is not None:
+                self._add(find_mistakes(script), script.texts)
+        self._print(output_format, to_stderr=False)
+        if output_format not in finding_formats.DOCUMENT_FORMATS:
+            echo(self._summary())
+        return self._status(Severity.ERROR, Severity.WARNING)
+
+    def import_all(self, output_format: str) -> int:
+        """Make specs; returns the exit status.
+
+        Raises:
+            UsageError: specs of several scripts have no folder, or a file exists.
+        """
+        written = [self._import(file, self._target(file)) for file in self.files]
+        self._print(output_format, to_stderr=True)
+        for target in filter(None, written):
+            echo(f"wrote {target}; next: r2bspec validate {target}", err=True)
+        return self._status(Severity.ERROR)
+
+    def _add(self, findings: Sequence[Diagnostic], sources: dict[str, str]) -> None:
+        self.findings += findings
+        self.sources |= sources
+
+    def _status(self, *failing: Severity) -> int:
+        failed = any(finding.severity in failing for finding in self.findings)
+        return ExitStatus.FINDINGS_OR_FAILED if failed else ExitStatus.OK
+
+    def _read(self, file: Path) -> BenchmarkScript | None:
+        from r2bspec.interop.script_import.benchmark_script import read_benchmark_script
+        from r2bspec.interop.script_import.source_files import UnusableScriptError
+
+        try:
+            return read_benchmark_script(file, self.package_paths)
+        except UnusableScriptError as error:
+            self._add([error.finding], {})
+            return None
+
+    def _import(self, file: Path, target: Path | None) -> Path | None:
+        from r2bspec.interop.script_import.spec_builder import build_spec
+        from r2bspec.record.atomic_files import write_atomically
+
+        script = self._read(file)
+        if script is None:
+            return None
+        spec = build_spec(script, target.parent if target is not None else Path())
+        self._add(spec.findings, spec.sources)
+        if spec.is_whole:
+            self._add_errors_of(spec, target)
+        if target is None:
+            echo_document(spec.text, nl=False)
+        else:
+            write_atomically(target, spec.text.encode())
+        return target
+
+    def _add_errors_of(self, spec: ImportedSpec, target: Path | None) -> None:
+        """Add what `validate` calls an error in the spec, whatever this machine has."""
+        from r2bspec.cli.check_files import check_text
+        from r2bspec.cli.file_report import CheckOptions
+
+        name = str(target) if target is not None else f"{spec.name}{SUFFIX}"
+        findings = check_text(spec.text, name, CheckOptions(offline=True))
+        errors = [finding for finding in findings if finding.severity is Severity.ERROR]
+        self._add(errors, {name: spec.text} if errors else {})
+
+    def _target(self, file: Path) -> Path | None:
+        """Where the spec of a script is written.
+
+        Raises:
+            UsageError: there is no folder for several, or it exists.
+        """
+        output, several = self.output, len(self.files) > 1
+        if output is None:
+            if several:
+                raise UsageError("several scripts need a folder for their specs: --output FOLDER")
+            return None
+        if several and is_there(output) and not is_folder(output):
+            raise UsageError(f"{output} is not a folder")
+        inside = several or is_folder(output)
+        target = output / f"{file.stem}{SUFFIX}" if inside else output
+        if is_there(target) and not self.force:
+            raise UsageError(f"{target} already exists", hint="Add --force to overwrite it.")
+        if inside:
+            output.mkdir(parents=True, exist_ok=True)
+        return target
+
+    def _print(self, output_format: str, *, to_stderr: bool) -> None:
+        stream = sys.stderr if to_stderr else sys.stdout
+        colour = output_format == "text" and wants_colour(stream)
+        names = [str(file) for file in self.files]
+        shown = finding_formats.render(
+            output_format, self.findings, self.sources, names, colour=colour
+        )
+        if output_format in {"json", "sarif"} and not to_stderr:
+            echo_document(shown, nl=False)
+        else:
+            is_github = output_format == "github"
+            echo(shown, err=to_stderr, nl=False, styled=colour, commands=is_github)
+
+    def _summary(self) -> str:
+        number = len(self.files)
+        counts = [
+            f"{count} {name}{'s' * (count != 1)}"
+            for severity, name in (
+                (Severity.ERROR, "error"),
+                (Severity.WARNING, "warning"),
+                (Severity.INFO, "note"),
+            )
+            if (count := sum(finding.severity is severity for finding in self.findings))
+        ]
+        scripts = "1 script" if number == 1 else f"{number} scripts"
+        return ", ".join([scripts, *(counts or ["no problems"])])
+
+
 def _import_report(report: Path, output_format: str, output: Path | None) -> int:
     from r2bspec.interop.ros2_benchmark import read_report, to_json
 
-    found = read_report(report)
+    reference = read_report(report)
     if output is not None:
         from r2bspec.record.atomic_files import write_atomically
 
-        write_atomically(output, to_json(found))
+        write_atomically(output, to_json(reference))
     elif output_format == "json":
-        echo_document(to_json(found), nl=False)
+        echo_document(to_json(reference), nl=False)
     else:
-        echo(_text(found), nl=False)
+        echo(_text(reference), nl=False)
     return ExitStatus.OK
 
 
@@ -124,9 +276,9 @@ def _text(report: ReferenceReport) -> str:
     if report.peak_hz is not None:
         lines.append(f"peak found by its search: {show(report.peak_hz, 'Hz')}")
     rows = [["offered", "monitor", *(name for name, _, _ in _COLUMNS)]]
-    rows += [_row("at the peak", name, each) for name, each in report.peak.items()]
+    rows += [_row("at the peak", name, figures) for name, figures in report.peak.items()]
     for rate, monitors in sorted(report.rates.items(), key=lambda item: float(item[0])):
-        rows += [_row(show(float(rate), "Hz"), name, each) for name, each in monitors.items()]
+        rows += [_row(show(float(rate), "Hz"), name, figures) for name, figures in monitors.items()]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         cells = (cell.rjust(width) for cell, width in zip(row, widths, strict=True))

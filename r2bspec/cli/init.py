@@ -98,12 +98,6 @@ def command(
     comments about what they do not. The JSON Schema, which editors use for completion and help, is
     written next to the spec. No file is overwritten.
     """
-    from r2bspec.cli.init_sources import (
-        InitSources,
-        check_node_file,
-        is_readable_node,
-        spec_from_sources,
-    )
     from r2bspec.language.schema.derive_strict import published_schema_text
     from r2bspec.language.templates import filled, purpose, templates, with_node
 
@@ -113,19 +107,24 @@ def command(
         return ExitStatus.OK
     spec_file = Path(name.removesuffix(".r2b.yaml") + ".r2b.yaml")
     benchmark = _benchmark_name(spec_file.name.removesuffix(".r2b.yaml"))
-    sources = InitSources(bag, launch, graph, node, timeout_s)
+    has_sources = bool(bag or launch or graph)
     _check_node(node, template)
-    if node:
-        check_node_file(node, spec_file.parent)
-    if sources.are_given and template != "minimal":
+    if has_sources and template != "minimal":
         raise click.UsageError("--template cannot be combined with --from-...")
-    chosen = click.get_current_context().get_parameter_source("template")
-    is_default = chosen is click.core.ParameterSource.DEFAULT
-    if sources.are_given or (node and is_default and is_readable_node(node, spec_file.parent)):
-        made = spec_from_sources(benchmark, spec_file.parent, sources)
-        text = filled(made, None, f"./{_SCHEMA}")
-    else:
-        text = filled(with_node(templates()[template], node), benchmark, f"./{_SCHEMA}")
+    text = ""
+    if has_sources or node:
+        from r2bspec.authoring import sources
+
+        folder = spec_file.parent
+        if node:
+            sources.check_node_file(node, folder)
+        chosen = click.get_current_context().get_parameter_source("template")
+        is_default = chosen is click.core.ParameterSource.DEFAULT
+        if has_sources or (is_default and sources.is_readable_node(node, folder)):
+            given = sources.InitSources(bag, launch, graph, node, timeout_s)
+            spec = sources.spec_from_sources(benchmark, folder, given)
+            text = filled(spec, None, f"./{_SCHEMA}")
+    text = text or filled(with_node(templates()[template], node), benchmark, f"./{_SCHEMA}")
     schema, schema_text = spec_file.with_name(_SCHEMA), published_schema_text()
     _write_new(spec_file, text)
     if not schema.exists():

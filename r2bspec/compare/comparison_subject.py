@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
+import importlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from r2bspec.compare.comparison import ComparedSource
 from r2bspec.compare.errors import UnreadableResultError
 from r2bspec.compare.load_results import read_folder
 from r2bspec.errors import R2bspecError
-from r2bspec.interop.ros2_benchmark import MonitorFigures, ReferenceReport, parse_report
 from r2bspec.judge.judge_run import from_json
 from r2bspec.judge.result import Result
 from r2bspec.measure.distribution_parts import MAIN_PERCENTILES, part_value, quantile
@@ -23,6 +22,14 @@ from r2bspec.record.graph_identity import GraphIdentity
 from r2bspec.record.run_record import SearchRecord
 from r2bspec.untrusted.safe_file import is_folder, read_bytes
 from r2bspec.untrusted.safe_json import MAX_JSON_BYTES
+
+READERS: Final = ("r2bspec.interop.ros2_benchmark",)
+"""Modules that read the results of other tools, imported on demand.
+
+A reader is a module with one function, which raises an `R2bspecError` for what is not its own::
+
+    def read_compared(content: bytes, source: str) -> ComparedResult
+"""
 
 SeriesKey = tuple[float | None, str, str]
 """Offered rate, monitor, and the metric's name in the catalogue."""
@@ -80,13 +87,20 @@ def read_compared_result(path: Path) -> ComparedResult:
     try:
         return _of_result(str(path), from_json(content), None)
     except ValueError as not_a_result:  # msgspec's errors are such
-        try:
-            return _of_report(str(path), parse_report(content, str(path)))
-        except R2bspecError as not_a_report:
-            raise UnreadableResultError(
-                f"{path} is neither a result ({not_a_result}) nor a report ({not_a_report})",
-                hint="Name a run folder, a result.json, or a report of ros2_benchmark.",
-            ) from not_a_report
+        reasons = []
+        for name in READERS:
+            try:
+                compared: ComparedResult = importlib.import_module(name).read_compared(
+                    content, str(path)
+                )
+            except R2bspecError as not_a_report:
+                reasons.append(str(not_a_report))
+            else:
+                return compared
+        raise UnreadableResultError(
+            f"{path} is neither a result ({not_a_result}) nor a report ({', '.join(reasons)})",
+            hint="Name a run folder, a result.json, or a report of ros2_benchmark.",
+        ) from not_a_result
 
 
 def _of_result(source: str, result: Result, plan: Plan | None) -> ComparedResult:
@@ -151,39 +165,3 @@ def _latency(seen: MonitorMetrics, part: str) -> float | None:
 
 def _peak(search: SearchRecord) -> MetricSeries:
     return MetricSeries((search.holds_hz,), "Hz", bracket=(search.holds_hz, search.upper_hz))
-
-
-def _of_report(source: str, report: ReferenceReport) -> ComparedResult:
-    series: dict[SeriesKey, MetricSeries] = {}
-    for rate, monitors in report.rates.items():
-        for monitor, figures in monitors.items():
-            for metric, unit, value in _known(figures):
-                series[float(rate), monitor, metric] = MetricSeries((value,), unit, single=True)
-    if report.peak_hz is not None:
-        series[None, "", "peak.rate"] = MetricSeries((report.peak_hz,), "Hz", single=True)
-    return ComparedResult(
-        side=ComparedSource(
-            source=source,
-            name=report.name,
-            run_id="",
-            started_at=str(report.metadata.get("TEST_DATETIME", "")),
-        ),
-        series=series,
-        plan=None,
-        plan_hash=None,
-        dataset=None,
-        machine={"architecture": report.metadata.get("DEVICE_ARCH")},
-        versions={},
-        tool="ros2_benchmark",
-    )
-
-
-def _known(figures: MonitorFigures) -> Iterator[tuple[str, str, float]]:
-    found = {
-        ("throughput.mean", "Hz"): figures.throughput_hz,
-        ("latency.mean", "s"): figures.latency_mean,
-        ("drop_rate", "share"): figures.drop_rate,
-    }
-    for (metric, unit), value in found.items():
-        if value is not None and math.isfinite(value):
-            yield metric, unit, value

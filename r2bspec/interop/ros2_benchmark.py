@@ -1,4 +1,4 @@
-"""Reports of NVIDIA's ros2_benchmark: the names of their keys, and reading one.
+"""Reports of NVIDIA's ros2_benchmark: reading one, and what of it is compared with a run.
 
 A report is one JSON object: figures at the peak throughput, nested objects ``"30.0fps"`` with those
 of fixed rates, ``custom`` and ``metadata``. The figures of a monitor with a prefix are in an object
@@ -13,23 +13,24 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 import msgspec
 
+from r2bspec.compare.comparison import ComparedSource
+from r2bspec.compare.comparison_subject import ComparedResult, MetricSeries, SeriesKey
 from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
+from r2bspec.report.formats.ros2_benchmark import (
+    BASIC_PREFIX,
+    METADATA_PREFIX,
+    RESOURCE_PREFIX,
+)
 from r2bspec.untrusted.safe_file import read_bytes
 from r2bspec.untrusted.safe_json import MAX_JSON_BYTES, decode_python_json
-
-BASIC_PREFIX: Final = "BasicPerformanceMetrics"
-RESOURCE_PREFIX: Final = "ResourceMetrics"
-METADATA_PREFIX: Final = "BenchmarkMetadata"
-
-PLAYBACK_MODES: Final = {"timeline": 0, "looping": 1, "sweeping": 2}
-"""The numbers that a report writes for the modes of playback."""
 
 _RATE_KEY = re.compile(r"(\d+(?:\.\d+)?)fps")
 _KNOWN_PREFIXES = (BASIC_PREFIX, RESOURCE_PREFIX, "CPUProfilingMetrics")
@@ -154,6 +155,48 @@ def parse_report(content: bytes, file: str = "<report>") -> ReferenceReport:
 def to_json(report: ReferenceReport) -> bytes:
     """The report as JSON in SI units, which `read_report` reads again."""
     return escaped_json(msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n")
+
+
+def read_compared(content: bytes, source: str) -> ComparedResult:
+    """A report as a side of a comparison: values without their variation.
+
+    Raises:
+        NotAReportError: it is no report.
+    """
+    report = parse_report(content, source)
+    series: dict[SeriesKey, MetricSeries] = {}
+    for rate, monitors in report.rates.items():
+        for monitor, figures in monitors.items():
+            for metric, unit, value in _compared_values(figures):
+                series[float(rate), monitor, metric] = MetricSeries((value,), unit, single=True)
+    if report.peak_hz is not None:
+        series[None, "", "peak.rate"] = MetricSeries((report.peak_hz,), "Hz", single=True)
+    return ComparedResult(
+        side=ComparedSource(
+            source=source,
+            name=report.name,
+            run_id="",
+            started_at=str(report.metadata.get("TEST_DATETIME", "")),
+        ),
+        series=series,
+        plan=None,
+        plan_hash=None,
+        dataset=None,
+        machine={"architecture": report.metadata.get("DEVICE_ARCH")},
+        versions={},
+        tool="ros2_benchmark",
+    )
+
+
+def _compared_values(figures: MonitorFigures) -> Iterator[tuple[str, str, float]]:
+    values = {
+        ("throughput.mean", "Hz"): figures.throughput_hz,
+        ("latency.mean", "s"): figures.latency_mean,
+        ("drop_rate", "share"): figures.drop_rate,
+    }
+    for (metric, unit), value in values.items():
+        if value is not None and math.isfinite(value):
+            yield metric, unit, value
 
 
 def _is_ros2_benchmark_report(report: dict[str, Any]) -> bool:

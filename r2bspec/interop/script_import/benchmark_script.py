@@ -1,43 +1,96 @@
-"""A script of ros2_benchmark, evaluated: its configuration, its actions, and its hooks."""
+"""A script of ros2_benchmark, evaluated: its configuration, its launch actions, and its hooks.
+
+The class derived from ``ROS2BenchmarkTest`` has the configuration, and hooks around the benchmark.
+The function that the description is made from returns the launch actions; what it does besides,
+such as building a model, prepares them. `Settings` reads the keys of the configuration, each in one
+place: its default, its author's comment, and a note where its value is not understood.
+"""
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from r2bspec.diagnostics import Diagnostic, Severity, Span
-from r2bspec.interop.script_import.evaluator import Evaluator, Note
+from r2bspec.diagnostics import Span
+from r2bspec.interop.script_import.evaluator import Evaluator
 from r2bspec.interop.script_import.launch_actions import (
     IncludeAction,
     LaunchParts,
     collect_actions,
 )
-from r2bspec.interop.script_import.script_comments import ScriptComments, read_comments
-from r2bspec.interop.script_import.script_limits import ScriptLimitError
-from r2bspec.interop.script_import.script_reader import (
+from r2bspec.interop.script_import.source_files import (
+    NOT_A_BENCHMARK,
     TOO_COMPLEX,
+    ScriptComments,
     ScriptReader,
     UnusableScriptError,
+    read_comments,
 )
-from r2bspec.interop.script_import.script_values import (
+from r2bspec.interop.script_import.values import (
     Construct,
-    ForeignMethod,
-    ImageSize,
+    Foreign,
     Instance,
-    Place,
+    Method,
+    Note,
     ScriptClass,
     ScriptFunction,
+    ScriptLimitError,
     ScriptModule,
     Unknown,
 )
 
-NOT_A_BENCHMARK = "R2B704"
+_TEST_CLASS: Final = "ROS2BenchmarkTest"
+_CONTEXT: Final = "launch.LaunchContext"
+_LOADER: Final = "LoadComposableNodes"
+_MODES: Final = frozenset({"timeline", "looping", "sweeping", "live"})
 
-_TEST_CLASS = "ROS2BenchmarkTest"
-_CONTEXT = "launch.LaunchContext"
+_TOOL_KEYS: Final = frozenset(
+    {
+        *("default_config_version", "option", "assets_root", "ros1_ws"),
+        *("log_folder", "log_file_name", "export_monitor_raw_data"),
+        *("enable_resource_profiler", "resource_profiling_interval_sec"),
+        *("enforce_publisher_rate", "enable_trial_buffer_preparation"),
+        *("revise_timestamps_as_message_ids", "collect_start_timestamps_from_monitors"),
+        *("setup_service_client_timeout_sec", "start_recording_service_timeout_sec"),
+        *("default_service_future_timeout_sec", "set_data_service_future_timeout_sec"),
+        "start_recording_service_future_timeout_sec",
+        "play_messages_service_future_timeout_sec",
+        *("pre_stop_monitoring_wait_time_sec", "pre_trial_run_wait_time_sec"),
+        "post_trial_run_wait_time_sec",
+        *("binary_search_terminal_interval_width", "binary_search_duration_fraction"),
+        "binary_search_acceptable_frame_rate_drop",
+        *("linear_scan_step_size", "linear_scan_duration_fraction"),
+        "linear_scan_acceptable_frame_loss_fraction",
+        "linear_scan_acceptable_frame_rate_drop",
+    }
+)
+"""Keys of the configuration that tune the tool itself: its timeouts, waits, search and files."""
+_DEFAULTS: Final[dict[str, Any]] = {
+    "benchmark_name": "",
+    "benchmark_namespace": "r2b",
+    "benchmark_mode": "LOOPING",
+    "benchmark_duration": 5,
+    "test_iterations": 5,
+    "custom_report_info": {},
+    "input_data_path": "",
+    "input_data_start_time": -1,
+    "input_data_end_time": -1,
+    "publish_tf_messages_in_set_data": False,
+    "publish_tf_static_messages_in_set_data": False,
+    "load_data_in_real_time": False,
+    "record_data_timeline": False,
+    "monitor_info_list": [],
+    "playback_message_buffer_size": 100,
+    "publisher_upper_frequency": 100.0,
+    "publisher_lower_frequency": 10.0,
+    "additional_fixed_publisher_rate_tests": [10.0, 30.0, 60.0],
+    "binary_search_acceptable_frame_loss_fraction": 0.05,
+}
+"""Keys with a counterpart in a spec, with the defaults of ros2_benchmark."""
 
 
 @dataclass(slots=True)
@@ -49,27 +102,107 @@ class BenchmarkScript:
         preparation: what it does before the launch, such as building a model.
         hooks: what its hooks do before the benchmark.
         late_hooks: what they do after it.
-        sizes: the resolutions at its top level, by name.
         notes: what was not followed.
+        imports: the places of imports, by the name of the module.
         texts: the text of every file that places refer to.
     """
 
     module: ScriptModule
-    class_name: str
     config: Construct
     parts: LaunchParts
     preparation: list[Construct]
     hooks: list[Construct]
     late_hooks: list[Construct]
-    sizes: dict[str, ImageSize]
     comments: ScriptComments
     notes: list[Note]
-    texts: dict[str, str] = field(default_factory=dict)
+    imports: dict[str, Span]
+    texts: dict[str, str]
 
     @property
     def docstring(self) -> str:
         """The docstring of the file."""
         return ast.get_docstring(self.module.tree) or ""
+
+
+@dataclass(slots=True)
+class Settings:
+    """The keys of the configuration of a script.
+
+    Attributes:
+        notes: is extended by what is left out.
+        mode: the mode of playing, as a spec names it.
+        is_mode_known: whether the script determines it; otherwise `mode` is the default.
+        namespace: of the benchmark, absolute.
+    """
+
+    script: BenchmarkScript
+    notes: list[Note]
+    mode: str = field(init=False)
+    is_mode_known: bool = field(init=False)
+    namespace: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        root = self.value("benchmark_namespace")
+        namespace = root if isinstance(root, str) else _DEFAULTS["benchmark_namespace"]
+        self.namespace = "/" + namespace.strip("/")
+        mode = self.value("benchmark_mode")
+        name = mode.name.rpartition(".")[2] if isinstance(mode, Foreign) else mode
+        self.mode = name.lower() if isinstance(name, str) else ""
+        self.is_mode_known = self.mode in _MODES
+        if not self.is_mode_known:
+            self.lose("benchmark_mode")
+            self.mode = "looping"
+
+    def value(self, key: str) -> Any:
+        """A keyword argument of the configuration, or its default."""
+        return self.script.config.get(key, default=_DEFAULTS[key])
+
+    def number(self, key: str) -> float:
+        """A number; its default, with a note, for anything else."""
+        value = self.value(key)
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if is_number and math.isfinite(value):
+            return float(value)
+        self.lose(key)
+        return float(_DEFAULTS[key])
+
+    def flag(self, key: str) -> bool:
+        """Whether a switch is on."""
+        return self.value(key) is True
+
+    def lose(self, key: str, value: Any = None) -> None:
+        """Note that a key is left out, because of its value or of a part of it."""
+        value = self.value(key) if value is None else value
+        reason = value.reason if isinstance(value, Unknown) else "its value is not understood"
+        place = value.place if isinstance(value, Unknown) else self.script.config.place_of(key)
+        self.notes.append(Note(f"{key!r} is left out: {reason}", place))
+
+    def comments(self, key: str) -> list[str]:
+        """The author's comments above a key."""
+        place = self.script.config.keyword_places.get(key)
+        return self.script.comments.at(place) if place is not None else []
+
+    def report_prefixes(self) -> Iterator[tuple[str, str, Span]]:
+        """The service, the prefix in reports, and the place of each calculator of a monitor."""
+        infos = self.value("monitor_info_list")
+        for info in infos if isinstance(infos, list | tuple) else []:
+            calculators = info.get("calculators", 1) if isinstance(info, Construct) else None
+            for each in calculators if isinstance(calculators, list | tuple) else []:
+                config = each.get("config", 0, {}) if isinstance(each, Construct) else None
+                prefix = config.get("report_prefix", "") if isinstance(config, dict) else None
+                if isinstance(prefix, str):
+                    yield str(info.get("service_name", 0, "monitor_node0")), prefix, each.place
+
+    def note_rest(self) -> None:
+        """Note the keys that no part of a spec is made from."""
+        config = self.script.config
+        for key, value in config.keywords.items():
+            if key not in _DEFAULTS and key not in _TOOL_KEYS:
+                self.notes.append(Note(f"{key!r} is no known key", config.place_of(key)))
+            elif isinstance(value, Unknown) and key in _DEFAULTS:
+                self.lose(key)
+        if config.get("config_file_path", 0) is not None:
+            self.notes.append(Note("the configuration file is not read", config.place))
 
 
 def read_benchmark_script(file: Path, package_paths: Sequence[Path] = ()) -> BenchmarkScript:
@@ -88,12 +221,7 @@ def read_benchmark_script(file: Path, package_paths: Sequence[Path] = ()) -> Ben
         return _ScriptEvaluation(reader, module).benchmark()
     except ScriptLimitError as error:
         message = f"the script needs more than is evaluated: {error}"
-        raise _unusable(TOO_COMPLEX, message, module, 1) from error
-
-
-def is_benchmark_script(text: str) -> bool:
-    """Whether a text may be a script of ros2_benchmark."""
-    return _TEST_CLASS in text
+        raise _unusable(message, module, 1, TOO_COMPLEX) from error
 
 
 class _ScriptEvaluation:
@@ -106,87 +234,74 @@ class _ScriptEvaluation:
     def benchmark(self) -> BenchmarkScript:
         self.evaluator.run_module(self.module)
         kind, config = self._test_class()
-        place = Place.of(self.module.file, kind.node)
-        self.evaluator.trace.effects.clear()
-        actions = self._actions(place)
-        preparation = list(self.evaluator.trace.effects)
-        self.evaluator.trace.effects.clear()
-        hooks = self._run_hooks(kind, place, late=False)
-        late_hooks = self._run_hooks(kind, place, late=True)
-        parts = collect_actions(actions, self._expand)
+        trace = self.evaluator.trace
+        trace.effects.clear()
+        actions = self._actions(self.module.scope.place(kind.node))
+        preparation = trace.take_effects()
+        hooks = self._run_hooks(kind, late=False)
+        late_hooks = self._run_hooks(kind, late=True)
+        parts = collect_actions(actions, self._expand, self.reader.steps)
         return BenchmarkScript(
             module=self.module,
-            class_name=kind.node.name,
             config=config,
             parts=parts,
             preparation=preparation,
             hooks=hooks,
             late_hooks=late_hooks,
-            sizes=_sizes(self.module),
-            comments=read_comments(self.module.text),
-            notes=[*self.evaluator.trace.notes, *self.notes],
+            comments=read_comments(self.module.file, self.module.text),
+            notes=[*self.evaluator.notes, *self.notes],
+            imports=trace.imports,
             texts=self.reader.texts,
         )
 
     def _test_class(self) -> tuple[ScriptClass, Construct]:
-        for each in self.module.scope.names.values():
-            if isinstance(each, ScriptClass) and any(
-                base.rpartition(".")[2] == _TEST_CLASS for base in each.foreign_bases()
+        for kind in self.module.scope.names.values():
+            if isinstance(kind, ScriptClass) and any(
+                base.rpartition(".")[2] == _TEST_CLASS for base in kind.foreign_bases()
             ):
-                config = each.names.get("config")
+                config = kind.names.get("config")
                 if isinstance(config, Construct):
-                    return each, config
-                message = f"{each.node.name} has no 'config' that is a ROS2BenchmarkConfig"
-                raise _unusable(NOT_A_BENCHMARK, message, self.module, each.node.lineno)
+                    return kind, config
+                message = f"{kind.node.name} has no 'config' that is a ROS2BenchmarkConfig"
+                raise _unusable(message, self.module, kind.node.lineno)
         message = f"no class of this file is a {_TEST_CLASS} of ros2_benchmark"
-        raise _unusable(NOT_A_BENCHMARK, message, self.module, 1)
+        raise _unusable(message, self.module, 1)
 
-    def _actions(self, place: Place) -> list[Any]:
+    def _actions(self, place: Span) -> list[Any]:
         """The launch actions: those of the function that the description is made from."""
-        description = self.module.scope.names.get("generate_test_description")
+        names = self.module.scope.names
+        setup, description = names.get("launch_setup"), names.get("generate_test_description")
         if isinstance(description, ScriptFunction):
             # launch_testing may pass a test context as an argument.
             made = self.evaluator.call(description, place=place)
-            actions = self._from_description(made, place)
-            if actions is not None:
-                return actions
-        setup = self.module.scope.names.get("launch_setup")
+            given = made.get("launch_setup", 0, made.get("nodes", 0)) if _is_call(made) else None
+            if isinstance(given, list | tuple):
+                return list(given)
+            setup = given if isinstance(given, ScriptFunction) else setup
         if isinstance(setup, ScriptFunction):
-            return _as_list(self.evaluator.call(setup, *self._setup_arguments(setup), place=place))
+            # ros2_benchmark passes a prefix and a timeout, and before them a context.
+            number = len(setup.node.args.args)
+            arguments = [*([_context(place)] if number > 2 else []), "", "5"][:number]
+            return _as_list(self.evaluator.call(setup, *arguments, place=place))
         message = "the script has no generate_test_description whose launch actions are known"
-        raise _unusable(NOT_A_BENCHMARK, message, self.module, place.line)
+        raise _unusable(message, self.module, place.line)
 
-    def _from_description(self, made: Any, place: Place) -> list[Any] | None:
-        if not isinstance(made, Construct):
-            return None
-        given = made.get("launch_setup", 0, made.get("nodes", 0))
-        if isinstance(given, ScriptFunction):
-            arguments = self._setup_arguments(given)
-            return _as_list(self.evaluator.call(given, *arguments, place=place))
-        return list(given) if isinstance(given, list | tuple) else None
-
-    @staticmethod
-    def _setup_arguments(setup: ScriptFunction) -> list[Any]:
-        """What ros2_benchmark passes: a prefix and a timeout, and before them a context."""
-        number = len(setup.node.args.args)
-        place = Place.of(setup.scope.module.file, setup.node)
-        context = Construct(_CONTEXT, [], {}, place)
-        return [*([context] if number > 2 else []), "", "5"][:number]
-
-    def _run_hooks(self, kind: ScriptClass, place: Place, *, late: bool) -> list[Construct]:
+    def _run_hooks(self, kind: ScriptClass, *, late: bool) -> list[Construct]:
         """What the hooks do, of those before or after the benchmark."""
         instance = Instance(kind)
-        self.evaluator.trace.effects.clear()
-        for name, each in list(kind.names.items()):
+        for name, function in list(kind.names.items()):
             is_hook = name.endswith("_hook") or "test_" in name
-            if isinstance(each, ScriptFunction) and is_hook and name.startswith("post_") is late:
-                method = self.evaluator.attribute(instance, name, kind.node, self.module.scope)
-                self.evaluator.call(method, place=place)
-        return list(self.evaluator.trace.effects)
+            if (
+                isinstance(function, ScriptFunction)
+                and is_hook
+                and name.startswith("post_") is late
+            ):
+                method = self.evaluator.attribute(instance, name)
+                self.evaluator.call(method, place=self.module.scope.place(kind.node))
+        return self.evaluator.trace.take_effects()
 
-    def _expand(self, include: IncludeAction, namespace: str) -> list[Any] | None:
+    def _expand(self, include: IncludeAction) -> list[Any] | None:
         """The actions of an included file that loads nodes into a container of the script."""
-        del namespace
         file = self.reader.find_share_file(include.package, include.file)
         if file is None or file.suffix != ".py":
             return None
@@ -195,10 +310,7 @@ class _ScriptEvaluation:
         except UnusableScriptError as error:
             self.notes.append(Note(error.finding.message, include.source.place))
             return None
-        if not any(
-            isinstance(each, Construct) and each.short_name == "LoadComposableNodes"
-            for each in actions
-        ):
+        if not any(_is_call(action) and action.short_name == _LOADER for action in actions):
             return None
         self.notes += notes
         return actions
@@ -221,50 +333,48 @@ def launch_file_actions(
         function = module.scope.names.get("generate_launch_description")
         if not isinstance(function, ScriptFunction):
             message = "the launch file has no generate_launch_description"
-            raise _unusable(NOT_A_BENCHMARK, message, module, 1)
-        place = Place.of(file, function.node)
+            raise _unusable(message, module, 1)
+        place = module.scope.place(function.node)
         made = evaluator.call(function, place=place)
-        actions = _without_opaque(evaluator, _initial(made), place)
-        for each in actions:
-            if isinstance(each, Construct) and each.short_name == "DeclareLaunchArgument":
-                name, default = each.get("name", 0), each.get("default_value")
+        entities = made.get("initial_entities", 0) if isinstance(made, Construct) else made
+        actions = _without_opaque(evaluator, _as_list(entities), place)
+        for action in actions:
+            if _is_call(action) and action.short_name == "DeclareLaunchArgument":
+                name, default = action.get("name", 0), action.get("default_value")
                 if isinstance(name, str) and default is not None:
                     values.setdefault(name, default)
-    return actions, evaluator.trace.notes
+    return actions, evaluator.notes
 
 
-def _initial(made: Any) -> list[Any]:
-    if isinstance(made, Construct):
-        return _as_list(made.get("initial_entities", 0))
-    return _as_list(made)
-
-
-def _without_opaque(evaluator: Evaluator, actions: list[Any], place: Place) -> list[Any]:
+def _without_opaque(evaluator: Evaluator, actions: list[Any], place: Span) -> list[Any]:
     """Actions with the results of functions that are called at launch in their places."""
-    found: list[Any] = []
-    for each in actions:
-        function = each.get("function", 0) if isinstance(each, Construct) else None
-        if isinstance(function, ScriptFunction) and each.short_name == "OpaqueFunction":
-            number = len(function.node.args.args)
-            context = Construct(_CONTEXT, [], {}, place)
-            made = evaluator.call(function, *[context][:number], place=each.place)
-            found += _as_list(made)
+    plain: list[Any] = []
+    for action in actions:
+        function = action.get("function", 0) if _is_call(action) else None
+        if isinstance(function, ScriptFunction) and action.short_name == "OpaqueFunction":
+            contexts = [_context(place)][: len(function.node.args.args)]
+            plain += _as_list(evaluator.call(function, *contexts, place=action.place))
         else:
-            found.append(each)
-    return found
+            plain.append(action)
+    return plain
 
 
-def _sizes(module: ScriptModule) -> dict[str, ImageSize]:
-    return {name: each for name, each in module.scope.names.items() if isinstance(each, ImageSize)}
+def _is_call(value: Any) -> bool:
+    return isinstance(value, Construct)
+
+
+def _context(place: Span) -> Construct:
+    return Construct(_CONTEXT, [], {}, place)
 
 
 def _as_list(value: Any) -> list[Any]:
     if isinstance(value, list | tuple):
         return list(value)
-    return [value] if isinstance(value, Construct | Unknown | ForeignMethod) else []
+    return [value] if isinstance(value, Construct | Unknown | Method) else []
 
 
-def _unusable(code: str, message: str, module: ScriptModule, line: int) -> UnusableScriptError:
+def _unusable(
+    message: str, module: ScriptModule, line: int, code: str = NOT_A_BENCHMARK
+) -> UnusableScriptError:
     length = len(module.text.splitlines()[line - 1]) if module.text else 0
-    span = Span(str(module.file), line, 1, line, length + 1)
-    return UnusableScriptError(Diagnostic(code, Severity.ERROR, message, span))
+    return UnusableScriptError(code, message, Span(str(module.file), line, 1, line, length + 1))

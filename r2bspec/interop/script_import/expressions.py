@@ -1,49 +1,61 @@
-"""Evaluates expressions of a script.
+"""The values of expressions and calls in a script, as Python would compute them, but not by Python.
 
-`r2bspec.interop.script_import.script_calls` has calls, and
-`r2bspec.interop.script_import.evaluator` statements.
+An expression whose value the script does not determine is an `Unknown`, and so is everything that
+is computed from it; lists, maps and arguments keep the unknown among the known. Calls of functions
+of the script evaluate their bodies, those in `known_functions` have their results, and any other
+call is a `Construct` that says what is called with what.
+
+`Evaluator` adds the statements; only the bodies of functions lead there.
 """
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping
+import contextlib
+from collections.abc import Iterator, Mapping
 from typing import Any
 
-from r2bspec.interop.script_import import plain_calls
-from r2bspec.interop.script_import.foreign_calls import (
-    NOT_KNOWN,
-    foreign_value,
-)
-from r2bspec.interop.script_import.plain_calls import NotSupportedError
-from r2bspec.interop.script_import.script_calls import CallEvaluator
-from r2bspec.interop.script_import.script_limits import (
+from r2bspec.diagnostics import Span
+from r2bspec.interop.script_import import known_functions
+from r2bspec.interop.script_import.known_functions import ASSETS, foreign_call, foreign_constant
+from r2bspec.interop.script_import.values import (
     MAX_ITEMS,
     MAX_TEXT,
-    ScriptLimitError,
-    StepCounter,
-)
-from r2bspec.interop.script_import.script_values import (
     BoundFunction,
     Construct,
-    ConstructMethod,
     Foreign,
-    ForeignMethod,
     ImageSize,
     Instance,
-    Place,
+    Method,
+    Note,
+    NotKnownError,
     PlacedDict,
     PlacedTuple,
-    PlainMethod,
     Scope,
     ScriptClass,
     ScriptFunction,
+    ScriptLimitError,
     ScriptModule,
+    StepCounter,
     Unknown,
+    unknown_in,
 )
 
+_NAMES = frozenset({"print", "super", "isinstance", "open"})
+"""Functions of Python that are understood without being called."""
+_ADDING = frozenset({"append", "extend", "insert", "update"})
 
-class ExpressionEvaluator(CallEvaluator):
+
+def truth(value: Any) -> bool | None:
+    """Whether a value is true; None if that is not known."""
+    if isinstance(value, Unknown | Construct | Foreign | Method):
+        return None
+    if isinstance(value, str | list | dict | tuple | int | float) or value is None:
+        return bool(value)
+    return True
+
+
+class Expressions:
     """Evaluates expressions.
 
     Args:
@@ -53,334 +65,462 @@ class ExpressionEvaluator(CallEvaluator):
 
     def __init__(self, launch_values: Mapping[str, Any], steps: StepCounter) -> None:
         self.launch_values = launch_values
-        self.step = steps.count
+        self.steps = steps
+        self.notes: list[Note] = []
 
     def value(self, node: ast.expr, scope: Scope) -> Any:
-        """The value of an expression."""
-        self.step()
+        """The value of an expression, which may be unknown."""
+        self.steps.count()
+        try:
+            value = self._value(node, scope)
+        except NotKnownError as error:
+            return error.unknown(scope.place(node))
+        if isinstance(value, str):
+            self.steps.count_text(value)
+        return value
+
+    def _known(self, node: ast.expr, scope: Scope) -> Any:
+        """The value of an expression.
+
+        Raises:
+            NotKnownError: it is not known.
+        """
+        value = self.value(node, scope)
+        if isinstance(value, Unknown):
+            raise NotKnownError(value)
+        return value
+
+    def _is_true(self, node: ast.expr, scope: Scope) -> bool:
+        decided = truth(self._known(node, scope))
+        if decided is None:
+            raise NotKnownError("the condition is not known")
+        return decided
+
+    def _value(self, node: ast.expr, scope: Scope) -> Any:
         match node:
             case ast.Constant(value=value):
-                return self._constant(value, node, scope)
+                return self._constant(value)
             case ast.Name(id=name):
-                return self._name(name, node, scope)
+                return self._name(name, scope)
             case ast.Attribute(value=owner, attr=name):
-                return self.attribute(self.value(owner, scope), name, node, scope)
+                return self.attribute(self._known(owner, scope), name)
             case ast.Call():
                 return self._call(node, scope)
-            case ast.List(elts=parts):
+            case ast.List(elts=parts) | ast.Set(elts=parts):
                 return self._items(parts, scope)
             case ast.Tuple(elts=parts):
-                place = Place.of(scope.module.file, node)
-                return PlacedTuple.of(self._items(parts, scope), place)
-            case ast.Set(elts=parts):
-                return self._items(parts, scope)
+                placed = PlacedTuple(self._items(parts, scope))
+                placed.place = scope.place(node)
+                return placed
             case ast.Dict():
                 return self._dict(node, scope)
             case ast.JoinedStr(values=parts):
-                return self._joined(parts, node, scope)
+                return self._joined(parts, scope)
             case ast.BinOp(left=left, op=op, right=right):
-                return self.binary_value(type(op), self.value(left, scope), right, scope)
-            case ast.UnaryOp():
-                return self._unary(node, scope)
-            case ast.BoolOp():
-                return self._bool(node, scope)
+                return self.binary(op, self._known(left, scope), self._known(right, scope))
+            case ast.UnaryOp(op=op, operand=operand):
+                return self._unary(op, self._known(operand, scope), scope.place(node))
+            case ast.BoolOp(op=op, values=parts):
+                return self._bool(parts, scope, stop=isinstance(op, ast.Or))
             case ast.Compare():
                 return self._compare(node, scope)
             case ast.IfExp(test=test, body=body, orelse=orelse):
-                decided = self.truth(self.value(test, scope))
-                if decided is None:
-                    return self.unknown("the condition is not known", node, scope)
-                return self.value(body if decided else orelse, scope)
-            case ast.Subscript():
-                return self._item(node, scope)
-            case ast.ListComp() | ast.GeneratorExp() | ast.SetComp():
-                return self._comprehension(node, scope)
-            case ast.DictComp():
-                pairs = self._comprehension(node, scope)
-                return dict(pairs) if isinstance(pairs, list) else pairs
+                return self.value(body if self._is_true(test, scope) else orelse, scope)
+            case ast.Subscript(value=owner, slice=ast.Slice() as part):
+                return self._slice(self._known(owner, scope), part, scope)
+            case ast.Subscript(value=owner, slice=key):
+                return self._item(self._known(owner, scope), self._known(key, scope))
+            case (
+                ast.ListComp(elt=element) | ast.GeneratorExp(elt=element) | ast.SetComp(elt=element)
+            ):
+                scopes = self._scopes(node.generators, scope)
+                return self._limited(self.value(element, inner) for inner in scopes)
+            case ast.DictComp(key=key, value=element):
+                scopes = self._scopes(node.generators, scope)
+                return dict(
+                    self._limited(
+                        (self._key(key, inner), self.value(element, inner)) for inner in scopes
+                    )
+                )
             case ast.Lambda():
                 return ScriptFunction(node, scope)
-            case ast.Starred(value=inner):
-                return self.value(inner, scope)
-        kind = type(node).__name__
-        return self.unknown(f"an expression of this kind ({kind}) is not understood", node, scope)
+            case ast.Starred(value=inside):
+                return self.value(inside, scope)
+        raise NotKnownError(f"an expression of this kind ({type(node).__name__}) is not understood")
 
-    def truth(self, value: Any) -> bool | None:
-        """Whether a value is true; None if that is not known."""
-        if isinstance(value, Unknown | Construct | Foreign | ConstructMethod | ForeignMethod):
-            return None
-        if isinstance(value, str | list | dict | tuple | int | float) or value is None:
-            return bool(value)
-        return True
+    @staticmethod
+    def _constant(value: Any) -> Any:
+        if isinstance(value, str) and "$(" in value:
+            raise NotKnownError("a text with '$(' would be a reference in a spec")
+        known_functions.check_number(value)
+        if isinstance(value, str | int | float | bool) or value is None:
+            return value
+        raise NotKnownError("a constant of this type has no form in a spec")
 
-    def binary_value(self, kind: type, left: Any, right_node: ast.expr, scope: Scope) -> Any:
-        """The value of ``left op right``."""
-        right = self.value(right_node, scope)
-        for each in (left, right):
-            if isinstance(each, Unknown):
-                return each
+    @staticmethod
+    def _name(name: str, scope: Scope) -> Any:
         try:
-            return plain_calls.binary(kind, left, right)
-        except NotSupportedError:
-            return self.unknown("the operands are not known", right_node, scope)
+            return scope.find(name)
+        except KeyError:
+            if known_functions.has_function(name) or name in _NAMES:
+                return Foreign(f"builtins.{name}")
+        raise NotKnownError(f"the name {name!r} is not defined in the script")
 
-    def attribute(self, owner: Any, name: str, node: ast.AST, scope: Scope) -> Any:
-        """The value of ``owner.name``."""
+    def attribute(self, owner: Any, name: str) -> Any:
+        """The value of ``owner.name``.
+
+        Raises:
+            NotKnownError: it has none that is known.
+        """
         match owner:
-            case Unknown():
-                return owner
             case Foreign(name=full):
-                found = foreign_value(f"{full}.{name}")
-                return Foreign(f"{full}.{name}") if found is NOT_KNOWN else found
+                return foreign_constant(f"{full}.{name}") or Foreign(f"{full}.{name}")
             case ScriptModule():
                 try:
                     return owner.scope.find(name)
                 except KeyError:
                     return Foreign(f"{owner.file.stem}.{name}")
             case Instance():
-                return self._instance_attribute(owner, name, node, scope)
+                if name in owner.names:
+                    return owner.names[name]
+                return self._class_attribute(owner.kind, owner, name)
             case ScriptClass():
                 return self._class_attribute(owner, owner, name)
             case Construct():
                 if name in owner.keywords:
                     return owner.keywords[name]
-                if owner.is_message:
-                    return owner.field_of_message(name)
-                return ConstructMethod(owner, name)
-            case ForeignMethod(owner=kind, name=outer):
-                return ForeignMethod(kind, f"{outer}.{name}")
-        if plain_calls.has_method(owner, name):
-            return PlainMethod(owner, name)
-        return self.unknown(f"the attribute {name!r} is not known", node, scope)
+                return owner.field_of_message(name) if owner.is_message else Method(owner, name)
+            case Method(owner=ScriptClass() as kind, name=outer):
+                return Method(kind, f"{outer}.{name}")
+        if known_functions.has_method(owner, name):
+            return Method(owner, name)
+        raise NotKnownError(f"the attribute {name!r} is not known")
 
-    def _instance_attribute(self, owner: Instance, name: str, node: ast.AST, scope: Scope) -> Any:
-        del node, scope
-        if name in owner.names:
-            return owner.names[name]
-        return self._class_attribute(owner.kind, owner, name)
-
-    def _class_attribute(self, kind: ScriptClass, owner: Any, name: str) -> Any:
+    @staticmethod
+    def _class_attribute(kind: ScriptClass, owner: Any, name: str) -> Any:
         try:
-            found = kind.find(name)
+            value = kind.find(name)
         except KeyError:
-            return ForeignMethod(kind, name)
-        if not isinstance(found, ScriptFunction) or found.kind == "staticmethod":
-            return found
-        if found.kind == "classmethod":
-            return BoundFunction(found, kind)
-        return BoundFunction(found, owner) if isinstance(owner, Instance) else found
-
-    def _constant(self, value: Any, node: ast.AST, scope: Scope) -> Any:
-        if isinstance(value, str | int | float | bool) or value is None:
-            if isinstance(value, str) and "$(" in value:
-                return self.unknown("a text with '$(' would be a reference in a spec", node, scope)
+            return Method(kind, name)
+        if not isinstance(value, ScriptFunction) or value.kind == "staticmethod":
             return value
-        return self.unknown("a constant of this type has no form in a spec", node, scope)
+        if value.kind == "classmethod":
+            return BoundFunction(value, kind)
+        return BoundFunction(value, owner) if isinstance(owner, Instance) else value
 
-    def _name(self, name: str, node: ast.AST, scope: Scope) -> Any:
-        try:
-            return scope.find(name)
-        except KeyError:
-            pass
-        if plain_calls.has_function(name) or name in {"print", "super", "isinstance", "open"}:
-            return Foreign(f"builtins.{name}")
-        return self.unknown(f"the name {name!r} is not defined in the script", node, scope)
+    def _limited(self, values: Iterator[Any]) -> list[Any]:
+        """The values as a list of a limited size."""
+        items: list[Any] = []
+        for value in values:
+            items.append(value)
+            if len(items) > MAX_ITEMS:
+                raise ScriptLimitError(f"more than {MAX_ITEMS:,} items")
+        self.steps.count_items(items)
+        return items
 
     def _items(self, parts: list[ast.expr], scope: Scope) -> list[Any]:
-        found: list[Any] = []
-        for each in parts:
-            value = self.value(each, scope)
-            if isinstance(each, ast.Starred) and isinstance(value, list | tuple):
-                found.extend(value)
-            else:
-                found.append(value)
-            if len(found) > MAX_ITEMS:
-                raise ScriptLimitError(f"more than {MAX_ITEMS:,} items")
-        return found
+        return self._limited(self._unpacked(parts, scope))
 
-    def _dict(self, node: ast.Dict, scope: Scope) -> Any:
-        found = PlacedDict()
-        found.places = {}
+    def _unpacked(self, parts: list[ast.expr], scope: Scope) -> Iterator[Any]:
+        for part in parts:
+            value = self.value(part, scope)
+            if isinstance(part, ast.Starred) and isinstance(value, list | tuple):
+                yield from value
+            else:
+                yield value
+
+    def _key(self, node: ast.expr, scope: Scope) -> Any:
+        key = self.value(node, scope)
+        self.steps.count_items(key)
+        if isinstance(key, str | int | float | tuple) and _is_hashable(key):
+            return key
+        place = scope.place(node)
+        raise NotKnownError(Unknown("a key of this map is not known", place))
+
+    def _dict(self, node: ast.Dict, scope: Scope) -> PlacedDict:
+        values = PlacedDict()
+        values.places = {}
         for key_node, value_node in zip(node.keys, node.values, strict=True):
             value = self.value(value_node, scope)
-            if key_node is None:
-                if not isinstance(value, dict):
-                    return self.unknown("a map that is not known is merged", node, scope)
-                found.update(value)
-                continue
-            key = self.value(key_node, scope)
-            plain_calls.check_size(key)
-            if not isinstance(key, str | int | float | tuple):
-                return self.unknown("a key of this map is not known", key_node, scope)
-            try:
-                found[key] = value
-                found.places[key] = _whole(scope, key_node, value_node)
-            except TypeError:
-                return self.unknown("a key of this map is not known", key_node, scope)
-        return found
+            if key_node is not None:
+                key = self._key(key_node, scope)
+                values[key] = value
+                values.places[key] = scope.place(key_node, value_node)
+            elif isinstance(value, dict):
+                values.update(value)
+            else:
+                raise NotKnownError("a map that is not known is merged")
+        self.steps.count_items(values)
+        return values
 
-    def _joined(self, parts: list[ast.expr], node: ast.AST, scope: Scope) -> Any:
+    def _joined(self, parts: list[ast.expr], scope: Scope) -> str:
         text = ""
         for part in parts:
             if isinstance(part, ast.FormattedValue):
-                value = self.value(part.value, scope)
-                if isinstance(value, Unknown):
-                    return value
+                value = self._known(part.value, scope)
+                self.steps.count_items(value)
                 width = "" if part.format_spec is None else self.value(part.format_spec, scope)
-                shown = self._formatted(value, width)
+                text += known_functions.formatted(value, width)
             else:
-                shown = self.value(part, scope)
-            if not isinstance(shown, str):
-                return (
-                    shown
-                    if isinstance(shown, Unknown)
-                    else self.unknown("a part of the text is not known", node, scope)
-                )
-            text += shown
+                text += str(self._known(part, scope))
             if len(text) > MAX_TEXT:
                 raise ScriptLimitError(f"a text of more than {MAX_TEXT:,} characters")
         return text
 
-    def _formatted(self, value: Any, width: Any) -> Any:
-        if isinstance(width, str) and len(width) <= 6 and isinstance(value, int | float | str):
-            try:
-                return format(value, width)
-            except ValueError:
-                return None
-        try:
-            return plain_calls.call_function("str", [value], {}) if width == "" else None
-        except NotSupportedError:
-            return None
+    def binary(self, op: ast.operator, left: Any, right: Any) -> Any:
+        """The value of ``left op right``.
 
-    def _unary(self, node: ast.UnaryOp, scope: Scope) -> Any:
-        value = self.value(node.operand, scope)
-        if isinstance(node.op, ast.Not):
-            decided = self.truth(value)
-            if decided is not None:
-                return not decided
-            place = Place.of(scope.module.file, node)
-            if isinstance(value, Construct):
+        Raises:
+            NotKnownError: it has none.
+        """
+        self.steps.count_items(left, right)
+        return known_functions.binary(type(op), left, right)
+
+    @staticmethod
+    def _unary(op: ast.unaryop, value: Any, place: Span) -> Any:
+        if isinstance(op, ast.Not):
+            decided = truth(value)
+            if decided is None and isinstance(value, Construct):
                 return Construct("not", value.arguments, {}, place, owner=value)
-            return value
-        if isinstance(value, int | float) and isinstance(node.op, ast.USub | ast.UAdd):
-            return -value if isinstance(node.op, ast.USub) else value
-        if isinstance(value, Unknown):
-            return value
-        return self.unknown("the operand is not a number", node, scope)
+            return value if decided is None else not decided
+        if isinstance(value, int | float) and isinstance(op, ast.USub | ast.UAdd):
+            return -value if isinstance(op, ast.USub) else value
+        raise NotKnownError("the operand is not a number")
 
-    def _bool(self, node: ast.BoolOp, scope: Scope) -> Any:
-        stop = isinstance(node.op, ast.Or)
+    def _bool(self, parts: list[ast.expr], scope: Scope, *, stop: bool) -> Any:
         value: Any = None
-        for each in node.values:
-            value = self.value(each, scope)
-            decided = self.truth(value)
+        for part in parts:
+            value = self._known(part, scope)
+            decided = truth(value)
             if decided is None:
-                return (
-                    value
-                    if isinstance(value, Unknown)
-                    else self.unknown("the condition is not known", node, scope)
-                )
+                raise NotKnownError("the condition is not known")
             if decided is stop:
-                return value
+                break
         return value
 
-    def _compare(self, node: ast.Compare, scope: Scope) -> Any:
+    def _compare(self, node: ast.Compare, scope: Scope) -> bool:
         left = self.value(node.left, scope)
         for op, right_node in zip(node.ops, node.comparators, strict=True):
             right = self.value(right_node, scope)
             if isinstance(op, ast.Is | ast.IsNot) and right is None:
                 if isinstance(left, Unknown):
-                    return left
-                result: Any = (left is None) is isinstance(op, ast.Is)
-            else:
-                if any(isinstance(each, Unknown | Construct | Foreign) for each in (left, right)):
-                    return self.unknown("what is compared is not known", node, scope)
-                try:
-                    result = plain_calls.compare(type(op), left, right)
-                except NotSupportedError:
-                    return self.unknown("what is compared is not known", node, scope)
-            if not result:
+                    raise NotKnownError(left)
+            elif any(isinstance(side, Unknown | Construct | Foreign) for side in (left, right)):
+                raise NotKnownError("what is compared is not known")
+            self.steps.count_items(left, right)
+            if not known_functions.compare(type(op), left, right):
                 return False
             left = right
         return True
 
-    def _item(self, node: ast.Subscript, scope: Scope) -> Any:
-        owner = self.value(node.value, scope)
-        if isinstance(node.slice, ast.Slice):
-            return self._slice(owner, node.slice, node, scope)
-        key = self.value(node.slice, scope)
-        for each in (owner, key):
-            if isinstance(each, Unknown):
-                return each
-        if isinstance(owner, ImageSize) and isinstance(key, str):
-            if key in {"width", "height", "name"}:
-                return owner.item(key)
-            return self.unknown("there is no such item", node, scope)
+    def _item(self, owner: Any, key: Any) -> Any:
         if isinstance(owner, Foreign) and owner.name == "os.environ" and isinstance(key, str):
             return f"$(env {key})"
+        self.steps.count_items(key)
         try:
+            if isinstance(owner, ImageSize):
+                return owner.item(key)
             if isinstance(owner, list | tuple | dict | str):
                 return owner[key]
         except (KeyError, IndexError, TypeError):
             pass
-        return self.unknown("there is no such item", node, scope)
+        raise NotKnownError("there is no such item")
 
-    def _slice(self, owner: Any, part: ast.Slice, node: ast.AST, scope: Scope) -> Any:
+    def _slice(self, owner: Any, part: ast.Slice, scope: Scope) -> Any:
         ends = [
-            None if each is None else self.value(each, scope)
-            for each in (part.lower, part.upper, part.step)
+            None if end is None else self.value(end, scope)
+            for end in (part.lower, part.upper, part.step)
         ]
-        if isinstance(owner, list | tuple | str) and all(
-            each is None or isinstance(each, int) for each in ends
-        ):
-            try:
+        try:
+            if isinstance(owner, list | tuple | str):
                 return owner[slice(*ends)]
-            except ValueError:
-                pass
-        return (
-            owner
-            if isinstance(owner, Unknown)
-            else self.unknown("the slice is not known", node, scope)
-        )
+        except (TypeError, ValueError):
+            pass
+        raise NotKnownError("the slice is not known")
 
-    def _comprehension(
-        self, node: ast.ListComp | ast.GeneratorExp | ast.SetComp | ast.DictComp, scope: Scope
-    ) -> Any:
-        found: list[Any] = []
-        inner = Scope(scope.module, {}, scope)
-        failed = self._generate(node, 0, inner, found)
-        return failed if failed is not None else found
+    def _scopes(self, generators: list[ast.comprehension], scope: Scope) -> Iterator[Scope]:
+        """The scope of each round of a comprehension."""
+        return self._rounds(generators, Scope(scope.module, {}, scope))
 
-    def _generate(self, node: Any, depth: int, scope: Scope, found: list[Any]) -> Unknown | None:
-        if depth == len(node.generators):
-            if isinstance(node, ast.DictComp):
-                found.append((self.value(node.key, scope), self.value(node.value, scope)))
-            else:
-                found.append(self.value(node.elt, scope))
-            if len(found) > MAX_ITEMS:
-                raise ScriptLimitError(f"more than {MAX_ITEMS:,} items")
-            return None
-        generator = node.generators[depth]
-        values = self.value(generator.iter, scope)
+    def _rounds(self, generators: list[ast.comprehension], scope: Scope) -> Iterator[Scope]:
+        if not generators:
+            yield scope
+            return
+        first, *others = generators
+        values = self.value(first.iter, scope)
         if not isinstance(values, list | tuple | dict | str):
-            return self.unknown("what this goes over is not known", node, scope)
-        for each in list(values):
-            self.step()
-            self._assign(generator.target, each, scope)
-            decisions = [self.truth(self.value(test, scope)) for test in generator.ifs]
-            if None in decisions:
-                return self.unknown("the condition is not known", node, scope)
-            if all(decisions):
-                failed = self._generate(node, depth + 1, scope, found)
-                if failed is not None:
-                    return failed
-        return None
+            raise NotKnownError("what this goes over is not known")
+        for value in list(values):
+            self.steps.count()
+            self.assign(first.target, value, scope)
+            if all(self._is_true(test, scope) for test in first.ifs):
+                yield from self._rounds(others, scope)
 
-    def _assign(self, target: ast.expr, value: Any, scope: Scope) -> None:
-        raise NotImplementedError
+    def assign(self, target: ast.expr, value: Any, scope: Scope) -> None:
+        """Give a name, the parts of a tuple, an attribute or an item its value."""
+        match target:
+            case ast.Name(id=name):
+                if isinstance(value, ImageSize) and not value.name:
+                    value = ImageSize(value.width, value.height, value.label, name)
+                scope.names[name] = value
+            case ast.Tuple(elts=parts) | ast.List(elts=parts):
+                if not isinstance(value, list | tuple) or len(value) != len(parts):
+                    reason = "a value that is not a list is unpacked"
+                    lost = (
+                        value
+                        if isinstance(value, Unknown)
+                        else Unknown(reason, scope.place(target))
+                    )
+                    value = [lost] * len(parts)
+                for part, item in zip(parts, value, strict=True):
+                    self.assign(part, item, scope)
+            case ast.Attribute(value=owner, attr=name):
+                self._set_attribute(self.value(owner, scope), name, value, scope.place(target))
+            case ast.Subscript(value=owner, slice=key):
+                self._set_item(self.value(owner, scope), self.value(key, scope), value)
+            case _:
+                self.notes.append(Note("an assignment of this kind", scope.place(target)))
+
+    @staticmethod
+    def _set_attribute(owner: Any, name: str, value: Any, place: Span) -> None:
+        if isinstance(owner, Instance | ScriptClass):
+            owner.names[name] = value
+        elif isinstance(owner, Construct):
+            owner.keywords[name] = value
+            owner.keyword_places[name] = place
+
+    def _set_item(self, owner: Any, key: Any, value: Any) -> None:
+        self.steps.count_items(key, value)
+        try:
+            if isinstance(owner, dict | list):
+                owner[key] = value
+        except (TypeError, IndexError):
+            pass
+
+    def _call(self, node: ast.Call, scope: Scope) -> Any:
+        function = self.value(node.func, scope)
+        arguments = self._items(node.args, scope)
+        keywords: dict[str, Any] = {}
+        places: dict[str, Span] = {}
+        for keyword in node.keywords:
+            value = self.value(keyword.value, scope)
+            if keyword.arg is not None:
+                keywords[keyword.arg] = value
+                places[keyword.arg] = scope.place(keyword)
+            elif isinstance(value, dict) and all(isinstance(key, str) for key in value):
+                keywords |= value
+            else:
+                raise NotKnownError("arguments that are not known are passed on")
+        self.steps.count_items(keywords)
+        result = self.call_value(function, arguments, keywords, scope.place(node))
+        if isinstance(result, Construct) and not result.keyword_places:
+            result.keyword_places = places
+        return result
+
+    def call_value(
+        self, function: Any, arguments: list[Any], keywords: dict[str, Any], place: Span
+    ) -> Any:
+        """The result of a call.
+
+        Raises:
+            NotKnownError: it is not known.
+        """
+        match function:
+            case Unknown():
+                return function
+            case ScriptFunction():
+                return self.call_script(function, arguments, keywords)
+            case BoundFunction(function=inner, owner=owner):
+                return self.call_script(inner, [owner, *arguments], keywords)
+            case ScriptClass():
+                return self._instance(function, arguments, keywords)
+            case Foreign(name=name) if name.startswith("builtins."):
+                return self._builtin(name.removeprefix("builtins."), arguments, keywords, place)
+            case Foreign(name=name):
+                return foreign_call(name, arguments, keywords, place, self.launch_values)
+            case Method(owner=ScriptClass() as kind, name=name):
+                return self._test_method(kind, name, arguments, keywords, place)
+            case Method(owner=Construct() as owner, name=name):
+                return Construct(f"{owner.name}.{name}", arguments, keywords, place, owner=owner)
+            case Method(owner=owner, name=name):
+                if not (isinstance(owner, list | dict) and name in _ADDING):
+                    self.steps.count_items(owner)
+                    _require_known([arguments, keywords])
+                return known_functions.call_method(owner, name, arguments, keywords)
+            case Construct(name=name):
+                return Construct(f"{name}()", arguments, keywords, place, owner=function)
+            case Instance():
+                called = self.attribute(function, "__call__")
+                if isinstance(called, BoundFunction):
+                    return self.call_value(called, arguments, keywords, place)
+        raise NotKnownError("what is called is not known")
+
+    @staticmethod
+    def _builtin(name: str, arguments: list[Any], keywords: dict[str, Any], place: Span) -> Any:
+        if name == "print":
+            return None
+        if name == "super":
+            return Construct("super", [], {}, place)
+        _require_known([arguments, keywords])
+        return known_functions.call_function(name, arguments, keywords)
+
+    @staticmethod
+    def _test_method(
+        kind: ScriptClass, name: str, arguments: list[Any], keywords: dict[str, Any], place: Span
+    ) -> Any:
+        """A method that the class of the benchmark inherits from ros2_benchmark."""
+        try:
+            config = kind.find("config")
+        except KeyError:
+            config = None
+        if not isinstance(config, Construct):
+            config = Construct("config", [], {}, place)
+        if name == "get_assets_root_path":
+            return ASSETS
+        if name == "get_input_data_absolute_path":
+            return known_functions.join_path(ASSETS, config.get("input_data_path"))
+        if name != "generate_namespace":
+            return Construct(name, arguments, keywords, place)
+        root = config.get("benchmark_namespace", default="r2b")
+        parts = [part for part in (root, *arguments) if part]
+        _require_known(parts)
+        if not all(isinstance(part, str) for part in parts):
+            raise NotKnownError("the namespace is not a text")
+        return ("" if keywords.get("absolute") is False else "/") + "/".join(parts)
+
+    def _instance(
+        self, kind: ScriptClass, arguments: list[Any], keywords: dict[str, Any]
+    ) -> Instance:
+        instance = Instance(kind)
+        try:
+            constructor = kind.find("__init__")
+        except KeyError:
+            return instance
+        if isinstance(constructor, ScriptFunction):
+            with contextlib.suppress(NotKnownError):
+                self.call_script(constructor, [instance, *arguments], keywords)
+        return instance
+
+    def call_script(
+        self, _function: ScriptFunction, _arguments: list[Any], _keywords: dict[str, Any]
+    ) -> Any:
+        """What a function of the script returns.
+
+        Raises:
+            NotKnownError: it raises; here always, because statements are a matter of `Evaluator`.
+        """
+        raise NotKnownError("functions are not called here")
 
 
-def _whole(scope: Scope, first: ast.AST, last: ast.AST) -> Place:
-    """The place from the beginning of one part to the end of another."""
-    start, end = Place.of(scope.module.file, first), Place.of(scope.module.file, last)
-    return Place(start.file, start.line, start.column, end.end_line, end.end_column)
+def _require_known(values: list[Any]) -> None:
+    missing = unknown_in(values)
+    if missing is not None:
+        raise NotKnownError(missing)
+
+
+def _is_hashable(key: Any) -> bool:
+    try:
+        hash(key)
+    except TypeError:
+        return False
+    return True

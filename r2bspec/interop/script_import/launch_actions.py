@@ -1,37 +1,43 @@
 """The nodes, containers and included launch files of a list of launch actions.
 
 Actions are the constructs that a script or a launch file returns. Groups pass their namespace and
-remappings to what is in them, as `launch_ros` does: remappings that a group sets come first.
+remappings to what is in them, as `launch_ros` does: remappings that a group sets come first. What
+is started under a condition that is not known is left out with a note, and so is a node whose
+program the file does not tell.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Final
 
-from r2bspec.interop.script_import.launch_conditions import condition_value
-from r2bspec.interop.script_import.script_values import (
+from r2bspec.diagnostics import Span
+from r2bspec.diagnostics.quote import clip
+from r2bspec.interop.script_import.source_files import missing_module
+from r2bspec.interop.script_import.substitutions import condition_value
+from r2bspec.interop.script_import.values import (
     Construct,
-    Place,
+    Note,
     PlacedTuple,
+    ScriptLimitError,
+    StepCounter,
     Unknown,
     unknown_in,
 )
 
-CONTAINER_EXECUTABLES = frozenset(
+_CONTAINER_EXECUTABLES: Final = frozenset(
     {"component_container", "component_container_mt", "component_container_isolated"}
 )
-
-_IGNORED = frozenset(
-    {
-        "DeclareLaunchArgument",
-        "LogInfo",
-        "ReadyToTest",
-        "Shutdown",
-        "EmitEvent",
-    }
+_IGNORED: Final = frozenset(
+    {"DeclareLaunchArgument", "LogInfo", "ReadyToTest", "Shutdown", "EmitEvent"}
 )
+_MAX_INCLUDED: Final = 5
+"""Files that include each other."""
+_MAX_LEVELS: Final = 100
+"""Groups inside of groups."""
+_MAX_PARTS: Final = 1_000
+"""Nodes and included files; real launch files start dozens."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +46,7 @@ class Remapping:
 
     source: str
     target: str
-    place: Place
+    place: Span
     node: str = ""
 
 
@@ -49,10 +55,10 @@ class NodeAction:
     """A node that a script starts or loads.
 
     Attributes:
+        source: the construct that it comes from.
         namespace: absolute; empty for none.
         parameters: maps and paths of files, in order.
         container: the name of the container that it is loaded into.
-        source: the construct that it comes from.
     """
 
     name: str
@@ -67,14 +73,24 @@ class NodeAction:
     arguments: list[str] = field(default_factory=list)
     container: str = ""
 
+    @property
+    def plugin_class(self) -> str:
+        """The last part of the plugin: ``ResizeNode``."""
+        return self.plugin.rpartition("::")[2]
 
-@dataclass(slots=True)
-class ContainerAction:
-    """A component container."""
+    def parameter(self, name: str) -> Any:
+        """The last value of a parameter in the script; None without one."""
+        values = [
+            source[name]
+            for source in self.parameters
+            if isinstance(source, dict) and name in source
+        ]
+        return values[-1] if values else None
 
-    name: str
-    executable: str
-    source: Construct
+    def remapped(self, source: str) -> str:
+        """What the node calls `source` in the graph; by default itself."""
+        targets = (each.target for each in self.remappings if each.source.lstrip("/") == source)
+        return next(targets, source)
 
 
 @dataclass(slots=True)
@@ -94,15 +110,34 @@ class IncludeAction:
     namespace: str = ""
     remappings: list[Remapping] = field(default_factory=list)
 
+    @property
+    def name(self) -> str:
+        """The name of the file."""
+        return (self.file or self.path).rpartition("/")[2]
+
+
+Member = NodeAction | IncludeAction
+
 
 @dataclass(slots=True)
 class LaunchParts:
-    """Everything that a list of actions starts, and what was not understood."""
+    """Everything that a list of actions starts, and what was not understood.
+
+    Attributes:
+        containers: the executables of component containers, by name.
+        missing: what is left out because a module was not found, by the name of the module.
+    """
 
     nodes: list[NodeAction] = field(default_factory=list)
-    containers: list[ContainerAction] = field(default_factory=list)
+    containers: dict[str, str] = field(default_factory=dict)
     includes: list[IncludeAction] = field(default_factory=list)
-    ignored: list[tuple[str, Place]] = field(default_factory=list)
+    ignored: list[Note] = field(default_factory=list)
+    missing: dict[str, list[Construct]] = field(default_factory=dict)
+
+    @property
+    def members(self) -> list[Member]:
+        """Nodes and included files."""
+        return [*self.nodes, *self.includes]
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,72 +148,88 @@ class _Group:
     remappings: tuple[Remapping, ...] = ()
 
 
-Expand = Callable[[IncludeAction, str], list[Any] | None]
+Expand = Callable[[IncludeAction], list[Any] | None]
 """The actions of an included launch file, or None to keep it as one."""
 
 
-def collect_actions(actions: Iterable[Any], expand: Expand) -> LaunchParts:
+def collect_actions(actions: Iterable[Any], expand: Expand, steps: StepCounter) -> LaunchParts:
     """The parts of a list of actions.
 
     Args:
         actions: constructs.
-        expand: is called for each included launch file, with the namespace of its group.
+        expand: is called for each included launch file.
+        steps: counts actions and conditions.
+
+    Raises:
+        ScriptLimitError: there are too many.
     """
-    parts = LaunchParts()
-    _Collector(parts, expand).add_all(list(actions), _Group())
-    return parts
+    collector = _Collector(expand, steps)
+    collector.add_all(list(actions), _Group())
+    return collector.parts
 
 
-@dataclass(slots=True)
 class _Collector:
-    parts: LaunchParts
-    expand: Expand
-    depth: int = 0
+    def __init__(self, expand: Expand, steps: StepCounter) -> None:
+        self.parts = LaunchParts()
+        self.expand = expand
+        self.steps = steps
+        self.level = 0
+        self.included = 0
 
     def add_all(self, actions: list[Any], group: _Group) -> None:
+        self.level += 1
+        if self.level > _MAX_LEVELS:
+            raise ScriptLimitError(f"actions nested more than {_MAX_LEVELS} times")
         for action in actions:
+            self.steps.count()
             group = self.add(action, group)
+        self.level -= 1
 
     def add(self, action: Any, group: _Group) -> _Group:
         """Add an action; returns what applies to the actions after it."""
         if isinstance(action, list | tuple):
             self.add_all(list(action), group)
-            return group
-        if not isinstance(action, Construct):
-            if isinstance(action, Unknown):
-                self.parts.ignored.append((action.reason, action.place))
-            return group
-        kind = action.short_name
-        if not self._condition_is_met(action):
-            return group
-        if kind == "SetRemap":
-            return self._with_remapping(action, group)
-        if kind == "PushRosNamespace":
-            name = _text(action.get("namespace", 0), "")
-            return replace(group, namespace=_join(group.namespace, name))
-        known = _ACTIONS.get(kind)
-        if known is not None:
-            known(self, action, group)
-        elif kind not in _IGNORED:
-            self.parts.ignored.append((f"{kind} has no form in a spec", action.place))
+        elif isinstance(action, Unknown):
+            self.parts.ignored.append(action)
+        elif isinstance(action, Construct) and self._condition_is_met(action):
+            kind = action.short_name
+            if kind == "SetRemap":
+                return self._with_remapping(action, group)
+            if kind == "PushRosNamespace":
+                name = _text(action.get("namespace", 0), "")
+                return replace(group, namespace=_join(group.namespace, name))
+            add = _ACTIONS.get(kind)
+            if add is not None:
+                add(self, action, group)
+            elif kind not in _IGNORED:
+                self._leave_out(f"{kind} has no form in a spec", action)
         return group
 
+    def _ignore(self, reason: str, action: Construct) -> None:
+        self.parts.ignored.append(Note(reason, action.place))
+
+    def _leave_out(self, reason: str, action: Construct) -> None:
+        """Note an action that is not understood, and the module that would tell what it is."""
+        self._ignore(reason, action)
+        module = missing_module(action.name)
+        if module:
+            self.parts.missing.setdefault(module, []).append(action)
+
     def _condition_is_met(self, action: Construct) -> bool:
-        decided = condition_value(action.get("condition"))
+        decided = condition_value(action.get("condition"), self.steps)
         if decided is None:
-            self._ignore(
-                f"the condition of {action.short_name} is not known, so it is left out", action
-            )
+            reason = f"the condition of {action.short_name} is not known, so it is left out"
+            self._ignore(reason, action)
         return decided is True
 
     def _with_remapping(self, action: Construct, group: _Group) -> _Group:
         source, target = action.get("src", 0), action.get("dst", 1)
         if not isinstance(source, str) or not isinstance(target, str):
-            self.parts.ignored.append(("a remapping that is not known", action.place))
+            self._ignore("a remapping that is not known", action)
             return group
         node, _, name = source.rpartition(":")
-        made = Remapping(name, target, action.place, node)
-        return replace(group, remappings=(*group.remappings, made))
+        remapping = Remapping(name, target, action.place, node)
+        return replace(group, remappings=(*group.remappings, remapping))
 
     def group(self, action: Construct, group: _Group) -> None:
         self.add_all(_list(action.get("actions", 0)), group)
@@ -187,73 +238,70 @@ class _Collector:
         self._ignore("the delay of a TimerAction is left out: readiness is observed", action)
         self.add_all(_list(action.get("actions")), group)
 
-    def handler(self, action: Construct, group: _Group) -> None:
+    def handler(self, action: Construct, _group: _Group) -> None:
         """An event handler: what it starts when another process starts, ends or prints."""
         event = action.get("event_handler", 0)
-        values = (
-            [*event.keywords.values(), *event.arguments] if isinstance(event, Construct) else []
-        )
-        started = [
-            one
-            for each in values
-            for one in (each if isinstance(each, list | tuple) else [each])
-            if isinstance(one, Construct) and one.short_name in _STARTS
-        ]
-        if started:
-            self._ignore("what an event handler starts is left out", action)
-        del group
+        if not isinstance(event, Construct):
+            return
+        for value in (*event.keywords.values(), *event.arguments):
+            actions = value if isinstance(value, list | tuple) else [value]
+            if any(isinstance(each, Construct) and each.short_name in _STARTS for each in actions):
+                self._ignore("what an event handler starts is left out", action)
+                return
+
+    def description(self, action: Construct, group: _Group) -> None:
+        self.add_all(_list(action.get("initial_entities", 0)), group)
 
     def node(self, action: Construct, group: _Group) -> None:
         executable = _text(action.get("executable"), "")
-        if executable in CONTAINER_EXECUTABLES:
-            name = _text(action.get("name"), "container")
-            self.parts.containers.append(ContainerAction(name, executable, action))
+        if executable in _CONTAINER_EXECUTABLES:
+            self.parts.containers[_text(action.get("name"), "container")] = executable
         elif self._is_known(action, "package", "executable"):
-            made = self._node(action, group)
-            made.executable = executable
-            for each in _list(action.get("arguments")):
-                if not isinstance(each, str | int | float):
-                    self._ignore("an argument is left out: its value is not known", action)
-            made.arguments = _texts(action.get("arguments"))
-            self.parts.nodes.append(made)
+            node = self._node(action, group)
+            node.executable = executable
+            arguments = _list(action.get("arguments"))
+            node.arguments = _texts(arguments)
+            for _ in range(len(arguments) - len(node.arguments)):
+                self._ignore("an argument is left out: its value is not known", action)
+            self._append(self.parts.nodes, node)
 
-    def process(self, action: Construct, group: _Group) -> None:
-        del group
-        command = _texts(action.get("cmd", 0))
+    def process(self, action: Construct, _group: _Group) -> None:
+        command = _texts(_list(action.get("cmd", 0)))
         name = _text(action.get("name"), command[0].rpartition("/")[2] if command else "process")
-        made = NodeAction(name, action, command=command)
-        self.parts.nodes.append(made)
+        self._append(self.parts.nodes, NodeAction(name, action, command=command))
 
     def container(self, action: Construct, group: _Group) -> None:
         name = _text(action.get("name"), "container")
         executable = _text(action.get("executable"), "component_container")
-        if executable not in CONTAINER_EXECUTABLES:
-            self.parts.ignored.append((f"{executable!r} is no known container", action.place))
+        if executable not in _CONTAINER_EXECUTABLES:
+            self._ignore(f"{clip(executable)!r} is no known container", action)
             executable = "component_container_mt"
-        self.parts.containers.append(ContainerAction(name, executable, action))
-        for each in _list(action.get("composable_node_descriptions")):
-            self._component(each, group, name)
+        self.parts.containers[name] = executable
+        self._components(action.get("composable_node_descriptions"), group, name)
 
     def load(self, action: Construct, group: _Group) -> None:
         target = action.get("target_container", 1)
         name = target.get("name") if isinstance(target, Construct) else target
         container = _text(name, "container").rpartition("/")[2]
-        for each in _list(action.get("composable_node_descriptions", 0)):
-            self._component(each, group, container)
+        self._components(action.get("composable_node_descriptions", 0), group, container)
 
-    def _component(self, action: Any, group: _Group, container: str) -> None:
-        if isinstance(action, Unknown):
-            self.parts.ignored.append((action.reason, action.place))
-        if not isinstance(action, Construct) or not self._condition_is_met(action):
-            return
-        if action.short_name != "ComposableNode":
-            self._ignore(f"the node that {action.short_name} makes is not known", action)
-            return
-        if not self._is_known(action, "package", "plugin"):
-            return
-        made = self._node(action, group)
-        made.plugin, made.container = _text(action.get("plugin"), ""), container
-        self.parts.nodes.append(made)
+    def _components(self, descriptions: Any, group: _Group, container: str) -> None:
+        for action in _list(descriptions):
+            if isinstance(action, Unknown):
+                self.parts.ignored.append(action)
+            if not isinstance(action, Construct) or not self._condition_is_met(action):
+                continue
+            if action.short_name != "ComposableNode":
+                self._leave_out(f"the node that {action.short_name} makes is not known", action)
+            elif self._is_known(action, "package", "plugin"):
+                node = self._node(action, group)
+                node.plugin, node.container = _text(action.get("plugin"), ""), container
+                self._append(self.parts.nodes, node)
+
+    def _append(self, members: list[Any], member: Member) -> None:
+        members.append(member)
+        if len(self.parts.nodes) + len(self.parts.includes) > _MAX_PARTS:
+            raise ScriptLimitError(f"more than {_MAX_PARTS:,} nodes and included files")
 
     def _is_known(self, action: Construct, *keys: str) -> bool:
         """Whether a file tells what it starts: a node without that has no form in a spec."""
@@ -269,47 +317,68 @@ class _Collector:
                 self._ignore(f"the {key} of {action.short_name} is not known", action)
         return True
 
-    def _ignore(self, reason: str, action: Construct) -> None:
-        self.parts.ignored.append((reason, action.place))
-
     def _node(self, action: Construct, group: _Group) -> NodeAction:
         default = _text(action.get("plugin"), "").rpartition("::")[2]
         name = _text(action.get("name"), default or _text(action.get("executable"), "node"))
-        own = _pairs(action.get("remappings"), action.place_of("remappings"))
-        for each in _list(action.get("remappings")):
-            missing = unknown_in(each)
+        own = []
+        for pair in _list(action.get("remappings")):
+            missing = unknown_in(pair)
             if missing is not None:
-                self.parts.ignored.append((f"a remapping: {missing.reason}", missing.place))
+                reason = f"a remapping: {missing.reason}"
+                self.parts.ignored.append(Note(reason, missing.place))
+            # A text may be written as a list of parts, such as launch substitutions.
+            names = [_text(part, "") for part in pair] if isinstance(pair, list | tuple) else []
+            if len(names) == 2 and all(names):
+                is_placed = isinstance(pair, PlacedTuple)
+                place = pair.place if is_placed else action.place_of("remappings")
+                own.append(Remapping(names[0], names[1], place))
         return NodeAction(
             name,
             action,
             package=_text(action.get("package"), ""),
             namespace=_absolute(_join(group.namespace, _text(action.get("namespace"), ""))),
             parameters=_list(action.get("parameters")),
-            remappings=[*(one for one in group.remappings if one.node in {"", name}), *own],
+            remappings=[*(each for each in group.remappings if each.node in {"", name}), *own],
         )
 
     def include(self, action: Construct, group: _Group) -> None:
-        made = _include(action, group)
-        if made is None:
-            self.parts.ignored.append(("the file of an included launch file", action.place))
+        source = action.get("launch_description_source", 0)
+        if isinstance(source, Construct):
+            source = source.get("location", 0)
+        path = _text(source, "")
+        if not path:
+            self._ignore("the file of an included launch file", action)
             return
-        inner = self.expand(made, group.namespace) if self.depth < 5 else None
-        if inner is None:
-            self.parts.includes.append(made)
+        given = action.get("launch_arguments", default=[])
+        pairs = list(given.items()) if isinstance(given, dict) else _list(given)
+        include = IncludeAction(
+            action,
+            path=path,
+            arguments={
+                str(pair[0]): pair[1]
+                for pair in pairs
+                if isinstance(pair, list | tuple) and len(pair) == 2
+            },
+            namespace=_absolute(group.namespace),
+            remappings=list(group.remappings),
+        )
+        if path.startswith("$(share ") and ")/" in path:
+            inside = path.removeprefix("$(share ")
+            include.path, (include.package, _, include.file) = "", inside.partition(")/")
+        actions = self.expand(include) if self.included < _MAX_INCLUDED else None
+        if actions is None:
+            self._append(self.parts.includes, include)
             return
-        self.depth += 1
-        self.add_all(inner, group)
-        self.depth -= 1
+        self.included += 1
+        self.add_all(actions, group)
+        self.included -= 1
 
 
-_ACTIONS: dict[str, Callable[[_Collector, Construct, _Group], None]] = {
+_ACTIONS: Final[dict[str, Callable[[_Collector, Construct, _Group], None]]] = {
     "GroupAction": _Collector.group,
     "TimerAction": _Collector.timer,
     "RegisterEventHandler": _Collector.handler,
-    "LaunchDescription": lambda all_, action, group: all_.add_all(
-        _list(action.get("initial_entities", 0)), group
-    ),
+    "LaunchDescription": _Collector.description,
     "Node": _Collector.node,
     "LifecycleNode": _Collector.node,
     "ExecuteProcess": _Collector.process,
@@ -317,57 +386,22 @@ _ACTIONS: dict[str, Callable[[_Collector, Construct, _Group], None]] = {
     "LoadComposableNodes": _Collector.load,
     "IncludeLaunchDescription": _Collector.include,
 }
-
-_STARTS = frozenset(_ACTIONS) - {"RegisterEventHandler"}
-
-
-def _include(action: Construct, group: _Group) -> IncludeAction | None:
-    source = action.get("launch_description_source", 0)
-    if isinstance(source, Construct):
-        source = source.get("location", 0)
-    if isinstance(source, list | tuple) and all(isinstance(each, str) for each in source):
-        source = "".join(source)
-    if not isinstance(source, str):
-        return None
-    given = action.get("launch_arguments", default=[])
-    pairs = given.items() if isinstance(given, dict) else _list(given)
-    arguments = {
-        str(each[0]): each[1] for each in pairs if isinstance(each, list | tuple) and len(each) == 2
-    }
-    made = IncludeAction(
-        action,
-        arguments=arguments,
-        namespace=_absolute(group.namespace),
-        remappings=list(group.remappings),
-    )
-    start = "$(share "
-    if source.startswith(start) and ")/" in source:
-        made.package, _, made.file = source.removeprefix(start).partition(")/")
-    else:
-        made.path = source
-    return made
+_STARTS: Final = frozenset(_ACTIONS) - {"RegisterEventHandler"}
 
 
-def _pairs(value: Any, place: Place) -> list[Remapping]:
-    found = []
-    for each in _list(value):
-        if isinstance(each, list | tuple) and len(each) == 2:
-            # A text may be written as a list of parts, such as launch substitutions.
-            names = [_text(one, "") for one in each]
-            if all(names):
-                where = each.place if isinstance(each, PlacedTuple) else place
-                found.append(Remapping(names[0], names[1], where))
-    return found
+def topic_in(namespace: str, topic: str) -> str:
+    """The absolute name of a topic."""
+    return topic if topic.startswith("/") else f"{namespace.rstrip('/')}/{topic}"
 
 
 def _text(value: Any, default: str) -> str:
-    if isinstance(value, list | tuple) and all(isinstance(each, str) for each in value):
+    if isinstance(value, list | tuple) and all(isinstance(part, str) for part in value):
         return "".join(value) or default
     return value if isinstance(value, str) and value else default
 
 
-def _texts(value: Any) -> list[str]:
-    return [str(each) for each in _list(value) if isinstance(each, str | int | float)]
+def _texts(values: list[Any]) -> list[str]:
+    return [str(value) for value in values if isinstance(value, str | int | float)]
 
 
 def _list(value: Any) -> list[Any]:

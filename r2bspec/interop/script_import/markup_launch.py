@@ -1,57 +1,73 @@
 """Launch files in XML and YAML as the same actions that a launch file in Python makes.
 
-Both notations have the same entities and attributes. References such as ``$(var x)`` are replaced
-where their values are known; a text with another one is unknown. Entities of XML are refused.
+Both notations have the same entities: a name, attributes, and entities inside. References such as
+``$(var x)`` are replaced where their values are known; a text with another one is unknown. A
+document type, with which XML declares entities that expand, is refused by the parser itself.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
-from xml.etree import ElementTree
+from typing import Any, Final
+from xml.parsers import expat
 
 import yaml
 
-from r2bspec.diagnostics import Diagnostic, Severity, Span
-from r2bspec.interop.script_import.evaluator import Note
-from r2bspec.interop.script_import.launch_references import substituted
-from r2bspec.interop.script_import.script_reader import (
-    SYNTAX,
-    ScriptReader,
-    UnusableScriptError,
-)
-from r2bspec.interop.script_import.script_values import Construct, LaunchText, Place, Unknown
+from r2bspec.diagnostics import Span
+from r2bspec.diagnostics.quote import clip
+from r2bspec.interop.script_import.source_files import SYNTAX, ScriptReader, UnusableScriptError
+from r2bspec.interop.script_import.substitutions import split_words, substituted
+from r2bspec.interop.script_import.values import Construct, LaunchText, Note, StepCounter, Unknown
 from r2bspec.language.yaml_scalars import ScalarError, resolve
 from r2bspec.untrusted.safe_yaml import load_values
 
-_WORD = re.compile(r"(?:\$\([^)]*\)|\S)+")
-_CHILDREN = frozenset(
+_CHILDREN: Final = frozenset(
     {
-        "param",
-        "remap",
-        "env",
-        "composable_node",
-        "arg",
-        "node",
-        "group",
-        "include",
-        "let",
-        "extra_arg",
+        *("param", "remap", "env", "extra_arg", "composable_node"),
+        *("arg", "let", "node", "group", "include"),
     }
 )
-_MAX_DEPTH = 40
+_MAX_DEPTH: Final = 40
+_ACTIONS: Final = {
+    "node": "Node",
+    "node_container": "ComposableNodeContainer",
+    "load_composable_node": "LoadComposableNodes",
+    "executable": "ExecuteProcess",
+    "group": "GroupAction",
+    "include": "IncludeLaunchDescription",
+    "set_remap": "SetRemap",
+    "push_ros_namespace": "PushRosNamespace",
+    "push_namespace": "PushRosNamespace",
+}
+"""The actions of Python, by the names of entities."""
+_KEYWORDS: Final = {
+    "name": "name",
+    "pkg": "package",
+    "exec": "executable",
+    "plugin": "plugin",
+    "namespace": "namespace",
+    "target": "target_container",
+    "file": "launch_description_source",
+    "from": "src",
+    "to": "dst",
+}
+"""Their arguments, by the names of attributes."""
+_COMMAND_LINES: Final = {"ros_args": "arguments", "args": "arguments", "cmd": "cmd"}
+_CONDITIONS: Final = {"unless": "UnlessCondition", "if": "IfCondition"}
 
 
+@dataclass(slots=True)
 class _Entity:
-    """One entity: its name, attributes and children, with its line (1 where it is not known)."""
+    """One entity: its name, attributes and children."""
 
-    def __init__(self, name: str, values: dict[str, Any], children: list[_Entity]) -> None:
-        self.name, self.values, self.children = name.replace("-", "_"), values, children
+    name: str
+    values: dict[str, Any] = field(default_factory=dict)
+    children: list[_Entity] = field(default_factory=list)
 
     def all(self, name: str) -> list[_Entity]:
-        return [each for each in self.children if each.name == name]
+        return [child for child in self.children if child.name == name]
 
     def get(self, *names: str) -> str:
         for name in names:
@@ -68,29 +84,39 @@ def markup_launch_actions(
 
     Raises:
         UnusableScriptError: it cannot be read or parsed.
+        ScriptLimitError: it exceeds the limits.
     """
     text = reader.read_text(file)
     root = _xml(file, text) if text.lstrip().startswith("<") else _yaml(file, text)
-    made = _Markup(file, dict(arguments))
-    return made.actions(root.children), made.notes
+    markup = _Markup(file, dict(arguments), reader.steps)
+    return markup.actions(root.children), markup.notes
 
 
 def _xml(file: Path, text: str) -> _Entity:
-    if "<!" in re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL):
-        raise _syntax(file, "declarations (<!DOCTYPE>, <!ENTITY>) are refused", 1, 1)
+    parser = expat.ParserCreate(namespace_separator="}")
+    path = [_Entity("")]
+
+    def refused(reason: str) -> UnusableScriptError:
+        return _syntax(file, reason, parser.CurrentLineNumber, parser.CurrentColumnNumber + 1)
+
+    def doctype(*_: object) -> None:
+        raise refused("declarations (<!DOCTYPE>, <!ENTITY>) are refused")
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        if len(path) > _MAX_DEPTH + 1:
+            raise _syntax(file, f"entities are nested more than {_MAX_DEPTH} times", 1, 1)
+        entity = _Entity(name.replace("-", "_"), dict(attributes))
+        path[-1].children.append(entity)
+        path.append(entity)
+
+    parser.StartDoctypeDeclHandler = doctype
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda _: path.pop()
     try:
-        root = ElementTree.fromstring(text)  # noqa: S314 - without entities, see above
-    except ElementTree.ParseError as error:
-        line, column = error.position
-        raise _syntax(file, f"invalid XML: {error}", line, column + 1) from error
-    return _entity_of(file, root, 0)
-
-
-def _entity_of(file: Path, element: ElementTree.Element, depth: int) -> _Entity:
-    if depth > _MAX_DEPTH:
-        raise _syntax(file, f"entities are nested more than {_MAX_DEPTH} times", 1, 1)
-    children = [_entity_of(file, each, depth + 1) for each in element]
-    return _Entity(element.tag, dict(element.attrib), children)
+        parser.Parse(text, True)
+    except expat.ExpatError as error:
+        raise _syntax(file, f"invalid XML: {error}", error.lineno, error.offset + 1) from error
+    return path[0].children[0]
 
 
 def _yaml(file: Path, text: str) -> _Entity:
@@ -106,122 +132,103 @@ def _yaml(file: Path, text: str) -> _Entity:
 
 
 def _entities(items: Any, depth: int) -> list[_Entity]:
-    found: list[_Entity] = []
-    for item in items if isinstance(items, list) and depth < _MAX_DEPTH else []:
-        for name, values in item.items() if isinstance(item, dict) else ():
-            found.append(_mapping_entity(str(name), values, depth))
-    return found
+    return [
+        _mapping_entity(str(name), values, depth)
+        for item in (items if isinstance(items, list) and depth < _MAX_DEPTH else [])
+        for name, values in (item.items() if isinstance(item, dict) else ())
+    ]
 
 
 def _mapping_entity(name: str, values: Any, depth: int) -> _Entity:
+    name = name.replace("-", "_")
     if isinstance(values, list):
         return _Entity(name, {}, _entities(values, depth + 1))
     values = values if isinstance(values, dict) else {}
     children: list[_Entity] = []
-    for key, inner in values.items():
-        if isinstance(inner, list):
+    for key, inside in values.items():
+        if isinstance(inside, list):
             if key in _CHILDREN:
-                children += [_mapping_entity(key, each, depth + 1) for each in inner]
+                children += [_mapping_entity(key, child, depth + 1) for child in inside]
             elif key == "children":
-                children += _entities(inner, depth + 1)
+                children += _entities(inside, depth + 1)
     return _Entity(name, values, children)
 
 
 def _syntax(file: Path, message: str, line: int, column: int) -> UnusableScriptError:
-    span = Span(str(file), line, column, line, column + 1)
-    return UnusableScriptError(Diagnostic(SYNTAX, Severity.ERROR, message, span))
+    return UnusableScriptError(SYNTAX, message, Span(str(file), line, column, line, column + 1))
 
 
 class _Markup:
-    def __init__(self, file: Path, values: dict[str, Any]) -> None:
-        self.place = Place(file, 1)
+    def __init__(self, file: Path, values: dict[str, Any], steps: StepCounter) -> None:
+        self.place = Span(str(file), 1, 1, 1, 2)
         self.values = values
+        self.steps = steps
         self.notes: list[Note] = []
 
     def actions(self, entities: list[_Entity]) -> list[Construct]:
-        found = []
-        for each in entities:
-            if each.name in {"arg", "let"}:
-                self._declare(each)
-                continue
-            made = self._action(each)
-            if made is not None:
-                found.append(made)
-        return found
+        actions = []
+        for entity in entities:
+            if entity.name in {"arg", "let"}:
+                self._declare(entity)
+            elif entity.name in _ACTIONS:
+                actions.append(self._construct(_ACTIONS[entity.name], entity))
+            else:
+                reason = f"<{clip(entity.name)}> has no form in a spec"
+                self.notes.append(Note(reason, self.place))
+        return actions
 
     def _declare(self, entity: _Entity) -> None:
         name = entity.get("name")
-        if entity.name == "let" or name not in self.values:
-            value = self._text(entity.get("value", "default"))
-            if entity.values.keys() & {"value", "default"}:
-                self.values[name] = value
+        is_open = entity.name == "let" or name not in self.values
+        if is_open and entity.values.keys() & {"value", "default"}:
+            self.values[name] = self._text(entity.get("value", "default"))
 
-    def _action(self, entity: _Entity) -> Construct | None:
-        maker = _MAKERS.get(entity.name)
-        if maker is None:
-            self.notes.append(Note(f"<{entity.name}> has no form in a spec", self.place))
-            return None
-        name, own = maker(self, entity)
-        return self._construct(name, self._condition(entity) | own)
-
-    def _condition(self, entity: _Entity) -> dict[str, Any]:
-        for name, kind in (("if", "IfCondition"), ("unless", "UnlessCondition")):
+    def _construct(self, kind: str, entity: _Entity) -> Construct:
+        """The construct of an entity, with its attributes and the entities inside as keywords."""
+        self.steps.count(1 + len(entity.children))
+        keywords: dict[str, Any] = {}
+        for name, keyword in _KEYWORDS.items():
             if name in entity.values:
-                text = self._text(entity.get(name))
-                return {"condition": self._construct(kind, {"predicate_expression": text})}
-        return {}
+                keywords[keyword] = self._text(entity.get(name))
+        for name, keyword in _COMMAND_LINES.items():
+            if name in entity.values:
+                words = split_words(entity.get(name))
+                keywords[keyword] = [self._text(word) for word in words]
+        for name, condition in _CONDITIONS.items():
+            if name in entity.values:
+                text = {"predicate_expression": self._text(entity.get(name))}
+                keywords["condition"] = Construct(condition, [], text, self.place)
+        if kind == "GroupAction":
+            keywords["actions"] = self.actions(entity.children)
+        elif kind == "IncludeLaunchDescription":
+            given = [*entity.all("arg"), *entity.all("let")]
+            keywords["launch_arguments"] = dict(map(self._argument, given))
+        else:
+            keywords["composable_node_descriptions"] = [
+                self._construct("ComposableNode", child) for child in entity.all("composable_node")
+            ]
+            keywords["remappings"] = [
+                (self._text(remap.get("from")), self._text(remap.get("to")))
+                for remap in entity.all("remap")
+            ]
+            keywords["parameters"] = [
+                self._text(param.get("from"))
+                if "from" in param.values
+                else {self._text(param.get("name")): self._value(param)}
+                for param in entity.all("param")
+            ]
+        return Construct(kind, [], keywords, self.place)
 
-    def _construct(self, name: str, keywords: dict[str, Any]) -> Construct:
-        return Construct(name, [], keywords, self.place)
-
-    def node(self, entity: _Entity) -> tuple[str, dict[str, Any]]:
-        words = [self._text(each) for each in _WORD.findall(entity.get("args", "ros_args"))]
-        return "Node", self._node(entity) | {
-            "executable": self._text(entity.get("exec")),
-            "arguments": words,
-        }
-
-    def container(self, entity: _Entity) -> tuple[str, dict[str, Any]]:
-        inside = [
-            self._construct("ComposableNode", self._condition(each) | self._node(each))
-            for each in entity.all("composable_node")
-        ]
-        return "ComposableNodeContainer", self._node(entity) | {
-            "executable": self._text(entity.get("exec")),
-            "composable_node_descriptions": inside,
-        }
-
-    def load(self, entity: _Entity) -> tuple[str, dict[str, Any]]:
-        _, made = self.container(entity)
-        return "LoadComposableNodes", made | {"target_container": self._text(entity.get("target"))}
-
-    def _node(self, entity: _Entity) -> dict[str, Any]:
-        found: dict[str, Any] = {
-            "name": self._text(entity.get("name")),
-            "package": self._text(entity.get("pkg")),
-            "plugin": self._text(entity.get("plugin")),
-            "namespace": self._text(entity.get("namespace")),
-            "remappings": [
-                (self._text(each.get("from")), self._text(each.get("to")))
-                for each in entity.all("remap")
-            ],
-        }
-        parameters: list[Any] = []
-        for each in entity.all("param"):
-            if "from" in each.values:
-                parameters.append(self._text(each.get("from")))
-            else:
-                parameters.append({self._text(each.get("name")): self._value(each)})
-        found["parameters"] = parameters
-        return found
+    def _argument(self, entity: _Entity) -> tuple[Any, Any]:
+        name, value = self._text(entity.get("name")), self._text(entity.get("value"))
+        return name, LaunchText(value) if isinstance(value, str) else value
 
     def _value(self, entity: _Entity) -> Any:
         if entity.children:
+            self.steps.count(len(entity.children))
             return {self._text(each.get("name")): self._value(each) for each in entity.all("param")}
         value = entity.values.get("value", "")
-        if not isinstance(value, str):
-            return value
-        text = self._text(value)
+        text = self._text(value) if isinstance(value, str) else value
         if not isinstance(text, str):
             return text
         try:
@@ -230,51 +237,8 @@ class _Markup:
             return text
         return plain if isinstance(plain, bool | int | float) else text
 
-    def executable(self, entity: _Entity) -> tuple[str, dict[str, Any]]:
-        command = [self._text(each) for each in _WORD.findall(entity.get("cmd"))]
-        return "ExecuteProcess", {"cmd": command, "name": self._text(entity.get("name"))}
-
-    def group(self, entity: _Entity) -> tuple[str, dict[str, Any]]:
-        return "GroupAction", {"actions": self.actions(entity.children)}
-
-    def include(self, entity: _Entity) -> tuple[str, dict[str, Any]]:
-        given = [*entity.all("arg"), *entity.all("let")]
-        arguments = {
-            self._text(each.get("name")): self._launch_text(each.get("value")) for each in given
-        }
-        file = self._text(entity.get("file"))
-        return "IncludeLaunchDescription", {
-            "launch_description_source": file,
-            "launch_arguments": arguments,
-        }
-
-    def _launch_text(self, text: str) -> Any:
-        value = self._text(text)
-        return LaunchText(value) if isinstance(value, str) else value
-
-    def remap(self, entity: _Entity) -> tuple[str, dict[str, Any]]:
-        source, target = self._text(entity.get("from")), self._text(entity.get("to"))
-        return "SetRemap", {"src": source, "dst": target}
-
-    def namespace(self, entity: _Entity) -> tuple[str, dict[str, Any]]:
-        return "PushRosNamespace", {"namespace": self._text(entity.get("namespace"))}
-
     def _text(self, text: str) -> Any:
         """A text with its references replaced; unknown if the value of one is not known."""
-        found = substituted(text, self.values)
-        if found is None:
-            return Unknown(f"the value of {text} is not known", self.place)
-        return found
-
-
-_MAKERS = {
-    "node": _Markup.node,
-    "node_container": _Markup.container,
-    "load_composable_node": _Markup.load,
-    "executable": _Markup.executable,
-    "group": _Markup.group,
-    "include": _Markup.include,
-    "set_remap": _Markup.remap,
-    "push_ros_namespace": _Markup.namespace,
-    "push_namespace": _Markup.namespace,
-}
+        result = substituted(text, self.values, self.steps)
+        reason = f"the value of {clip(text)} is not known"
+        return Unknown(reason, self.place) if result is None else result

@@ -2,23 +2,75 @@
 
 ros2_benchmark runs all of them at once, so its scripts do not say. What decides, in this order: a
 topic of the loader or a buffer of the player, or a topic that is played or monitored; the lists in
-the docstring and names that begin with ``Prep``; topics shared with nodes that are decided.
+the docstring and names that begin with ``Prep``; topics shared with nodes that are decided. Default
+topics of packages that scripts use often are known here, and so are their formats.
 """
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from typing import Final
 
-from r2bspec.interop.script_import.known_topics import default_topics
 from r2bspec.interop.script_import.launch_actions import (
-    IncludeAction,
     LaunchParts,
+    Member,
     NodeAction,
+    topic_in,
 )
 
-HARNESS_PACKAGES = frozenset({"ros2_benchmark", "isaac_ros_benchmark"})
-_HEADING = re.compile(r"preprocessors?|graph under test|required|packages|datasets", re.IGNORECASE)
+HARNESS_PACKAGES: Final = frozenset({"ros2_benchmark", "isaac_ros_benchmark"})
+_HARNESS: Final = {"DataLoaderNode": "loader", "PlaybackNode": "player", "MonitorNode": "monitor"}
+_HEADING: Final = re.compile(
+    r"preprocessors?|graph under test|required|packages|datasets", re.IGNORECASE
+)
+_ADAPTED: Final = {
+    "nitros_camera_info": "sensor_msgs/msg/CameraInfo",
+    "nitros_compressed_image": "sensor_msgs/msg/CompressedImage",
+    "nitros_detection2_d_array": "vision_msgs/msg/Detection2DArray",
+    "nitros_detection3_d_array": "vision_msgs/msg/Detection3DArray",
+    "nitros_april_tag_detection_array": "isaac_ros_apriltag_interfaces/msg/AprilTagDetectionArray",
+    "nitros_flat_scan": "isaac_ros_pointcloud_interfaces/msg/FlatScan",
+    "nitros_point_cloud": "sensor_msgs/msg/PointCloud2",
+    "nitros_pose_cov_stamped": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "nitros_image_bridge": "isaac_ros_nitros_bridge_interfaces/msg/NitrosBridgeImage",
+    "nitros_imu": "sensor_msgs/msg/Imu",
+    "nitros_odometry": "nav_msgs/msg/Odometry",
+    "nitros_occupancy_grid": "nav_msgs/msg/OccupancyGrid",
+}
+_ADAPTED_PREFIXES: Final = {
+    "nitros_image_": "sensor_msgs/msg/Image",
+    "nitros_disparity_image": "stereo_msgs/msg/DisparityImage",
+    "nitros_tensor_list": "isaac_ros_tensor_list_interfaces/msg/TensorList",
+}
+
+_TOPICS: Final = {
+    "ImageToTensorNode": ("image", "tensor"),
+    "ImageTensorNormalizeNode": ("tensor", "normalized_tensor"),
+    "InterleavedToPlanarNode": ("interleaved_tensor", "planar_tensor"),
+    "ReshapeNode": ("tensor", "reshaped_tensor"),
+    "ResizeNode": ("image", "camera_info", "resize/image", "resize/camera_info"),
+    "RectifyNode": ("image_raw", "camera_info", "image_rect", "camera_info_rect"),
+    "PadNode": ("image", "padded_image"),
+    "CropNode": ("image", "camera_info", "crop/image", "crop/camera_info"),
+    "ImageFormatConverterNode": ("image_raw", "image"),
+    "TensorRTNode": ("tensor_pub", "tensor_sub"),
+    "TritonNode": ("tensor_pub", "tensor_sub"),
+    "UNetDecoderNode": ("tensor_sub", "unet/raw_segmentation_mask"),
+    "DopeDecoderNode": ("belief_map_array", "camera_info", "dope/detections"),
+    "DetectNetDecoderNode": ("tensor_sub", "detectnet/detections"),
+    "CenterPoseDecoderNode": ("tensor_sub", "camera_info", "centerpose/detections"),
+    "ESSDisparityNode": ("left/image_rect", "right/image_rect", "disparity"),
+    "DisparityNode": ("left/image_rect", "right/image_rect", "disparity"),
+    "DisparityToDepthNode": ("disparity", "depth"),
+    "PointCloudNode": ("left/image_rect_color", "disparity", "points2"),
+    "RtDetrPreprocessorNode": ("encoded_tensor", "tensor_pub"),
+    "RtDetrDecoderNode": ("tensor_sub", "detections_output"),
+}
+"""Default topics by the class of the plugin, in ``nvidia::isaac_ros``.
+
+They only tell which nodes of a script are connected; they are no interfaces.
+"""
 
 
 @dataclass(slots=True)
@@ -27,15 +79,34 @@ class ScriptGraph:
 
     Attributes:
         undecided: members of the graph of which nothing tells that they are no preprocessors.
+        further: second loaders and players.
     """
 
     loader: NodeAction | None = None
     player: NodeAction | None = None
     monitors: list[NodeAction] = field(default_factory=list)
-    preprocessors: list[NodeAction | IncludeAction] = field(default_factory=list)
-    graph: list[NodeAction | IncludeAction] = field(default_factory=list)
-    undecided: list[NodeAction | IncludeAction] = field(default_factory=list)
+    preprocessors: list[Member] = field(default_factory=list)
+    graph: list[Member] = field(default_factory=list)
+    undecided: list[Member] = field(default_factory=list)
     further: list[NodeAction] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class PlayedInput:
+    """An input of the player: its number, the topic that is played, and its buffered topic.
+
+    Both topics are as the player names them: relative to its namespace.
+    """
+
+    number: int
+    topic: str
+    source: str
+    player: NodeAction
+
+    @property
+    def full_topic(self) -> str:
+        """The absolute name of the topic that is played."""
+        return topic_in(self.player.namespace, self.topic)
 
 
 def divide_by_role(parts: LaunchParts, docstring: str, namespace: str) -> ScriptGraph:
@@ -46,121 +117,118 @@ def divide_by_role(parts: LaunchParts, docstring: str, namespace: str) -> Script
         docstring: that of the script, whose lists of nodes are read.
         namespace: of the benchmark, absolute.
     """
-    found = ScriptGraph()
-    others: list[NodeAction | IncludeAction] = []
+    graph = ScriptGraph()
+    others: list[Member] = []
     for node in parts.nodes:
         kind = _harness_part(node)
         if kind == "monitor":
-            found.monitors.append(node)
-        elif kind == "loader" and found.loader is None:
-            found.loader = node
-        elif kind == "player" and found.player is None:
-            found.player = node
+            graph.monitors.append(node)
+        elif kind == "loader" and graph.loader is None:
+            graph.loader = node
+        elif kind == "player" and graph.player is None:
+            graph.player = node
         elif kind:
-            found.further.append(node)
+            graph.further.append(node)
         else:
             others.append(node)
     others += parts.includes
-    if found.player is None:
-        found.graph = others
-        return found
-    roles = _Roles(found, found.player, others, docstring, namespace).decide()
-    for each in others:
-        role = roles.get(id(each))
-        (found.preprocessors if role == "preprocessor" else found.graph).append(each)
-        if role is None:
-            found.undecided.append(each)
-    return found
+    if graph.player is None:
+        graph.graph = others
+        return graph
+    roles = _Roles(graph, others, docstring, namespace).decide()
+    for member, role in zip(others, roles, strict=True):
+        (graph.preprocessors if role == "preprocessor" else graph.graph).append(member)
+        if not role:
+            graph.undecided.append(member)
+    return graph
 
 
-def topic_in(namespace: str, topic: str) -> str:
-    """The absolute name of a topic."""
-    if topic.startswith("/"):
-        return topic
-    return f"{namespace.rstrip('/')}/{topic}"
+def played_inputs(player: NodeAction | None) -> list[PlayedInput]:
+    """The inputs that the player has remappings for, by number; none without a player."""
+    if player is None:
+        return []
+    matches = (
+        re.fullmatch(r"/?(?:buffer/)?input(\d{1,3})", each.source) for each in player.remappings
+    )
+    return [
+        PlayedInput(
+            number,
+            player.remapped(f"input{number}"),
+            player.remapped(f"buffer/input{number}"),
+            player,
+        )
+        for number in sorted({int(match[1]) for match in matches if match})
+    ]
 
 
-def remapped(node: NodeAction, source: str, default: str = "") -> str:
-    """What a node calls `source` in the graph; by default itself."""
-    for each in node.remappings:
-        if each.source.lstrip("/") == source:
-            return each.target
-    return default or source
-
-
-def input_numbers(player: NodeAction) -> list[int]:
-    """The numbers of the inputs that the player has remappings for."""
-    found = set()
-    for each in player.remappings:
-        match = re.fullmatch(r"/?(?:buffer/)?input(\d{1,3})", each.source)
-        if match:
-            found.add(int(match[1]))
-    return sorted(found)
+def ros_format(name: str) -> str:
+    """The ROS type that a negotiated format is converted to; empty if it is not known."""
+    if name in _ADAPTED:
+        return _ADAPTED[name]
+    return next((kind for start, kind in _ADAPTED_PREFIXES.items() if name.startswith(start)), "")
 
 
 def _harness_part(node: NodeAction) -> str:
     if node.package not in HARNESS_PACKAGES:
         return ""
-    last = node.plugin.rpartition("::")[2]
-    for end, part in (
-        ("DataLoaderNode", "loader"),
-        ("PlaybackNode", "player"),
-        ("MonitorNode", "monitor"),
-    ):
-        if last.endswith(end):
-            return part
-    return ""
+    return next((part for end, part in _HARNESS.items() if node.plugin_class.endswith(end)), "")
 
 
 class _Roles:
     def __init__(
-        self,
-        found: ScriptGraph,
-        player: NodeAction,
-        others: list[NodeAction | IncludeAction],
-        docstring: str,
-        namespace: str,
+        self, graph: ScriptGraph, others: list[Member], docstring: str, namespace: str
     ) -> None:
-        loader = found.loader
         self.others = others
         self.namespace = namespace
-        numbers = input_numbers(player)
-        buffers = {self._topic(remapped(player, f"buffer/input{n}"), player) for n in numbers}
-        played = {self._topic(remapped(player, f"input{n}"), player) for n in numbers}
-        loaded = (
-            {self._topic(each.target, loader) for each in loader.remappings} if loader else set()
-        )
-        watched = {
-            self._topic(each.target, one) for one in found.monitors for each in one.remappings
-        }
-        self.before = (loaded | buffers) - played
-        self.after = played | watched
+        inputs = played_inputs(graph.player)
+        played = {self._topic(each.topic, each.player) for each in inputs}
+        buffers = {self._topic(each.source, each.player) for each in inputs}
+        loaders = [graph.loader] if graph.loader is not None else []
+        self.before = (self._targets(loaders) | buffers) - played
+        self.after = played | self._targets(graph.monitors)
+        self.topics = [self._topics(member) for member in others]
         self.sections = _sections(docstring)
 
-    def decide(self) -> dict[int, str]:
-        topics = {id(each): self._topics(each) for each in self.others}
-        roles: dict[int, str] = {}
-        for each in self.others:
-            role = self._by_topics(topics[id(each)]) or self._by_text(each)
-            if role:
-                roles[id(each)] = role
-        for _ in self.others:
-            if not self._spread(roles, topics):
-                break
+    def decide(self) -> list[str]:
+        """The role of each of the others; empty where nothing tells it."""
+        roles = [
+            self._by_topics(topics) or self._by_text(member)
+            for member, topics in zip(self.others, self.topics, strict=True)
+        ]
+        near: dict[str, set[str]] = {topic: set() for topics in self.topics for topic in topics}
+        for role, topics in zip(roles, self.topics, strict=True):
+            for topic in topics if role else ():
+                near[topic].add(role)
+        changed = True
+        while changed:
+            changed = False
+            for index, topics in enumerate(self.topics):
+                shared = set().union(*(near[topic] for topic in topics))
+                if not roles[index] and len(shared) == 1:
+                    # It has the role of all that it shares a topic with.
+                    roles[index] = next(iter(shared))
+                    for topic in topics:
+                        near[topic] |= shared
+                    changed = True
         return roles
 
-    def _topic(self, topic: str, node: NodeAction) -> str:
-        return topic_in(node.namespace or self.namespace, topic)
+    def _topic(self, topic: str, member: Member) -> str:
+        return topic_in(member.namespace or self.namespace, topic)
 
-    def _topics(self, each: NodeAction | IncludeAction) -> set[str]:
-        namespace = each.namespace or self.namespace
-        found = {topic_in(namespace, one.target) for one in each.remappings}
-        if isinstance(each, IncludeAction):
-            values = (one for one in each.arguments.values() if isinstance(one, str) and one)
-            return found | {topic_in(namespace, one) for one in values}
-        own = {one.source.lstrip("/") for one in each.remappings}
-        defaults = (one for one in default_topics(each.plugin) if one not in own)
-        return found | {topic_in(namespace, one) for one in defaults}
+    def _targets(self, nodes: list[NodeAction]) -> set[str]:
+        return {self._topic(each.target, node) for node in nodes for each in node.remappings}
+
+    def _topics(self, member: Member) -> set[str]:
+        names = [remapping.target for remapping in member.remappings]
+        if isinstance(member, NodeAction):
+            own = {remapping.source.lstrip("/") for remapping in member.remappings}
+            is_listed = member.plugin.startswith("nvidia::isaac_ros::")
+            defaults = _TOPICS.get(member.plugin_class, ()) if is_listed else ()
+            names += [name for name in defaults if name not in own]
+        else:
+            values = member.arguments.values()
+            names += [value for value in values if isinstance(value, str) and value]
+        return {self._topic(name, member) for name in names}
 
     def _by_topics(self, topics: set[str]) -> str:
         before, after = bool(topics & self.before), bool(topics & self.after)
@@ -168,37 +236,20 @@ class _Roles:
             return ""
         return "preprocessor" if before else "graph"
 
-    def _by_text(self, each: NodeAction | IncludeAction) -> str:
-        name = each.name if isinstance(each, NodeAction) else each.file.rpartition("/")[2]
-        if name.lower().startswith("prep"):
+    def _by_text(self, member: Member) -> str:
+        if member.name.lower().startswith("prep"):
             return "preprocessor"
-        last = each.plugin.rpartition("::")[2] if isinstance(each, NodeAction) else ""
-        for wanted in filter(None, (name, last)):
-            places = [role for role, text in self.sections.items() if wanted in text]
+        last = member.plugin_class if isinstance(member, NodeAction) else ""
+        for name in filter(None, (member.name, last)):
+            places = [role for role, text in self.sections.items() if name in text]
             if len(places) == 1:
                 return places[0]
         return ""
 
-    def _spread(self, roles: dict[int, str], topics: dict[int, set[str]]) -> bool:
-        """Give an undecided member the role of all that it shares a topic with."""
-        changed = False
-        for each in self.others:
-            if id(each) in roles:
-                continue
-            near = {
-                roles[id(one)]
-                for one in self.others
-                if id(one) in roles and topics[id(one)] & topics[id(each)]
-            }
-            if len(near) == 1:
-                roles[id(each)] = near.pop()
-                changed = True
-        return changed
-
 
 def _sections(docstring: str) -> dict[str, str]:
     """The parts of a docstring that list preprocessors and the nodes under test."""
-    found = {"preprocessor": "", "graph": ""}
+    sections = {"preprocessor": "", "graph": ""}
     current = ""
     for line in docstring.splitlines():
         heading = _HEADING.search(line) if line.rstrip().endswith(":") else None
@@ -208,5 +259,5 @@ def _sections(docstring: str) -> dict[str, str]:
                 "preprocessor" if word.startswith("prep") else "graph" if "graph" in word else ""
             )
         elif current:
-            found[current] += line + "\n"
-    return found
+            sections[current] += line + "\n"
+    return sections

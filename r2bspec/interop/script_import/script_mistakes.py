@@ -1,6 +1,7 @@
 """Mistakes in scripts of ros2_benchmark that its runs do not show, and what they do to a result.
 
-Each check is a function that yields findings. A check says nothing where the script does not
+Each check is a method that yields findings: what is wrong, at its place in the script, and as the
+help of the finding what that does to the figures. A check says nothing where the script does not
 determine the answer.
 """
 
@@ -10,38 +11,36 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterator
-from typing import Any
+from typing import Final
 
 from r2bspec.diagnostics import Diagnostic, Severity, Span
-from r2bspec.interop.script_import.benchmark_script import BenchmarkScript
-from r2bspec.interop.script_import.launch_actions import NodeAction, Remapping
+from r2bspec.interop.script_import.benchmark_script import BenchmarkScript, Settings
+from r2bspec.interop.script_import.launch_actions import NodeAction, Remapping, topic_in
 from r2bspec.interop.script_import.node_roles import (
     HARNESS_PACKAGES,
-    ScriptGraph,
     divide_by_role,
-    input_numbers,
-    remapped,
-    topic_in,
+    played_inputs,
 )
-from r2bspec.interop.script_import.script_values import Construct, Foreign, Place, PlacedDict
+from r2bspec.interop.script_import.values import Construct, PlacedDict
 from r2bspec.wiring.known_packages import catalogue_nodes
 
-_WORDS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
-_ABSOLUTE_NAMES = frozenset({"/tf", "/tf_static", "/clock", "/rosout", "/parameter_events"})
-_PREFIX = "report_prefix"
+_WORDS: Final = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
+_ABSOLUTE_NAMES: Final = frozenset({"/tf", "/tf_static", "/clock", "/rosout", "/parameter_events"})
 
 
 def find_mistakes(script: BenchmarkScript) -> list[Diagnostic]:
     """The mistakes of a script, sorted by place."""
-    return sorted(dict.fromkeys(_Mistakes(script).all()), key=lambda each: each.sort_key)
+    return sorted(dict.fromkeys(_Mistakes(script).all()), key=lambda finding: finding.sort_key)
 
 
 class _Mistakes:
     def __init__(self, script: BenchmarkScript) -> None:
         self.script = script
-        root = script.config.get("benchmark_namespace", default="r2b")
-        self.namespace = f"/{root}" if isinstance(root, str) else "/r2b"
-        self.graph: ScriptGraph = divide_by_role(script.parts, script.docstring, self.namespace)
+        self.config = script.config
+        self.settings = Settings(script, [])
+        self.mode = self.settings.mode if self.settings.is_mode_known else ""
+        self.graph = divide_by_role(script.parts, script.docstring, self.settings.namespace)
+        self.inputs = played_inputs(self.graph.player)
 
     def all(self) -> Iterator[Diagnostic]:
         yield from self.crossed_sides()
@@ -60,38 +59,29 @@ class _Mistakes:
         yield from self.counted_transforms()
 
     def crossed_sides(self) -> Iterator[Diagnostic]:
-        remappings = [
-            (each.node or node.name, each)
-            for node in self.script.parts.nodes
-            for each in node.remappings
-        ]
-        remappings += [
-            (each.node, each) for one in self.script.parts.includes for each in one.remappings
-        ]
-        for owner, each in remappings:
-            wanted = _side(each.source) or _side(owner)
-            found = _side(each.target)
-            if wanted and found and wanted != found:
+        for member in self.script.parts.members:
+            for remapping in member.remappings:
+                owner = remapping.node or (member.name if isinstance(member, NodeAction) else "")
+                side = _side(remapping.source) or _side(owner)
+                if side and _side(remapping.target) not in {"", side}:
+                    yield _finding(
+                        "R2B720",
+                        Severity.WARNING,
+                        f"{owner!r} gets {remapping.target!r} as its {side} {remapping.source!r}",
+                        "both sides then process the same camera: disparity and matching have no "
+                        "work that a stereo pair would give, and the result is not that of the "
+                        "graph it is named after",
+                        remapping.place,
+                    )
+        for each in self.inputs:
+            side = _side(each.source)
+            if side and _side(each.topic) not in {"", side}:
                 yield _finding(
                     "R2B720",
                     Severity.WARNING,
-                    f"{owner!r} gets {each.target!r} as its {wanted} {each.source!r}",
-                    "both sides then process the same camera: disparity and matching have no work "
-                    "that a stereo pair would give, and the result is not that of the graph it is "
-                    "named after",
-                    each.place,
-                )
-        player = self.graph.player
-        for number in input_numbers(player) if player else []:
-            source = remapped(player, f"buffer/input{number}")  # type: ignore[arg-type]
-            target = remapped(player, f"input{number}")  # type: ignore[arg-type]
-            if _side(source) and _side(target) and _side(source) != _side(target):
-                yield _finding(
-                    "R2B720",
-                    Severity.WARNING,
-                    f"the {_side(source)} buffer {source!r} is played on {target!r}",
+                    f"the {side} buffer {each.source!r} is played on {each.topic!r}",
                     "the graph gets the cameras exchanged",
-                    player.source.place_of("remappings"),  # type: ignore[union-attr]
+                    each.player.source.place_of("remappings"),
                 )
 
     def names_used_twice(self) -> Iterator[Diagnostic]:
@@ -113,53 +103,55 @@ class _Mistakes:
 
     def remappings_without_effect(self) -> Iterator[Diagnostic]:
         for node in self.script.parts.nodes:
-            for each in node.remappings:
-                text = self._without_effect(node, each)
+            for remapping in node.remappings:
+                text = self._without_effect(node, remapping)
                 if text:
+                    is_identity = remapping.source == remapping.target
                     yield _finding(
                         "R2B722",
-                        Severity.INFO if each.source == each.target else Severity.WARNING,
+                        Severity.INFO if is_identity else Severity.WARNING,
                         text,
                         "the node keeps its own topic: if the remapping was meant to connect it, "
                         "it gets no messages, and the run ends with '0 messages recorded'",
-                        each.place,
+                        remapping.place,
                     )
 
-    def _without_effect(self, node: NodeAction, each: Remapping) -> str:
-        if each.source.startswith("/") and node.namespace and each.source not in _ABSOLUTE_NAMES:
-            inside = each.source.startswith(f"{node.namespace.rstrip('/')}/")
-            if not inside:
-                known = node.package in HARNESS_PACKAGES or catalogue_nodes(node.package)
-                when = "cannot match" if known else "matches only if its code has the absolute name"
-                return (
-                    f"the remapping of {each.source!r} of {node.name!r} {when}: in the namespace "
-                    f"{node.namespace}, a relative topic of that name is "
-                    f"{node.namespace.rstrip('/')}{each.source}"
-                )
-        if each.source == each.target:
-            return f"{each.source!r} of {node.name!r} is remapped to itself"
+    @staticmethod
+    def _without_effect(node: NodeAction, remapping: Remapping) -> str:
+        source, namespace = remapping.source, node.namespace.rstrip("/")
+        is_outside = source.startswith("/") and not source.startswith(f"{namespace}/")
+        if is_outside and node.namespace and source not in _ABSOLUTE_NAMES:
+            is_listed = node.package in HARNESS_PACKAGES or catalogue_nodes(node.package)
+            when = "cannot match" if is_listed else "matches only if its code has the absolute name"
+            return (
+                f"the remapping of {source!r} of {node.name!r} {when}: in the namespace "
+                f"{node.namespace}, a relative topic of that name is {namespace}{source}"
+            )
+        if source == remapping.target:
+            return f"{source!r} of {node.name!r} is remapped to itself"
         return ""
 
     def unknown_parameters(self) -> Iterator[Diagnostic]:
         for node in self.script.parts.nodes:
-            known = catalogue_nodes(node.package).get(node.plugin)
-            declared = known.parameters if known is not None else None
-            for source in node.parameters if declared is not None else []:
+            listed = catalogue_nodes(node.package).get(node.plugin)
+            if listed is None or listed.parameters is None:
+                continue
+            default = node.source.place_of("parameters")
+            for source in node.parameters:
+                places = source.places if isinstance(source, PlacedDict) else {}
                 for name in source if isinstance(source, dict) else ():
-                    if declared is not None and str(name) not in declared:
+                    if str(name) not in listed.parameters:
                         yield _finding(
                             "R2B723",
                             Severity.WARNING,
                             f"{node.plugin} has no parameter {name!r}",
                             "the value is ignored without a word, so the node runs with its "
                             "default",
-                            source.places[name]
-                            if isinstance(source, PlacedDict) and name in source.places
-                            else node.source.place_of("parameters"),
+                            places.get(name, default),
                         )
 
     def monitors_without_results(self) -> Iterator[Diagnostic]:
-        places = {_index(each): each for each in reversed(self.graph.monitors)}
+        monitors = {_index(node): node for node in reversed(self.graph.monitors)}
         for index, number in Counter(map(_index, self.graph.monitors)).items():
             if number > 1:
                 yield _finding(
@@ -167,13 +159,13 @@ class _Mistakes:
                     Severity.ERROR,
                     f"{number} monitors have the index {index}, and so one service name",
                     "the controller reads one of them; the topics of the others are not measured",
-                    places[index].source.place_of("parameters"),
+                    monitors[index].source.place_of("parameters"),
                 )
         listed = self._listed()
         if listed is None:
             return
         for index, place in listed.items():
-            if index not in places:
+            if index not in monitors:
                 yield _finding(
                     "R2B724",
                     Severity.ERROR,
@@ -181,7 +173,7 @@ class _Mistakes:
                     "the controller waits for the service until its timeout, and the run fails",
                     place,
                 )
-        for index, node in places.items():
+        for index, node in monitors.items():
             if index not in listed:
                 yield _finding(
                     "R2B724",
@@ -191,115 +183,103 @@ class _Mistakes:
                     node.source.place_of("parameters"),
                 )
 
-    def _listed(self) -> dict[int, Place] | None:
+    def _listed(self) -> dict[int, Span] | None:
         """The indices in the list of monitors; None if the list is not known."""
-        given = self.script.config.get("monitor_info_list", default=None)
+        given = self.config.get("monitor_info_list")
         if given is None:
-            return {0: self.script.config.place}
+            return {0: self.config.place}
         if not isinstance(given, list | tuple):
             return None
-        found: dict[int, Place] = {}
-        for each in given:
-            service = each.get("service_name", 0, "monitor_node0") if _is_call(each) else None
+        indices: dict[int, Span] = {}
+        for info in given:
+            is_call = isinstance(info, Construct)
+            service = info.get("service_name", 0, "monitor_node0") if is_call else None
             number = re.fullmatch(r"monitor_node(\d{1,6})", str(service))
             if number is None:
                 return None
-            found[int(number[1])] = each.place
-        return found
+            indices[int(number[1])] = info.place
+        return indices
 
     def shared_prefixes(self) -> Iterator[Diagnostic]:
-        given = self.script.config.get("monitor_info_list", default=[])
-        seen: set[str] = set()
-        for each in given if isinstance(given, list | tuple) else []:
-            calculators = each.get("calculators", 1, []) if _is_call(each) else []
-            for one in calculators if isinstance(calculators, list | tuple) else []:
-                config = one.get("config", 0, {}) if _is_call(one) else None
-                prefix = config.get(_PREFIX, "") if isinstance(config, dict) else None
-                if isinstance(prefix, str) and prefix in seen:
-                    yield _finding(
-                        "R2B725",
-                        Severity.WARNING,
-                        f"two monitors report under the prefix {prefix!r}",
-                        "their figures have the same keys in the report: the later ones replace "
-                        "the earlier ones",
-                        one.place,
-                    )
-                if isinstance(prefix, str):
-                    seen.add(prefix)
+        prefixes: set[str] = set()
+        for _, prefix, place in self.settings.report_prefixes():
+            if prefix in prefixes:
+                yield _finding(
+                    "R2B725",
+                    Severity.WARNING,
+                    f"two monitors report under the prefix {prefix!r}",
+                    "their figures have the same keys in the report: the later ones replace "
+                    "the earlier ones",
+                    place,
+                )
+            prefixes.add(prefix)
 
     def number_of_formats(self) -> Iterator[Diagnostic]:
         player = self.graph.player
-        formats = _parameter(player, "data_formats") if player else None
+        formats = player.parameter("data_formats") if player is not None else None
         if player is None or not isinstance(formats, list | tuple):
             return
-        number = len(input_numbers(player))
-        if number != len(formats):
+        if len(self.inputs) != len(formats):
             yield _finding(
                 "R2B726",
                 Severity.WARNING,
-                f"the player has {len(formats)} formats, and remappings for {number} inputs",
+                f"the player has {len(formats)} formats, and remappings for {len(self.inputs)} "
+                "inputs",
                 "an input without a remapping is played on 'inputN', where nothing subscribes, or "
                 "waits for messages that do not come",
                 player.source.place_of("parameters"),
             )
 
     def buffers_without_source(self) -> Iterator[Diagnostic]:
-        player, loader = self.graph.player, self.graph.loader
-        if player is None or loader is None or self.graph.preprocessors:
+        loader = self.graph.loader
+        if loader is None or self.graph.preprocessors:
             return
         loaded = {topic_in(loader.namespace, each.target) for each in loader.remappings}
-        for number in input_numbers(player):
-            topic = topic_in(player.namespace, remapped(player, f"buffer/input{number}"))
-            renamed = any(each.source == f"buffer/input{number}" for each in player.remappings)
-            if renamed and topic not in loaded and not self._is_recorded(topic):
+        for each in self.inputs:
+            topic = topic_in(each.player.namespace, each.source)
+            buffer = f"buffer/input{each.number}"
+            is_renamed = any(remapping.source == buffer for remapping in each.player.remappings)
+            # The loader also publishes the topics that it does not rename, under their own names.
+            is_recorded = "/" not in topic.removeprefix(f"{self.settings.namespace}/")
+            if is_renamed and topic not in loaded and not is_recorded:
                 yield _finding(
                     "R2B727",
                     Severity.WARNING,
-                    f"nothing publishes {topic!r}, which input {number} of the player buffers",
+                    f"nothing publishes {topic!r}, which input {each.number} of the player buffers",
                     "the run ends with 'start_recording service returned with a timeout (0 "
                     "messages recorded)'",
-                    player.source.place_of("remappings"),
+                    each.player.source.place_of("remappings"),
                 )
 
-    def _is_recorded(self, topic: str) -> bool:
-        # The loader also publishes the topics that it does not rename, under their own names.
-        return "/" not in topic.removeprefix(f"{self.namespace}/")
-
     def monitored_inputs(self) -> Iterator[Diagnostic]:
-        player = self.graph.player
-        if player is None:
-            return
-        played = {
-            topic_in(player.namespace, remapped(player, f"input{number}"))
-            for number in input_numbers(player)
-        }
-        for each in self.graph.monitors:
-            topic = topic_in(each.namespace, remapped(each, "output"))
+        played = {each.full_topic for each in self.inputs}
+        for node in self.graph.monitors:
+            topic = topic_in(node.namespace, node.remapped("output"))
             if topic in played:
                 yield _finding(
                     "R2B728",
                     Severity.ERROR,
-                    f"{each.name!r} monitors {topic!r}, which the player publishes",
+                    f"{node.name!r} monitors {topic!r}, which the player publishes",
                     "it measures the transport from the player to the monitor, and nothing of the "
                     "graph",
-                    each.source.place_of("remappings"),
+                    node.source.place_of("remappings"),
                 )
 
     def one_message(self) -> Iterator[Diagnostic]:
-        config = self.script.config
-        if config.get("playback_message_buffer_size") == 1 and self._mode() == "LOOPING":
+        key = "playback_message_buffer_size"
+        if self.config.get(key) == 1 and self.mode == "looping":
             yield _finding(
                 "R2B729",
                 Severity.INFO,
                 "one message is buffered, and played again and again",
                 "caches and branch predictors know it: the graph is faster than on a recording, "
                 "and work that depends on the content has no spread",
-                config.place_of("playback_message_buffer_size"),
+                self.config.place_of(key),
             )
 
     def latency_of_two_messages(self) -> Iterator[Diagnostic]:
-        config = self.script.config
-        if config.get("revise_timestamps_as_message_ids") is True or self._mode() == "LIVE":
+        has_keys = self.config.get("revise_timestamps_as_message_ids") is True
+        if has_keys or self.mode == "live":
             return
         yield _finding(
             "R2B730",
@@ -307,18 +287,18 @@ class _Mistakes:
             "messages have no keys (revise_timestamps_as_message_ids is off)",
             "the latencies of the report are those of the first and the last message of a run: "
             "there is no mean, no maximum and no percentile",
-            config.place,
+            self.config.place,
         )
 
     def tolerant_search(self) -> Iterator[Diagnostic]:
-        config = self.script.config
-        lower = config.get("publisher_lower_frequency", default=10.0)
-        upper = config.get("publisher_upper_frequency", default=100.0)
-        drop = config.get("binary_search_acceptable_frame_rate_drop", default=10)
-        numbers = all(
-            isinstance(each, int | float) and math.isfinite(each) for each in (lower, upper, drop)
+        lower = self.settings.value("publisher_lower_frequency")
+        upper = self.settings.value("publisher_upper_frequency")
+        drop = self.config.get("binary_search_acceptable_frame_rate_drop", default=10)
+        is_known = all(
+            isinstance(value, int | float) and math.isfinite(value)
+            for value in (lower, upper, drop)
         )
-        if not numbers or lower <= 0 or lower >= upper or self._mode() != "LOOPING":
+        if not is_known or not 0 < lower < upper or self.mode != "looping":
             return
         if drop >= lower / 2:
             yield _finding(
@@ -328,26 +308,27 @@ class _Mistakes:
                 f"at {lower:g} Hz that is {min(1.0, drop / lower):.0%} of the messages: the peak "
                 "can be a rate that the graph does not sustain; and it is the upper bound "
                 f"({upper:g} Hz) if the graph is faster",
-                config.place_of("publisher_lower_frequency"),
+                self.config.place_of("publisher_lower_frequency"),
             )
 
     def sleeps(self) -> Iterator[Diagnostic]:
-        for each in (*self.script.preparation, *self.script.hooks):
-            if each.name == "time.sleep" and each.arguments:
+        for effect in (*self.script.preparation, *self.script.hooks):
+            if effect.name == "time.sleep" and effect.arguments:
                 yield _finding(
                     "R2B733",
                     Severity.INFO,
                     "the script sleeps until the graph should be ready",
                     "on a slower machine the measurement starts before that: the first messages "
                     "are lost or late, and count as those of the graph",
-                    each.place,
+                    effect.place,
                 )
 
     def counted_transforms(self) -> Iterator[Diagnostic]:
         player = self.graph.player
-        formats = _parameter(player, "data_formats") if player else None
-        transforms = isinstance(formats, list) and "tf2_msgs/msg/TFMessage" in formats
-        if transforms and player is not None and self._mode() == "TIMELINE":
+        formats = player.parameter("data_formats") if player is not None else None
+        if player is None or not isinstance(formats, list) or self.mode != "timeline":
+            return
+        if "tf2_msgs/msg/TFMessage" in formats:
             yield _finding(
                 "R2B734",
                 Severity.WARNING,
@@ -357,35 +338,17 @@ class _Mistakes:
                 player.source.place_of("parameters"),
             )
 
-    def _mode(self) -> str:
-        value: Any = self.script.config.get("benchmark_mode", default="LOOPING")
-        return value.name.rpartition(".")[2] if isinstance(value, Foreign) else str(value).upper()
 
-
-def _finding(code: str, severity: Severity, what: str, effect: str, place: Place) -> Diagnostic:
-    end = place.end_column - 1 if place.end_line == place.line else place.column + 1
-    span = Span(str(place.file), place.line, place.column, place.line, max(end, place.column + 1))
-    return Diagnostic(code, severity, what, span, help=effect)
-
-
-def _is_call(value: Any) -> bool:
-    return isinstance(value, Construct)
+def _finding(code: str, severity: Severity, what: str, effect: str, place: Span) -> Diagnostic:
+    return Diagnostic(code, severity, what, place, help=effect)
 
 
 def _side(text: str) -> str:
     """Left or right, if a name has one of the two words and not the other."""
-    words = {each.lower() for each in _WORDS.findall(text)} & {"left", "right"}
+    words = {word.lower() for word in _WORDS.findall(text)} & {"left", "right"}
     return words.pop() if len(words) == 1 else ""
 
 
 def _index(monitor: NodeAction) -> int:
-    value = _parameter(monitor, "monitor_index")
+    value = monitor.parameter("monitor_index")
     return value if isinstance(value, int) else 0
-
-
-def _parameter(node: NodeAction | None, name: str) -> Any:
-    found = None
-    for each in node.parameters if node is not None else []:
-        if isinstance(each, dict) and name in each:
-            found = each[name]
-    return found

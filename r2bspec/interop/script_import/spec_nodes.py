@@ -1,36 +1,35 @@
-"""The nodes and containers of a spec, from the actions of a script."""
+"""The nodes and containers of a spec, from the actions of a script or a launch file.
+
+A node has the key of its name, if that is free; its values are converted one by one, and a value
+without a form in a spec is a comment at its place. Containers are written as far as nodes of the
+spec are in them. Preprocessors have one of their own, because they end before anything is measured.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
-from r2bspec.interop.script_import.evaluator import Note
+from r2bspec.diagnostics import Span
 from r2bspec.interop.script_import.launch_actions import (
-    ContainerAction,
     IncludeAction,
+    Member,
     NodeAction,
     Remapping,
 )
-from r2bspec.interop.script_import.script_comments import ScriptComments
-from r2bspec.interop.script_import.script_values import Construct, Place, PlacedDict, Unknown
-from r2bspec.interop.script_import.spec_values import (
-    NoValueError,
-    SpecValues,
-    identifier,
-    unique_name,
-)
-from r2bspec.interop.script_import.yaml_writer import Block
+from r2bspec.interop.script_import.spec_values import SpecValues
+from r2bspec.interop.script_import.values import NotKnownError, PlacedDict, Unknown, check_size
+from r2bspec.interop.script_import.yaml_writer import Block, identifier, unique_name
 from r2bspec.language.schema.name_patterns import NODE_NAME, PARAMETER, TOPIC
 
-PREPROCESSING = "preprocessing"
-"""The container of the preprocessors, which end before anything is measured."""
-
-
-HARNESS_OUTSIDE = (
+_PREPROCESSING: Final = "preprocessing"
+_DEFAULT_CONTAINER: Final = "component_container_mt"
+_HARNESS_OUTSIDE: Final = (
     "In the script, the player and the monitors are in this container, too; here they are not."
 )
+_MAX_NESTING: Final = 20
 
 
 @dataclass(slots=True)
@@ -38,79 +37,83 @@ class NodeWriter:
     """Writes nodes as entries of a spec.
 
     Attributes:
-        namespace: of the benchmark, absolute.
-        file: the script; comments are those of this file.
-        notes: what has no form in the spec.
-        changes: what the spec says in another way.
         keys: the names that are used.
     """
 
     values: SpecValues
-    comments: ScriptComments
-    namespace: str
-    file: Any
-    notes: list[Note]
-    changes: list[Note]
     keys: set[str] = field(default_factory=set)
 
-    def add_all(
-        self, block: Block, actions: list[NodeAction | IncludeAction], containers: set[str] | None
+    def add_all(self, block: Block, members: list[Member], *, preprocessors: bool = False) -> None:
+        """Add nodes and included launch files to a map of nodes."""
+        for member in members:
+            above = self.values.comments.at(member.source.place)
+            if isinstance(member, IncludeAction):
+                block.add(self._include_key(member), self._include(member), above)
+            else:
+                node = self._node(member, _PREPROCESSING if preprocessors else member.container)
+                block.add(self._key(member), node, above)
+
+    def add_containers(
+        self,
+        block: Block,
+        kinds: Mapping[str, str],
+        graph: list[Member],
+        preprocessors: list[Member],
+        harness: list[NodeAction],
     ) -> None:
-        """Add nodes to a map of nodes.
+        """Add the containers that nodes of the spec use, and reserve the names of the graph's.
 
         Args:
-            block: the map.
-            actions: the nodes and included launch files.
-            containers: the containers of the spec; None for preprocessors, which have their own.
+            block: the map of containers.
+            kinds: the executables of all containers, by name.
+            graph: the nodes of the graph.
+            preprocessors: those that run before.
+            harness: player and monitors, which are outside of containers here.
         """
-        for each in actions:
-            above = self.comments_of(each.source)
-            if isinstance(each, IncludeAction):
-                block.add(self._include_key(each), self._include(each), above)
-            else:
-                block.add(self._key(each), self._node(each, containers), above)
-
-    def comments_of(self, source: Construct) -> list[str]:
-        """The author's comments above a construct of the script."""
-        return self.comments.at(source.place.line) if source.place.file == self.file else []
+        used = {node.container for node in _components(graph)}
+        order = list(kinds).index if used <= set(kinds) else None
+        for name in sorted(used, key=order):
+            shared = any(node.container == name for node in harness)
+            kind = kinds.get(name, _DEFAULT_CONTAINER)
+            block.add(name, {"executable": kind}, [_HARNESS_OUTSIDE] if shared else [])
+        for node in _components(preprocessors)[:1]:
+            kind = kinds.get(node.container, _DEFAULT_CONTAINER)
+            block.add(_PREPROCESSING, {"executable": kind})
+        self.keys |= used
 
     def _key(self, node: NodeAction) -> str:
         key = node.name if re.search(NODE_NAME.pattern, node.name) else identifier(node.name)
-        made = key
-        if key in self.keys and node.namespace not in {"", self.namespace}:
-            made = f"{identifier(node.namespace)}_{key}"
-        made = unique_name(made, self.keys)
-        if made != node.name:
-            self.changes.append(
-                Note(
-                    f"{node.name!r} is the name of another node of the script, too, or no valid "
-                    f"name of a node: here it is {made!r}, and its private topics (~/) change",
-                    node.source.place_of("name"),
-                )
+        if key in self.keys and node.namespace not in {"", self.values.namespace}:
+            key = f"{identifier(node.namespace)}_{key}"
+        key = unique_name(key, self.keys)
+        if key != node.name:
+            self.values.change(
+                f"{node.name!r} is the name of another node of the script, too, or no valid "
+                f"name of a node: here it is {key!r}, and its private topics (~/) change",
+                node.source.place_of("name"),
             )
-        return made
+        return key
 
     def _include_key(self, include: IncludeAction) -> str:
-        stem = (include.file or include.path).rpartition("/")[2]
+        stem = include.name
         for end in (".py", ".xml", ".yaml", ".yml", ".launch", ".include"):
             stem = stem.removesuffix(end)
         return unique_name(identifier(stem), self.keys)
 
-    def _node(self, node: NodeAction, containers: set[str] | None) -> Block:
+    def _node(self, node: NodeAction, container: str) -> Block:
         block = Block()
         if node.command:
-            block.add("command", [self.values.text(each) for each in node.command])
+            block.add("command", [self.values.text(word) for word in node.command])
         block.add("package", node.package or None)
         block.add("plugin", node.plugin or None)
         block.add("executable", node.executable or None)
         if node.plugin:
-            container = PREPROCESSING if containers is None else node.container
             block.add("container", container)
-        namespace = node.namespace or ("/" if not node.command else self.namespace)
-        if namespace != self.namespace:
+        namespace = node.namespace or ("/" if not node.command else self.values.namespace)
+        if namespace != self.values.namespace:
             block.add("namespace", namespace)
         if node.arguments and not node.command:
-            block.add("arguments", [self.values.text(each) for each in node.arguments])
+            block.add("arguments", [self.values.text(word) for word in node.arguments])
         self._parameters(block, node)
         self._remappings(block, node.remappings)
         return block
@@ -120,12 +123,16 @@ class NodeWriter:
         launch.add("package", include.package or None)
         launch.add("file", include.file or None)
         launch.add("path", self.values.text(include.path) if include.path else None)
-        arguments, lost = self._map(include.arguments, include.source.place_of("launch_arguments"))
-        launch.add("arguments", {key: _launch_text(each) for key, each in arguments.items()})
-        launch.below += lost
+        place = include.source.place_of("launch_arguments")
+        arguments = self._map(include.arguments, place, launch.below)
+        texts = {
+            key: str(value) if isinstance(value, list | dict) else value
+            for key, value in arguments.items()
+        }
+        launch.add("arguments", texts)
         block = Block()
         block.add("launch", launch)
-        if include.namespace and include.namespace != self.namespace:
+        if include.namespace and include.namespace != self.values.namespace:
             block.add("namespace", include.namespace)
         self._remappings(block, include.remappings)
         return block
@@ -134,108 +141,78 @@ class NodeWriter:
         place = node.source.place_of("parameters")
         sources: list[Any] = []
         lost: list[str] = []
-        for each in node.parameters:
-            if isinstance(each, dict):
-                values, missing = self._map(_flat(each), place)
-                lost += missing
-                if values:
-                    sources.append(values)
-            elif isinstance(each, str):
-                sources.append(self.values.text(each))
+        for source in node.parameters:
+            if isinstance(source, dict):
+                check_size(source)
+                values = self._map(_flat(source), place, lost)
+                sources += [values] if values else []
+            elif isinstance(source, str):
+                sources.append(self.values.text(source))
             else:
-                self._lose(each, "a parameter source", place, lost)
-        above = lost
+                self._lose("a parameter source", source, place, lost)
         if len(sources) == 1:
-            block.add("parameters", sources[0], above)
+            block.add("parameters", sources[0], lost)
         elif sources:
-            block.add("parameters", [_source(each) for each in sources], above)
+            block.add("parameters", [_as_block(source) for source in sources], lost)
         else:
             block.below += lost
 
-    def _map(self, values: dict[str, Any], place: Place) -> tuple[dict[str, Any], list[str]]:
-        """The values of a map that have a form in a spec, and comments about the others."""
-        found: dict[str, Any] = {}
-        lost: list[str] = []
+    def _map(self, values: dict[str, Any], place: Span, lost: list[str]) -> dict[str, Any]:
+        """The values of a map that have a form in a spec; `lost` gets comments about the others."""
+        converted: dict[str, Any] = {}
+        places = values.places if isinstance(values, PlacedDict) else {}
         for key, value in values.items():
             if not re.search(PARAMETER.pattern, str(key)):
-                self._lose(value, f"{key!r}, which is no name of a parameter", place, lost)
+                self._lose(f"{key!r}, which is no name of a parameter", value, place, lost)
                 continue
-            places = values.places if isinstance(values, PlacedDict) else {}
             try:
-                found[key] = self.values.convert(value, places.get(key, place))
-            except NoValueError as error:
-                where = error.note.place
-                lost.append(f"not imported: {key} (line {where.line}: {error.note.message})")
-                self.notes.append(Note(f"{key!r} is left out: {error.note.message}", where))
-        return found, lost
+                converted[key] = self.values.convert(value, places.get(key, place))
+            except NotKnownError as error:
+                unknown = error.unknown(place)
+                lost.append(f"not imported: {key} (line {unknown.place.line}: {unknown.reason})")
+                self.values.lose(f"{key!r} is left out: {unknown.reason}", unknown.place)
+        return converted
 
-    def _lose(self, value: Any, what: str, place: Place, lost: list[str]) -> None:
+    def _lose(self, what: str, value: Any, place: Span, lost: list[str]) -> None:
         reason = value.reason if isinstance(value, Unknown) else "it has no form in a spec"
-        where = value.place if isinstance(value, Unknown) else place
-        lost.append(f"not imported: {what} (line {where.line}: {reason})")
-        self.notes.append(Note(f"{what} is left out: {reason}", where))
+        place = value.place if isinstance(value, Unknown) else place
+        lost.append(f"not imported: {what} (line {place.line}: {reason})")
+        self.values.lose(f"{what} is left out: {reason}", place)
 
     def _remappings(self, block: Block, remappings: list[Remapping]) -> None:
-        found: dict[str, str] = {}
-        for each in remappings:
-            names = (each.source, each.target)
-            if not all(re.search(TOPIC.pattern, name) for name in names):
-                self.notes.append(
-                    Note(
-                        f"{each.source!r} to {each.target!r} is no remapping of topics", each.place
-                    )
-                )
-            elif each.source != each.target:
-                found.setdefault(each.source, each.target)  # ROS applies the first that matches
-        block.add("remappings", found)
+        targets: dict[str, str] = {}
+        for remapping in remappings:
+            source, target = remapping.source, remapping.target
+            if not all(re.search(TOPIC.pattern, name) for name in (source, target)):
+                reason = f"{source!r} to {target!r} is no remapping of topics"
+                self.values.lose(reason, remapping.place)
+            elif source != target:
+                targets.setdefault(source, target)  # ROS applies the first that matches
+        block.add("remappings", targets)
 
 
-def containers_of(
-    block: Block,
-    containers: list[ContainerAction],
-    graph: list[NodeAction | IncludeAction],
-    preprocessors: list[NodeAction | IncludeAction],
-    harness: list[NodeAction],
-) -> set[str]:
-    """Add the containers that nodes of the spec use; returns the names of those of the graph."""
-    used = {each.container for each in graph if isinstance(each, NodeAction) and each.plugin}
-    kinds = {each.name: each.executable for each in containers}
-    for name in sorted(used, key=list(kinds).index) if used <= set(kinds) else sorted(used):
-        shared = any(each.container == name for each in harness)
-        block.add(
-            name,
-            {"executable": kinds.get(name, "component_container_mt")},
-            [HARNESS_OUTSIDE] if shared else [],
-        )
-    components = [each for each in preprocessors if isinstance(each, NodeAction) and each.plugin]
-    if components:
-        kind = kinds.get(components[0].container, "component_container_mt")
-        block.add(PREPROCESSING, {"executable": kind})
-    return used
+def _components(members: list[Member]) -> list[NodeAction]:
+    return [member for member in members if isinstance(member, NodeAction) and member.plugin]
 
 
 def _flat(values: dict[Any, Any], above: str = "") -> dict[str, Any]:
     """Nested parameters with dots in their names."""
-    if not any(isinstance(each, dict) for each in values.values()) and not above:
+    if not above and not any(isinstance(value, dict) for value in values.values()):
         return values
-    found: dict[str, Any] = {}
+    flat: dict[str, Any] = {}
     for key, value in values.items():
         name = f"{above}{key}"
-        if isinstance(value, dict) and value and name.count(".") < 20:
-            found |= _flat(value, f"{name}.")
+        if isinstance(value, dict) and value and name.count(".") < _MAX_NESTING:
+            flat |= _flat(value, f"{name}.")
         else:
-            found[name] = value
-    return found
+            flat[name] = value
+    return flat
 
 
-def _source(value: Any) -> Any:
+def _as_block(value: Any) -> Any:
     if not isinstance(value, dict):
         return value
     block = Block()
-    for key, each in value.items():
-        block.add(key, each)
+    for key, item in value.items():
+        block.add(key, item)
     return block
-
-
-def _launch_text(value: Any) -> Any:
-    return str(value) if isinstance(value, list | dict) else value

@@ -1,4 +1,9 @@
-"""Values of a script as values of a spec, and the variables that they need."""
+"""Values of a script as values of a spec, and everything on the way that the spec must say.
+
+A reference to what the machine decides becomes a variable or an environment variable of the spec.
+What has no form in a spec is left out with a note, and what the spec says in another way is noted
+as a change. Both become findings, and the notes comments of the spec.
+"""
 
 from __future__ import annotations
 
@@ -7,64 +12,74 @@ import os
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from r2bspec.interop.script_import.evaluator import Note
-from r2bspec.interop.script_import.plain_calls import check_size
-from r2bspec.interop.script_import.script_limits import ScriptLimitError
-from r2bspec.interop.script_import.script_values import (
+from r2bspec.diagnostics import Span
+from r2bspec.interop.script_import.source_files import ScriptComments
+from r2bspec.interop.script_import.values import (
     Construct,
     ImageSize,
     LaunchText,
     NamedNumber,
-    Place,
+    Note,
+    NotKnownError,
+    ScriptLimitError,
     Unknown,
+    check_size,
 )
+from r2bspec.interop.script_import.yaml_writer import identifier
 from r2bspec.language.yaml_scalars import ScalarError, resolve
 
-_REFERENCE = re.compile(r"\$\((?P<kind>assets|script|env|share) ?(?P<name>[^()]*)\)")
-_NAME = re.compile(r"[^A-Za-z0-9_]+")
-
-
-class NoValueError(Exception):
-    """A value of a script that has no form in a spec; the argument is a `Note`."""
-
-    def __init__(self, note: Note) -> None:
-        super().__init__(note.message)
-        self.note = note
+_REFERENCE: Final = re.compile(r"\$\((?P<kind>assets|script|env|share) ?(?P<name>[^()]*)\)")
 
 
 @dataclass(slots=True)
 class SpecValues:
-    """Converts values, and collects the variables that they refer to.
+    """Converts values, and collects what they need.
 
     Attributes:
         script_folder: the folder of the script, relative to that of the spec.
-        sizes: the named resolutions of the script.
+        namespace: of the benchmark, absolute.
+        comments: those of the script.
         variables: name to value, in the order of first use.
         environment: environment variables that are read.
+        notes: what has no form in the spec.
+        changes: what the spec says in another way.
     """
 
     script_folder: str
-    sizes: dict[str, ImageSize]
+    namespace: str
+    comments: ScriptComments
     variables: dict[str, Any] = field(default_factory=dict)
     environment: list[str] = field(default_factory=list)
+    notes: list[Note] = field(default_factory=list)
+    changes: list[Note] = field(default_factory=list)
 
-    def convert(self, value: Any, place: Place) -> Any:
+    def lose(self, reason: str, place: Span) -> None:
+        """Note something that has no form in the spec."""
+        self.notes.append(Note(reason, place))
+
+    def change(self, what: str, place: Span) -> None:
+        """Note something that the spec says in another way."""
+        self.changes.append(Note(what, place))
+
+    def convert(self, value: Any, place: Span) -> Any:
         """A value of a spec.
 
         Raises:
-            NoValueError: it has none.
+            NotKnownError: it has none; the reason is an `Unknown` with the place.
         """
         try:
             check_size(value)
+            return self._converted(value)
         except ScriptLimitError as error:
-            raise NoValueError(Note(f"the value has {error}", place)) from error
-        return self._converted(value, place)
+            raise NotKnownError(Unknown(f"the value has {error}", place)) from error
+        except NotKnownError as error:
+            raise NotKnownError(error.unknown(place)) from error
 
-    def _converted(self, value: Any, place: Place) -> Any:
+    def _converted(self, value: Any) -> Any:
         if isinstance(value, Unknown):
-            raise NoValueError(Note(value.reason, value.place))
+            raise NotKnownError(value)
         if isinstance(value, NamedNumber):
             self.variables.setdefault(value.variable, int(value))
             return f"$(var {value.variable})"
@@ -74,22 +89,20 @@ class SpecValues:
         if isinstance(value, bool | int | float) and math.isfinite(value):
             return value
         if isinstance(value, list | tuple):
-            return [self._converted(each, place) for each in value]
+            return [self._converted(item) for item in value]
         if isinstance(value, dict):
-            return {str(key): self._converted(each, place) for key, each in value.items()}
+            return {str(key): self._converted(item) for key, item in value.items()}
         if isinstance(value, ImageSize):
             return f"{value.width}x{value.height}"
         what = value.short_name if isinstance(value, Construct) else type(value).__name__
-        if value is None:
-            what = "None"
-        raise NoValueError(Note(f"{what} is not a value of a spec", place))
+        raise NotKnownError(f"{'None' if value is None else what} is not a value of a spec")
 
     def text(self, value: str) -> str:
         """A text with its references as variables of the spec."""
         return _REFERENCE.sub(self._reference, value)
 
-    def _reference(self, found: re.Match[str]) -> str:
-        kind, name = found["kind"], found["name"].strip()
+    def _reference(self, match: re.Match[str]) -> str:
+        kind, name = match["kind"], match["name"].strip()
         if kind == "env":
             if name not in self.environment:
                 self.environment.append(name)
@@ -117,18 +130,3 @@ def relative_folder(folder: Path, start: Path) -> str:
     """A folder as a path relative to another one, beginning with a dot."""
     relative = os.path.relpath(folder.absolute(), start.absolute())
     return relative if relative.startswith(".") else f"./{relative}"
-
-
-def identifier(text: str) -> str:
-    """A name of letters, digits and underscores."""
-    name = _NAME.sub("_", text).strip("_") or "unnamed"
-    return f"n_{name}" if name[0].isdigit() else name
-
-
-def unique_name(wanted: str, used: set[str]) -> str:
-    """A name that is not used yet; it is added to `used`."""
-    name, number = wanted, 2
-    while name in used:
-        name, number = f"{wanted}_{number}", number + 1
-    used.add(name)
-    return name

@@ -1,4 +1,8 @@
-"""Writes YAML with comments, in the style of a spec that a person wrote."""
+"""Writes YAML with comments, in the style of a spec that a person wrote.
+
+A `Block` is a map with one key per line; other maps and lists are on one line where they fit. Names
+of others become keys with `identifier` and `unique_name`.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,7 @@ from typing import Any
 from r2bspec.language.yaml_dump import to_yaml
 
 _WIDTH = 96
+_NO_NAME = re.compile(r"[^A-Za-z0-9_]+")
 _PLAIN_IN_FLOW = re.compile(r"[A-Za-z0-9_./$(~-][A-Za-z0-9_./$() %<>=~-]*$")
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ufeff\ud800-\udfff]")
 
@@ -142,3 +147,18 @@ def _long(value: Any, indent: str) -> list[str]:
         else:
             lines.append(f"{indent}- {scalar(each)}")
     return lines
+
+
+def identifier(text: str) -> str:
+    """A name of letters, digits and underscores."""
+    name = _NO_NAME.sub("_", text).strip("_") or "unnamed"
+    return f"n_{name}" if name[0].isdigit() else name
+
+
+def unique_name(name: str, used: set[str]) -> str:
+    """A name that is not used yet; it is added to `used`."""
+    unique, number = name, 2
+    while unique in used:
+        unique, number = f"{name}_{number}", number + 1
+    used.add(unique)
+    return unique

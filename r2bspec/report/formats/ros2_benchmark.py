@@ -11,19 +11,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics.plain_text import escaped_json
-from r2bspec.interop.ros2_benchmark import (
-    BASIC_PREFIX,
-    METADATA_PREFIX,
-    PLAYBACK_MODES,
-    RESOURCE_PREFIX,
-)
 from r2bspec.measure.expected_steps import match_segment
 from r2bspec.measure.latency import arrivals
 from r2bspec.measure.resource_usage import MACHINE_INDEX
@@ -31,6 +25,13 @@ from r2bspec.plan.plan import MonitorPlan
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import Segment
 from r2bspec.report.report_wording import peak_text
+
+BASIC_PREFIX: Final = "BasicPerformanceMetrics"
+RESOURCE_PREFIX: Final = "ResourceMetrics"
+METADATA_PREFIX: Final = "BenchmarkMetadata"
+
+PLAYBACK_MODES: Final = {"timeline": 0, "looping": 1, "sweeping": 2}
+"""The numbers that a report writes for the modes of playback."""
 
 
 def render(report_input: ReportInput) -> bytes:

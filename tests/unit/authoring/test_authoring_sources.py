@@ -12,9 +12,8 @@ from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 
 from r2bspec.api import compile_plan, load, validate
-from r2bspec.authoring.draft_nodes import DraftNodes
-from r2bspec.authoring.draft_spec import draft_text
-from r2bspec.authoring.graph_nodes import add_graph_nodes
+from r2bspec.authoring.draft_spec import DraftNodes, draft_text
+from r2bspec.authoring.sources import add_graph_nodes
 from r2bspec.cli.main import main
 
 NODE = """

@@ -103,3 +103,55 @@ def test_reports_are_told_apart_by_content(capsys: pytest.CaptureFixture[str]) -
     assert main(["import", "report.py", "stereo_rectifier.py"]) == 2
     shutil.copy("stereo_rectifier.py", "script")
     assert main(["import", "script"]) == 0
+
+
+HELPED = """
+from cell_monitors import MonitorUtility
+from launch_ros.actions import ComposableNodeContainer
+from launch_ros.descriptions import ComposableNode
+from ros2_benchmark import ROS2BenchmarkConfig, ROS2BenchmarkTest
+
+UTILITY = MonitorUtility()
+
+def launch_setup(prefix, timeout):
+    own = ComposableNode(name='own', package='cell', plugin='cell::Own')
+    return [ComposableNodeContainer(
+        name='all', package='rclcpp_components', executable='component_container',
+        composable_node_descriptions=[own, UTILITY.create_monitor('far', topic='done')])]
+
+def generate_test_description():
+    return HelpedTest.generate_test_description_with_nsys(launch_setup)
+
+class HelpedTest(ROS2BenchmarkTest):
+    config = ROS2BenchmarkConfig(benchmark_name='Helped', benchmark_mode='LIVE')
+"""
+HELPER = """
+from launch_ros.descriptions import ComposableNode
+
+class MonitorUtility:
+    def create_monitor(self, name, topic):
+        return ComposableNode(
+            name=name, package='ros2_benchmark', plugin='ros2_benchmark::MonitorNode',
+            parameters=[{'monitor_data_format': 'sensor_msgs/msg/Image'}],
+            remappings=[('output', topic)])
+"""
+
+
+def test_a_module_that_is_missing_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    """It is the cause of all that is wrong with the spec, so nothing else is called an error."""
+    Path("helped.py").write_text(HELPED)
+    assert main(["import", "helped.py", "-o", "a.r2b.yaml"]) == 1
+    said = capsys.readouterr().err
+    assert said.count(": error[") == 1
+    assert "helped.py:2:1: error[R2B705 script-module-missing]: the module 'cell_monitors'" in said
+    assert "create_monitor" in said
+    assert [each for each in validate(Path("a.r2b.yaml")) if each.severity == "error"] == []
+
+
+def test_a_module_in_a_named_folder_is_read() -> None:
+    Path("helped.py").write_text(HELPED)
+    Path("elsewhere").mkdir()
+    Path("elsewhere/cell_monitors.py").write_text(HELPER)
+    words = ["import", "helped.py", "--package-path", "elsewhere", "-o", "a.r2b.yaml"]
+    assert main(words) == 0
+    assert "topic: /done" in Path("a.r2b.yaml").read_text()

@@ -9,10 +9,9 @@ import pytest
 
 from r2bspec.interop.script_import.benchmark_script import read_benchmark_script
 from r2bspec.interop.script_import.evaluator import Evaluator
-from r2bspec.interop.script_import.script_limits import ScriptLimitError
-from r2bspec.interop.script_import.script_reader import ScriptReader, UnusableScriptError
-from r2bspec.interop.script_import.script_values import Construct, Unknown
+from r2bspec.interop.script_import.source_files import ScriptReader, UnusableScriptError
 from r2bspec.interop.script_import.spec_builder import build_spec
+from r2bspec.interop.script_import.values import Construct, ScriptLimitError, Unknown
 
 _COUNTER = """
 class Counter:
@@ -203,5 +202,11 @@ def test_nodes_of_a_missing_module_are_left_out(tmp_path: Path) -> None:
     said = [each.message for each in spec.findings if each.code == "R2B710"]
     assert any("the node that make_node makes is not known" in each for each in said)
     assert any("make_monitor" in each for each in said)
+    (missing,) = [each for each in spec.findings if each.code == "R2B705"]
+    assert missing.severity == "error"
+    assert missing.span.line == 1
+    assert "'cell_far'" in missing.message
+    assert "make_node, make_monitor" in missing.message
+    assert "--package-path" in missing.help
     assert [each.name for each in read.parts.nodes] == ["own"]
     assert "No monitor of the script is known" in spec.text

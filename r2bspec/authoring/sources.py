@@ -1,0 +1,229 @@
+"""First specs from what a person has: a recording, a launch file, a node, a running system.
+
+Each source adds nodes to a draft, and what it does not tell; the recording adds the inputs.
+`draft_spec` writes the spec. Nodes of the running ROS graph are external nodes of a spec, because a
+graph does not tell how they are started.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from r2bspec.authoring.draft_spec import DraftNodes, Recording, draft_text
+from r2bspec.authoring.launch_nodes import add_launch_nodes, find_launch_file
+from r2bspec.check.installed_packages import top_level_names
+from r2bspec.check.python_target import python_target
+from r2bspec.datasets.locate_bag import index, locate
+from r2bspec.errors import R2bspecError, UsageError
+from r2bspec.interop.script_import.yaml_writer import Block, flow, identifier, unique_name
+from r2bspec.language.templates import node_key
+from r2bspec.untrusted.safe_file import is_regular
+from r2bspec.wiring.ast_reader import read_node_class, read_python_file
+
+_SLACK_S = 60.0
+_MAX_SHOWN = 20
+"""Parameters of a node that its comment shows."""
+
+_COMMON_TOPICS = frozenset({"/tf", "/tf_static", "/clock"})
+
+
+@dataclass(frozen=True, slots=True)
+class InitSources:
+    """What a first spec is made from.
+
+    Attributes:
+        bag: a recording or the name of a dataset.
+        launch: a launch file, a package, or PACKAGE:FILE.
+        graph: whether the running ROS graph is read.
+        node: a Python node, as a spec names it.
+        timeout_s: how long to wait for nodes of the graph.
+    """
+
+    bag: str = ""
+    launch: str = ""
+    graph: bool = False
+    node: str = ""
+    timeout_s: float = 10.0
+
+
+def spec_from_sources(name: str, folder: Path, sources: InitSources) -> str:
+    """The text of a spec.
+
+    Args:
+        name: of the benchmark.
+        folder: of the spec.
+        sources: what it is made from.
+
+    Raises:
+        UsageError: a source does not exist or cannot be read.
+        DataError: the recording cannot be read.
+    """
+    draft, shown = DraftNodes(), []
+    if sources.node:
+        entry = Block()
+        entry.add("python", sources.node)
+        draft.nodes.add(node_key(sources.node), entry)
+        shown.append(f"the node {sources.node}")
+    if sources.launch:
+        file = find_launch_file(sources.launch)
+        add_launch_nodes(draft, file, folder)
+        shown.append(f"the launch file {file.name}")
+    if sources.graph:
+        add_graph_nodes(draft, inspect_graph(sources.timeout_s))
+        shown.append("the running ROS graph")
+    recording = _recording(sources.bag, folder) if sources.bag else None
+    if recording is not None:
+        shown.append(f"the recording {recording.written}")
+    return draft_text(name, shown, draft, recording, folder)
+
+
+def check_node_file(target: str, folder: Path) -> None:
+    """Check that the file of a node exists and defines it.
+
+    Args:
+        target: as a spec names it; nothing is checked of a module.
+        folder: of the spec.
+
+    Raises:
+        UsageError: it does not.
+    """
+    python = python_target(target, folder)
+    if python.module:
+        return
+    if not is_regular(python.file):
+        hint = "Paths are relative to the folder of the spec."
+        raise UsageError(f"{python.file} does not exist", hint=hint)
+    try:
+        names = top_level_names(python.file)
+    except SyntaxError as error:
+        raise UsageError(f"{python.file}:{error.lineno}: {error.msg}") from error
+    if names is not None and python.name not in names:
+        tree = read_python_file(python.file)
+        body = tree.body if tree is not None else []
+        classes = [part.name for part in body if isinstance(part, ast.ClassDef)]
+        raise UsageError(
+            f"{python.file} has no class or function {python.name!r}",
+            hint=f"Its classes: {', '.join(classes) or 'none'}.",
+        )
+
+
+def is_readable_node(target: str, folder: Path) -> bool:
+    """Whether a target is a class of a node, in a file whose source tells its topics or not."""
+    python = python_target(target, folder)
+    tree = read_python_file(python.file) if not python.module and python.readable else None
+    return tree is not None and read_node_class(tree, python.name) is not None
+
+
+def _recording(bag: str, folder: Path) -> Recording:
+    location = locate(bag, Path())
+    written = location.dataset
+    if written is None:
+        relative = os.path.relpath(Path(bag).expanduser().absolute(), folder.absolute())
+        written = relative if relative.startswith(".") else f"./{relative}"
+    return Recording(written, index(location))
+
+
+class NoGraphError(R2bspecError):
+    """The running graph cannot be inspected, or has no nodes."""
+
+    code = "R2B601"
+
+
+def inspect_graph(timeout_s: float) -> list[dict[str, Any]]:
+    """The nodes of the graph in the ROS domain of this environment.
+
+    Args:
+        timeout_s: how long to wait for the first node.
+
+    Raises:
+        UsageError: ROS 2 is not installed, or there are no nodes.
+        NoGraphError: the inspection failed.
+    """
+    if importlib.util.find_spec("rclpy") is None:
+        raise UsageError("ROS 2 is not installed, so there is no graph to read", code="R2B620")
+    with tempfile.TemporaryDirectory() as scratch:
+        target = Path(scratch, "graph.json")
+        words = [sys.executable, "-P", "-m", "r2bspec.harness.inspect_graph"]
+        try:
+            done = subprocess.run(
+                [*words, str(timeout_s), str(target)],
+                capture_output=True,
+                text=True,
+                timeout=timeout_s + _SLACK_S,
+                check=False,
+            )
+        except subprocess.TimeoutExpired as error:
+            raise NoGraphError("the inspection of the graph does not end") from error
+        if done.returncode or not target.is_file():
+            last = (done.stderr.strip().splitlines() or ["it ended without a result"])[-1]
+            raise NoGraphError(f"the graph cannot be inspected: {last}")
+        nodes: list[dict[str, Any]] = json.loads(target.read_text(encoding="utf-8"))
+    if not nodes:
+        raise UsageError(
+            "there are no nodes in the ROS graph of this environment",
+            hint="Start the system first; ROS_DOMAIN_ID and RMW_IMPLEMENTATION must be its own.",
+        )
+    return nodes
+
+
+def add_graph_nodes(draft: DraftNodes, nodes: list[dict[str, Any]]) -> None:
+    """Add running nodes as external ones, with their topics, types and QoS profiles."""
+    keys = draft.keys
+    for node in nodes:
+        key = unique_name(identifier(node["name"]), keys)
+        if key != node["name"]:
+            draft.unknown.append(
+                f"{node['namespace'].rstrip('/')}/{node['name']} shares its name with another "
+                f"node, which a spec cannot say: here it is {key}, and a run will not find it"
+            )
+        draft.nodes.add(key, _entry(node), _comments(node))
+    draft.is_absolute = True
+    started = (
+        "how the nodes are started: they are external here, so they must run before a benchmark; "
+        "replace 'external' by their package, plugin, executable or launch file"
+    )
+    names = "their remappings: ROS shows the names of topics after remapping only"
+    draft.unknown += [started, names]
+
+
+def _entry(node: dict[str, Any]) -> Block:
+    block = Block()
+    block.add("external", True)
+    if node["namespace"] != "/":
+        block.add("namespace", node["namespace"])
+    for side in ("subscribes", "publishes"):
+        topics = Block()
+        for topic, kind in sorted(node[side].items()):
+            if topic not in _COMMON_TOPICS:
+                topics.add(topic, kind)
+        block.add(side, topics)
+    profiles = Block()
+    for topic, profile in sorted(node["qos"].items()):
+        different = {
+            key: value
+            for key, value in profile.items()
+            if (key, value) not in {("reliability", "reliable"), ("durability", "volatile")}
+        }
+        if topic not in _COMMON_TOPICS:
+            profiles.add(topic, different)
+    block.add("qos", profiles)
+    return block
+
+
+def _comments(node: dict[str, Any]) -> list[str]:
+    parameters = node["parameters"].items()
+    shown = {name: entry["default"] for name, entry in parameters if "default" in entry}
+    if not shown:
+        return []
+    lines = [f"  {name}: {flow(value)}" for name, value in list(shown.items())[:_MAX_SHOWN]]
+    more = len(shown) - len(lines)
+    return ["Its parameters:", *lines, *([f"  and {more} more"] if more > 0 else [])]

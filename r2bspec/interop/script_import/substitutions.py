@@ -1,0 +1,201 @@
+"""What the substitutions and conditions of a launch file say, in both of its notations.
+
+Python makes objects, such as ``EqualsSubstitution(side, "left")``, which are constructs here. XML
+and YAML have references in texts, ``$(equals $(var side) left)``, which may be nested. Both have
+the same operations, and for both a condition is true, false, or not known from the file alone: what
+only the machine decides stays a reference, as in `known_functions`, and is compared with nothing.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from r2bspec.interop.script_import.expressions import Expressions, truth
+from r2bspec.interop.script_import.values import (
+    Construct,
+    ScriptLimitError,
+    ScriptModule,
+    StepCounter,
+)
+
+_WORDS: Final = {"true": True, "1": True, "false": False, "0": False}
+"""What launch takes for a condition, in any case; everything else is an error there."""
+_OPERATIONS: Final = {
+    "PythonExpression": "eval",
+    "EqualsSubstitution": "equals",
+    "NotEqualsSubstitution": "not-equals",
+    "NotSubstitution": "not",
+    "AndSubstitution": "and",
+    "AllSubstitution": "and",
+    "OrSubstitution": "or",
+    "AnySubstitution": "or",
+}
+"""The operations of texts, by the names of those in Python."""
+_MAX_EXPRESSION: Final = 1000
+_MAX_DEPTH: Final = 10
+_BRACKETS: Final = re.compile(r"\$\(|[()]")
+
+
+def condition_value(condition: Any, steps: StepCounter) -> bool | None:
+    """Whether the condition of an action is met; None if that is not known."""
+    if condition is None or isinstance(condition, bool):
+        return condition is not False
+    if not isinstance(condition, Construct):
+        return None
+    decided = _truth_of(condition.get("predicate_expression", 0), steps)
+    if decided is None or condition.short_name not in {"IfCondition", "UnlessCondition"}:
+        return None
+    return decided is (condition.short_name == "IfCondition")
+
+
+def _truth_of(value: Any, steps: StepCounter, depth: int = 0) -> bool | None:
+    """Whether a text, or a substitution that makes one, says true; None if that is not known."""
+    steps.count()
+    if isinstance(value, Construct):
+        operation = _OPERATIONS.get(value.short_name, "")
+        operands = [*value.arguments, *value.keywords.values()]
+        if depth < _MAX_DEPTH:
+            return _operation_value(operation, operands, steps, depth + 1)
+        return None
+    text = _joined(value)
+    return None if text is None else _WORDS.get(text.strip().lower())
+
+
+def _operation_value(
+    operation: str, operands: list[Any], steps: StepCounter, depth: int = 0
+) -> bool | None:
+    """What an operation says of texts or substitutions; None if that is not known."""
+    match operation, operands:
+        case "eval", [expression, *_]:
+            text = _joined(expression)
+            return None if text is None else _expression_value(text, steps)
+        case (("equals" | "not-equals"), [_, _]):
+            left, right = map(_joined, operands)
+            if left is None or right is None or "$(" in left + right:
+                return None
+            return (left == right) is (operation == "equals")
+        case "not", [operand]:
+            decided = _truth_of(operand, steps, depth)
+            return None if decided is None else not decided
+        case (("and" | "or"), _):
+            parts = [_truth_of(operand, steps, depth) for operand in operands]
+            ending = operation == "or"
+            return ending if ending in parts else None if None in parts else not ending
+    return None
+
+
+def _expression_value(text: str, steps: StepCounter) -> bool | None:
+    """Whether an expression of constants is true; None for any other."""
+    if len(text) > _MAX_EXPRESSION:
+        return None
+    try:
+        tree = ast.parse(text.strip(), mode="eval")
+        module = ScriptModule(Path("expression"), text, ast.Module([], []))
+        return truth(Expressions({}, steps).value(tree.body, module.scope))
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return None
+
+
+def _joined(value: Any) -> str | None:
+    """A text that may be written in parts."""
+    if isinstance(value, bool | int):
+        return str(value)
+    parts = value if isinstance(value, list | tuple) else [value]
+    return "".join(parts) if all(isinstance(part, str) for part in parts) else None
+
+
+def substituted(text: str, values: Mapping[str, Any], steps: StepCounter) -> str | None:
+    """A text with its references replaced; None if the value of one is not known.
+
+    Args:
+        text: of a launch file in XML or YAML.
+        values: the arguments and variables of the file, by name.
+        steps: is charged for the length of the result.
+
+    Raises:
+        ScriptLimitError: it is too long, or its references are nested too deeply.
+    """
+    parts: list[str] = []
+    outside: list[list[str]] = []
+    brackets = [0]
+    begin = 0
+    for token in _BRACKETS.finditer(text):
+        parts.append(text[begin : token.start()])
+        begin = token.end()
+        if token[0] == "$(":
+            if len(outside) == _MAX_DEPTH:
+                raise ScriptLimitError(f"references nested more than {_MAX_DEPTH} times")
+            outside.append(parts)
+            brackets.append(0)
+            parts = []
+        elif token[0] == ")" and outside and not brackets[-1]:
+            value = _reference("".join(parts), values, steps)
+            if value is None:
+                return None
+            steps.count_text(value)
+            brackets.pop()
+            parts = outside.pop()
+            parts.append(value)
+        else:
+            brackets[-1] += 1 if token[0] == "(" else -1
+            parts.append(token[0])
+    if outside:
+        return None
+    result = "".join([*parts, text[begin:]])
+    steps.count_text(result)
+    return result
+
+
+def _reference(inside: str, values: Mapping[str, Any], steps: StepCounter) -> str | None:
+    """The value of ``$(inside)``, which has no references inside any more."""
+    kind, _, rest = inside.partition(" ")
+    if kind == "eval":
+        return _word(_operation_value(kind, [_unquoted(rest.strip())], steps))
+    try:
+        words = shlex.split(rest)
+    except ValueError:
+        return None
+    match kind, words:
+        case "dirname", []:
+            return "$(script)"
+        case "var", [name, *default]:
+            value = values.get(name, default[0] if default else None)
+            return str(value) if isinstance(value, str | int | float) else None
+        case "find-pkg-share", [package]:
+            return f"$(share {package})"
+        case (("env" | "optenv"), [name, *_]):
+            return f"$(env {name})"
+    return _word(_operation_value(kind, words, steps))
+
+
+def split_words(text: str) -> list[str]:
+    """The words of a command line; blanks inside of references separate none."""
+    words: list[str] = []
+    depth = begin = 0
+    for token in re.finditer(r"\$\(|[()]|\s+", text):
+        if token[0].isspace():
+            if not depth:
+                words.append(text[begin : token.start()])
+                begin = token.end()
+        elif token[0] == ")":
+            depth = max(0, depth - 1)
+        elif depth or token[0] == "$(":
+            depth += 1
+    words.append(text[begin:])
+    return [word for word in words if word]
+
+
+def _unquoted(text: str) -> str:
+    """An expression without the quotes around the whole of it."""
+    if len(text) > 1 and text[0] == text[-1] in {'"', "'"} and text[0] not in text[1:-1]:
+        return text[1:-1]
+    return text
+
+
+def _word(decided: bool | None) -> str | None:
+    return None if decided is None else str(decided).lower()
