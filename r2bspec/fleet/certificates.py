@@ -7,6 +7,7 @@ not roles. So every holder of a certificate is trusted as much as any other.
 from __future__ import annotations
 
 import datetime
+import ipaddress
 import os
 from pathlib import Path
 from typing import Any, Final
@@ -14,6 +15,10 @@ from typing import Any, Final
 from r2bspec.fleet.errors import FleetNotInstalledError, InsecureFleetError
 
 PARTS: Final = ("scheduler", "worker", "client")
+_USES: Final = (
+    *("digital_signature", "content_commitment", "key_encipherment", "data_encipherment"),
+    *("key_agreement", "key_cert_sign", "crl_sign", "encipher_only", "decipher_only"),
+)
 _YEARS: Final = 2
 _DAY: Final = datetime.timedelta(days=1)
 
@@ -31,7 +36,6 @@ def make_certificates(folder: Path, names: tuple[str, ...] = ()) -> list[Path]:
         InsecureFleetError: the folder has files, whose keys may be in use.
     """
     try:
-        from cryptography import x509
         from cryptography.hazmat.primitives import hashes
         from cryptography.hazmat.primitives.asymmetric import ec
     except ImportError as error:
@@ -43,20 +47,42 @@ def make_certificates(folder: Path, names: tuple[str, ...] = ()) -> list[Path]:
     if any(folder.iterdir()):
         raise InsecureFleetError(f"{folder} is not empty: its keys may be in use")
     authority_key = ec.generate_private_key(ec.SECP256R1())
-    authority = _builder("r2bspec fleet", "r2bspec fleet", authority_key)
-    authority = authority.add_extension(x509.BasicConstraints(ca=True, path_length=0), True)
-    authority = authority.add_extension(_usage(signs=True), True)
-    signed = authority.sign(authority_key, hashes.SHA256())
-    made = _write(folder, "ca", signed, authority_key)
-    for part in PARTS:
-        key = ec.generate_private_key(ec.SECP256R1())
-        builder = _builder(f"r2bspec {part}", "r2bspec fleet", key)
-        builder = builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), True)
-        builder = builder.add_extension(_usage(signs=False), True)
-        builder = builder.add_extension(_both_ends(), False)
-        builder = builder.add_extension(_names(names or ("localhost", "127.0.0.1")), False)
-        made += _write(folder, part, builder.sign(authority_key, hashes.SHA256()), key)
-    return made
+    usual_names = names or ("localhost", "127.0.0.1")
+    files = []
+    for part in ("ca", *PARTS):
+        is_authority = part == "ca"
+        key = authority_key if is_authority else ec.generate_private_key(ec.SECP256R1())
+        subject = "r2bspec fleet" if is_authority else f"r2bspec {part}"
+        builder = _builder(subject, key, is_authority=is_authority)
+        if not is_authority:
+            builder = builder.add_extension(_both_ends(), False)
+            builder = builder.add_extension(_alternatives(usual_names), False)
+        files += _write(folder, part, builder.sign(authority_key, hashes.SHA256()), key)
+    return files
+
+
+def _builder(subject: str, key: Any, *, is_authority: bool) -> Any:
+    from cryptography import x509
+    from cryptography.x509.oid import NameOID
+
+    def name(text: str) -> Any:
+        return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)])
+
+    now = datetime.datetime.now(datetime.UTC)
+    builder = (
+        x509.CertificateBuilder()
+        .subject_name(name(subject))
+        .issuer_name(name("r2bspec fleet"))
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - _DAY)  # clocks of robots differ
+        .not_valid_after(now + _YEARS * 365 * _DAY)
+    )
+    path_length = 0 if is_authority else None
+    builder = builder.add_extension(x509.BasicConstraints(is_authority, path_length), True)
+    uses = dict.fromkeys(_USES, False)
+    uses |= {"key_cert_sign": is_authority, "digital_signature": not is_authority}
+    return builder.add_extension(x509.KeyUsage(**uses), True)
 
 
 def _both_ends() -> Any:
@@ -67,53 +93,16 @@ def _both_ends() -> Any:
     return x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH])
 
 
-def _builder(subject: str, issuer: str, key: Any) -> Any:
-    from cryptography import x509
-    from cryptography.x509.oid import NameOID
-
-    def name(text: str) -> Any:
-        return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)])
-
-    now = datetime.datetime.now(datetime.UTC)
-    return (
-        x509.CertificateBuilder()
-        .subject_name(name(subject))
-        .issuer_name(name(issuer))
-        .public_key(key.public_key())
-        .serial_number(x509.random_serial_number())
-        .not_valid_before(now - _DAY)  # clocks of robots differ
-        .not_valid_after(now + _YEARS * 365 * _DAY)
-    )
-
-
-def _usage(*, signs: bool) -> Any:
+def _alternatives(names: tuple[str, ...]) -> Any:
     from cryptography import x509
 
-    return x509.KeyUsage(
-        digital_signature=not signs,
-        content_commitment=False,
-        key_encipherment=False,
-        data_encipherment=False,
-        key_agreement=False,
-        key_cert_sign=signs,
-        crl_sign=signs,
-        encipher_only=False,
-        decipher_only=False,
-    )
-
-
-def _names(names: tuple[str, ...]) -> Any:
-    import ipaddress
-
-    from cryptography import x509
-
-    found: list[Any] = []
-    for each in names:
+    alternatives: list[Any] = []
+    for name in names:
         try:
-            found.append(x509.IPAddress(ipaddress.ip_address(each)))
+            alternatives.append(x509.IPAddress(ipaddress.ip_address(name)))
         except ValueError:
-            found.append(x509.DNSName(each))
-    return x509.SubjectAlternativeName(found)
+            alternatives.append(x509.DNSName(name))
+    return x509.SubjectAlternativeName(alternatives)
 
 
 def _write(folder: Path, part: str, certificate: Any, key: Any) -> list[Path]:

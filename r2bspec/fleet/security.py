@@ -1,8 +1,13 @@
-"""Connections of a fleet: TLS beyond this machine, and its certificates."""
+"""Connections of a fleet: where they may go, and where a worker listens; TLS beyond this machine.
+
+Dask runs what anybody sends who can connect. So nothing leaves this machine without TLS, and
+nothing listens beyond it, unless `--insecure` says that every machine of the network is trusted.
+"""
 
 from __future__ import annotations
 
 import ipaddress
+import socket
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -121,6 +126,54 @@ def fleet_address(
             "every host.",
         )
     return FleetAddress(scheduler=address, **(paths if scheme == "tls" else {}))
+
+
+def listen_address(address: FleetAddress, listen: str) -> str:
+    """Where a worker listens; empty for all interfaces, which only TLS may use.
+
+    Without TLS it is the loopback interface, or, if the scheduler is on another machine of a
+    trusted network (``--insecure``), one address: that which reaches the scheduler, or `listen`.
+
+    Args:
+        address: of the scheduler.
+        listen: an address or name of this machine, as its owner wrote it; empty for the usual one.
+
+    Raises:
+        InsecureFleetError: anybody else could reach the worker without a certificate.
+    """
+    if address.ca is not None:
+        return listen
+    is_local = is_loopback(address.scheduler)
+    if not listen:
+        return "127.0.0.1" if is_local else _own_address(address.scheduler)
+    place = _resolved(listen)
+    if place.is_unspecified or (is_local and not place.is_loopback):
+        raise InsecureFleetError(
+            f"--listen {listen} without TLS would let every machine that reaches this one run "
+            "programs here",
+            hint="Leave --listen out, or use a tls:// scheduler with certificates "
+            "('r2bspec fleet certificates').",
+        )
+    return str(place)
+
+
+def _own_address(scheduler: str) -> str:
+    """The address of this machine from which a scheduler is reached; nothing is sent."""
+    parts = urlsplit(scheduler)
+    place = _resolved(parts.hostname or "")
+    family = socket.AF_INET6 if place.version == 6 else socket.AF_INET
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        probe.connect((str(place), parts.port or _DEFAULT_PORT))
+        return str(probe.getsockname()[0])
+
+
+def _resolved(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
+    """What a name means now: it is this that is bound, so that it cannot mean another later."""
+    try:
+        address = socket.getaddrinfo(name, None, type=socket.SOCK_STREAM)[0][4][0]
+        return ipaddress.ip_address(str(address).partition("%")[0])
+    except (OSError, ValueError) as error:
+        raise InsecureFleetError(f"{name!r} is no address of this machine: {error}") from error
 
 
 def is_loopback(address: str) -> bool:
