@@ -231,7 +231,7 @@ def status(scheduler: str, output_format: str, **options: Any) -> int:
 )
 def certificates(folder: Path, names: tuple[str, ...]) -> int:
     """Make an authority in FOLDER, and certificates for scheduler, workers and clients."""
-    from r2bspec.fleet.certificates import make_certificates
+    from r2bspec.fleet.security import make_certificates
 
     for each in make_certificates(folder, names):
         echo(str(each))

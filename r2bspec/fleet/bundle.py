@@ -15,7 +15,7 @@ import os
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import msgspec
 
@@ -172,18 +172,6 @@ def make_bundle(sides: Sequence[SentSide]) -> Bundle:
     )
 
 
-def needs_of(plan: Plan, bundle: str) -> str:
-    """Identifies what a plan needs of a host: plans with the same needs run there or do not.
-
-    Rates, durations, objectives and titles were checked where the plan was made.
-    """
-    needs = [
-        *(bundle, plan.requires or None, plan.environment, plan.transport, plan.segment_bytes),
-        *(plan.datasets or plan.dataset, plan.topics, _parts(plan)),
-    ]
-    return hashlib.sha256(msgspec.json.encode(needs, enc_hook=str)).hexdigest()
-
-
 def digest_of(file: Path) -> str:
     """The SHA-256 of a file."""
     with file.open("rb") as stream:
@@ -288,15 +276,13 @@ def _plain_path(path: Path) -> Path:
     return Path(os.path.normpath(path.absolute()))
 
 
-def _parts(plan: Plan) -> list[Any]:
-    """What a run starts, loads and calls; topics and labels name no files."""
-    processes = [[process.argv, process.env, process.nodes] for process in plan.processes]
-    return [processes, plan.setup, plan.after_ready, plan.harness]
-
-
 def _all_words(plan: Plan) -> Iterator[str]:
-    """Every text, and the path in ``./node.py:Class``, ``file:=x.launch.py``, ``NAME=x.yaml``."""
-    for text in texts(msgspec.to_builtins(_parts(plan))):
+    """Every text of what a run starts, loads and calls; topics and labels name no files.
+
+    Also the path in ``./node.py:Class``, ``file:=x.launch.py`` and ``NAME=x.yaml``.
+    """
+    processes = [[process.argv, process.env, process.nodes] for process in plan.processes]
+    for text in texts(msgspec.to_builtins([processes, plan.setup, plan.after_ready])):
         yield text
         _, assigned, value = text.partition(":=")
         if assigned:

@@ -1,9 +1,9 @@
 """The runs of one client on a fleet: each is made once, whatever happens to hosts meanwhile.
 
-Each host has a session: a generator that takes the next run that its host may make, sends it,
+Each host has a loop: a generator that takes the next run that its host may make, sends it,
 waits, fetches the folder, and takes the next. It yields the calls that its host is to answer, and
-all sessions take their steps in one thread (`FleetRuns.play`). So a host has nothing to do only
-for the time of a fetch, and nothing is sent or fetched while it plays. A session whose host is lost
+all loops take their steps in one thread (`FleetRuns.play`). So a host has nothing to do only
+for the time of a fetch, and nothing is sent or fetched while it plays. A loop whose host is lost
 gives its run back and ends; the host gets a new one when it returns.
 
 Nothing is counted twice: the identity of a run is that of its suite, folder, host, attempt and
@@ -154,7 +154,7 @@ class _Entry:
 
 
 @dataclass(eq=False)
-class _Session:
+class _HostLoop:
     """What is under way on a host, over one connection."""
 
     host: Host
@@ -196,8 +196,8 @@ class FleetRuns:
         self._history = history
         self._entries: list[_Entry] = []
         self._waiting: list[_Entry] = []
-        self._sessions: dict[str, _Session] = {}
-        self._answered: queue.Queue[_Session] = queue.Queue()
+        self._loops: dict[str, _HostLoop] = {}
+        self._answered: queue.Queue[_HostLoop] = queue.Queue()
         self._ended: deque[Ended] = deque()
         self._looked = 0.0
 
@@ -223,35 +223,35 @@ class FleetRuns:
             while left:
                 self._look_after_hosts()
                 with contextlib.suppress(queue.Empty):
-                    session = self._answered.get(timeout=0 if self._ended else _POLL_S)
-                    if session.answer is not None and session.answer.done():
-                        self._go_on(session)
+                    loop = self._answered.get(timeout=0 if self._ended else _POLL_S)
+                    if loop.answer is not None and loop.answer.done():
+                        self._go_on(loop)
                 while self._ended:
                     left -= 1
                     yield self._ended.popleft()
         finally:
-            for session in self._sessions.values():
-                if session.answer is not None:
-                    session.answer.cancel()
+            for loop in self._loops.values():
+                if loop.answer is not None:
+                    loop.answer.cancel()
 
     def _look_after_hosts(self) -> None:
-        """Begin sessions on hosts that came, end those of hosts that left, give up runs."""
+        """Begin loops of hosts that came, end those of hosts that left, give up runs."""
         now = time.monotonic()
         if now - self._looked < max(_POLL_S, len(self._client.hosts) / _POLLS_A_SECOND):
             return
         self._client.refresh()
         self._looked = time.monotonic()
         hosts = self._client.hosts
-        for session in list(self._sessions.values()):
-            present = hosts.get(session.host.name)
-            is_same = present is not None and present.address == session.host.address
-            if not is_same or session.connection != self._client.connections:
-                self._lose(session, HostLostError(f"the host {session.host.name} left the fleet"))
+        for loop in list(self._loops.values()):
+            present = hosts.get(loop.host.name)
+            is_same = present is not None and present.address == loop.host.address
+            if not is_same or loop.connection != self._client.connections:
+                self._lose(loop, HostLostError(f"the host {loop.host.name} left the fleet"))
         for name, host in hosts.items():
-            if name not in self._sessions and any(name in entry.hosts for entry in self._waiting):
-                session = _Session(host, self._client.connections, self._serve(host))
-                self._sessions[name] = session
-                self._step(session, session.steps.__next__)
+            if name not in self._loops and any(name in entry.hosts for entry in self._waiting):
+                loop = _HostLoop(host, self._client.connections, self._serve(host))
+                self._loops[name] = loop
+                self._step(loop, loop.steps.__next__)
         self._on_tick(self._states(), hosts)
         for entry in list(self._waiting):
             if entry.hosts & set(hosts):
@@ -267,43 +267,43 @@ class FleetRuns:
         entries = (entry for entry in self._entries if not entry.ended)
         return [RunStatus(entry.run.name, *entry.status) for entry in entries]
 
-    def _go_on(self, session: _Session) -> None:
-        """Give a session the answer that it waits for."""
-        answer, session.answer = session.answer, None
+    def _go_on(self, loop: _HostLoop) -> None:
+        """Give a loop the answer that it waits for."""
+        answer, loop.answer = loop.answer, None
         assert answer is not None  # noqa: S101 - see the caller
         try:
             value = answer.result()
         except (R2bspecError, concurrent.futures.CancelledError) as error:
-            lost = HostLostError(f"the host {session.host.name} left the fleet")
+            lost = HostLostError(f"the host {loop.host.name} left the fleet")
             raised = error if isinstance(error, R2bspecError) else lost
-            self._step(session, lambda: session.steps.throw(raised))
+            self._step(loop, lambda: loop.steps.throw(raised))
         except Exception as error:
             # Cancelled, killed, closed: Dask says in many ways that the worker is gone.
-            text = f"the host {session.host.name} left the fleet: {error}"
-            self._lose(session, HostLostError(text))
+            text = f"the host {loop.host.name} left the fleet: {error}"
+            self._lose(loop, HostLostError(text))
         else:
-            self._step(session, lambda: session.steps.send(value))
+            self._step(loop, lambda: loop.steps.send(value))
 
-    def _lose(self, session: _Session, lost: HostLostError) -> None:
-        if session.answer is not None:
-            session.answer.cancel()
-            session.answer = None
-        self._step(session, lambda: session.steps.throw(lost))
+    def _lose(self, loop: _HostLoop, lost: HostLostError) -> None:
+        if loop.answer is not None:
+            loop.answer.cancel()
+            loop.answer = None
+        self._step(loop, lambda: loop.steps.throw(lost))
 
-    def _step(self, session: _Session, step: Callable[[], _Call]) -> None:
-        """Go on with a session, and submit the next call that it yields."""
+    def _step(self, loop: _HostLoop, step: Callable[[], _Call]) -> None:
+        """Go on with a loop, and submit the next call that it yields."""
         try:
             call = step()
         except StopIteration:
-            del self._sessions[session.host.name]
+            del self._loops[loop.host.name]
             return
         try:
-            answer = self._client.submit(session.host, call.method, *call.args)
+            answer = self._client.submit(loop.host, call.method, *call.args)
         except Exception as error:  # a connection that was lost just now
-            self._lose(session, HostLostError(f"the scheduler is lost: {error}"))
+            self._lose(loop, HostLostError(f"the scheduler is lost: {error}"))
             return
-        session.answer = answer
-        answer.add_done_callback(lambda _: self._answered.put(session))
+        loop.answer = answer
+        answer.add_done_callback(lambda _: self._answered.put(loop))
 
     def _serve(self, host: Host) -> _Steps:
         """Play one run after the other on a host, until there is none or the host is lost."""

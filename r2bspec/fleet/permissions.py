@@ -29,12 +29,12 @@ _VARIABLES: Final = frozenset(
         *("OMP_NUM_THREADS", "OMP_PROC_BIND", "OMP_PLACES", "OMP_SCHEDULE", "OMP_DYNAMIC"),
         *("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS", "TBB_NUM_THREADS"),
         *("CUDA_VISIBLE_DEVICES", "CUDA_LAUNCH_BLOCKING", "NVIDIA_VISIBLE_DEVICES"),
-        *("OPENCV_FOR_THREADS_NUM", "MALLOC_ARENA_MAX", "QT_QPA_PLATFORM", "TZ"),
+        *("OPENCV_FOR_THREADS_NUM", "MALLOC_ARENA_MAX"),
         *("RCUTILS_COLORIZED_OUTPUT", "RCUTILS_LOGGING_USE_STDOUT"),
         *("RCUTILS_LOGGING_BUFFERED_STREAM", "RCUTILS_CONSOLE_OUTPUT_FORMAT"),
     )
 )
-"""None of them names a file that is loaded, or a program."""
+"""None of them names a file, a program or a plugin."""
 
 _PACKAGE: Final = re.compile(r"[A-Za-z0-9_][\w-]*")
 _EXECUTABLE: Final = re.compile(rf"\$\(executable {_PACKAGE.pattern} (?!\.\.?\))[^/\s)]+\)")

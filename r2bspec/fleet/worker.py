@@ -97,7 +97,7 @@ async def _serve(
     while not ended.is_set():
         worker = _make_worker(service, settings)
         try:
-            starting = asyncio.ensure_future(_started(worker))
+            starting = asyncio.ensure_future(worker)
             await _first(starting, ended)
             if not starting.done():
                 starting.cancel()
@@ -119,10 +119,6 @@ async def _serve(
         with contextlib.suppress(asyncio.TimeoutError):
             await asyncio.wait_for(ended.wait(), _RECONNECT_S)
     service.close()
-
-
-async def _started(worker: Any) -> None:
-    await worker
 
 
 async def _first(task: asyncio.Future[Any], ended: asyncio.Event) -> None:

@@ -37,8 +37,10 @@ FLEET_PAGES = (
         "not-allowed-by-host",
         "R2B685",
         "host does not allow what the spec does",
-        "A worker runs what is installed on its host. Commands and Python files that specs bring "
-        "along need --allow-commands and --allow-python, which the owner of the host gives.",
+        "A worker runs what is installed on its host: executables, components, Python classes and "
+        "launch files of ROS packages, with a few variables that name no code. Commands, prefixes, "
+        "setup steps and other variables need --allow-commands, and Python and launch files that "
+        "specs bring along need --allow-python, which the owner of the host gives.",
     ),
     error_page(
         "transfer-failed",
@@ -52,7 +54,8 @@ FLEET_PAGES = (
         "R2B687",
         "connection is not secure",
         "Who reaches a scheduler runs programs on all of its hosts. Beyond this machine a "
-        "connection needs TLS with certificates on both sides; --insecure goes without.",
+        "connection needs TLS with certificates on both sides; --insecure goes without. Without "
+        "TLS a worker listens on the loopback interface only, and never at all addresses.",
     ),
     error_page(
         "host-lost",

@@ -96,7 +96,7 @@ def test_what_is_installed_needs_none(node: dict[str, Any]) -> None:
             "GLIBC_TUNABLES",
             "AMENT_PREFIX_PATH",
             "RMW_IMPLEMENTATION",
-            "VIRTUAL_ENV",
+            *("VIRTUAL_ENV", "TZ", "QT_QPA_PLATFORM"),
         ),
         *("RCUTILS_LOGGING_IMPLEMENTATION", "RCL_LOGGING_IMPLEMENTATION", "CYCLONEDDS_URI"),
         *("FASTRTPS_DEFAULT_PROFILES_FILE", "QT_PLUGIN_PATH", "XDG_CONFIG_HOME", "R2BSPEC_X", "X"),

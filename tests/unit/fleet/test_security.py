@@ -79,7 +79,7 @@ def test_a_worker_with_tls_may_listen_anywhere(tmp_path: Path) -> None:
 
 def test_a_cluster_file_names_scheduler_and_certificates(tmp_path: Path) -> None:
     pytest.importorskip("cryptography")
-    from r2bspec.fleet.certificates import make_certificates
+    from r2bspec.fleet.security import make_certificates
 
     made = make_certificates(tmp_path / "certificates", ("10.0.0.5", "desk"))
     assert {stat.S_IMODE(each.stat().st_mode) for each in made} == {0o600}
@@ -103,7 +103,7 @@ def test_a_cluster_file_names_scheduler_and_certificates(tmp_path: Path) -> None
 def test_files_that_are_no_certificates_are_said_to_be_none(tmp_path: Path, broken: str) -> None:
     pytest.importorskip("cryptography")
     pytest.importorskip("distributed")
-    from r2bspec.fleet.certificates import make_certificates
+    from r2bspec.fleet.security import make_certificates
 
     folder = tmp_path / "certificates"
     make_certificates(folder)
@@ -123,7 +123,7 @@ def test_files_that_are_no_certificates_are_said_to_be_none(tmp_path: Path, brok
 def test_a_key_of_another_certificate_is_refused(tmp_path: Path) -> None:
     pytest.importorskip("cryptography")
     pytest.importorskip("distributed")
-    from r2bspec.fleet.certificates import make_certificates
+    from r2bspec.fleet.security import make_certificates
 
     folder = tmp_path / "certificates"
     make_certificates(folder)
