@@ -17,9 +17,7 @@ from __future__ import annotations
 import concurrent.futures
 import contextlib
 import hashlib
-import os
 import queue
-import shutil
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -32,7 +30,7 @@ import msgspec
 from r2bspec.compare.history import open_history
 from r2bspec.compare.history_gate import add_to_history, baseline_from_history, write_baseline
 from r2bspec.errors import R2bspecError
-from r2bspec.fleet.bundle import Bundle, Job, SentFile, SentSide, digest_of, make_bundle
+from r2bspec.fleet.bundle import Bundle, Job, SentSide, make_bundle
 from r2bspec.fleet.client import FleetClient
 from r2bspec.fleet.errors import (
     HostFullError,
@@ -42,10 +40,10 @@ from r2bspec.fleet.errors import (
     TransferError,
 )
 from r2bspec.fleet.host_service import HostService
-from r2bspec.fleet.host_store import unpack_run
 from r2bspec.fleet.hosts import Host
 from r2bspec.fleet.journal import Journal, State
 from r2bspec.fleet.play_run import Played
+from r2bspec.fleet.transfer import MAX_TRANSFERS, Call, Steps, fetch, offer
 from r2bspec.judge.history_comparison import fails_by_history
 from r2bspec.judge.judge_run import result_of, to_json
 from r2bspec.judge.result import Result
@@ -54,16 +52,9 @@ from r2bspec.plan.plan import Plan
 from r2bspec.record.baseline_file import CONFIRMATION_FOLDER
 from r2bspec.record.run_folder import RunFolder, open_run
 
-PIECE_BYTES: Final = 4 << 20
-"""Small enough to pass through a scheduler, and to be repeated over a slow link."""
-
-INCOMING: Final = ".incoming"
-"""In the folder of a suite: archives that have not arrived as a whole yet."""
-
 _POLL_S: Final = 1.0
 _POLLS_A_SECOND: Final = 50.0
 """Hosts whose state is asked for in a second: the answer of the scheduler has all of them."""
-_MAX_TRANSFERS: Final = 3
 _INVALID: Final = "invalid"
 _CONFIRM: Final = "-confirm"
 """Ends the identity of a run that confirms another one."""
@@ -125,16 +116,6 @@ class RunStatus(NamedTuple):
     text: str
 
 
-class _Call(NamedTuple):
-    """A method of `HostService` that a host is to call."""
-
-    method: Callable[..., Any]
-    args: tuple[Any, ...]
-
-
-_Steps = Generator[_Call, Any, Any]
-
-
 @dataclass(eq=False)
 class _Entry:
     """A run, and what happened to it so far."""
@@ -159,7 +140,7 @@ class _HostLoop:
 
     host: Host
     connection: int
-    steps: _Steps
+    steps: Steps
     answer: concurrent.futures.Future[Any] | None = None
 
 
@@ -290,7 +271,7 @@ class FleetRuns:
             loop.answer = None
         self._step(loop, lambda: loop.steps.throw(lost))
 
-    def _step(self, loop: _HostLoop, step: Callable[[], _Call]) -> None:
+    def _step(self, loop: _HostLoop, step: Callable[[], Call]) -> None:
         """Go on with a loop, and submit the next call that it yields."""
         try:
             call = step()
@@ -305,7 +286,7 @@ class FleetRuns:
         loop.answer = answer
         answer.add_done_callback(lambda _: self._answered.put(loop))
 
-    def _serve(self, host: Host) -> _Steps:
+    def _serve(self, host: Host) -> Steps:
         """Play one run after the other on a host, until there is none or the host is lost."""
         while (entry := self._take(host)) is not None:
             try:
@@ -330,7 +311,7 @@ class FleetRuns:
             self._waiting.remove(entry)
         return entry
 
-    def _play_on(self, host: Host, entry: _Entry) -> _Steps:
+    def _play_on(self, host: Host, entry: _Entry) -> Steps:
         """Make a run on a host, again if it is invalid; returns why it failed, or None.
 
         Raises:
@@ -348,7 +329,7 @@ class FleetRuns:
             state: State = "invalid" if again else "failed" if error is not None else "done"
             self._write(entry, host, state, job.identity, str(error or played.outcome))
             with contextlib.suppress(R2bspecError):  # a host that is lost drops it later
-                yield _Call(HostService.drop, (job.identity,))
+                yield Call(HostService.drop, (job.identity,))
             if not again:
                 return error
             self._on_note(f"{entry.run.name} on {host.name} is invalid and made again")
@@ -357,7 +338,7 @@ class FleetRuns:
     def _is_made_again(self, entry: _Entry, played: Played) -> bool:
         return played.outcome == _INVALID and entry.attempt <= self._limits.retry_invalid
 
-    def _play_and_fetch(self, host: Host, entry: _Entry, job: Job) -> _Steps:
+    def _play_and_fetch(self, host: Host, entry: _Entry, job: Job) -> Steps:
         """Have a job played and its folder here, whatever the host removed for other clients.
 
         A host that has played the job and still has it answers at once.
@@ -366,12 +347,13 @@ class FleetRuns:
             R2bspecError: as `_play_on`.
         """
         is_confirmation = job.identity.endswith(_CONFIRM)
-        for number in range(_MAX_TRANSFERS):
+        for number in range(MAX_TRANSFERS):
             try:
-                yield from self._offer(host, entry, job)
+                entry.status = (host.name, "being sent")
+                yield from offer(host, job, entry.bundle)
                 self._write(entry, host, "sent", job.identity)
                 entry.status = (host.name, "being confirmed" if is_confirmation else "playing")
-                played: Played = yield _Call(HostService.play, (job,))
+                played: Played = yield Call(HostService.play, (job,))
                 folder = entry.run.folder
                 if is_confirmation:
                     folder /= CONFIRMATION_FOLDER
@@ -379,80 +361,15 @@ class FleetRuns:
                     folder = folder.with_name(f"{folder.name}.invalid-{entry.attempt}")
                 if played.size:
                     entry.status = (host.name, "being fetched")
-                    yield from self._fetch(host, job.identity, played, folder)
+                    yield from fetch(host, job.identity, played, self._root, folder)
             except TransferError:
-                if number == _MAX_TRANSFERS - 1:
+                if number == MAX_TRANSFERS - 1:
                     raise
             else:
                 return played
         return None
 
-    def _offer(self, host: Host, entry: _Entry, job: Job) -> _Steps:
-        """Offer a job to a host, and send what it lacks; pieces that are there are not sent again.
-
-        Raises:
-            TransferError: what arrives is repeatedly not what was sent.
-            R2bspecError: the host refuses the job.
-        """
-        entry.status = (host.name, "being sent")
-        files = {file.sha256: file for file in job.files}
-        for number in range(_MAX_TRANSFERS + 1):
-            missing: dict[str, int] = yield _Call(HostService.prepare, (job,))
-            if not missing:
-                return
-            for sha256, offset in missing.items():
-                try:
-                    yield from self._send(files[sha256], entry.bundle.sources[sha256], offset)
-                except TransferError:
-                    if number == _MAX_TRANSFERS - 1:
-                        raise
-        raise TransferError(f"the host {host.name} does not keep the files of {job.name}")
-
-    def _send(self, file: SentFile, source: Path, offset: int) -> _Steps:
-        with source.open("rb") as stream:
-            stream.seek(offset)
-            while True:
-                piece = stream.read(PIECE_BYTES)
-                yield _Call(HostService.put, (file, offset, piece))
-                offset += len(piece)
-                if offset >= file.size or not piece:
-                    return
-
-    def _fetch(self, host: Host, identity: str, played: Played, folder: Path) -> _Steps:
-        """Fetch the folder of a run: it appears whole, or not at all.
-
-        What has arrived of the archive before stays, so that a broken connection costs one piece.
-
-        Raises:
-            TransferError: the archive is not what its digest says.
-            OSError: the disk is full.
-        """
-        incoming = self._root / INCOMING
-        incoming.mkdir(mode=0o700, parents=True, exist_ok=True)
-        archive = incoming / f"{identity}.tar.gz"
-        with archive.open("ab") as stream:
-            while (size := stream.tell()) < played.size:
-                piece: bytes = yield _Call(HostService.read, (identity, size, PIECE_BYTES))
-                if not piece:
-                    raise TransferError(f"the host {host.name} has no more of the run")
-                stream.write(piece)
-            stream.flush()
-            os.fsync(stream.fileno())
-        if digest_of(archive) != played.sha256:
-            archive.unlink()
-            raise TransferError(f"the run did not arrive as the host {host.name} sent it")
-        unpacked = incoming / identity
-        shutil.rmtree(unpacked, ignore_errors=True)
-        unpack_run(archive, unpacked)
-        folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if folder.exists():
-            shutil.rmtree(folder)
-        unpacked.rename(folder)
-        archive.unlink()
-        with contextlib.suppress(OSError):
-            incoming.rmdir()
-
-    def _judge_by_history(self, host: Host, entry: _Entry, history: FleetHistory) -> _Steps:
+    def _judge_by_history(self, host: Host, entry: _Entry, history: FleetHistory) -> Steps:
         """Judge a run by earlier ones of its host; a failure is confirmed there by a second run."""
         folder = entry.run.folder
         plan = history.confirmation(folder, entry.run.head.plan)
@@ -465,7 +382,7 @@ class FleetRuns:
             if played.problem is not None:
                 raise played.problem.error
             with contextlib.suppress(R2bspecError):
-                yield _Call(HostService.drop, (identity,))
+                yield Call(HostService.drop, (identity,))
         history.add(folder)
 
     def _job(self, entry: _Entry, host: str) -> Job:

@@ -76,18 +76,18 @@ class FleetAddress:
             for role in ("client", "worker", "scheduler")
             for kind, path in files.items()
         }
-        made = Security(  # type: ignore[no-untyped-call]
+        security = Security(  # type: ignore[no-untyped-call]
             tls_ca_file=str(self.ca), require_encryption=True, **roles
         )
         try:
-            made.get_connection_args("client")  # type: ignore[no-untyped-call] # reads the files
+            security.get_connection_args("client")  # type: ignore[no-untyped-call] # reads the files
         except (OSError, ValueError) as error:
             named = ", ".join(map(str, (self.ca, self.certificate, self.key)))
             raise InsecureFleetError(
                 f"the certificates cannot be used: {error}",
                 hint=f"Their files are {named}; 'r2bspec fleet certificates' makes new ones.",
             ) from error
-        return made
+        return security
 
 
 def fleet_address(
@@ -228,11 +228,11 @@ def quiet_logs() -> None:
 def _with_port(address: str) -> str:
     try:
         parts = urlsplit(address)
-        known = parts.scheme in _SCHEMES and bool(parts.hostname)
+        is_address = parts.scheme in _SCHEMES and bool(parts.hostname)
         port = parts.port
     except ValueError:
-        known, port = False, None
-    if not known:
+        is_address, port = False, None
+    if not is_address:
         raise InsecureFleetError(
             f"{address!r} is no address of a scheduler",
             hint="An address is tls://HOST:PORT or tcp://HOST:PORT.",
@@ -243,7 +243,7 @@ def _with_port(address: str) -> str:
 def _read_cluster_file(path: Path) -> dict[str, str]:
     try:
         content = load_values(read_text(path, max_bytes=_MAX_FILE_BYTES))
-        found = msgspec.convert(content, dict[str, str])
+        values = msgspec.convert(content, dict[str, str])
     except OSError as error:
         raise InsecureFleetError(
             f"{path} is neither an address nor a cluster file that can be read: "
@@ -252,12 +252,12 @@ def _read_cluster_file(path: Path) -> dict[str, str]:
         ) from error
     except Exception as error:
         raise InsecureFleetError(f"{path} is not a cluster file: {error}") from error
-    if unknown := sorted(set(found) - _KEYS):
+    if unknown := sorted(set(values) - _KEYS):
         raise InsecureFleetError(
             f"{path} has the unknown key {unknown[0]!r}",
             hint=f"Its keys are {', '.join(sorted(_KEYS))}.",
         )
-    return found
+    return values
 
 
 def make_certificates(folder: Path, names: tuple[str, ...] = ()) -> list[Path]:

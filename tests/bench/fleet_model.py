@@ -34,10 +34,10 @@ import psutil
 from r2bspec.compare.load_results import read_folder
 from r2bspec.fleet.bundle import SentFile
 from r2bspec.fleet.client import FleetClient
-from r2bspec.fleet.fleet_runs import PIECE_BYTES
 from r2bspec.fleet.host_service import HostService
 from r2bspec.fleet.hosts import Host
 from r2bspec.fleet.security import fleet_address
+from r2bspec.fleet.transfer import PIECE_BYTES
 from r2bspec.fleet.worker import HEARTBEAT_S
 
 _LINK_MB_S = 117.0

@@ -16,8 +16,14 @@ pytest.importorskip("distributed")
 
 from r2bspec._version import __version__
 from r2bspec.errors import R2bspecError
-from r2bspec.fleet.bundle import SentSide
-from r2bspec.fleet.errors import HostFullError, HostLostError, HostRefusesError, TransferError
+from r2bspec.fleet.bundle import Job, SentSide
+from r2bspec.fleet.errors import (
+    HostFullError,
+    HostLostError,
+    HostRefusesError,
+    NotAllowedError,
+    TransferError,
+)
 from r2bspec.fleet.fleet_runs import Ended, FleetLimits, FleetRun, FleetRuns
 from r2bspec.fleet.host_service import HostService
 from r2bspec.fleet.host_store import HostStore, remove
@@ -80,9 +86,11 @@ def service(tmp_path: Path) -> Service:
     return Service(FACTS, store)
 
 
-def run_of(folder: Path) -> FleetRun:
+def run_of(folder: Path, **node: Any) -> FleetRun:
     """A run of a relay on a small recording."""
-    loaded = load_spec(Bench(folder / "bench").write(relay_spec()))
+    spec = relay_spec()
+    spec["graph"]["nodes"]["relay"] |= node
+    loaded = load_spec(Bench(folder / "bench").write(spec))
     assert loaded.spec is not None
     side = SentSide(compile_plan(loaded.spec, None), folder / "bench", "")
     return FleetRun(
@@ -95,13 +103,14 @@ def play(
     service: Service,
     before: Callable[..., None],
     limits: FleetLimits = FleetLimits(),  # noqa: B008 - immutable
+    **node: Any,
 ) -> Ended:
     root = folder / "out"
     root.mkdir()
     journal = Journal(root)
     client: Any = DirectClient(service, before)
     runs = FleetRuns(client, root, journal, limits, lambda _: None, lambda _, __: None)
-    (ended,) = runs.play([run_of(folder)])
+    (ended,) = runs.play([run_of(folder, **node)])
     journal.close()
     return ended
 
@@ -184,6 +193,28 @@ def test_a_host_on_which_a_spec_is_not_valid_refuses_it(service: Service, tmp_pa
     assert list((service.store.root / "spool").iterdir()) == []
     states = [each.state for each in read_journal(tmp_path / "out") if each.state]
     assert states == ["sent", "refused"]
+
+
+def test_what_is_not_allowed_is_refused_before_anything_is_sent(
+    service: Service, tmp_path: Path
+) -> None:
+    asked: list[str] = []
+    jobs: list[Job] = []
+
+    def before(what: str, job: Job) -> None:
+        asked.append(what)
+        jobs.append(job)
+
+    ended = play(tmp_path, service, before, env={"HOME": "."})
+    assert isinstance(ended.error, NotAllowedError)
+    assert "HOME" in str(ended.error)
+    assert asked == ["prepare"]
+    # Nor does a client that does not ask first.
+    with pytest.raises(NotAllowedError):
+        service.answer(HostService.play, *jobs)
+    assert service.plays == 0
+    states = [each.state for each in read_journal(tmp_path / "out") if each.state]
+    assert states == ["refused"]
 
 
 def test_children_of_a_worker_have_no_user_site(service: Service, tmp_path: Path) -> None:
