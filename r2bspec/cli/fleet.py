@@ -26,8 +26,9 @@ _EARLIER_RUN_S = 30.0
 def command() -> None:
     """Run benchmarks on several machines.
 
-    The scheduler is that of Dask: start it with 'dask scheduler'. Each machine runs a worker, and
-    'r2bspec run SPECS --on ADDRESS' plays benchmarks on them.
+    The scheduler is that of Dask: on one machine, start it with 'dask scheduler --host 127.0.0.1
+    --dashboard-address 127.0.0.1:8787'. Each machine runs a worker, and 'r2bspec run SPECS --on
+    ADDRESS' plays benchmarks on them.
     """
 
 

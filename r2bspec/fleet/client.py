@@ -124,7 +124,8 @@ class FleetClient:
             reason = str(error) or f"nothing that a scheduler says within {_CONNECT_S:g} s"
             raise FleetError(
                 f"the scheduler {self._address.scheduler} does not answer: {reason}",
-                hint="Start one with 'dask scheduler', and workers with 'r2bspec fleet worker'.",
+                hint="Start one with 'dask scheduler --host 127.0.0.1 --dashboard-address "
+                "127.0.0.1:8787', and workers with 'r2bspec fleet worker'.",
             ) from error
 
 
