@@ -13,16 +13,22 @@ from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo, echo_document
 
 if TYPE_CHECKING:
-    from r2bspec.fleet.client import Host
+    from r2bspec.fleet.hosts import Host
     from r2bspec.fleet.security import FleetAddress
+
+_UNLIMITED_WIDTH = 10_000
+
+_EARLIER_RUN_S = 30.0
+"""For so long the run of a worker that was killed may take to end."""
 
 
 @click.group("fleet")
 def command() -> None:
     """Run benchmarks on several machines.
 
-    The scheduler is that of Dask: start it with 'dask scheduler'. Each machine runs a worker, and
-    'r2bspec run SPECS --on ADDRESS' plays benchmarks on them.
+    The scheduler is that of Dask: on one machine, start it with 'dask scheduler --host 127.0.0.1
+    --dashboard-address 127.0.0.1:8787'. Each machine runs a worker, and 'r2bspec run SPECS --on
+    ADDRESS' plays benchmarks on them.
     """
 
 
@@ -73,7 +79,12 @@ def address_of(on: str, options: dict[str, Any]) -> FleetAddress:
 @click.option(
     "--allow-python", is_flag=True, help="Run Python and launch files that specs bring along."
 )
-@click.option("--listen", default="", metavar="ADDRESS", help="Listen at this address only.")
+@click.option(
+    "--listen",
+    default="",
+    metavar="ADDRESS",
+    help="Listen at this address only; without TLS it must be of the loopback interface.",
+)
 @click.option("--no-doctor", is_flag=True, help="Do not check this machine first.")
 @connection_options
 def worker(
@@ -93,17 +104,20 @@ def worker(
 
     The worker ends with Ctrl-C, and connects again by itself when the scheduler was restarted.
     """
-    from r2bspec.fleet.host_facts import describe_host
+    from r2bspec.fleet.security import listen_address, require_distributed
+
+    require_distributed()
     from r2bspec.fleet.host_service import HostService
     from r2bspec.fleet.host_store import HostStore
+    from r2bspec.fleet.hosts import describe_host
     from r2bspec.fleet.permissions import COMMANDS, PYTHON
-    from r2bspec.fleet.security import require_distributed
     from r2bspec.fleet.worker import WorkerSettings, run_worker
     from r2bspec.language.quantities import parse_size_option
     from r2bspec.private_files import private_files
 
-    require_distributed()
+    _check_installation()
     address = address_of(scheduler, options)
+    listen = listen_address(address, listen)
     try:
         limit_bytes = parse_size_option(cache_limit)
     except ValueError as error:
@@ -111,14 +125,25 @@ def worker(
     allows = (*([COMMANDS] if allow_commands else []), *([PYTHON] if allow_python else []))
     facts = describe_host(name, _parse_labels(labels), allows=allows, doctor=not no_doctor)
     store = HostStore((folder or _default_folder()).absolute(), limit_bytes, shared)
-    with private_files(), store.locked() as is_ours:
-        if not is_ours:
+    with private_files(), store.locked(_EARLIER_RUN_S) as lock:
+        if lock is None:
             raise click.UsageError(f"another worker uses {store.root}: name another --folder")
-        service = HostService(facts, store)
+        service = HostService(facts, store, lock)
         service.remove_unfinished()
         settings = WorkerSettings(address=address, scratch=store.root / "dask", listen=listen)
         run_worker(service, settings, lambda text: echo(text, err=True))
     return ExitStatus.OK
+
+
+def _check_installation() -> None:
+    """See that runs find r2bspec, which they do not look for in the folder of the user."""
+    import site
+
+    if Path(__file__).is_relative_to(site.getusersitepackages()):
+        raise click.UsageError(
+            "r2bspec is installed for this user alone, in a folder that specs may write to: "
+            "install it in a virtual environment, and start the worker from there"
+        )
 
 
 _format_option = click.option(
@@ -207,7 +232,7 @@ def status(scheduler: str, output_format: str, **options: Any) -> int:
 )
 def certificates(folder: Path, names: tuple[str, ...]) -> int:
     """Make an authority in FOLDER, and certificates for scheduler, workers and clients."""
-    from r2bspec.fleet.certificates import make_certificates
+    from r2bspec.fleet.security import make_certificates
 
     for each in make_certificates(folder, names):
         echo(str(each))
@@ -237,7 +262,8 @@ def _print_table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> No
     made = table(header)
     for row in rows:
         made.add_row(*(Text(plain(cell)) for cell in row))
-    console().print(made)
+    # A column that is cut tells nothing: a narrow terminal wraps the lines, and a pipe has none.
+    console(width=_UNLIMITED_WIDTH).print(made)
 
 
 def _default_folder() -> Path:

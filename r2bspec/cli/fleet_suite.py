@@ -70,7 +70,7 @@ class FleetExecutor:
     def place(self, entries: Sequence[SuiteEntry]) -> list[SuiteEntry]:
         """An entry for each run: with ``--hosts all`` one on every host that fits."""
         from r2bspec.cli.main import show_error
-        from r2bspec.fleet.placement import place
+        from r2bspec.fleet.hosts import place
 
         self._wait_for_hosts()
         facts = {name: each.facts for name, each in self._client.hosts.items()}
@@ -90,7 +90,7 @@ class FleetExecutor:
 
     def _wait_for_hosts(self) -> None:
         """Wait a moment for a first host, or for those that are named."""
-        from r2bspec.fleet.placement import ALL, ANY
+        from r2bspec.fleet.hosts import ALL, ANY
 
         named = set(self._options.hosts) - {ALL, ANY}
         deadline = time.monotonic() + _JOIN_S
@@ -120,8 +120,7 @@ class FleetExecutor:
         """Every run when it has ended: first those that need not be made."""
         from r2bspec.cli.fleet_table import shown_table
         from r2bspec.cli.history import history_file
-        from r2bspec.fleet.fleet_history import FleetHistory
-        from r2bspec.fleet.fleet_runs import FleetLimits, FleetRuns
+        from r2bspec.fleet.fleet_runs import FleetHistory, FleetLimits, FleetRuns
 
         by_folder: dict[Path, SuiteEntry] = {}
         runs: list[FleetRun] = []

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.live import Live
 
-    from r2bspec.fleet.client import Host
     from r2bspec.fleet.fleet_runs import RunStatus
+    from r2bspec.fleet.hosts import Host
 
 _LINE_S: Final = 60.0
 _MAX_ROWS: Final = 40

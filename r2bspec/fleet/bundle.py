@@ -2,15 +2,17 @@
 
 Every path of a plan is relative to the folder of its spec. A bundle keeps these relations: its root
 is the lowest folder that has all of them, and all that they go through, so that
-``../config/x.yaml`` and ``../specs/bag`` are found on a host as they are here. The digest of a
-bundle covers the paths, the contents and the executable bits.
+``../config/x.yaml`` and ``../specs/bag`` are found on a host as they are here. Files and recordings
+travel by their digests, so that a host is sent nothing twice; the digest of a bundle covers the
+paths, the contents and the executable bits.
 """
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -18,24 +20,90 @@ from typing import Final
 import msgspec
 
 from r2bspec.bags.digest import hash_files
-from r2bspec.errors import UsageError
-from r2bspec.fleet.host_messages import SentFile, SentRecording, Side
-from r2bspec.fleet.named_files import named_files, parts, plain_path, top_of, tops
+from r2bspec.execute.processes.secret_references import texts
+from r2bspec.fleet.errors import BundleTooLargeError
 from r2bspec.language.quantities import Size
 from r2bspec.plan.canonical_json import canonical_json
-from r2bspec.plan.plan import DatasetPlan, Plan
+from r2bspec.plan.plan import Plan
 
 MAX_BUNDLE_BYTES: Final = 512 << 20
 """A folder that a command names may be a whole workspace, which belongs on the host."""
 
 _MAX_FILES: Final = 20_000
-_BLOCK_BYTES: Final = 1 << 20
+_MAX_SOURCE_BYTES: Final = 1_000_000
+_MAX_PATH_LENGTH: Final = 4000
 
 
-class BundleTooLargeError(UsageError):
-    """The files of a spec are too many to be sent with it."""
+class SentFile(msgspec.Struct, frozen=True, kw_only=True):
+    """A file that travels.
 
-    code = "R2B686"
+    Attributes:
+        path: relative to the root of its bundle.
+        sha256: of its content, in hexadecimal digits.
+        recording: the digest of the recording that it is a part of, if any.
+    """
+
+    path: str
+    size: int
+    sha256: str
+    executable: bool = False
+    recording: str = ""
+
+
+class SentRecording(msgspec.Struct, frozen=True, kw_only=True):
+    """A recording that a plan names.
+
+    Attributes:
+        path: where it must be, relative to the root of the bundle, or absolute: hosts must have
+            it at this very path then.
+        sha256: `r2bspec.bags.digest.hash_files` of it.
+    """
+
+    path: str
+    sha256: str
+
+
+class Side(msgspec.Struct, frozen=True, kw_only=True):
+    """A benchmark: its plan and resolved spec, and its folder in the bundle."""
+
+    plan: str
+    spec_text: str
+    base_dir: str
+
+
+class Job(msgspec.Struct, frozen=True, kw_only=True):
+    """One run, or one comparison in pairs, which never leaves its host.
+
+    Attributes:
+        identity: names the run on its host: the same identity is never played twice.
+        bundle: identifies `files`.
+        head: is run, and judged.
+        base: of a comparison, if it is another spec; None if it is the head.
+        against: the base as the user wrote it.
+        environments: of the base: setup files and installed workspaces of the host.
+    """
+
+    identity: str
+    name: str
+    bundle: str
+    files: tuple[SentFile, ...]
+    recordings: tuple[SentRecording, ...]
+    head: Side
+    base: Side | None = None
+    compares: bool = False
+    against: str = ""
+    environments: tuple[str, ...] = ()
+    pairs: int | None = None
+    control: bool = False
+    force: bool = False
+    smoke: bool = False
+    abort_on_fail: bool = False
+    record_outputs: bool = False
+
+    @property
+    def sides(self) -> tuple[Side, ...]:
+        """The benchmarks: one, or both of a comparison of two specs."""
+        return (self.head,) if self.base is None else (self.head, self.base)
 
 
 @dataclass(frozen=True)
@@ -52,19 +120,16 @@ class Bundle:
     """What travels of one or two benchmarks.
 
     Attributes:
-        digest: of `files`, in hexadecimal digits.
         sides: the benchmarks, with folders relative to the root.
         sources: where each content is on this machine, by digest.
         recordings: those that hosts do not make themselves.
-        recording_sources: where the files of each are, by its digest.
     """
 
     digest: str
     files: tuple[SentFile, ...]
     sides: tuple[Side, ...]
-    sources: dict[str, Path]
+    sources: Mapping[str, Path]
     recordings: tuple[SentRecording, ...]
-    recording_sources: dict[str, Path]
 
 
 def make_bundle(sides: Sequence[SentSide]) -> Bundle:
@@ -74,74 +139,73 @@ def make_bundle(sides: Sequence[SentSide]) -> Bundle:
         BundleTooLargeError: it is more than hosts take.
         DataError: a recording does not exist or cannot be read.
     """
-    named = [(side, sorted(set(named_files(side.plan, side.base_dir)))) for side in sides]
-    recordings = [found for side in sides for found in _recordings(side)]
-    places = [str(plain_path(side.base_dir)) for side in sides]
-    places += [str(each.parent) for _, files in named for each in files]
-    places += [str(each.top) for each in recordings if not each.absolute]
-    places += [str(each) for side in sides for each in tops(side.plan, side.base_dir)]
+    files = {file for side in sides for file in _named_files(side.plan, side.base_dir)}
+    bags = {bag.at: bag for side in sides for bag in _recordings(side)}
+    places = [str(_plain_path(side.base_dir)) for side in sides]
+    places += [str(file.parent) for file in files]
+    places += [str(bag.top) for bag in bags.values() if not bag.is_absolute]
+    places += [str(top) for side in sides for top in _tops(side.plan, side.base_dir)]
     root = Path(os.path.commonpath(places))
-    files, sources = _described(root, (each for _, found in named for each in found))
-    text = msgspec.json.encode(files)
-    sent, recording_sources = _sent_recordings(root, recordings)
+    _check_size(files)
+    sources: dict[str, Path] = {}
+    sent = list(_described(root, sorted(files), sources))
+    recordings = []
+    for bag in bags.values():
+        sha256 = hash_files(bag.source)
+        path = str(bag.at) if bag.is_absolute else bag.at.relative_to(root).as_posix()
+        recordings.append(SentRecording(path=path, sha256=sha256))
+        if not bag.is_absolute:
+            sent += _described(bag.source, bag.files, sources, path, sha256)
     return Bundle(
-        digest=hashlib.sha256(text).hexdigest(),
-        files=files,
+        digest=hashlib.sha256(msgspec.json.encode(sent)).hexdigest(),
+        files=tuple(sent),
         sides=tuple(
             Side(
                 plan=canonical_json(side.plan).decode(),
                 spec_text=side.spec_text,
-                base_dir=os.path.relpath(plain_path(side.base_dir), root),
+                base_dir=os.path.relpath(_plain_path(side.base_dir), root),
             )
             for side in sides
         ),
         sources=sources,
-        recordings=sent,
-        recording_sources=recording_sources,
+        recordings=tuple(recordings),
     )
 
 
-def needs_of(plan: Plan, bundle: str) -> str:
-    """Identifies what a plan needs of a host: plans with the same needs run there or do not.
-
-    Rates, durations, objectives and titles were checked where the plan was made.
-    """
-    found = [
-        *(bundle, plan.requires or None, plan.environment, plan.transport, plan.segment_bytes),
-        *(plan.datasets or plan.dataset, plan.topics, parts(plan)),
-    ]
-    return hashlib.sha256(msgspec.json.encode(found, enc_hook=str)).hexdigest()
-
-
-def _described(root: Path, files: Iterable[Path]) -> tuple[tuple[SentFile, ...], dict[str, Path]]:
-    described: list[SentFile] = []
-    sources: dict[str, Path] = {}
-    total = 0
-    for file in sorted(set(files)):
-        sha256, size = digest_of(file)
-        total += size
-        if total > MAX_BUNDLE_BYTES or len(described) == _MAX_FILES:
-            raise BundleTooLargeError(
-                f"the files that the spec names have more than {Size(MAX_BUNDLE_BYTES)} or are "
-                f"more than {_MAX_FILES:,}, up to {file}",
-                hint="Install large parts on the hosts, and name them there.",
-            )
-        executable = os.access(file, os.X_OK)
-        path = file.relative_to(root).as_posix()
-        described.append(SentFile(path=path, size=size, sha256=sha256, executable=executable))
-        sources[sha256] = file
-    return tuple(described), sources
-
-
-def digest_of(file: Path) -> tuple[str, int]:
-    """The SHA-256 of a file, and its size in bytes."""
-    content = hashlib.sha256()
-    size = 0
+def digest_of(file: Path) -> str:
+    """The SHA-256 of a file."""
     with file.open("rb") as stream:
-        while block := stream.read(_BLOCK_BYTES):
-            content.update(block)
-            size += len(block)
-    return content.hexdigest(), size
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _described(
+    root: Path,
+    files: Iterable[Path],
+    sources: dict[str, Path],
+    prefix: str = "",
+    recording: str = "",
+) -> Iterator[SentFile]:
+    """Files as they travel; those of a recording are below the path where it must be."""
+    for file in files:
+        sha256 = digest_of(file)
+        sources[sha256] = file
+        yield SentFile(
+            path=Path(prefix, file.relative_to(root)).as_posix(),
+            size=file.stat().st_size,
+            sha256=sha256,
+            executable=not recording and os.access(file, os.X_OK),
+            recording=recording,
+        )
+
+
+def _check_size(files: Collection[Path]) -> None:
+    sizes = {file: file.stat().st_size for file in files}
+    if sum(sizes.values()) > MAX_BUNDLE_BYTES or len(sizes) > _MAX_FILES:
+        raise BundleTooLargeError(
+            f"the files that the spec names have more than {Size(MAX_BUNDLE_BYTES)} or are "
+            f"more than {_MAX_FILES:,}; the largest is {max(sizes, key=lambda file: sizes[file])}",
+            hint="Install large parts on the hosts, and name them there.",
+        )
 
 
 @dataclass(frozen=True)
@@ -154,52 +218,135 @@ class _Recording:
 
     at: Path
     source: Path
-    absolute: bool
+    is_absolute: bool
     top: Path
+
+    @property
+    def files(self) -> list[Path]:
+        if not self.source.is_dir():
+            return [self.source]
+        return sorted(file for file in self.source.rglob("*") if file.is_file())
 
 
 def _recordings(side: SentSide) -> Iterator[_Recording]:
     """The recordings of a plan; hosts make synthetic ones themselves."""
     from r2bspec.datasets.locate_bag import locate
 
-    datasets: tuple[DatasetPlan, ...] = side.plan.datasets or (side.plan.dataset,)
-    for each in datasets:
-        location = locate(each.source, side.base_dir) if each.source else None
+    base_dir = _plain_path(side.base_dir)
+    for dataset in side.plan.datasets or (side.plan.dataset,):
+        location = locate(dataset.source, side.base_dir) if dataset.source else None
         if location is None or location.path is None:
             continue
-        at = Path(os.path.expanduser(each.source))  # noqa: PTH111
-        absolute = at.is_absolute()
-        at = plain_path(side.base_dir / at)
-        ways = (at.parent, top_of(plain_path(side.base_dir), each.source))
-        top = Path(os.path.commonpath(ways))
-        yield _Recording(at, location.path, absolute, top)
+        named = Path(os.path.expanduser(dataset.source))  # noqa: PTH111
+        at = _plain_path(side.base_dir / named)
+        top = Path(os.path.commonpath((at.parent, _top_of(base_dir, dataset.source))))
+        yield _Recording(at, location.path, named.is_absolute(), top)
 
 
-def _sent_recordings(
-    root: Path, found: Iterable[_Recording]
-) -> tuple[tuple[SentRecording, ...], dict[str, Path]]:
-    sent: dict[str, SentRecording] = {}
-    sources: dict[str, Path] = {}
-    for each in found:
-        digest = hash_files(each.source)
-        path = str(each.at) if each.absolute else each.at.relative_to(root).as_posix()
-        sent[path] = SentRecording(
-            path=path,
-            sha256=digest,
-            files=_files_of(each.source),
-            folder=each.source.is_dir(),
-        )
-        sources[digest] = each.source
-    return tuple(sent.values()), sources
+def _named_files(plan: Plan, folder: Path) -> Iterator[Path]:
+    """Every file that a plan names, and what Python files of it import from their own folders."""
+    base_dir = _plain_path(folder)
+    for word in _all_words(plan):
+        yield from _files_at(base_dir, word)
+    for process in plan.processes:
+        records = (base_dir / "interfaces" / f"{node.node}.yaml" for node in process.nodes)
+        yield from (record for record in records if record.is_file())
 
 
-def _files_of(bag: Path) -> tuple[SentFile, ...]:
-    if not bag.is_dir():
-        return (_sent(bag, bag.name),)
-    inside = sorted(each for each in bag.rglob("*") if each.is_file())
-    return tuple(_sent(each, each.relative_to(bag).as_posix()) for each in inside)
+def _tops(plan: Plan, folder: Path) -> Iterator[Path]:
+    """The highest folders that the paths of a plan go through, where they name files."""
+    base_dir = _plain_path(folder)
+    for word in _all_words(plan):
+        if ".." in word and next(_files_at(base_dir, word), None) is not None:
+            yield _top_of(base_dir, word)
 
 
-def _sent(file: Path, path: str) -> SentFile:
-    sha256, size = digest_of(file)
-    return SentFile(path=path, size=size, sha256=sha256)
+def _top_of(base_dir: Path, path: str) -> Path:
+    """The highest folder that a relative path goes through: of ``../x/y``, the parent."""
+    depth = lowest = 0
+    for part in Path(path).parts:
+        depth += -1 if part == ".." else 1
+        lowest = min(lowest, depth)
+    above = (base_dir, *base_dir.parents)
+    return above[min(-lowest, len(above) - 1)]
+
+
+def _plain_path(path: Path) -> Path:
+    """The path without ``..``; links stay, because plans name what is behind them so."""
+    return Path(os.path.normpath(path.absolute()))
+
+
+def _all_words(plan: Plan) -> Iterator[str]:
+    """Every text of what a run starts, loads and calls; topics and labels name no files.
+
+    Also the path in ``./node.py:Class``, ``file:=x.launch.py`` and ``NAME=x.yaml``.
+    """
+    processes = [[process.argv, process.env, process.nodes] for process in plan.processes]
+    for text in texts(msgspec.to_builtins([processes, plan.setup, plan.after_ready])):
+        yield text
+        _, assigned, value = text.partition(":=")
+        if assigned:
+            yield value
+            continue
+        yield text.rpartition(":")[0]
+        yield text.partition("=")[2]
+
+
+def _files_at(base_dir: Path, word: str) -> Iterator[Path]:
+    is_path = 0 < len(word) <= _MAX_PATH_LENGTH and not set(word) & {"\0", "\n"}
+    if not is_path or word[0] in "/~":
+        return
+    place = Path(os.path.normpath(base_dir / word))
+    if place in (base_dir, *base_dir.parents):
+        return
+    try:
+        # A word such as a name of a topic is no path, even if a folder has that name.
+        if place.is_dir() and "/" in word:
+            yield from _files_below(place)
+        elif place.is_file():
+            yield place
+            if place.suffix == ".py":
+                yield from _imported(place)
+    except OSError:
+        return
+
+
+def _files_below(folder: Path) -> Iterator[Path]:
+    for parent, folders, files in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith((".", "__pycache__")))
+        yield from (Path(parent, name) for name in sorted(files))
+
+
+def _imported(file: Path) -> Iterator[Path]:
+    """The modules in the folder of a Python file that it imports, directly or indirectly."""
+    seen = {file}
+    pending = [file]
+    while pending:
+        for name in _imported_names(pending.pop()):
+            module = (file.parent / name).with_suffix(".py")
+            package = file.parent / name
+            modules = [module] if module.is_file() else []
+            if not modules and (package / "__init__.py").is_file():
+                modules = list(_files_below(package))
+            for source in modules:
+                if source not in seen:
+                    seen.add(source)
+                    yield source
+                    if source.suffix == ".py":
+                        pending.append(source)
+
+
+def _imported_names(file: Path) -> set[str]:
+    try:
+        if file.stat().st_size > _MAX_SOURCE_BYTES:
+            return set()
+        tree = ast.parse(file.read_bytes())
+    except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
+        return set()
+    names: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names.update(alias.name.partition(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            names.add(node.module.partition(".")[0])
+    return names

@@ -18,8 +18,12 @@ class FleetNotInstalledError(UsageError):
     code = "R2B682"
 
 
-class NoHostError(UsageError):
-    """No host of the fleet may take a run."""
+class HostRefusesError(UsageError):
+    """This host cannot make a run; another one may."""
+
+
+class NoHostError(HostRefusesError):
+    """No host of the fleet is what a run requires."""
 
     code = "R2B683"
 
@@ -30,7 +34,7 @@ class VersionDiffersError(UsageError):
     code = "R2B684"
 
 
-class NotAllowedError(UsageError):
+class NotAllowedError(HostRefusesError):
     """The owner of a host does not allow what a spec does."""
 
     code = "R2B685"
@@ -59,3 +63,9 @@ class HostFullError(FleetError):
 
     code = "R2B689"
     exit_code = ExitStatus.RUN_FAILED
+
+
+class BundleTooLargeError(UsageError):
+    """The files of a spec are too many to be sent with it."""
+
+    code = "R2B686"

@@ -1,18 +1,25 @@
 """The runs of one client on a fleet: each is made once, whatever happens to hosts meanwhile.
 
-There is a thread for each host. It takes the next run that its host may play, sends it, waits,
-fetches the folder, and takes the next. So a host has nothing to do only for the time of a fetch,
-and nothing is sent or fetched while it plays. A thread whose host is lost gives its run back and
-ends; the host gets a new one when it returns.
+Each host has a loop: a generator that takes the next run that its host may make, sends it,
+waits, fetches the folder, and takes the next. It yields the calls that its host is to answer, and
+all loops take their steps in one thread (`FleetRuns.play`). So a host has nothing to do only
+for the time of a fetch, and nothing is sent or fetched while it plays. A loop whose host is lost
+gives its run back and ends; the host gets a new one when it returns.
+
+Nothing is counted twice: the identity of a run is that of its suite, folder, host, attempt and
+content. A host plays an identity once, and keeps the result until the client has it. A run that
+was given back is made by whichever host is free, and what a lost host made of it meanwhile counts
+only if that host is asked for the same identity again.
 """
 
 from __future__ import annotations
 
+import concurrent.futures
 import contextlib
 import hashlib
 import queue
-import threading
 import time
+from collections import deque
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,23 +27,35 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from r2bspec._version import __version__
+from r2bspec.compare.history import open_history
+from r2bspec.compare.history_gate import add_to_history, baseline_from_history, write_baseline
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.identity import graph_identity
-from r2bspec.fleet.bundle import Bundle, SentSide, make_bundle, needs_of
-from r2bspec.fleet.client import FleetClient, Host
-from r2bspec.fleet.errors import HostFullError, HostLostError, NoHostError, TransferError
-from r2bspec.fleet.fleet_history import FleetHistory
-from r2bspec.fleet.host_messages import Job, Played, Request, error_of
-from r2bspec.fleet.journal import Journal
-from r2bspec.fleet.run_transfer import fetch, offer
+from r2bspec.fleet.bundle import Bundle, Job, SentSide, make_bundle
+from r2bspec.fleet.client import FleetClient
+from r2bspec.fleet.errors import (
+    HostFullError,
+    HostLostError,
+    HostRefusesError,
+    NoHostError,
+    TransferError,
+)
+from r2bspec.fleet.host_service import HostService
+from r2bspec.fleet.hosts import Host
+from r2bspec.fleet.journal import Journal, State
+from r2bspec.fleet.play_run import Played
+from r2bspec.fleet.transfer import MAX_TRANSFERS, Call, Steps, fetch, offer
+from r2bspec.judge.history_comparison import fails_by_history
+from r2bspec.judge.judge_run import result_of, to_json
+from r2bspec.judge.result import Result
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
+from r2bspec.plan.plan import Plan
 from r2bspec.record.baseline_file import CONFIRMATION_FOLDER
+from r2bspec.record.run_folder import RunFolder, open_run
 
 _POLL_S: Final = 1.0
 _POLLS_A_SECOND: Final = 50.0
 """Hosts whose state is asked for in a second: the answer of the scheduler has all of them."""
-_MAX_TRANSFERS: Final = 3
 _INVALID: Final = "invalid"
 _CONFIRM: Final = "-confirm"
 """Ends the identity of a run that confirms another one."""
@@ -59,6 +78,11 @@ class FleetRun:
     hosts: frozenset[str]
     base: SentSide | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def sides(self) -> list[SentSide]:
+        """What is sent."""
+        return [self.head] if self.base is None else [self.head, self.base]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,23 +117,33 @@ class RunStatus(NamedTuple):
     text: str
 
 
-@dataclass
+@dataclass(eq=False)
 class _Entry:
     """A run, and what happened to it so far."""
 
     run: FleetRun
     bundle: Bundle
-    needs: tuple[str, ...]
     attempt: int = 1
     losses: int = 0
     refused: dict[str, R2bspecError] = field(default_factory=dict)
     since: float = field(default_factory=time.monotonic)
+    status: tuple[str, str] = ("", "waiting for a host")
     ended: bool = False
     code: tuple[str, ...] = ()
 
     @property
     def hosts(self) -> frozenset[str]:
         return self.run.hosts - set(self.refused)
+
+
+@dataclass(eq=False)
+class _HostLoop:
+    """What is under way on a host, over one connection."""
+
+    host: Host
+    connection: int
+    steps: Steps
+    answer: concurrent.futures.Future[Any] | None = None
 
 
 class FleetRuns:
@@ -145,119 +179,223 @@ class FleetRuns:
         self._history = history
         self._entries: list[_Entry] = []
         self._waiting: list[_Entry] = []
-        self._changed = threading.Condition()
-        self._ended: queue.Queue[Ended] = queue.Queue()
-        self._closing = False
+        self._loops: dict[str, _HostLoop] = {}
+        self._answered: queue.Queue[_HostLoop] = queue.Queue()
+        self._ended: deque[Ended] = deque()
         self._looked = 0.0
-        self._threads: dict[str, tuple[str, threading.Thread]] = {}
-        self._status: dict[int, tuple[str, str]] = {}
 
     def play(self, runs: Sequence[FleetRun]) -> Generator[Ended, None, None]:
         """Make the runs; each is yielded when it has ended, in whatever order.
 
-        First every run is offered to the hosts that may make it. One that none of them can make
-        ends at once, before anything is played. Closing the iterator starts no further run.
+        Closing the iterator starts no further run.
         """
         bundles: dict[tuple[int, int], Bundle] = {}
         codes: dict[int, str] = {}
         for run in runs:
+            key = (id(run.head), id(run.base))
             try:
-                bundle = _bundle(run, bundles)
+                bundle = bundles.get(key) or make_bundle(run.sides)
             except (R2bspecError, OSError) as error:
                 failure = error if isinstance(error, R2bspecError) else TransferError(str(error))
                 yield Ended(run, "", failure)
                 continue
-            needs = tuple(needs_of(each.plan, bundle.digest) for each in _sides(run))
-            self._entries.append(_Entry(run, bundle, needs, code=_code_of(run, codes)))
+            bundles[key] = bundle
+            self._entries.append(_Entry(run, bundle, code=_code_of(run, codes)))
+        self._waiting = list(self._entries)
         left = len(self._entries)
         try:
-            self._offer_all()
-            with self._changed:
-                self._waiting = [each for each in self._entries if not each.ended]
-                self._changed.notify_all()
             while left:
                 self._look_after_hosts()
-                try:
-                    found = self._ended.get(timeout=_POLL_S)
-                except queue.Empty:
-                    continue
-                left -= 1
-                yield found
+                with contextlib.suppress(queue.Empty):
+                    loop = self._answered.get(timeout=0 if self._ended else _POLL_S)
+                    if loop.answer is not None and loop.answer.done():
+                        self._go_on(loop)
+                while self._ended:
+                    left -= 1
+                    yield self._ended.popleft()
         finally:
-            with self._changed:
-                self._closing = True
-                self._changed.notify_all()
+            for loop in self._loops.values():
+                if loop.answer is not None:
+                    loop.answer.cancel()
 
-    def states(self) -> list[RunStatus]:
+    def _look_after_hosts(self) -> None:
+        """Begin loops of hosts that came, end those of hosts that left, give up runs."""
+        now = time.monotonic()
+        if now - self._looked < max(_POLL_S, len(self._client.hosts) / _POLLS_A_SECOND):
+            return
+        self._client.refresh()
+        self._looked = time.monotonic()
+        hosts = self._client.hosts
+        for loop in list(self._loops.values()):
+            present = hosts.get(loop.host.name)
+            is_same = present is not None and present.address == loop.host.address
+            if not is_same or loop.connection != self._client.connections:
+                self._lose(loop, HostLostError(f"the host {loop.host.name} left the fleet"))
+        for name, host in hosts.items():
+            if name not in self._loops and any(name in entry.hosts for entry in self._waiting):
+                loop = _HostLoop(host, self._client.connections, self._serve(host))
+                self._loops[name] = loop
+                self._step(loop, loop.steps.__next__)
+        self._on_tick(self._states(), hosts)
+        for entry in list(self._waiting):
+            if entry.hosts & set(hosts):
+                entry.since = now
+            elif now - entry.since > self._limits.lost_s:
+                self._waiting.remove(entry)
+                names = ", ".join(sorted(entry.hosts))
+                text = f"no host that may make the run is in the fleet: {names}"
+                self._end(entry, "", HostLostError(text))
+
+    def _states(self) -> list[RunStatus]:
         """What every run that has not ended does, in their order."""
-        rows = []
-        for entry in self._entries:
-            if not entry.ended:
-                host, text = self._status.get(id(entry), ("", "waiting for a host"))
-                rows.append(RunStatus(entry.run.name, host, text))
-        return rows
+        entries = (entry for entry in self._entries if not entry.ended)
+        return [RunStatus(entry.run.name, *entry.status) for entry in entries]
 
-    def _offer_all(self) -> None:
-        """Offer every run to every host that may make it, all hosts at the same time.
+    def _go_on(self, loop: _HostLoop) -> None:
+        """Give a loop the answer that it waits for."""
+        answer, loop.answer = loop.answer, None
+        assert answer is not None  # noqa: S101 - see the caller
+        try:
+            value = answer.result()
+        except (R2bspecError, concurrent.futures.CancelledError) as error:
+            lost = HostLostError(f"the host {loop.host.name} left the fleet")
+            raised = error if isinstance(error, R2bspecError) else lost
+            self._step(loop, lambda: loop.steps.throw(raised))
+        except Exception as error:
+            # Cancelled, killed, closed: Dask says in many ways that the worker is gone.
+            text = f"the host {loop.host.name} left the fleet: {error}"
+            self._lose(loop, HostLostError(text))
+        else:
+            self._step(loop, lambda: loop.steps.send(value))
 
-        Of runs that need the same of a host, one is offered.
-        """
-        offering = []
-        for host in list(self._client.hosts.values()):
-            thread = threading.Thread(target=self._offer_to, args=(host,), daemon=True)
-            thread.start()
-            offering.append(thread)
-        for thread in offering:
-            while thread.is_alive():
-                thread.join(_POLL_S)
-                self._look_after_hosts()
-        self._end_impossible()
+    def _lose(self, loop: _HostLoop, lost: HostLostError) -> None:
+        if loop.answer is not None:
+            loop.answer.cancel()
+            loop.answer = None
+        self._step(loop, lambda: loop.steps.throw(lost))
 
-    def _offer_to(self, host: Host) -> None:
-        answers: dict[tuple[str, ...], R2bspecError | None] = {}
-        for entry in self._entries:
-            if host.name not in entry.hosts:
+    def _step(self, loop: _HostLoop, step: Callable[[], Call]) -> None:
+        """Go on with a loop, and submit the next call that it yields."""
+        try:
+            call = step()
+        except StopIteration:
+            del self._loops[loop.host.name]
+            return
+        try:
+            answer = self._client.submit(loop.host, call.method, *call.args)
+        except Exception as error:  # a connection that was lost just now
+            self._lose(loop, HostLostError(f"the scheduler is lost: {error}"))
+            return
+        loop.answer = answer
+        answer.add_done_callback(lambda _: self._answered.put(loop))
+
+    def _serve(self, host: Host) -> Steps:
+        """Play one run after the other on a host, until there is none or the host is lost."""
+        while (entry := self._take(host)) is not None:
+            try:
+                if (differs := host.facts.version_error) is not None:
+                    raise HostRefusesError(str(differs), hint=differs.hint, code=differs.code)
+                error = yield from self._play_on(host, entry)
+            except HostLostError as lost:
+                self._give_back(entry, host, lost)
+                return
+            except (HostFullError, HostRefusesError) as refusal:
+                self._refuse(entry, host, refusal)
                 continue
-            if entry.needs not in answers:
-                self._show(entry, host, "being checked there")
-                try:
-                    self._offer(host, entry, self._job(entry, host.name))
-                    answers[entry.needs] = None
-                except HostLostError:
-                    return
-                except R2bspecError as error:
-                    answers[entry.needs] = error
-                finally:
-                    self._status.pop(id(entry), None)
-            if (refusal := answers[entry.needs]) is not None:
-                entry.refused[host.name] = refusal
+            except R2bspecError as failed:
+                error = failed
+            except Exception as crash:
+                error = TransferError(f"the run cannot be stored: {crash}")
+            self._end(entry, host.name, error)
 
-    def _offer(self, host: Host, entry: _Entry, job: Job) -> None:
-        """Send a run to a host, with what the host lacks.
+    def _take(self, host: Host) -> _Entry | None:
+        entry = next((entry for entry in self._waiting if host.name in entry.hosts), None)
+        if entry is not None:
+            self._waiting.remove(entry)
+        return entry
+
+    def _play_on(self, host: Host, entry: _Entry) -> Steps:
+        """Make a run on a host, again if it is invalid; returns why it failed, or None.
 
         Raises:
-            R2bspecError: the host cannot make it.
+            HostLostError: the host left; the run is to be made again.
+            HostFullError: the host has no room.
+            HostRefusesError: the host cannot make it.
         """
-        prepared = offer(self._client, host, job, entry.bundle, self._check)
-        if prepared.problems:
-            raise error_of(prepared.problems[0])
+        while True:
+            job = self._job(entry, host.name)
+            played: Played = yield from self._play_and_fetch(host, entry, job)
+            error = played.problem.error if played.problem is not None else None
+            again = self._is_made_again(entry, played)
+            if self._history is not None and error is None and not again:
+                yield from self._judge_by_history(host, entry, self._history)
+            state: State = "invalid" if again else "failed" if error is not None else "done"
+            self._write(entry, host, state, job.identity, str(error or played.outcome))
+            with contextlib.suppress(R2bspecError):  # a host that is lost drops it later
+                yield Call(HostService.drop, (job.identity,))
+            if not again:
+                return error
+            self._on_note(f"{entry.run.name} on {host.name} is invalid and made again")
+            entry.attempt += 1
 
-    def _end_impossible(self) -> None:
-        """End the runs that every host has refused."""
-        for entry in self._entries:
-            if not entry.ended and entry.run.hosts and not entry.hosts:
-                self._end(entry, "", _refusal(entry))
+    def _is_made_again(self, entry: _Entry, played: Played) -> bool:
+        return played.outcome == _INVALID and entry.attempt <= self._limits.retry_invalid
+
+    def _play_and_fetch(self, host: Host, entry: _Entry, job: Job) -> Steps:
+        """Have a job played and its folder here, whatever the host removed for other clients.
+
+        A host that has played the job and still has it answers at once.
+
+        Raises:
+            R2bspecError: as `_play_on`.
+        """
+        is_confirmation = job.identity.endswith(_CONFIRM)
+        for number in range(MAX_TRANSFERS):
+            try:
+                entry.status = (host.name, "being sent")
+                yield from offer(host, job, entry.bundle)
+                self._write(entry, host, "sent", job.identity)
+                entry.status = (host.name, "being confirmed" if is_confirmation else "playing")
+                played: Played = yield Call(HostService.play, (job,))
+                folder = entry.run.folder
+                if is_confirmation:
+                    folder /= CONFIRMATION_FOLDER
+                elif self._is_made_again(entry, played):
+                    folder = folder.with_name(f"{folder.name}.invalid-{entry.attempt}")
+                if played.size:
+                    entry.status = (host.name, "being fetched")
+                    yield from fetch(host, job.identity, played, self._root, folder)
+            except TransferError:
+                if number == MAX_TRANSFERS - 1:
+                    raise
+            else:
+                return played
+        return None
+
+    def _judge_by_history(self, host: Host, entry: _Entry, history: FleetHistory) -> Steps:
+        """Judge a run by earlier ones of its host; a failure is confirmed there by a second run."""
+        folder = entry.run.folder
+        plan = history.confirmation(folder, entry.run.head.plan)
+        if plan is not None:
+            job = self._job(entry, host.name)
+            head = msgspec.structs.replace(job.head, plan=canonical_json(plan).decode())
+            identity = f"{job.identity}{_CONFIRM}"
+            job = msgspec.structs.replace(job, head=head, identity=identity)
+            played: Played = yield from self._play_and_fetch(host, entry, job)
+            if played.problem is not None:
+                raise played.problem.error
+            with contextlib.suppress(R2bspecError):
+                yield Call(HostService.drop, (identity,))
+        history.add(folder)
 
     def _job(self, entry: _Entry, host: str) -> Job:
         run, bundle = entry.run, entry.bundle
         words = (
-            *(self._journal.suite, str(run.folder.relative_to(self._root)), host, entry.attempt),
-            *(bundle.digest, *(plan_hash(each.plan) for each in _sides(run)), *entry.code),
+            *(self._journal.suite, run.folder.relative_to(self._root), host, entry.attempt),
+            *(bundle.digest, *(plan_hash(side.plan) for side in run.sides), *entry.code),
         )
-        identity = hashlib.sha256("\0".join(map(str, words)).encode()).hexdigest()[:32]
         return Job(
-            version=__version__,
-            identity=identity,
+            identity=hashlib.sha256("\0".join(map(str, words)).encode()).hexdigest()[:32],
             name=run.name,
             head=bundle.sides[0],
             base=bundle.sides[1] if run.base is not None else None,
@@ -267,214 +405,81 @@ class FleetRuns:
             **run.options,
         )
 
-    def _look_after_hosts(self) -> None:
-        """Start threads for hosts that came, and give up runs whose hosts stay away."""
-        now = time.monotonic()
-        if now - self._looked < len(self._client.hosts) / _POLLS_A_SECOND:
-            return
-        self._looked = now
-        self._client.refresh()
-        hosts = self._client.hosts
-        for name, host in hosts.items():
-            known = self._threads.get(name)
-            if known is not None and known[0] == host.address and known[1].is_alive():
-                continue
-            if any(name in each.hosts for each in self._waiting):
-                thread = threading.Thread(target=self._serve, args=(host,), daemon=True)
-                self._threads[name] = (host.address, thread)
-                thread.start()
-        self._on_tick(self.states(), hosts)
-        with self._changed:
-            for entry in list(self._waiting):
-                if entry.hosts & set(hosts):
-                    entry.since = time.monotonic()
-                elif time.monotonic() - entry.since > self._limits.lost_s:
-                    self._waiting.remove(entry)
-                    names = ", ".join(sorted(entry.hosts))
-                    text = f"no host that may make the run is in the fleet: {names}"
-                    self._end(entry, "", HostLostError(text))
-
-    def _serve(self, host: Host) -> None:
-        """Play one run after the other on a host, until there is none or the host is lost."""
-        while (entry := self._take(host)) is not None:
-            try:
-                error = self._play_on(host, entry)
-            except HostLostError as lost:
-                self._give_back(entry, host, lost)
-                return
-            except HostFullError as full:
-                self._refused(entry, host, full)
-                continue
-            except R2bspecError as failed:
-                error = failed
-            except Exception as crash:
-                error = TransferError(f"the run cannot be stored: {crash}")
-            self._end(entry, host.name, error)
-
-    def _take(self, host: Host) -> _Entry | None:
-        with self._changed:
-            while not self._closing:
-                now = self._client.hosts.get(host.name)
-                if now is None or now.address != host.address:
-                    return None
-                found = next((each for each in self._waiting if host.name in each.hosts), None)
-                if found is not None:
-                    self._waiting.remove(found)
-                    return found
-                if all(each.ended for each in self._entries):
-                    return None
-                self._changed.wait(_POLL_S)
-        return None
-
-    def _play_on(self, host: Host, entry: _Entry) -> R2bspecError | None:
-        """Make a run on a host, again if it is invalid; returns why it failed, or None.
-
-        Raises:
-            HostLostError: the host left; the run is to be made again.
-            HostFullError: the host has no room.
-        """
-        while True:
-            job = self._job(entry, host.name)
-            played = self._play_and_fetch(host, entry, job)
-            error = error_of(played.problem) if played.problem is not None else None
-            again = self._is_made_again(entry, played)
-            if self._history is not None and error is None and not again:
-                self._judge_by_history(host, entry, self._history)
-            state = "invalid" if again else "failed" if error is not None else "done"
-            self._write(entry, host, job, state, str(error or played.outcome))
-            self._drop(host, job)
-            if not again:
-                return error
-            self._on_note(f"{entry.run.name} on {host.name} is invalid and made again")
-            entry.attempt += 1
-
-    def _is_made_again(self, entry: _Entry, played: Played) -> bool:
-        return played.outcome == _INVALID and entry.attempt <= self._limits.retry_invalid
-
-    def _play_and_fetch(self, host: Host, entry: _Entry, job: Job) -> Played:
-        """Have a job played and its folder here, whatever the host removed for other clients.
-
-        A host that has played the job and still has it answers at once.
-
-        Raises:
-            R2bspecError: as `_play_on`.
-        """
-        number = 0
-        while True:
-            number += 1
-            self._offer(host, entry, job)
-            self._write(entry, host, job, "sent")
-            self._show(entry, host, "being confirmed" if _confirms(job) else "playing")
-            try:
-                request = Request(what="play", job=job)
-                played = self._client.ask(host, request, Played, check=self._check)
-                if played.size:
-                    self._show(entry, host, "being fetched")
-                    target = self._target(entry, job, played)
-                    fetch(self._client, host, played, self._root, target)
-                return played
-            except TransferError:
-                if number == _MAX_TRANSFERS:
-                    raise
-
-    def _target(self, entry: _Entry, job: Job, played: Played) -> Path:
-        folder = entry.run.folder
-        if _confirms(job):
-            return folder / CONFIRMATION_FOLDER
-        if self._is_made_again(entry, played):
-            return folder.with_name(f"{folder.name}.invalid-{entry.attempt}")
-        return folder
-
-    def _drop(self, host: Host, job: Job) -> None:
-        """Let a host remove what is here; one that is lost does when it needs the room."""
-        with contextlib.suppress(R2bspecError):
-            self._client.ask(host, Request(what="drop", identity=job.identity), dict)
-
-    def _judge_by_history(self, host: Host, entry: _Entry, history: FleetHistory) -> None:
-        """Judge a run by earlier ones of its host; a failure is confirmed there by a second run."""
-        folder = entry.run.folder
-        plan = history.confirmation(folder, entry.run.head.plan)
-        if plan is not None:
-            job = self._job(entry, host.name)
-            head = msgspec.structs.replace(job.head, plan=canonical_json(plan).decode())
-            identity = f"{job.identity}{_CONFIRM}"
-            job = msgspec.structs.replace(job, head=head, identity=identity)
-            played = self._play_and_fetch(host, entry, job)
-            if played.problem is not None:
-                raise error_of(played.problem)
-            self._drop(host, job)
-        history.add(folder)
-
     def _give_back(self, entry: _Entry, host: Host, lost: HostLostError) -> None:
-        with self._changed:
-            self._status.pop(id(entry), None)
-            if self._closing:
-                return
-            self._journal.write(self._place(entry), host.name, "", entry.attempt, "lost", str(lost))
-            entry.losses += 1
-            entry.since = time.monotonic()
-            is_last = entry.losses > self._limits.losses
-            if not is_last:
-                self._waiting.insert(0, entry)
-                self._changed.notify_all()
-        if is_last:
+        """Let a run be made again, unless its hosts are lost again and again."""
+        self._write(entry, host, "lost", reason=str(lost))
+        entry.losses += 1
+        entry.since = time.monotonic()
+        if entry.losses > self._limits.losses:
             text = f"the host of the run left the fleet {entry.losses} times, {host.name} at last"
             hint = "The run may take more memory than its host has: try it on that machine alone."
             self._end(entry, host.name, HostLostError(text, hint=hint))
             return
+        entry.status = ("", "waiting for a host")
+        self._waiting.insert(0, entry)
         self._on_note(f"{host.name} is lost; {entry.run.name} will be made again")
 
-    def _refused(self, entry: _Entry, host: Host, error: R2bspecError) -> None:
+    def _refuse(self, entry: _Entry, host: Host, error: R2bspecError) -> None:
         """Let another host make a run, if there is one."""
         entry.refused[host.name] = error
-        self._journal.write(self._place(entry), host.name, "", entry.attempt, "full", str(error))
-        self._on_note(f"{host.name}: {error}")
-        if not entry.hosts:
-            self._end(entry, host.name, error)
-            return
-        with self._changed:
-            self._status.pop(id(entry), None)
+        state: State = "full" if isinstance(error, HostFullError) else "refused"
+        self._write(entry, host, state, reason=str(error))
+        if entry.hosts:
+            self._on_note(f"{host.name}: {error}")
+            entry.status = ("", "waiting for a host")
             self._waiting.insert(0, entry)
-            self._changed.notify_all()
+        elif len(entry.refused) == 1:
+            self._end(entry, host.name, error)
+        else:
+            parts = "; ".join(f"{name}: {why}" for name, why in sorted(entry.refused.items()))
+            self._end(entry, "", NoHostError(f"no host can make the run: {parts}"))
 
     def _end(self, entry: _Entry, host: str, error: R2bspecError | None) -> None:
-        with self._changed:
-            if entry.ended:
-                return
-            entry.ended = True
-            self._ended.put(Ended(entry.run, host, error))
-            self._changed.notify_all()
+        entry.ended = True
+        self._ended.append(Ended(entry.run, host, error))
 
-    def _check(self) -> None:
-        if self._closing:
-            raise HostLostError("the client ended")
-
-    def _write(self, entry: _Entry, host: Host, job: Job, state: Any, reason: str = "") -> None:
+    def _write(
+        self, entry: _Entry, host: Host, state: State, identity: str = "", reason: str = ""
+    ) -> None:
         self._journal.write(
-            self._place(entry), host.name, job.identity, entry.attempt, state, reason
+            run=str(entry.run.folder.relative_to(self._root)),
+            host=host.name,
+            identity=identity,
+            attempt=entry.attempt,
+            state=state,
+            reason=reason,
         )
 
-    def _place(self, entry: _Entry) -> str:
-        return str(entry.run.folder.relative_to(self._root))
 
-    def _show(self, entry: _Entry, host: Host, text: str) -> None:
-        self._status[id(entry)] = (host.name, text)
+class FleetHistory:
+    """The history of a client, as `r2bspec.compare.gated_run` uses it for a run on this machine.
 
+    The machine is part of what a run is compared by, so each host has a history of its own.
+    """
 
-def _confirms(job: Job) -> bool:
-    return job.identity.endswith(_CONFIRM)
+    def __init__(self, file: Path) -> None:
+        """See that the history can be used.
 
+        Raises:
+            HistoryError: it cannot.
+        """
+        self._file = file
+        with open_history(file, create=True):
+            pass
 
-def _bundle(run: FleetRun, known: dict[tuple[int, int], Bundle]) -> Bundle:
-    """The bundle of a run; runs of the same benchmark share it."""
-    key = (id(run.head), id(run.base))
-    if key not in known:
-        known[key] = make_bundle(_sides(run))
-    return known[key]
+    def confirmation(self, folder: Path, plan: Plan) -> Plan | None:
+        """Judge a run by the history; the plan of the run that must confirm a failure, if any."""
+        baseline = baseline_from_history(self._file, open_run(folder))
+        write_baseline(folder, baseline)
+        if not fails_by_history(_judged(folder).verdict) or not plan.gate.confirm:
+            return None
+        # The second run confirms the comparison with the history only.
+        gate = msgspec.structs.replace(plan.gate, confirm=False)
+        return msgspec.structs.replace(plan, gate=gate)
 
-
-def _sides(run: FleetRun) -> list[SentSide]:
-    return [run.head] if run.base is None else [run.head, run.base]
+    def add(self, folder: Path) -> None:
+        """Judge a run with its confirmation, and add it to the history."""
+        add_to_history(self._file, open_run(folder), _judged(folder))
 
 
 def _code_of(run: FleetRun, known: dict[int, str]) -> tuple[str, ...]:
@@ -482,15 +487,13 @@ def _code_of(run: FleetRun, known: dict[int, str]) -> tuple[str, ...]:
 
     As for bundles, sides that several runs have in common are looked at once.
     """
-    for side in _sides(run):
+    for side in run.sides:
         if id(side) not in known:
             known[id(side)] = graph_identity(side.plan, side.base_dir).digest
-    return tuple(known[id(side)] for side in _sides(run))
+    return tuple(known[id(side)] for side in run.sides)
 
 
-def _refusal(entry: _Entry) -> R2bspecError:
-    """Why no host can make a run: the reason of the only host, or one line with all of them."""
-    if len(entry.refused) == 1:
-        return next(iter(entry.refused.values()))
-    parts = "; ".join(f"{host}: {error}" for host, error in sorted(entry.refused.items()))
-    return NoHostError(f"no host can make the run: {parts}")
+def _judged(folder: Path) -> Result:
+    result = result_of(open_run(folder))
+    RunFolder(folder).write_result(to_json(result))
+    return result

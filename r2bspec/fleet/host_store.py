@@ -1,11 +1,10 @@
-"""What a host keeps: recordings, files of bundles and finished runs, up to a limit.
+"""What a host keeps: files by their digests, and finished runs, up to a limit.
 
 ::
 
-    objects/SHA256            a file of a bundle
-    recordings/SHA256/        a recording, complete; SHA256.part while it arrives
-    work/BUNDLE/              the files of a bundle where they are used
-    spool/IDENTITY/           a run until its client has it
+    objects/SHA256     a file of a bundle or a recording; SHA256.part while it arrives
+    work/BUNDLE/       the files of a bundle where they are used; those of recordings are hard links
+    spool/IDENTITY/    a run until its client has it
 
 Whatever was used least recently is removed first. Everything can be removed while no run plays:
 what is missing is sent again.
@@ -18,22 +17,29 @@ import errno
 import fcntl
 import os
 import shutil
-from collections.abc import Iterator
+import tarfile
+import time
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Final
 
 from r2bspec.bags.digest import hash_files
-from r2bspec.fleet.bundle import digest_of
+from r2bspec.fleet.bundle import Job, SentFile, digest_of
 from r2bspec.fleet.errors import HostFullError, TransferError
-from r2bspec.fleet.host_messages import Job, Missing, SentFile, SentRecording
 
 DEFAULT_LIMIT_BYTES: Final = 20 << 30
 _FULL: Final = frozenset({errno.ENOSPC, errno.EDQUOT})
-_KINDS: Final = ("objects", "recordings", "work", "spool")
+_KINDS: Final = ("objects", "work", "spool")
 _PART: Final = ".part"
 _HEADSTART_S: Final = {"spool": 86_400.0}
 """So much later counts a run as used: it would have to be played again, and not only sent."""
+
+_COMPRESSION: Final = 1
+"""Samples and logs shrink to a fraction even so; the time is taken after the run, not during it."""
+
+_MAX_RUN_BYTES: Final = 64 << 30
+_POLL_S: Final = 0.2
 
 
 @contextlib.contextmanager
@@ -55,13 +61,13 @@ def full_disk(name: str) -> Iterator[None]:
 
 
 def inside(root: Path, path: str) -> Path:
-    """A place below a folder.
+    """A place below a folder, or the folder itself for ``.``.
 
     Raises:
         TransferError: the path leads out of it.
     """
     parts = PurePosixPath(path).parts
-    if not parts or path.startswith("/") or ".." in parts or "\0" in path:
+    if not path or path.startswith("/") or ".." in parts or "\0" in path:
         raise TransferError(f"the path {path!r} leads out of its bundle")
     return root.joinpath(*parts)
 
@@ -86,147 +92,121 @@ class HostStore:
             (self.root / kind).mkdir(mode=0o700, parents=True, exist_ok=True)
 
     @contextlib.contextmanager
-    def locked(self) -> Iterator[bool]:
-        """Have the folder to oneself; False if another worker has it."""
+    def locked(self, patience_s: float = 0.0) -> Iterator[int | None]:
+        """Have the folder to oneself: the lock as a descriptor, or None if another one has it.
+
+        A process that inherits the descriptor holds the lock, too: the run of a worker that was
+        killed has the folder until it has ended, for which this waits.
+        """
         self.open()
+        deadline = time.monotonic() + patience_s
         with (self.root / ".lock").open("w") as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                yield False
-                return
-            yield True
+            while True:
+                try:
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    if time.monotonic() > deadline:
+                        yield None
+                        return
+                    time.sleep(_POLL_S)
+                else:
+                    break
+            yield file.fileno()
 
-    def missing(self, job: Job) -> Iterator[Missing]:
-        """The files that must be sent before a job can be played."""
-        for file in {each.sha256: each for each in job.files}.values():
-            if not self._object(file.sha256).is_file():
-                yield self._missing("", file)
-        for recording in job.recordings:
-            if recording.absolute or self.recording(recording) is not None:
-                continue
-            for file in recording.files:
-                target = self._part(recording.sha256, file.path)
-                if not target.is_file() or target.stat().st_size != file.size:
-                    yield self._missing(recording.sha256, file)
+    def missing(self, job: Job) -> dict[str, int]:
+        """The files that must be sent for a job, by digest: how many bytes are here already."""
+        shared = self._shared(job)
+        missing = {}
+        for file in job.files:
+            if file.recording not in shared and not self._object(file.sha256).is_file():
+                part = self._object(f"{file.sha256}{_PART}")
+                missing[file.sha256] = part.stat().st_size if part.is_file() else 0
+        return missing
 
-    def _missing(self, recording: str, file: SentFile) -> Missing:
-        target = self._target(recording, file)
-        offset = target.stat().st_size if target.is_file() else 0
-        return Missing(recording=recording, file=file, offset=min(offset, file.size))
-
-    def put(self, missing: Missing, offset: int, content: bytes) -> None:
+    def put(self, file: SentFile, offset: int, content: bytes) -> None:
         """Write a piece of a file; the last piece verifies it.
 
         Raises:
             TransferError: the file is not what its digest says; it is removed.
         """
-        target = self._target(missing.recording, missing.file)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with target.open("r+b" if target.exists() else "w+b") as stream:
+        part = self._object(f"{file.sha256}{_PART}")
+        with part.open("r+b" if part.exists() else "w+b") as stream:
             stream.seek(offset)
             stream.truncate()
             stream.write(content)
             size = stream.tell()
-        if size < missing.file.size:
+        if size < file.size:
             return
-        if digest_of(target) != (missing.file.sha256, missing.file.size):
-            target.unlink()
-            raise TransferError(f"{missing.file.path} did not arrive as it was sent")
-        if not missing.recording:
-            target.replace(self._object(missing.file.sha256))
+        if digest_of(part) != file.sha256:
+            part.unlink()
+            raise TransferError(f"{file.path} did not arrive as it was sent")
+        part.chmod(0o400)
+        part.replace(self._object(file.sha256))
 
-    def _target(self, recording: str, file: SentFile) -> Path:
-        if recording:
-            return self._part(recording, file.path)
-        return inside(self.root / "objects", f"{file.sha256}{_PART}")
+    def _object(self, name: str) -> Path:
+        return inside(self.root / "objects", name)
 
-    def _object(self, sha256: str) -> Path:
-        return inside(self.root / "objects", sha256)
-
-    def _part(self, recording: str, path: str) -> Path:
-        return inside(inside(self.root / "recordings", f"{recording}{_PART}"), path)
-
-    def recording(self, sent: SentRecording) -> Path | None:
-        """Where a recording is on this host, verified; None if it is not there yet."""
-        name = PurePosixPath(sent.path).name
-        kept = inside(self.root / "recordings", sent.sha256)
-        if kept.is_dir():
-            os.utime(kept)
-            return kept if sent.folder else kept / sent.files[0].path
-        for folder in self.shared:
-            for candidate in (folder / sent.sha256, folder / name):
-                if candidate.exists() and hash_files(candidate) == sent.sha256:
-                    return candidate
-        return None
-
-    def complete(self, sent: SentRecording) -> None:
-        """Take a recording into the cache if all of it has arrived.
-
-        Raises:
-            TransferError: its digest differs; its files are removed.
-        """
-        if sent.absolute or self.recording(sent) is not None:
-            return
-        part = inside(self.root / "recordings", f"{sent.sha256}{_PART}")
-        if hash_files(part if sent.folder else part / sent.files[0].path) != sent.sha256:
-            shutil.rmtree(part, ignore_errors=True)
-            raise TransferError(f"the recording {sent.path} did not arrive as it was sent")
-        part.rename(inside(self.root / "recordings", sent.sha256))
+    def _shared(self, job: Job) -> dict[str, Path]:
+        """The recordings of a job that lie in a shared folder, by their digests."""
+        return {
+            recording.sha256: candidate
+            for recording in job.recordings
+            for folder in self.shared
+            for candidate in (folder / recording.sha256, folder / Path(recording.path).name)
+            if candidate.exists() and hash_files(candidate) == recording.sha256
+        }
 
     def unpack(self, job: Job) -> Path:
         """The files of a job where they are used; what a run made there before stays."""
         tree = inside(self.root / "work", job.bundle)
+        shared = self._shared(job)
         for file in job.files:
-            target = inside(tree, file.path)
-            if target.is_file() and digest_of(target) == (file.sha256, file.size):
-                continue
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(self._object(file.sha256), target)
-            target.chmod(0o700 if file.executable else 0o600)
-        for side in (job.head, job.base):
-            if side is not None:
-                (tree if side.base_dir == "." else inside(tree, side.base_dir)).mkdir(
-                    parents=True, exist_ok=True
-                )
+            if file.recording not in shared:
+                self._place(file, inside(tree, file.path))
         for recording in job.recordings:
-            if not recording.absolute:
-                self._link(tree, recording)
+            if recording.sha256 in shared:
+                place = inside(tree, recording.path)
+                remove(place)
+                place.parent.mkdir(parents=True, exist_ok=True)
+                place.symlink_to(shared[recording.sha256])
+        for side in job.sides:
+            inside(tree, side.base_dir).mkdir(parents=True, exist_ok=True)
         os.utime(tree)
         return tree
 
-    def _link(self, tree: Path, recording: SentRecording) -> None:
-        source = self.recording(recording)
-        if source is None:
-            raise TransferError(f"the recording {recording.path} is not on this host")
-        place = inside(tree, recording.path)
-        place.parent.mkdir(parents=True, exist_ok=True)
-        with contextlib.suppress(FileNotFoundError):
-            place.unlink()
-        place.symlink_to(source)
+    def _place(self, file: SentFile, target: Path) -> None:
+        kept = self._object(file.sha256)
+        os.utime(kept)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if file.recording:
+            if not target.is_file() or not target.samefile(kept):
+                remove(target)
+                target.hardlink_to(kept)
+        elif not target.is_file() or digest_of(target) != file.sha256:
+            shutil.copyfile(kept, target)
+            target.chmod(0o700 if file.executable else 0o600)
 
     def spool(self, identity: str) -> Path:
         """The folder of a run that no client has fetched yet."""
         return inside(self.root / "spool", identity)
 
-    def trim(self, keep: frozenset[str] = frozenset()) -> None:
+    def trim(self, keep: Collection[str] = ()) -> None:
         """Remove what was used least recently until the limit is kept.
 
         Args:
             keep: names of entries that are in use.
         """
         entries = sorted(
-            (each for kind in _KINDS for each in (self.root / kind).iterdir()),
-            key=lambda each: each.lstat().st_mtime + _HEADSTART_S.get(each.parent.name, 0.0),
+            (entry for kind in _KINDS for entry in (self.root / kind).iterdir()),
+            key=lambda entry: entry.stat().st_mtime + _HEADSTART_S.get(entry.parent.name, 0.0),
         )
-        sizes = {each: _size(each) for each in entries}
-        total = sum(sizes.values())
-        for each in entries:
-            if total <= self.limit_bytes:
+        sizes = {entry: _size(entry) for entry in entries}
+        while sum(sizes.values()) > self.limit_bytes:
+            removable = (entry for entry in sizes if not _is_used(entry, keep))
+            if (oldest := next(removable, None)) is None:
                 return
-            if each.name.removesuffix(_PART) not in keep:
-                remove(each)
-                total -= sizes[each]
+            remove(oldest)
+            del sizes[oldest]
 
 
 def remove(place: Path) -> None:
@@ -237,12 +217,52 @@ def remove(place: Path) -> None:
         place.unlink(missing_ok=True)
 
 
+def _is_used(entry: Path, keep: Collection[str]) -> bool:
+    """Whether an entry is to be kept, or is a file of a recording that a tree uses."""
+    is_linked = entry.is_file() and entry.stat().st_nlink > 1
+    return is_linked or entry.name.removesuffix(_PART) in keep
+
+
 def _size(place: Path) -> int:
-    if not place.is_dir() or place.is_symlink():
-        return place.lstat().st_size
+    """The bytes of an entry; those of a hard link in a tree are those of its object."""
+    if place.is_file():
+        return place.stat().st_size
     total = 0
-    for parent, _, files in os.walk(place):
-        for name in files:
-            with contextlib.suppress(OSError):
-                total += Path(parent, name).lstat().st_size
+    for file in place.rglob("*"):
+        with contextlib.suppress(OSError):
+            status = file.lstat()
+            total += status.st_size if status.st_nlink == 1 or file.is_dir() else 0
     return total
+
+
+def pack_run(folder: Path, archive: Path) -> None:
+    """Write the files and folders of a run into one archive; anything else is left out."""
+    with tarfile.open(archive, "w:gz", compresslevel=_COMPRESSION) as tar:
+        tar.add(folder, arcname=".", filter=_plain)
+
+
+def _plain(entry: tarfile.TarInfo) -> tarfile.TarInfo | None:
+    """Files and folders, without the names and numbers of users."""
+    entry.uid = entry.gid = 0
+    entry.uname = entry.gname = ""
+    return entry if entry.isfile() or entry.isdir() else None
+
+
+def unpack_run(archive: Path, target: Path) -> None:
+    """Unpack the archive of a run, which has plain files and folders only.
+
+    Raises:
+        TransferError: the archive has something else, or leads out of the folder.
+    """
+    target.mkdir(mode=0o700)
+    total = 0
+    try:
+        with tarfile.open(archive, "r:gz") as tar:
+            for entry in tar:
+                total += entry.size
+                if not (entry.isfile() or entry.isdir()) or total > _MAX_RUN_BYTES:
+                    raise TransferError(f"the archive of a run has the entry {entry.name!r}")
+                entry.mode = 0o600 if entry.isfile() else 0o700
+                tar.extract(entry, target, filter="data")
+    except tarfile.TarError as error:
+        raise TransferError(f"the archive of a run is damaged: {error}") from error

@@ -10,9 +10,8 @@ import datetime
 import fcntl
 import os
 import secrets
-import threading
 from pathlib import Path
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import msgspec
 
@@ -22,9 +21,10 @@ from r2bspec.untrusted.safe_file import read_bytes
 JOURNAL_FILE: Final = "fleet.jsonl"
 _MAX_BYTES: Final = 256_000_000
 
-State = Literal["sent", "lost", "invalid", "full", "failed", "done"]
+State = Literal["sent", "lost", "invalid", "full", "refused", "failed", "done"]
 """Of an attempt: ``sent`` to a host; ``lost`` with it; ``invalid``, to be tried again; ``full``
-if the host had no room; ``failed`` for good; ``done`` when its folder is here."""
+if the host had no room; ``refused`` if it cannot make the run; ``failed`` for good; ``done`` when
+its folder is here."""
 
 
 class Event(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -48,7 +48,7 @@ class Event(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Journal:
-    """The journal of one suite, which several threads write."""
+    """The journal of one suite."""
 
     def __init__(self, folder: Path) -> None:
         """Open the journal of a suite, or begin it.
@@ -56,54 +56,35 @@ class Journal:
         Raises:
             UsageError: the file is no journal, or another client writes it.
         """
-        self._path = folder / JOURNAL_FILE
-        self._lock = threading.Lock()
-        self._file = self._path.open("ab")
+        self._file = (folder / JOURNAL_FILE).open("ab")
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            events = read_journal(folder)
         except BlockingIOError:
             self._file.close()
             raise UsageError(
                 f"another client runs the suite in {folder}",
                 hint="Wait for its end, or choose another folder with --output.",
             ) from None
-        try:
-            known = read_journal(folder)
         except UsageError:
             self._file.close()
             raise
-        self.suite = next((each.suite for each in known if each.suite), "")
-        self.hosts = frozenset(each.host for each in known if each.host)
+        self.suite = next((event.suite for event in events if event.suite), "")
+        self.hosts = frozenset(event.host for event in events if event.host)
         if not self.suite:
             self.suite = secrets.token_hex(8)
-            self._append(Event(at=_now(), suite=self.suite))
+            self.write(suite=self.suite)
 
-    def write(
-        self, run: str, host: str, identity: str, attempt: int, state: State, reason: str = ""
-    ) -> None:
-        """Add an event."""
-        self._append(
-            Event(
-                at=_now(),
-                run=run,
-                host=host,
-                identity=identity,
-                attempt=attempt,
-                state=state,
-                reason=reason,
-            )
-        )
+    def write(self, **fields: Any) -> None:
+        """Add an `Event` with these fields, now."""
+        now = datetime.datetime.now(datetime.UTC).isoformat(timespec="milliseconds")
+        self._file.write(msgspec.json.encode(Event(at=now, **fields)) + b"\n")
+        self._file.flush()
+        os.fsync(self._file.fileno())
 
     def close(self) -> None:
         """Let another client have the suite."""
         self._file.close()
-
-    def _append(self, event: Event) -> None:
-        line = msgspec.json.encode(event) + b"\n"
-        with self._lock:
-            self._file.write(line)
-            self._file.flush()
-            os.fsync(self._file.fileno())
 
 
 def read_journal(folder: Path) -> list[Event]:
@@ -119,16 +100,9 @@ def read_journal(folder: Path) -> list[Event]:
         raise UsageError(f"{path} cannot be read: {error.strerror or error}") from error
     events = []
     for number, line in enumerate(lines):
-        if not line:
-            continue
         try:
-            events.append(msgspec.json.decode(line, type=Event))
+            events += [msgspec.json.decode(line, type=Event)] if line else []
         except msgspec.MsgspecError as error:
-            if number:
-                continue
-            raise UsageError(f"{path} is no journal of a fleet: {error}") from error
+            if not number:
+                raise UsageError(f"{path} is no journal of a fleet: {error}") from error
     return events
-
-
-def _now() -> str:
-    return datetime.datetime.now(datetime.UTC).isoformat(timespec="milliseconds")

@@ -1,78 +1,133 @@
-"""What a spec does on a host besides running what is installed there: commands, and Python.
+"""What a spec may do on a host: an allow-list, because a deny-list is never complete.
 
-The owner of a host allows each. Executables, components and Python classes of packages that are
-installed there are always allowed: the owner has installed them.
+Without a permission of its owner, a host starts programs of r2bspec, executables, components,
+Python classes and launch files of ROS packages that are installed there, each by the command line
+that r2bspec itself writes. Other Python is not allowed, even if it is installed: ``pytest.main``
+runs what lies in its folder. Processes get variables of `_VARIABLES` only: any
+other one may name code, such as ``LD_PRELOAD``, ``HOME`` (a user site) or ``OPENSSL_CONF`` (an
+engine). Whatever is not on these lists needs ``--allow-commands`` or, for Python and launch files
+that a spec brings along, ``--allow-python``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path, PurePosixPath
 from typing import Final
 
 from r2bspec.fleet.errors import NotAllowedError
-from r2bspec.plan.command_lines import is_own_program
+from r2bspec.plan.command_lines import INCLUDED_LAUNCH, is_own_program
 from r2bspec.plan.plan import Plan, ProcessPlan
 
 COMMANDS: Final = "commands"
 PYTHON: Final = "python"
 
-_LOADER_VARIABLES: Final = ("LD_", "PYTHON", "AMENT_", "BASH_", "ROS_PYTHON")
-"""Variables with which a process runs other code than that of its program."""
+_VARIABLES: Final = frozenset(
+    (
+        *("OMP_NUM_THREADS", "OMP_PROC_BIND", "OMP_PLACES", "OMP_SCHEDULE", "OMP_DYNAMIC"),
+        *("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS", "TBB_NUM_THREADS"),
+        *("CUDA_VISIBLE_DEVICES", "CUDA_LAUNCH_BLOCKING", "NVIDIA_VISIBLE_DEVICES"),
+        *("OPENCV_FOR_THREADS_NUM", "MALLOC_ARENA_MAX"),
+        *("RCUTILS_COLORIZED_OUTPUT", "RCUTILS_LOGGING_USE_STDOUT"),
+        *("RCUTILS_LOGGING_BUFFERED_STREAM", "RCUTILS_CONSOLE_OUTPUT_FORMAT"),
+    )
+)
+"""None of them names a file, a program or a plugin."""
+
+_PACKAGE: Final = re.compile(r"[A-Za-z0-9_][\w-]*")
+_EXECUTABLE: Final = re.compile(rf"\$\(executable {_PACKAGE.pattern} (?!\.\.?\))[^/\s)]+\)")
+_MODULE: Final = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")
+_LAUNCH_NAMES: Final = ("namespace", "remappings", "arguments")
+_LOAD_NODE: Final = "composition_interfaces/srv/LoadNode"
+_OWN_NODES: Final = "r2bspec.nodes."
 
 
-def check_allowed(plan: Plan, allows: tuple[str, ...], host: str) -> None:
+def check_allowed(plan: Plan, allows: Sequence[str], host: str) -> None:
     """See that a host may run a plan.
 
     Raises:
         NotAllowedError: it may not.
     """
-    for kind, found in ((COMMANDS, _commands(plan)), (PYTHON, _python(plan))):
-        what = next(found, None)
-        if what is not None and kind not in allows:
+    for permission, what in sorted(_needs(plan)):
+        if permission not in allows:
             raise NotAllowedError(
                 f"the host {host} may not run {what}, because its worker was started without "
-                f"--allow-{kind}",
+                f"--allow-{permission}",
                 hint="Its owner decides: what a spec brings along can do there whatever the "
                 "user of the worker can.",
             )
 
 
-def _commands(plan: Plan) -> Iterator[str]:
+def _needs(plan: Plan) -> Iterator[tuple[str, str]]:
+    """The permissions that a plan needs, each with what needs it."""
     for process in plan.processes:
-        if (called := _command_of(process)) is not None:
-            yield f"the command {called!r}"
-        for name in process.env:
-            if name == "PATH" or name.startswith(_LOADER_VARIABLES):
-                yield f"a process with the variable {name} of the spec"
+        yield from _needs_of_process(process)
     for setup in plan.setup:
-        yield f"the setup command {setup.name!r}"
+        yield COMMANDS, f"the setup command {setup.name!r}"
     for step in plan.after_ready:
         if step.argv:
-            yield f"the command {step.argv[0]!r}"
+            yield COMMANDS, f"the command {step.argv[0]!r}"
+        if step.service_type == _LOAD_NODE:
+            yield COMMANDS, f"the call of {step.service!r}, which loads a library"
 
 
-def _command_of(process: ProcessPlan) -> str | None:
-    """The program of a process, if the spec names it as a command or before one."""
-    first = process.argv[0] if process.argv else ""
-    if is_own_program(process.argv) or first == "" or first.startswith("$(executable "):
-        return None
-    if process.argv[:2] == ("ros2", "launch"):
-        return None
-    return first
+def _needs_of_process(process: ProcessPlan) -> Iterator[tuple[str, str]]:
+    argv = process.argv
+    if (launched := _launch_place(argv)) is not None:
+        if not _is_installed_launch(launched):
+            yield PYTHON, f"the launch file {launched[-1].removeprefix('file:=')!r}"
+    elif not is_own_program(argv) and not (argv and _EXECUTABLE.fullmatch(argv[0])):
+        yield COMMANDS, f"the command {argv[0] if argv else ''!r}"
+    for name in sorted(set(process.env) - _VARIABLES):
+        yield COMMANDS, f"a process with the variable {name} of the spec"
+    for node in process.nodes:
+        if node.package and not _PACKAGE.fullmatch(node.package):
+            yield COMMANDS, f"a component of {node.package!r}"
+    for target in _targets(process):
+        if ":" in target:
+            yield PYTHON, f"the Python file {target.rpartition(':')[0]!r}"
+        elif not _is_installed_class(target):
+            yield PYTHON, f"{target!r}, which is not of a ROS package that is installed there"
 
 
-def _python(plan: Plan) -> Iterator[str]:
-    for process in plan.processes:
-        for node in process.nodes:
-            if ":" in node.target:
-                yield f"the Python file {node.target.rpartition(':')[0]!r}"
-        # A launch file that a spec brings along is Python, too.
-        if process.argv[:2] == ("ros2", "launch"):
-            for word in process.argv:
-                if word.startswith("file:=") and not any(
-                    each.startswith("package:=") for each in process.argv
-                ):
-                    yield f"the launch file {word.removeprefix('file:=')!r}"
-        for word in process.argv[1:]:
-            if word.startswith("./") and ".py:" in word:
-                yield f"the Python file {word.rpartition(':')[0]!r}"
+def _launch_place(argv: Sequence[str]) -> Sequence[str] | None:
+    """Of r2bspec's own launch line, the words that say which file; None for any other line."""
+    before, after = ("ros2", "launch", INCLUDED_LAUNCH), len(_LAUNCH_NAMES)
+    place, rest = argv[len(before) : -after], argv[-after:]
+    is_ours = (
+        tuple(argv[: len(before)]) == before
+        and tuple(word.partition(":=")[0] for word in rest) == _LAUNCH_NAMES
+        and [word.partition(":=")[0] for word in place] in (["file"], ["package", "file"])
+    )
+    return place if is_ours else None
+
+
+def _is_installed_launch(place: Sequence[str]) -> bool:
+    """Whether a launch file is one of a package: it is below the package's own share folder."""
+    path = PurePosixPath(place[-1].removeprefix("file:="))
+    is_inside = not path.is_absolute() and ".." not in path.parts
+    package = place[0].removeprefix("package:=")
+    return len(place) > 1 and _PACKAGE.fullmatch(package) is not None and is_inside
+
+
+def _is_installed_class(target: str) -> bool:
+    """Whether a target is of r2bspec's reference nodes, or of a package in the ament index."""
+    if _MODULE.fullmatch(target) is None:
+        return False
+    index = "share/ament_index/resource_index/packages"
+    prefixes = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(":"))
+    places = (Path(prefix, index, target.partition(".")[0]) for prefix in prefixes)
+    return target.startswith(_OWN_NODES) or any(place.exists() for place in places)
+
+
+def _targets(process: ProcessPlan) -> Iterator[str]:
+    """What is imported in a process: the Python nodes in it, or the function that it calls."""
+    yield from (node.target for node in process.nodes if node.target)
+    if is_own_program(process.argv) and len(process.argv) > _TARGET_WORD:
+        yield process.argv[_TARGET_WORD]
+
+
+_TARGET_WORD: Final = 4
+"""Of ``$(python) -P -m r2bspec.harness.node_main TARGET``, the place of the target."""

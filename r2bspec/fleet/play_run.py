@@ -1,7 +1,7 @@
 """The program that plays one run of a fleet on its host: ``python -m r2bspec.fleet.play_run``.
 
 It is a process of its own, so that the worker, its event loop and its sockets are not in the
-process that measures. It ends with its worker: a pipe, held open by the worker alone, tells.
+process that measures. It ends with its worker, whose end of a pipe is its standard input.
 """
 
 from __future__ import annotations
@@ -13,24 +13,63 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
-from r2bspec.fleet.host_messages import Job, Played, Problem, Side, encode, problem_of
-from r2bspec.fleet.host_store import inside
+from r2bspec.fleet.bundle import Job, Side
 from r2bspec.record.atomic_files import write_atomically
+
+if TYPE_CHECKING:
+    from r2bspec.api import PreparedBenchmark
+    from r2bspec.judge.result import Result
 
 JOB_FILE: Final = "job.json"
 ENDED_FILE: Final = "ended.json"
 PROGRESS_FILE: Final = "progress.json"
 RUN_FOLDER: Final = "run"
-LOCK_FILE: Final = "playing.lock"
 
 _PROGRESS_INTERVAL_S: Final = 5.0
 """Progress is written by the controller: rarely, because it measures at the same time."""
+
+
+class Problem(msgspec.Struct, frozen=True, kw_only=True):
+    """Why a run failed, as it is shown.
+
+    Attributes:
+        is_of_host: whether nothing was played, because the spec is not valid on this host.
+    """
+
+    code: str
+    message: str
+    hint: str = ""
+    exit_status: int = ExitStatus.RUN_FAILED
+    is_of_host: bool = False
+
+    @property
+    def error(self) -> R2bspecError:
+        """The error of a client."""
+        error = R2bspecError(self.message, hint=self.hint, code=self.code)
+        error.exit_code = next(status for status in ExitStatus if status == self.exit_status)
+        return error
+
+
+class Played(msgspec.Struct, frozen=True, kw_only=True):
+    """A run that has ended.
+
+    Attributes:
+        outcome: of its verdict; empty where there is none.
+        problem: why it failed.
+        size: of the archive of its folder, in bytes; 0 if it has none.
+        sha256: of the archive.
+    """
+
+    outcome: str = ""
+    problem: Problem | None = None
+    size: int = 0
+    sha256: str = ""
 
 
 class RunState(msgspec.Struct, frozen=True, kw_only=True):
@@ -51,16 +90,16 @@ class RunState(msgspec.Struct, frozen=True, kw_only=True):
 class _WrittenProgress:
     """Writes the state of the run to a file, at most every few seconds."""
 
-    def __init__(self, job: Job, file: Path, left_s: Callable[[str], float | None]) -> None:
-        self._job = job
+    def __init__(self, name: str, file: Path, left_s: Callable[[str], float | None]) -> None:
+        self._name = name
         self._file = file
         self._left_s = left_s
-        self._name = ""
+        self._phase = ""
         self._text = "starting"
         self._next = 0.0
 
     def phase(self, name: str, text: str) -> None:
-        self._name, self._text = name, text
+        self._phase, self._text = name, text
         self._write(None)
 
     def step(self, done: int, total: int) -> None:
@@ -79,9 +118,8 @@ class _WrittenProgress:
         """Notes are in the record of the run."""
 
     def _write(self, p99_ns: int | None) -> None:
-        state = RunState(
-            name=self._job.name, phase=self._text, left_s=self._left_s(self._name), p99_ns=p99_ns
-        )
+        left_s = self._left_s(self._phase)
+        state = RunState(name=self._name, phase=self._text, left_s=left_s, p99_ns=p99_ns)
         # Read by the worker, which takes an unreadable state for none: it need not be durable.
         temporary = self._file.with_suffix(".tmp")
         try:
@@ -91,55 +129,64 @@ class _WrittenProgress:
             return
 
 
-def main(spool: Path, tree: Path, pipe: int) -> None:
+def main(spool: Path, tree: Path, lock: int) -> None:
     """Play the job of a spool folder.
 
     Args:
         spool: has ``job.json``, and gets the run folder and ``ended.json``.
         tree: the root of its bundle.
-        pipe: ends when the worker does.
+        lock: of the folder of the host, which is held until this process ends.
     """
-    import fcntl
-
-    lock = (spool / LOCK_FILE).open("w")
-    fcntl.flock(lock, fcntl.LOCK_EX)
-    _end_with(pipe)
+    os.set_inheritable(lock, False)
+    threading.Thread(target=_end_with_worker, daemon=True).start()
     job = msgspec.json.decode((spool / JOB_FILE).read_bytes(), type=Job)
-    began = time.monotonic()
-    outcome, problem = "", None
     try:
-        outcome = _play(job, spool, tree)
+        problem = _invalidity(job, tree)
+        outcome = _play(job, spool, tree).verdict.outcome if problem is None else ""
+        played = Played(outcome=outcome, problem=problem)
     except R2bspecError as error:
-        problem = problem_of(error)
+        problem = Problem(
+            code=error.code, message=str(error), hint=error.hint, exit_status=error.exit_code
+        )
+        played = Played(problem=problem)
     except Exception as error:
         problem = Problem(
             code="R2B690",
             message=f"r2bspec itself failed: {type(error).__name__}: {error}",
             exit_status=ExitStatus.INTERNAL_ERROR,
         )
-    ended = Played(
-        identity=job.identity,
-        outcome=outcome,
-        problem=problem,
-        seconds=time.monotonic() - began,
-    )
-    write_atomically(spool / ENDED_FILE, encode(ended))
+        played = Played(problem=problem)
+    write_atomically(spool / ENDED_FILE, msgspec.json.encode(played))
 
 
-def _end_with(pipe: int) -> None:
-    """Interrupt this process when the other end of a pipe is closed."""
-
-    def wait() -> None:
-        while os.read(pipe, 1):
-            pass
-        os.kill(os.getpid(), signal.SIGTERM)
-
-    os.set_inheritable(pipe, False)
-    threading.Thread(target=wait, daemon=True, name="worker-watch").start()
+def _end_with_worker() -> None:
+    """Interrupt this process when the worker closes the pipe, or is gone."""
+    while os.read(sys.stdin.fileno(), 1):
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)
 
 
-def _play(job: Job, spool: Path, tree: Path) -> str:
-    """Make the run, or the comparison; returns the outcome of its verdict."""
+def _invalidity(job: Job, tree: Path) -> Problem | None:
+    """The first error that ``validate`` finds with what is installed on this host."""
+    from r2bspec import api
+
+    for side in job.sides:
+        file = tree / side.base_dir / ".fleet.r2b.yaml"
+        try:
+            file.write_text(side.spec_text)
+            if side.spec_text:
+                api.prepare(file, smoke=job.smoke)
+        except api.InvalidSpecError as error:
+            first = next(finding for finding in error.diagnostics if finding.severity == "error")
+            hint = first.help or ""
+            return Problem(code=first.code, message=first.message, hint=hint, is_of_host=True)
+        finally:
+            file.unlink(missing_ok=True)
+    return None
+
+
+def _play(job: Job, spool: Path, tree: Path) -> Result:
+    """Make the run, or the comparison."""
     from r2bspec import api
     from r2bspec.execute.host.host_lock import host_lock
     from r2bspec.plan.time_estimate import estimate_time
@@ -152,40 +199,38 @@ def _play(job: Job, spool: Path, tree: Path) -> str:
         remaining.begin(phase)
         return None if job.compares else remaining.seconds()
 
-    progress = _WrittenProgress(job, spool / PROGRESS_FILE, left_s)
-    folder = spool / RUN_FOLDER
+    progress = _WrittenProgress(job.name, spool / PROGRESS_FILE, left_s)
 
     def on_wait(holder: str) -> None:
         progress.phase("", f"waiting for {holder}")
 
     with host_lock(f"{job.name} of a fleet", on_wait=on_wait):
         if job.compares:
-            result = _compare(job, head, tree, folder, progress)
-        else:
-            result = api.run(
-                head,
-                folder,
-                progress,
-                abort_on_fail=job.abort_on_fail,
-                record_outputs=job.record_outputs,
-                lock="off",  # it is held here: waiting for it again would never end
-            )
-    return str(result.verdict.outcome)
+            return _compare(job, head, tree, spool / RUN_FOLDER, progress)
+        return api.run(
+            head,
+            spool / RUN_FOLDER,
+            progress,
+            abort_on_fail=job.abort_on_fail,
+            record_outputs=job.record_outputs,
+            lock="off",  # it is held here: waiting for it again would never end
+        )
 
 
-def _prepared(side: Side, tree: Path) -> Any:
+def _prepared(side: Side, tree: Path) -> PreparedBenchmark:
     from r2bspec.api import PreparedBenchmark
     from r2bspec.plan.canonical_json import parse_plan
 
-    base_dir = tree if side.base_dir == "." else inside(tree, side.base_dir)
     return PreparedBenchmark(
         plan=parse_plan(side.plan.encode(), "the plan of the client"),
-        base_dir=base_dir,
+        base_dir=tree / side.base_dir,
         spec_text=side.spec_text,
     )
 
 
-def _compare(job: Job, head: Any, tree: Path, folder: Path, progress: Any) -> Any:
+def _compare(
+    job: Job, head: PreparedBenchmark, tree: Path, folder: Path, progress: _WrittenProgress
+) -> Result:
     from r2bspec.compare.interleaved_comparison import compare, prepare_comparison
     from r2bspec.compare.interleaved_runs import ComparisonSide
     from r2bspec.execute.processes.workspaces import workspace_environments
@@ -193,8 +238,8 @@ def _compare(job: Job, head: Any, tree: Path, folder: Path, progress: Any) -> An
     environment = workspace_environments(job.environments)
     base = _prepared(job.base, tree) if job.base is not None else head
     sides = [
-        ComparisonSide(each.plan, each.base_dir, each.spec_text, overrides)
-        for each, overrides in ((base, environment), (head, {}))
+        ComparisonSide(side.plan, side.base_dir, side.spec_text, overrides)
+        for side, overrides in ((base, environment), (head, {}))
     ]
     comparison = prepare_comparison(
         *sides, against=job.against, pairs=job.pairs, control=job.control, force=job.force

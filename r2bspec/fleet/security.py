@@ -1,11 +1,22 @@
-"""Connections of a fleet: TLS beyond this machine, and its certificates."""
+"""Connections of a fleet: where they may go, and where a worker listens; TLS beyond this machine.
+
+Dask runs what anybody sends who can connect. So nothing leaves this machine without TLS, and
+nothing listens beyond it, unless `--insecure` says that every machine of the network is trusted.
+
+The certificates of a fleet are those of one authority, with one for each part. Dask checks that
+both ends have a certificate of the authority, and nothing else: not names, and not roles. So every
+holder of a certificate is trusted as much as any other.
+"""
 
 from __future__ import annotations
 
+import datetime
 import ipaddress
+import os
+import socket
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
 import msgspec
@@ -21,6 +32,14 @@ _MAX_FILE_BYTES: Final = 100_000
 _KEYS: Final = frozenset({"scheduler", "ca", "certificate", "key"})
 _SCHEMES: Final = ("tcp", "tls")
 _DEFAULT_PORT: Final = 8786
+
+PARTS: Final = ("scheduler", "worker", "client")
+_USES: Final = (
+    *("digital_signature", "content_commitment", "key_encipherment", "data_encipherment"),
+    *("key_agreement", "key_cert_sign", "crl_sign", "encipher_only", "decipher_only"),
+)
+_YEARS: Final = 2
+_DAY: Final = datetime.timedelta(days=1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,18 +76,18 @@ class FleetAddress:
             for role in ("client", "worker", "scheduler")
             for kind, path in files.items()
         }
-        made = Security(  # type: ignore[no-untyped-call]
+        security = Security(  # type: ignore[no-untyped-call]
             tls_ca_file=str(self.ca), require_encryption=True, **roles
         )
         try:
-            made.get_connection_args("client")  # type: ignore[no-untyped-call] # reads the files
+            security.get_connection_args("client")  # type: ignore[no-untyped-call] # reads the files
         except (OSError, ValueError) as error:
             named = ", ".join(map(str, (self.ca, self.certificate, self.key)))
             raise InsecureFleetError(
                 f"the certificates cannot be used: {error}",
                 hint=f"Their files are {named}; 'r2bspec fleet certificates' makes new ones.",
             ) from error
-        return made
+        return security
 
 
 def fleet_address(
@@ -123,6 +142,53 @@ def fleet_address(
     return FleetAddress(scheduler=address, **(paths if scheme == "tls" else {}))
 
 
+def listen_address(address: FleetAddress, listen: str) -> str:
+    """Where a worker listens; empty for all interfaces, which only TLS may use.
+
+    Without TLS it is the loopback interface, or, if the scheduler is on another machine of a
+    trusted network (``--insecure``), one address: that which reaches the scheduler, or `listen`.
+
+    Args:
+        address: of the scheduler.
+        listen: an address or name of this machine, as its owner wrote it; empty for the usual one.
+
+    Raises:
+        InsecureFleetError: anybody else could reach the worker without a certificate.
+    """
+    if address.ca is not None:
+        return listen
+    is_local = is_loopback(address.scheduler)
+    if not listen:
+        return "127.0.0.1" if is_local else _own_address(address.scheduler)
+    place = _resolved(listen)
+    if place.is_unspecified or (is_local and not place.is_loopback):
+        raise InsecureFleetError(
+            f"--listen {listen} without TLS would let every machine that reaches this one run "
+            "programs here",
+            hint="Leave --listen out, or use a tls:// scheduler with certificates "
+            "('r2bspec fleet certificates').",
+        )
+    return str(place)
+
+
+def _own_address(scheduler: str) -> str:
+    """The address of this machine from which a scheduler is reached; nothing is sent."""
+    from distributed.utils import get_ip, get_ipv6
+
+    place = _resolved(urlsplit(scheduler).hostname or "")
+    own = get_ipv6 if place.version == 6 else get_ip
+    return str(own(str(place)))
+
+
+def _resolved(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
+    """What a name means now: it is this that is bound, so that it cannot mean another later."""
+    try:
+        address = socket.getaddrinfo(name, None, type=socket.SOCK_STREAM)[0][4][0]
+        return ipaddress.ip_address(str(address).partition("%")[0])
+    except (OSError, ValueError) as error:
+        raise InsecureFleetError(f"{name!r} is no address of this machine: {error}") from error
+
+
 def is_loopback(address: str) -> bool:
     """Whether an address is on this machine whatever its names mean."""
     host = urlsplit(address).hostname or ""
@@ -162,11 +228,11 @@ def quiet_logs() -> None:
 def _with_port(address: str) -> str:
     try:
         parts = urlsplit(address)
-        known = parts.scheme in _SCHEMES and bool(parts.hostname)
+        is_address = parts.scheme in _SCHEMES and bool(parts.hostname)
         port = parts.port
     except ValueError:
-        known, port = False, None
-    if not known:
+        is_address, port = False, None
+    if not is_address:
         raise InsecureFleetError(
             f"{address!r} is no address of a scheduler",
             hint="An address is tls://HOST:PORT or tcp://HOST:PORT.",
@@ -177,7 +243,7 @@ def _with_port(address: str) -> str:
 def _read_cluster_file(path: Path) -> dict[str, str]:
     try:
         content = load_values(read_text(path, max_bytes=_MAX_FILE_BYTES))
-        found = msgspec.convert(content, dict[str, str])
+        values = msgspec.convert(content, dict[str, str])
     except OSError as error:
         raise InsecureFleetError(
             f"{path} is neither an address nor a cluster file that can be read: "
@@ -186,9 +252,107 @@ def _read_cluster_file(path: Path) -> dict[str, str]:
         ) from error
     except Exception as error:
         raise InsecureFleetError(f"{path} is not a cluster file: {error}") from error
-    if unknown := sorted(set(found) - _KEYS):
+    if unknown := sorted(set(values) - _KEYS):
         raise InsecureFleetError(
             f"{path} has the unknown key {unknown[0]!r}",
             hint=f"Its keys are {', '.join(sorted(_KEYS))}.",
         )
-    return found
+    return values
+
+
+def make_certificates(folder: Path, names: tuple[str, ...] = ()) -> list[Path]:
+    """Make an authority, and certificates for scheduler, workers and clients; returns the files.
+
+    Args:
+        folder: for the files, new or empty. The key of the authority, ``ca-key.pem``, is only
+            needed to make further certificates, and belongs off the network.
+        names: host names and addresses for the certificates.
+
+    Raises:
+        FleetNotInstalledError: the package `cryptography` is missing.
+        InsecureFleetError: the folder has files, whose keys may be in use.
+    """
+    try:
+        from cryptography.hazmat.primitives import hashes
+        from cryptography.hazmat.primitives.asymmetric import ec
+    except ImportError as error:
+        raise FleetNotInstalledError(
+            "certificates need the package cryptography, which is not installed",
+            hint="pip install 'r2bspec[fleet]', or make them with another tool.",
+        ) from error
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if any(folder.iterdir()):
+        raise InsecureFleetError(f"{folder} is not empty: its keys may be in use")
+    authority_key = ec.generate_private_key(ec.SECP256R1())
+    usual_names = names or ("localhost", "127.0.0.1")
+    files = []
+    for part in ("ca", *PARTS):
+        is_authority = part == "ca"
+        key = authority_key if is_authority else ec.generate_private_key(ec.SECP256R1())
+        subject = "r2bspec fleet" if is_authority else f"r2bspec {part}"
+        builder = _builder(subject, key, is_authority=is_authority)
+        if not is_authority:
+            builder = builder.add_extension(_both_ends(), False)
+            builder = builder.add_extension(_alternatives(usual_names), False)
+        files += _write(folder, part, builder.sign(authority_key, hashes.SHA256()), key)
+    return files
+
+
+def _builder(subject: str, key: Any, *, is_authority: bool) -> Any:
+    from cryptography import x509
+    from cryptography.x509.oid import NameOID
+
+    def name(text: str) -> Any:
+        return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)])
+
+    now = datetime.datetime.now(datetime.UTC)
+    builder = (
+        x509.CertificateBuilder()
+        .subject_name(name(subject))
+        .issuer_name(name("r2bspec fleet"))
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - _DAY)  # clocks of robots differ
+        .not_valid_after(now + _YEARS * 365 * _DAY)
+    )
+    path_length = 0 if is_authority else None
+    builder = builder.add_extension(x509.BasicConstraints(is_authority, path_length), True)
+    uses = dict.fromkeys(_USES, False)
+    uses |= {"key_cert_sign": is_authority, "digital_signature": not is_authority}
+    return builder.add_extension(x509.KeyUsage(**uses), True)
+
+
+def _both_ends() -> Any:
+    """Workers and schedulers answer and call."""
+    from cryptography import x509
+    from cryptography.x509.oid import ExtendedKeyUsageOID
+
+    return x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH])
+
+
+def _alternatives(names: tuple[str, ...]) -> Any:
+    from cryptography import x509
+
+    alternatives: list[Any] = []
+    for name in names:
+        try:
+            alternatives.append(x509.IPAddress(ipaddress.ip_address(name)))
+        except ValueError:
+            alternatives.append(x509.DNSName(name))
+    return x509.SubjectAlternativeName(alternatives)
+
+
+def _write(folder: Path, part: str, certificate: Any, key: Any) -> list[Path]:
+    from cryptography.hazmat.primitives import serialization
+
+    text = key.private_bytes(
+        serialization.Encoding.PEM,
+        serialization.PrivateFormat.PKCS8,
+        serialization.NoEncryption(),
+    )
+    files = [folder / f"{part}.pem", folder / f"{part}-key.pem"]
+    contents = (certificate.public_bytes(serialization.Encoding.PEM), text)
+    for file, content in zip(files, contents, strict=True):
+        with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as out:
+            out.write(content)
+    return files

@@ -1,5 +1,9 @@
 """The worker of a host: a Dask worker with one slot, which is quiet while a run plays.
 
+Its one task at a time is Dask's resource `SLOT`; what it does is the plugin `HostService`; what it
+is travels when it registers, and what it does with every heartbeat. It has no HTTP server, and
+without TLS it listens on the loopback interface only: whoever reaches a worker runs programs there.
+
 Dask's defaults wake a process about 200 times a second for its own statistics. None of them is
 needed here, so this worker keeps two timers: the heartbeat, every few seconds, and a sign of life
 every minute. `tests/bench/fleet_idle_cost.py` measures what is left.
@@ -15,9 +19,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from r2bspec.fleet.host_messages import FACTS, SLOT, as_dict
+import msgspec
+
 from r2bspec.fleet.host_service import HostService
-from r2bspec.fleet.security import FleetAddress, quiet_logs, require_distributed
+from r2bspec.fleet.security import FleetAddress, quiet_logs
+
+SLOT: Final = "r2bspec-host"
+"""The resource of which each host has one."""
+
+FACTS: Final = "r2bspec"
+"""Under this key a worker describes its host when it registers, and its state in heartbeats."""
 
 HEARTBEAT_S: Final = 10.0
 
@@ -40,7 +51,6 @@ _QUIET: Final[dict[str, Any]] = {
 
 _TIMERS: Final = frozenset({"heartbeat", "keep-alive"})
 _RECONNECT_S: Final = 2.0
-_ANNOUNCE_S: Final = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +59,7 @@ class WorkerSettings:
 
     Attributes:
         heartbeat_s: between heartbeats; None keeps Dask's own timers, to measure their cost.
-        listen: the address at which clients of the scheduler reach the worker; any if empty.
+        listen: where the worker listens (`security.listen_address`); anywhere if empty.
     """
 
     address: FleetAddress
@@ -68,7 +78,6 @@ def run_worker(
         settings: of the worker.
         on_state: is told what changes, in a line.
     """
-    require_distributed()
     import dask
 
     if settings.heartbeat_s is not None:
@@ -82,13 +91,13 @@ async def _serve(
 ) -> None:
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
-    for each in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(each, ended.set)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, ended.set)
     on_state(told := f"connecting to {settings.address.scheduler}")
     while not ended.is_set():
         worker = _make_worker(service, settings)
         try:
-            starting = asyncio.ensure_future(_started(worker))
+            starting = asyncio.ensure_future(worker)
             await _first(starting, ended)
             if not starting.done():
                 starting.cancel()
@@ -112,10 +121,6 @@ async def _serve(
     service.close()
 
 
-async def _started(worker: Any) -> None:
-    await worker
-
-
 async def _first(task: asyncio.Future[Any], ended: asyncio.Event) -> None:
     """Wait for a task, or for the end."""
     stop = asyncio.ensure_future(ended.wait())
@@ -131,8 +136,6 @@ def _make_worker(service: HostService, settings: WorkerSettings) -> Any:
     class QuietWorker(Worker):
         """A worker with two timers, whose heartbeats keep their interval."""
 
-        r2bspec_host = service
-
         def __init__(self, *args: Any, **options: Any) -> None:
             super().__init__(*args, **options)
             if heartbeat_s is not None:
@@ -145,6 +148,10 @@ def _make_worker(service: HostService, settings: WorkerSettings) -> Any:
                 # The scheduler asks for two a second in a small fleet.
                 self.periodic_callbacks["heartbeat"].callback_time = heartbeat_s * 1000
 
+        def start_http_server(self, *_: Any, **__: Any) -> None:
+            """Serve nothing: no dashboard, no metrics, and no port for them."""
+            self.http_server = None  # type: ignore[assignment] # it is tested when it is closed
+
     return QuietWorker(
         settings.address.scheduler,
         nthreads=1,
@@ -154,21 +161,9 @@ def _make_worker(service: HostService, settings: WorkerSettings) -> Any:
         dashboard=False,
         local_directory=str(settings.scratch),
         security=settings.address.security(),
-        startup_information={FACTS: lambda _: as_dict(service.facts)},
+        plugins=(service,),
+        startup_information={FACTS: lambda _: msgspec.to_builtins(service.facts)},
         metrics={FACTS: lambda _: service.state()},
         heartbeat_interval=f"{heartbeat_s or 1}s",
         **({"host": settings.listen} if settings.listen else {}),
     )
-
-
-def answer(content: bytes, piece: bytes = b"") -> bytes:
-    """Answer a request on a host: the only function that clients submit.
-
-    A run is announced in a heartbeat of its own, because the next one may be far.
-    """
-    from distributed import get_worker
-
-    worker: Any = get_worker()
-    service: HostService = worker.r2bspec_host
-    worker.loop.add_callback(worker.loop.call_later, _ANNOUNCE_S, worker.heartbeat)
-    return service.answer(content, piece)

@@ -226,6 +226,7 @@ def _scheduler() -> Iterator[str]:
         found.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{found.getsockname()[1]}"
     words = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard"]
+    words += ["--dashboard-address", "127.0.0.1:0"]
     with (
         tempfile.TemporaryDirectory() as folder,
         _started([*words, "--host", address], Path(folder)),

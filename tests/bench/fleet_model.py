@@ -6,7 +6,7 @@ Measured on a real scheduler with one real worker: CPU time of scheduler, client
 request, for a mebibyte that passes, and for a heartbeat; and for a run of specs/relay.r2b.yaml, the
 size of its archive and the CPU time with which a client unpacks, measures and judges it again.
 
-The model multiplies. A run takes two offers, one play, the pieces of its archive and one drop.
+The model multiplies. A run takes one offer, one play, the pieces of its archive and one drop.
 What client and hosts exchange goes through the scheduler, so each byte passes its link twice.
 
 Prints a table of costs, and one of shares of a night. Asserts nothing.
@@ -32,10 +32,12 @@ from typing import NamedTuple
 import psutil
 
 from r2bspec.compare.load_results import read_folder
-from r2bspec.fleet.client import FleetClient, Host
-from r2bspec.fleet.host_messages import Missing, Request, SentFile
-from r2bspec.fleet.run_transfer import PIECE_BYTES
+from r2bspec.fleet.bundle import SentFile
+from r2bspec.fleet.client import FleetClient
+from r2bspec.fleet.host_service import HostService
+from r2bspec.fleet.hosts import Host
 from r2bspec.fleet.security import fleet_address
+from r2bspec.fleet.transfer import PIECE_BYTES
 from r2bspec.fleet.worker import HEARTBEAT_S
 
 _LINK_MB_S = 117.0
@@ -98,12 +100,11 @@ def _fleet_costs(folder: Path, number: int) -> tuple[Costs, Costs, float, float]
     with _processes(folder) as (address, scheduler, worker):
         with FleetClient(fleet_address(address)) as client:
             host = client.hosts["model"]
-            drop = Request(what="drop", identity="none")
-            client.ask(host, drop, dict)
+            client.submit(host, HostService.drop, "none").result()
 
             def ask_often() -> None:
                 for _ in range(number):
-                    client.ask(host, drop, dict)
+                    client.submit(host, HostService.drop, "none").result()
 
             request = _cpu(scheduler, worker, ask_often) / number
             pieces = 8
@@ -119,10 +120,8 @@ def _fleet_costs(folder: Path, number: int) -> tuple[Costs, Costs, float, float]
 def _send(client: FleetClient, host: Host, pieces: int) -> None:
     content = bytes(PIECE_BYTES)
     file = SentFile(path="model", size=2 * pieces * PIECE_BYTES, sha256="0" * 64)
-    missing = Missing(recording="1" * 64, file=file, offset=0)
     for number in range(pieces):
-        request = Request(what="put", missing=missing, offset=number * PIECE_BYTES)
-        client.ask(host, request, dict, content)
+        client.submit(host, HostService.put, file, number * PIECE_BYTES, content).result()
 
 
 def _cpu(scheduler: psutil.Process, worker: psutil.Process, work: Callable[[], object]) -> Costs:
@@ -163,7 +162,7 @@ def _processes(folder: Path) -> Iterator[tuple[str, psutil.Process, psutil.Proce
         [*(sys.executable, "-m", "distributed.cli.dask_scheduler"), "--no-dashboard"],
         [*(sys.executable, "-m", "r2bspec", "fleet", "worker", address), "--name", "model"],
     ]
-    words[0] += ["--host", address]
+    words[0] += ["--dashboard-address", "127.0.0.1:0", "--host", address]
     words[1] += ["--folder", str(folder / "host"), "--no-doctor"]
     with log, contextlib.ExitStack() as stack:
         started = []
@@ -200,7 +199,7 @@ def _print_night(
     judge_s: float,
 ) -> None:
     night_s = options.hours * 3600
-    requests = 4 + math.ceil(archive_bytes / PIECE_BYTES)
+    requests = 3 + math.ceil(archive_bytes / PIECE_BYTES)
     mib = archive_bytes / _MIB
     beats = night_s / HEARTBEAT_S * options.hosts
     asked = night_s * 50

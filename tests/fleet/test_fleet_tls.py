@@ -14,7 +14,7 @@ pytest.importorskip("distributed")
 pytest.importorskip("cryptography")
 
 from fleet_hosts import HANG_S, fleet
-from r2bspec.fleet.certificates import make_certificates
+from r2bspec.fleet.security import make_certificates
 from ros_runs import Bench, relay_spec
 
 pytestmark = pytest.mark.timeout(HANG_S)

@@ -134,6 +134,8 @@ class Fleet:
     def start_scheduler(self) -> None:
         """Start it, at the same address every time."""
         words = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard"]
+        # Its HTTP server is there without a dashboard, too.
+        words += ["--dashboard-address", "127.0.0.1:0"]
         words += ["--host", self.address, *self.scheduler_options]
         self.scheduler = self._start(words, "scheduler")
         wait_until(self._answers, "the scheduler")

@@ -31,6 +31,7 @@ def test_every_option_that_a_file_uses_exists(name: str) -> None:
     helps += [CliRunner().invoke(each, ["--help"]).output for each in fleet_verb.commands.values()]
     ours = set(re.findall(r"--[a-z][a-z-]+", "".join(helps)))
     others = {"--protocol", "--port", "--no-dashboard", "--tls-ca-file", "--tls-cert", "--tls-key"}
+    others |= {"--dashboard-address"}
     others |= {"--job-name", "--nodes", "--ntasks-per-node", "--exclusive", "--time", "--signal"}
     assert set(words) <= ours | others
 

@@ -9,7 +9,7 @@ import pytest
 
 from pair_simulation import latencies
 from r2bspec.compare.history import open_history
-from r2bspec.fleet.fleet_history import FleetHistory
+from r2bspec.fleet.fleet_runs import FleetHistory
 from r2bspec.judge.result import Result
 from r2bspec.record.baseline_file import CONFIRMATION_FOLDER
 from r2bspec.record.run_folder import RunFolder, open_run

@@ -3,23 +3,33 @@
 from __future__ import annotations
 
 import os
+import pickle
 from collections.abc import Callable
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
+pytest.importorskip("distributed")
+
 from r2bspec._version import __version__
-from r2bspec.fleet.bundle import SentSide
-from r2bspec.fleet.client import Host
-from r2bspec.fleet.errors import HostFullError, HostLostError, TransferError
+from r2bspec.errors import R2bspecError
+from r2bspec.fleet.bundle import Job, SentSide
+from r2bspec.fleet.errors import (
+    HostFullError,
+    HostLostError,
+    HostRefusesError,
+    NotAllowedError,
+    TransferError,
+)
 from r2bspec.fleet.fleet_runs import Ended, FleetLimits, FleetRun, FleetRuns
-from r2bspec.fleet.host_facts import HostFacts
-from r2bspec.fleet.host_messages import Played, Problem, Request, decode, encode
 from r2bspec.fleet.host_service import HostService
 from r2bspec.fleet.host_store import HostStore, remove
+from r2bspec.fleet.hosts import Host, HostFacts
 from r2bspec.fleet.journal import Journal, read_journal
-from r2bspec.fleet.play_run import ENDED_FILE, RUN_FOLDER
+from r2bspec.fleet.play_run import ENDED_FILE, RUN_FOLDER, Played, Problem
 from r2bspec.language.load_spec import load_spec
 from r2bspec.plan.compile_plan import compile_plan
 from ros_runs import Bench, relay_spec
@@ -38,15 +48,17 @@ class Service(HostService):
         self.plays += 1
         (spool / RUN_FOLDER).mkdir()
         (spool / RUN_FOLDER / "record.json").write_text("{}")
-        played = Played(identity=spool.name, outcome="pass", problem=self.problem)
-        (spool / ENDED_FILE).write_bytes(encode(played))
+        played = Played(outcome="pass", problem=self.problem)
+        (spool / ENDED_FILE).write_bytes(msgspec.json.encode(played))
         return 0
 
 
 class DirectClient:
-    """Asks the only host of a fleet by a call; `before` is told of each request first."""
+    """Asks the only host of a fleet by a call; `before` is told of each one first."""
 
-    def __init__(self, service: HostService, before: Callable[[Request], None]) -> None:
+    connections = 1
+
+    def __init__(self, service: HostService, before: Callable[..., None]) -> None:
         self.hosts = {"here": Host(address="here", facts=FACTS, state={})}
         self._service = service
         self._before = before
@@ -54,17 +66,17 @@ class DirectClient:
     def refresh(self) -> bool:
         return True
 
-    def ask(self, host: Host, request: Request, kind: Any, piece: bytes = b"", **_: Any) -> Any:
+    def submit(self, host: Host, method: Callable[..., Any], *args: Any) -> Future[Any]:
         assert host.name == "here"
-        self._before(request)
-        return decode(self._service.answer(encode(request), piece), kind)
-
-    def read_piece(self, host: Host, identity: str, offset: int, size: int) -> bytes:
-        assert host.name == "here"
-        request = Request(what="piece", identity=identity, offset=offset, size=size)
-        self._before(request)
-        answer = self._service.answer(encode(request), b"")
-        return answer[1:] if answer[:1] == b"=" else decode(answer, bytes)
+        answer: Future[Any] = Future()
+        try:
+            self._before(method.__name__, *args)
+            # What travels is pickled by Dask.
+            given = pickle.loads(pickle.dumps(args))  # noqa: S301
+            answer.set_result(self._service.answer(method, *given))
+        except R2bspecError as error:
+            answer.set_exception(pickle.loads(pickle.dumps(error)))  # noqa: S301
+        return answer
 
 
 @pytest.fixture
@@ -74,9 +86,11 @@ def service(tmp_path: Path) -> Service:
     return Service(FACTS, store)
 
 
-def run_of(folder: Path) -> FleetRun:
+def run_of(folder: Path, **node: Any) -> FleetRun:
     """A run of a relay on a small recording."""
-    loaded = load_spec(Bench(folder / "bench").write(relay_spec()))
+    spec = relay_spec()
+    spec["graph"]["nodes"]["relay"] |= node
+    loaded = load_spec(Bench(folder / "bench").write(spec))
     assert loaded.spec is not None
     side = SentSide(compile_plan(loaded.spec, None), folder / "bench", "")
     return FleetRun(
@@ -87,15 +101,16 @@ def run_of(folder: Path) -> FleetRun:
 def play(
     folder: Path,
     service: Service,
-    before: Callable[[Request], None],
+    before: Callable[..., None],
     limits: FleetLimits = FleetLimits(),  # noqa: B008 - immutable
+    **node: Any,
 ) -> Ended:
     root = folder / "out"
     root.mkdir()
     journal = Journal(root)
     client: Any = DirectClient(service, before)
     runs = FleetRuns(client, root, journal, limits, lambda _: None, lambda _, __: None)
-    (ended,) = runs.play([run_of(folder)])
+    (ended,) = runs.play([run_of(folder, **node)])
     journal.close()
     return ended
 
@@ -105,10 +120,10 @@ def test_files_that_made_room_for_those_of_another_client_are_sent_again(
 ) -> None:
     asked: list[str] = []
 
-    def before(request: Request) -> None:
-        asked.append(request.what)
-        if request.what == "play" and asked.count("play") == 1:
-            remove(service.store.root / "recordings")
+    def before(what: str, *_: Any) -> None:
+        asked.append(what)
+        if what == "play" and asked.count("play") == 1:
+            remove(service.store.root / "objects")
             service.store.open()
 
     ended = play(tmp_path, service, before)
@@ -122,9 +137,9 @@ def test_files_that_made_room_for_those_of_another_client_are_sent_again(
 def test_a_host_that_never_keeps_files_ends_a_run_with_the_reason(
     service: Service, tmp_path: Path
 ) -> None:
-    def before(request: Request) -> None:
-        if request.what == "play":
-            remove(service.store.root / "recordings")
+    def before(what: str, *_: Any) -> None:
+        if what == "play":
+            remove(service.store.root / "objects")
             service.store.open()
 
     ended = play(tmp_path, service, before)
@@ -135,12 +150,12 @@ def test_a_host_that_never_keeps_files_ends_a_run_with_the_reason(
 
 
 def test_a_run_that_was_played_before_is_not_played_again(service: Service, tmp_path: Path) -> None:
-    answers: list[bytes] = []
+    answers: list[Played] = []
 
-    def before(request: Request) -> None:
-        if request.what == "play":
+    def before(what: str, *args: Any) -> None:
+        if what == "play":
             # The answer is lost with the connection, and the client asks again.
-            answers.append(service.answer(encode(request), b""))
+            answers.append(service.answer(HostService.play, *args))
 
     assert play(tmp_path, service, before).error is None
     assert (service.plays, len(answers)) == (1, 1)
@@ -153,7 +168,7 @@ def test_the_only_host_without_room_ends_a_run(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(HostStore, "put", full)
-    ended = play(tmp_path, service, lambda _: None)
+    ended = play(tmp_path, service, lambda *_: None)
     assert isinstance(ended.error, HostFullError)
 
 
@@ -162,7 +177,7 @@ def test_a_host_without_room_for_a_run_leaves_it_to_others(
     service: Service, tmp_path: Path, code: str
 ) -> None:
     service.problem = Problem(code=code, message="no room")
-    ended = play(tmp_path, service, lambda _: None)
+    ended = play(tmp_path, service, lambda *_: None)
     assert isinstance(ended.error, HostFullError)
     assert "no room" in str(ended.error)
     assert list((service.store.root / "spool").iterdir()) == []
@@ -170,9 +185,63 @@ def test_a_host_without_room_for_a_run_leaves_it_to_others(
     assert states == ["sent", "full"]
 
 
+def test_a_host_on_which_a_spec_is_not_valid_refuses_it(service: Service, tmp_path: Path) -> None:
+    service.problem = Problem(code="R2B404", message="no package demo", is_of_host=True)
+    ended = play(tmp_path, service, lambda *_: None)
+    assert isinstance(ended.error, HostRefusesError)
+    assert (ended.error.code, str(ended.error)) == ("R2B404", "no package demo")
+    assert list((service.store.root / "spool").iterdir()) == []
+    states = [each.state for each in read_journal(tmp_path / "out") if each.state]
+    assert states == ["sent", "refused"]
+
+
+def test_what_is_not_allowed_is_refused_before_anything_is_sent(
+    service: Service, tmp_path: Path
+) -> None:
+    asked: list[str] = []
+    jobs: list[Job] = []
+
+    def before(what: str, job: Job) -> None:
+        asked.append(what)
+        jobs.append(job)
+
+    ended = play(tmp_path, service, before, env={"HOME": "."})
+    assert isinstance(ended.error, NotAllowedError)
+    assert "HOME" in str(ended.error)
+    assert asked == ["prepare"]
+    # Nor does a client that does not ask first.
+    with pytest.raises(NotAllowedError):
+        service.answer(HostService.play, *jobs)
+    assert service.plays == 0
+    states = [each.state for each in read_journal(tmp_path / "out") if each.state]
+    assert states == ["refused"]
+
+
+def test_children_of_a_worker_have_no_user_site(service: Service, tmp_path: Path) -> None:
+    (tmp_path / "spool").mkdir()
+    (tmp_path / "tree").mkdir()
+    seen: dict[str, Any] = {}
+
+    class Child:
+        stdin = (tmp_path / "stdin").open("wb")
+
+        def wait(self) -> int:
+            return 0
+
+    def popen(words: list[str], **options: Any) -> Child:
+        seen.update(words=words, **options)
+        return Child()
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("r2bspec.fleet.host_service.subprocess.Popen", popen)
+        HostService._run_child(service, tmp_path / "spool", tmp_path / "tree")
+    assert seen["env"]["PYTHONNOUSERSITE"] == "1"
+    assert {"-s", "-P"} <= set(seen["words"])
+
+
 def test_a_run_whose_hosts_are_lost_again_and_again_ends(service: Service, tmp_path: Path) -> None:
-    def before(request: Request) -> None:
-        if request.what == "play":
+    def before(what: str, *_: Any) -> None:
+        if what == "play":
             raise HostLostError("the host here left the fleet")
 
     ended = play(tmp_path, service, before, FleetLimits(losses=1))
@@ -185,8 +254,8 @@ def test_a_run_whose_hosts_are_lost_again_and_again_ends(service: Service, tmp_p
 def test_a_run_that_was_removed_before_it_was_fetched_is_played_again(
     service: Service, tmp_path: Path
 ) -> None:
-    def before(request: Request) -> None:
-        if request.what == "piece" and service.plays == 1:
+    def before(what: str, *_: Any) -> None:
+        if what == "read" and service.plays == 1:
             remove(service.store.root / "spool")
             service.store.open()
 
@@ -200,8 +269,8 @@ def test_a_run_that_was_removed_before_it_was_fetched_is_played_again(
 def test_a_host_that_is_lost_when_its_run_is_here_does_not_count_twice(
     service: Service, tmp_path: Path
 ) -> None:
-    def before(request: Request) -> None:
-        if request.what == "drop":
+    def before(what: str, *_: Any) -> None:
+        if what == "drop":
             raise HostLostError("the host here left the fleet")
 
     assert play(tmp_path, service, before).error is None
@@ -212,11 +281,11 @@ def test_a_host_that_is_lost_when_its_run_is_here_does_not_count_twice(
 def test_runs_that_no_client_has_are_removed_last(tmp_path: Path) -> None:
     store = HostStore(tmp_path / "host", limit_bytes=1000)
     store.open()
-    for number, name in enumerate(("spool/run", "recordings/bag", "objects/file")):
+    for number, name in enumerate(("spool/run", "work/bundle", "objects/file")):
         (store.root / name).parent.mkdir(exist_ok=True)
         (store.root / name).write_bytes(bytes(600))
         os.utime(store.root / name, (number * 60, number * 60))
     store.trim()
     assert (store.root / "spool" / "run").exists()
-    assert not (store.root / "recordings" / "bag").exists()
+    assert not (store.root / "work" / "bundle").exists()
     assert not (store.root / "objects" / "file").exists()

@@ -9,8 +9,7 @@ import pytest
 
 from example_spec import example
 from r2bspec._version import __version__
-from r2bspec.fleet.host_facts import HostFacts
-from r2bspec.fleet.placement import place
+from r2bspec.fleet.hosts import HostFacts, place
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.spec import Requires
 from r2bspec.plan.compile_plan import compile_plan

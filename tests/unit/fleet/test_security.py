@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ipaddress
 import socket
 import ssl
 import stat
@@ -14,7 +15,9 @@ import pytest
 from r2bspec.errors import UsageError
 from r2bspec.fleet.errors import FleetError, InsecureFleetError
 from r2bspec.fleet.journal import JOURNAL_FILE, Journal, read_journal
-from r2bspec.fleet.security import fleet_address
+from r2bspec.fleet.security import FleetAddress, fleet_address, listen_address
+
+WILDCARDS = ("0.0.0.0", "::", "0")  # noqa: S104 - which are refused
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:8786", "tcp://localhost", "tcp://[::1]:9"])
@@ -45,9 +48,38 @@ def test_insecure_goes_without() -> None:
     assert fleet_address("tcp://10.0.0.5:8786", insecure=True).ca is None
 
 
+@pytest.mark.parametrize("listen", ["", "127.0.0.1", "127.9.9.9", "localhost", "::1"])
+def test_a_worker_without_tls_listens_on_this_machine_only(listen: str) -> None:
+    place = listen_address(fleet_address("tcp://localhost:8786"), listen)
+    assert ipaddress.ip_address(place).is_loopback
+
+
+@pytest.mark.parametrize("insecure", [False, True])
+@pytest.mark.parametrize("listen", [*WILDCARDS, "10.0.0.5", "tcp://0.0.0.0:0", "no.where."])
+def test_a_worker_without_tls_refuses_any_other_place(listen: str, insecure: bool) -> None:
+    address = fleet_address("tcp://127.0.0.1:8786", insecure=insecure)
+    with pytest.raises(InsecureFleetError) as refused:
+        listen_address(address, listen)
+    assert refused.value.code == "R2B687"
+
+
+@pytest.mark.parametrize("listen", WILDCARDS)
+def test_no_wildcard_is_listened_on_without_tls_even_in_a_trusted_network(listen: str) -> None:
+    address = fleet_address("tcp://10.0.0.5:8786", insecure=True)
+    with pytest.raises(InsecureFleetError, match="every machine that reaches this one"):
+        listen_address(address, listen)
+    assert listen_address(address, "10.0.0.7") == "10.0.0.7"
+
+
+def test_a_worker_with_tls_may_listen_anywhere(tmp_path: Path) -> None:
+    address = FleetAddress(scheduler="tls://10.0.0.5:8786", ca=tmp_path / "ca.pem")
+    assert listen_address(address, "") == ""
+    assert listen_address(address, "0.0.0.0") == "0.0.0.0"  # noqa: S104
+
+
 def test_a_cluster_file_names_scheduler_and_certificates(tmp_path: Path) -> None:
     pytest.importorskip("cryptography")
-    from r2bspec.fleet.certificates import make_certificates
+    from r2bspec.fleet.security import make_certificates
 
     made = make_certificates(tmp_path / "certificates", ("10.0.0.5", "desk"))
     assert {stat.S_IMODE(each.stat().st_mode) for each in made} == {0o600}
@@ -71,7 +103,7 @@ def test_a_cluster_file_names_scheduler_and_certificates(tmp_path: Path) -> None
 def test_files_that_are_no_certificates_are_said_to_be_none(tmp_path: Path, broken: str) -> None:
     pytest.importorskip("cryptography")
     pytest.importorskip("distributed")
-    from r2bspec.fleet.certificates import make_certificates
+    from r2bspec.fleet.security import make_certificates
 
     folder = tmp_path / "certificates"
     make_certificates(folder)
@@ -91,7 +123,7 @@ def test_files_that_are_no_certificates_are_said_to_be_none(tmp_path: Path, brok
 def test_a_key_of_another_certificate_is_refused(tmp_path: Path) -> None:
     pytest.importorskip("cryptography")
     pytest.importorskip("distributed")
-    from r2bspec.fleet.certificates import make_certificates
+    from r2bspec.fleet.security import make_certificates
 
     folder = tmp_path / "certificates"
     make_certificates(folder)
@@ -133,14 +165,14 @@ def test_a_server_that_is_no_scheduler_is_not_waited_for(
 
 def test_a_journal_is_continued_after_a_line_that_was_cut_off(tmp_path: Path) -> None:
     first = Journal(tmp_path)
-    first.write("a/relay", "a", "1", 1, "sent")
+    first.write(run="a/relay", host="a", identity="1", attempt=1, state="sent")
     with pytest.raises(UsageError, match="another client"):
         Journal(tmp_path)
     first.close()
     with (tmp_path / JOURNAL_FILE).open("ab") as file:
         file.write(b'{"at":"2026","run":"a/re\n')
     again = Journal(tmp_path)
-    again.write("a/relay", "a", "1", 1, "done")
+    again.write(run="a/relay", host="a", identity="1", attempt=1, state="done")
     again.close()
     assert again.suite == first.suite
     assert again.hosts == {"a"}

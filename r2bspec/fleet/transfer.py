@@ -1,19 +1,25 @@
-"""Sending what a host lacks, and fetching the folder of a run: in pieces, verified by digest."""
+"""A run's way to a host and back: files and recordings, and the archive of its folder.
+
+Both travel in pieces and are verified by their digests. What has arrived stays, here as on the
+host, so that a slow link that breaks costs one piece. Each step is a call of the host's service,
+which these generators yield to whoever submits it (`r2bspec.fleet.fleet_runs`).
+"""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, NamedTuple
 
-from r2bspec.fleet.bundle import Bundle, digest_of
-from r2bspec.fleet.client import FleetClient, Host
+from r2bspec.fleet.bundle import Bundle, Job, SentFile, digest_of
 from r2bspec.fleet.errors import TransferError
-from r2bspec.fleet.host_messages import Job, Missing, Played, Prepared, Request
-from r2bspec.fleet.run_archive import unpack
+from r2bspec.fleet.host_service import HostService
+from r2bspec.fleet.host_store import unpack_run
+from r2bspec.fleet.hosts import Host
+from r2bspec.fleet.play_run import Played
 
 PIECE_BYTES: Final = 4 << 20
 """Small enough to pass through a scheduler, and to be repeated over a slow link."""
@@ -21,89 +27,84 @@ PIECE_BYTES: Final = 4 << 20
 INCOMING: Final = ".incoming"
 """In the folder of a suite: archives that have not arrived as a whole yet."""
 
-_ATTEMPTS: Final = 3
+MAX_TRANSFERS: Final = 3
 
 
-def offer(
-    client: FleetClient, host: Host, job: Job, bundle: Bundle, check: Callable[[], None]
-) -> Prepared:
+class Call(NamedTuple):
+    """A method of `HostService` that a host is to call."""
+
+    method: Callable[..., Any]
+    args: tuple[Any, ...]
+
+
+Steps = Generator[Call, Any, Any]
+
+
+def offer(host: Host, job: Job, bundle: Bundle) -> Steps:
     """Offer a job to a host, and send what it lacks; pieces that are there are not sent again.
 
     Raises:
-        HostLostError: the host left.
         TransferError: what arrives is repeatedly not what was sent.
         R2bspecError: the host refuses the job.
     """
-    request = Request(what="prepare", job=job)
-    for number in range(_ATTEMPTS):
-        prepared = client.ask(host, request, Prepared, check=check)
-        if not prepared.missing:
-            return prepared
-        for missing in prepared.missing:
+    files = {file.sha256: file for file in job.files}
+    for number in range(MAX_TRANSFERS + 1):
+        missing: dict[str, int] = yield Call(HostService.prepare, (job,))
+        if not missing:
+            return
+        for sha256, offset in missing.items():
             try:
-                _send(client, host, missing, bundle, check)
+                yield from _send(files[sha256], bundle.sources[sha256], offset)
             except TransferError:
-                if number == _ATTEMPTS - 1:
+                if number == MAX_TRANSFERS - 1:
                     raise
     raise TransferError(f"the host {host.name} does not keep the files of {job.name}")
 
 
-def _send(
-    client: FleetClient, host: Host, missing: Missing, bundle: Bundle, check: Callable[[], None]
-) -> None:
-    with _source(missing, bundle).open("rb") as stream:
-        offset = missing.offset
+def _send(file: SentFile, source: Path, offset: int) -> Steps:
+    with source.open("rb") as stream:
         stream.seek(offset)
         while True:
             piece = stream.read(PIECE_BYTES)
-            request = Request(what="put", missing=missing, offset=offset)
-            client.ask(host, request, dict, piece, check=check)
+            yield Call(HostService.put, (file, offset, piece))
             offset += len(piece)
-            if offset >= missing.file.size or not piece:
+            if offset >= file.size or not piece:
                 return
 
 
-def _source(missing: Missing, bundle: Bundle) -> Path:
-    if not missing.recording:
-        return bundle.sources[missing.file.sha256]
-    place = bundle.recording_sources[missing.recording]
-    return place / missing.file.path if place.is_dir() else place
-
-
-def fetch(client: FleetClient, host: Host, played: Played, root: Path, folder: Path) -> None:
+def fetch(host: Host, identity: str, played: Played, root: Path, folder: Path) -> Steps:
     """Fetch the folder of a run: it appears whole, or not at all.
 
     What has arrived of the archive before stays, so that a broken connection costs one piece.
 
     Args:
-        client: of the fleet.
         host: has the run.
-        played: its answer.
+        identity: of its job.
+        played: what the host said of it.
         root: the folder of the suite.
         folder: of the run; replaced if it exists.
 
     Raises:
-        HostLostError: the host left.
         TransferError: the archive is not what its digest says.
         OSError: the disk is full.
     """
     incoming = root / INCOMING
     incoming.mkdir(mode=0o700, parents=True, exist_ok=True)
-    archive = incoming / f"{played.identity}.tar.gz"
+    archive = incoming / f"{identity}.tar.gz"
     with archive.open("ab") as stream:
         while (size := stream.tell()) < played.size:
-            piece = client.read_piece(host, played.identity, size, PIECE_BYTES)
+            piece: bytes = yield Call(HostService.read, (identity, size, PIECE_BYTES))
             if not piece:
                 raise TransferError(f"the host {host.name} has no more of the run")
             stream.write(piece)
         stream.flush()
         os.fsync(stream.fileno())
-    if digest_of(archive) != (played.sha256, played.size):
+    if digest_of(archive) != played.sha256:
         archive.unlink()
         raise TransferError(f"the run did not arrive as the host {host.name} sent it")
-    unpacked = incoming / played.identity
+    unpacked = incoming / identity
     shutil.rmtree(unpacked, ignore_errors=True)
-    unpack(archive, unpacked)
+    unpack_run(archive, unpacked)
     folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     if folder.exists():
         shutil.rmtree(folder)

@@ -1,0 +1,91 @@
+"""Without TLS nothing of a fleet listens beyond this machine: who connects could run programs."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import psutil
+import pytest
+
+pytest.importorskip("distributed")
+
+from fleet_hosts import HANG_S, fleet
+
+pytestmark = pytest.mark.timeout(HANG_S)
+
+DOCS = Path(__file__).parents[2] / "docs" / "fleet.md"
+
+
+def listening(process: psutil.Process) -> set[str]:
+    """The addresses at which a process and its children listen."""
+    family = [process, *process.children(recursive=True)]
+    return {
+        connection.laddr.ip
+        for member in family
+        for connection in member.net_connections("inet")
+        if connection.status == psutil.CONN_LISTEN
+    }
+
+
+def test_scheduler_and_worker_listen_on_the_loopback_interface_only(tmp_path: Path) -> None:
+    with fleet(tmp_path / "fleet", "a") as hosts:
+        assert hosts.scheduler is not None
+        worker = psutil.Process(hosts.workers["a"].pid)
+        assert listening(worker) == listening(psutil.Process(hosts.scheduler.pid)) == {"127.0.0.1"}
+        # A worker has one port: that of Dask's own messages.
+        ports = [each for each in worker.net_connections("inet") if each.status == "LISTEN"]
+        assert len(ports) == 1
+
+
+@pytest.mark.parametrize("listen", ["0.0.0.0", "::", socket.gethostname()])  # noqa: S104
+def test_a_worker_that_would_listen_elsewhere_is_refused(listen: str, tmp_path: Path) -> None:
+    if listen == socket.gethostname() and socket.gethostbyname(listen).startswith("127."):
+        listen = "10.0.0.5"
+    words = [sys.executable, "-m", "r2bspec", "fleet", "worker", "tcp://127.0.0.1:9", "--no-doctor"]
+    words += ["--folder", str(tmp_path / "host"), "--listen", listen]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=HANG_S)
+    assert done.returncode == 2
+    assert "error[R2B687" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_the_scheduler_of_the_docs_listens_on_the_loopback_interface_only(tmp_path: Path) -> None:
+    (line,) = re.findall(
+        r"^    dask scheduler --host 127\.0\.0\.1.*$", DOCS.read_text(), re.MULTILINE
+    )
+    words = shlex.split(line, comments=True)[1:]
+    assert words[0] == "scheduler"
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    log = tmp_path / "log"
+    with log.open("wb") as output:
+        scheduler = subprocess.Popen(
+            [
+                sys.executable,
+                "-m",
+                "distributed.cli.dask_scheduler",
+                *words[1:],
+                "--port",
+                str(port),
+            ],
+            stdout=output,
+            stderr=output,
+            cwd=tmp_path,
+        )
+    try:
+        process = psutil.Process(scheduler.pid)
+        while not listening(process):
+            assert scheduler.poll() is None, log.read_text()
+        while "Scheduler at" not in log.read_text():
+            assert scheduler.poll() is None, log.read_text()
+        assert listening(process) == {"127.0.0.1"}
+    finally:
+        scheduler.send_signal(signal.SIGTERM)
+        scheduler.wait(60)

@@ -1,0 +1,162 @@
+"""What a spec cannot do on a host whose owner allows neither commands nor Python."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+import yaml
+
+from r2bspec.fleet.errors import NotAllowedError
+from r2bspec.fleet.permissions import check_allowed
+from r2bspec.language.load_spec import load_spec
+from r2bspec.plan.command_lines import INCLUDED_LAUNCH
+from r2bspec.plan.compile_plan import compile_plan
+from r2bspec.plan.plan import AfterReadyPlan, Plan
+from ros_runs import relay_spec
+
+OWN = {"python": "r2bspec.nodes.RelayNode"}
+LAUNCH_LINE = ["ros2", "launch", INCLUDED_LAUNCH]
+LAUNCH_END = ["namespace:=/", "remappings:={}", "arguments:={}"]
+
+
+def plan_of(node: dict[str, Any]) -> Plan:
+    loaded = load_spec(yaml.safe_dump(relay_spec(graph={"nodes": {"own": node}})))
+    assert loaded.spec is not None, loaded.diagnostics
+    return compile_plan(loaded.spec, None)
+
+
+def needs(plan: Plan) -> set[str]:
+    """The permissions without which a plan is refused."""
+    both = {"commands", "python"}
+    check_allowed(plan, tuple(both), "here")
+    return {permission for permission in both if _is_refused(plan, both - {permission}, permission)}
+
+
+def _is_refused(plan: Plan, allows: set[str], permission: str) -> bool:
+    try:
+        check_allowed(plan, tuple(allows), "here")
+    except NotAllowedError as error:
+        return f"--allow-{permission}" in str(error) and error.code == "R2B685"
+    return False
+
+
+@pytest.mark.parametrize(
+    ("node", "permission"),
+    [
+        ({"command": ["./tool.sh"]}, "commands"),
+        ({"command": ["ros2", "launch", "./evil.launch.py"]}, "commands"),
+        ({"command": ["ros2", "launch", "demo", "x.launch.py"]}, "commands"),
+        ({**OWN, "prefix": ["taskset"]}, "commands"),
+        ({"package": "demo", "executable": "talker", "prefix": ["./tool.sh"]}, "commands"),
+        ({"python": "./own.py:Own"}, "python"),
+        ({"python": "pytest.main"}, "python"),
+        ({"launch": {"path": "./x.launch.py"}}, "python"),
+        ({"launch": {"package": "rclpy", "file": "../../../..//x/evil.launch.py"}}, "python"),
+        ({"launch": {"package": "rclpy", "file": "/x/evil.launch.py"}}, "python"),
+    ],
+)
+def test_what_a_spec_brings_along_needs_a_permission(node: dict[str, Any], permission: str) -> None:
+    assert needs(plan_of(node)) == {permission}
+
+
+@pytest.mark.parametrize(
+    "node",
+    [
+        OWN,
+        {"package": "demo", "executable": "talker", "arguments": ["--loud"]},
+        {"package": "demo", "plugin": "demo::Talker"},
+        {"launch": {"package": "demo", "file": "x.launch.py"}},
+        {"launch": {"package": "demo", "file": "launch/x.launch.py", "arguments": {"a": "../b"}}},
+        {**OWN, "env": {"OMP_NUM_THREADS": "1"}},
+    ],
+)
+def test_what_is_installed_needs_none(node: dict[str, Any]) -> None:
+    check_allowed(plan_of(node), (), "here")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *(
+            "HOME",
+            "PATH",
+            "PYTHONUSERBASE",
+            "PYTHONPATH",
+            "PYTHONSTARTUP",
+            "OPENSSL_CONF",
+            "TMPDIR",
+        ),
+        *("OPENSSL_MODULES", "GCONV_PATH", "LOCPATH", "LD_PRELOAD", "LD_LIBRARY_PATH", "LD_AUDIT"),
+        *(
+            "BASH_ENV",
+            "ENV",
+            "GLIBC_TUNABLES",
+            "AMENT_PREFIX_PATH",
+            "RMW_IMPLEMENTATION",
+            *("VIRTUAL_ENV", "TZ", "QT_QPA_PLATFORM"),
+        ),
+        *("RCUTILS_LOGGING_IMPLEMENTATION", "RCL_LOGGING_IMPLEMENTATION", "CYCLONEDDS_URI"),
+        *("FASTRTPS_DEFAULT_PROFILES_FILE", "QT_PLUGIN_PATH", "XDG_CONFIG_HOME", "R2BSPEC_X", "X"),
+    ],
+)
+def test_variables_are_an_allow_list(name: str) -> None:
+    assert needs(plan_of({**OWN, "env": {name: "./x"}})) == {"commands"}
+
+
+def test_python_of_a_ros_package_that_is_installed_needs_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = plan_of({"python": "demo.talker.Talker"})
+    assert needs(plan) == {"python"}
+    index = tmp_path / "share/ament_index/resource_index/packages"
+    index.mkdir(parents=True)
+    (index / "demo").touch()
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path / 'none'}:{tmp_path}")
+    assert needs(plan) == set()
+
+
+@pytest.mark.parametrize(
+    ("argv", "permission"),
+    [
+        (("$(python)", "-c", "pass"), "commands"),
+        (("$(harness)", "x"), "commands"),
+        (("x",), "commands"),
+        (("$(executable demo ../../x)",), "commands"),
+        (("$(executable ../demo x)",), "commands"),
+        (("$(executable demo ..)",), "commands"),
+        ((), "commands"),
+        ((*LAUNCH_LINE, "package:=demo", "file:=x.py"), "commands"),
+        ((*LAUNCH_LINE, "package:=a", "file:=b", "file:=./c", *LAUNCH_END), "commands"),
+        ((*LAUNCH_LINE, "package:=a", "file:=b", *LAUNCH_END, "x:=y"), "commands"),
+        ((*LAUNCH_LINE, "file:=./x.py", *LAUNCH_END), "python"),
+        ((*LAUNCH_LINE, "package:=demo", "file:=../x", *LAUNCH_END), "python"),
+        ((*LAUNCH_LINE, "package:=../demo", "file:=x", *LAUNCH_END), "python"),
+        (("$(python)", "-P", "-m", "r2bspec.harness.node_main", "./evil.py:main"), "python"),
+    ],
+)
+def test_a_plan_cannot_pass_a_command_off_as_a_program_of_r2bspec(
+    argv: tuple[str, ...], permission: str
+) -> None:
+    plan = plan_of(OWN)
+    check_allowed(plan, (), "here")
+    changed = [msgspec.structs.replace(plan.processes[0], argv=argv), *plan.processes[1:]]
+    assert needs(msgspec.structs.replace(plan, processes=tuple(changed))) == {permission}
+
+
+def test_libraries_are_loaded_from_installed_packages_only() -> None:
+    plan = plan_of({"package": "demo", "plugin": "demo::Talker"})
+    (container,) = (process for process in plan.processes if process.role == "container")
+    others = tuple(process for process in plan.processes if process is not container)
+    node = msgspec.structs.replace(container.nodes[0], package="../../../tmp/evil")
+    changed = msgspec.structs.replace(container, nodes=(node,))
+    assert needs(msgspec.structs.replace(plan, processes=(*others, changed))) == {"commands"}
+    call = AfterReadyPlan(
+        name="load",
+        service="/container/_container/load_node",
+        service_type="composition_interfaces/srv/LoadNode",
+        timeout_ns=1,
+    )
+    assert needs(msgspec.structs.replace(plan, after_ready=(call,))) == {"commands"}
