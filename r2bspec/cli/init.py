@@ -104,7 +104,7 @@ def command(
         is_readable_node,
         spec_from_sources,
     )
-    from r2bspec.language.schema.derive_strict import published_schema_text
+    from r2bspec.language.json_schema import published_schema_text
     from r2bspec.language.templates import filled, purpose, templates, with_node
 
     if show_list:
@@ -142,7 +142,7 @@ def _benchmark_name(name: str) -> str:
     Raises:
         UsageError: it is not.
     """
-    from r2bspec.language.schema.name_patterns import NAME
+    from r2bspec.language.names import NAME
 
     if not re.search(NAME.pattern, name):
         better = re.sub(r"[^a-zA-Z0-9_]+", "_", name).strip("_")
@@ -161,7 +161,7 @@ def _check_node(node: str, template: str) -> None:
     Raises:
         UsageError: it is not a target of a Python node, or the template has none.
     """
-    from r2bspec.language.schema.name_patterns import PYTHON_NODE
+    from r2bspec.language.names import PYTHON_NODE
     from r2bspec.language.templates import has_node, templates
 
     if node and (node.endswith(".py") or not re.search(PYTHON_NODE.pattern, node)):

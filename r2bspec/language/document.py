@@ -8,11 +8,11 @@ from pathlib import Path as FilePath
 import msgspec
 
 from r2bspec.diagnostics import Diagnostic, Path, Related
+from r2bspec.language.declaration import language
 from r2bspec.language.extend import extend, extend_siblings
 from r2bspec.language.extension_keys import without_extensions
 from r2bspec.language.located_tree import ScalarNode, TreeNode
 from r2bspec.language.overrides import apply_overrides
-from r2bspec.language.schema_validator import schema
 from r2bspec.language.source_text import ReadResult, Source, decode, read_file, read_text
 from r2bspec.language.yaml_composer import compose
 
@@ -67,7 +67,7 @@ def open_document(
             document.sources[read.source.file] = Source(read.source.file, blank)
     if document.tree is None:
         return document
-    extended = extend(document.tree, document.file, schema(), allow_paths)
+    extended = extend(document.tree, document.file, language(), allow_paths)
     siblings = extend_siblings(extended.tree)
     overridden = apply_overrides(siblings.tree, sets, variables)
     for problems in (extended.problems, siblings.problems, overridden.problems):
@@ -75,7 +75,7 @@ def open_document(
     document.sources |= extended.sources | overridden.sources
     document.files, document.entries = extended.origins, siblings.origins
     document.incomplete = siblings.incomplete | (set() if extended.complete else {()})
-    document.tree = without_extensions(overridden.tree, schema())
+    document.tree = without_extensions(overridden.tree, language())
     return document
 
 

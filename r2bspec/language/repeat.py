@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import re
-
 import msgspec
 
 from r2bspec.diagnostics import Span
 from r2bspec.language.located_tree import Entry, MapNode, ScalarNode, child, without
-from r2bspec.language.schema.name_patterns import INSTANCE, VARIABLE
+from r2bspec.language.names import INSTANCE, VARIABLE
 
 KEY = "repeat"
-_INSTANCE = re.compile(INSTANCE.pattern)
-_VARIABLE = re.compile(VARIABLE.pattern)
 
 
 class RepeatedEntry(msgspec.Struct, frozen=True):
@@ -40,12 +36,12 @@ def parse_repeat(node: MapNode) -> RepeatedEntry | None:
 
 
 def _instance(name: str, entry: Entry) -> Instance | None:
-    if not _INSTANCE.search(name) or not entry.key_resolved or not isinstance(entry.value, MapNode):
+    if not INSTANCE.matches(name) or not entry.key_resolved or not isinstance(entry.value, MapNode):
         return None
     values: dict[str, ScalarNode] = {}
     for variable, inner in entry.value.entries.items():
         value = inner.value
-        if not _VARIABLE.search(variable) or not isinstance(value, ScalarNode):
+        if not VARIABLE.matches(variable) or not isinstance(value, ScalarNode):
             return None
         if value.value is None:
             return None

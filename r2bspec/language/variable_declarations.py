@@ -26,8 +26,7 @@ from r2bspec.language.located_tree import (
     child,
     replace_at,
 )
-from r2bspec.language.quantities import QuantityError
-from r2bspec.language.schema.schema_builder import QUANTITIES
+from r2bspec.language.quantities import QUANTITIES, QuantityError
 from r2bspec.language.yaml_scalars import ScalarValue
 
 _VALUE_KEYS = ("value", "default")

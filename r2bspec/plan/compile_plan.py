@@ -74,7 +74,7 @@ def compile_plan(
         labels=spec.labels,
         namespace=wiring.namespace,
         environment=spec.environment,
-        transport=spec.transport,
+        transport=spec.transport.kind,
         largest_message_bytes=_largest_message_bytes(spec, together),
         dataset=datasets[0],
         processes=plan_processes(spec, wiring),
@@ -99,7 +99,7 @@ def compile_plan(
         after_ready=plan_after_ready(spec, wiring.namespace),
         gate=_gate(spec),
         drain_timeout_ns=spec.benchmark.drain_timeout.ns,
-        segment_bytes=0 if spec.segment is None else spec.segment.bytes,
+        segment_bytes=0 if spec.transport.segment is None else spec.transport.segment.bytes,
         play_at_peak=play_at_peak,
         # A search and probes of sustained rates alone are made in one start.
         starts=spec.starts if play or play_at_peak else 1,

@@ -266,11 +266,13 @@ def test_a_report_format(package: EditedPackage) -> None:
 KIND = """\
 BUNDLE: Final = NodeKind(
     name="bundle",
-    keys={"bundle": text("A program in one file.", examples=["./a.bundle"])},
+    keys=("bundle",),
     refuses=_NO_CONTAINER,
 )
 
 NODE_KINDS: Final = (BUNDLE, """
+
+BUNDLE_KEY = '    bundle: Annotated[str, key("./a.bundle")] = ""\n'
 
 COMMAND_LINE = """\
     "launch": _launch_argv,
@@ -299,8 +301,12 @@ def test_a_kind_of_node(package: EditedPackage) -> None:
         ("NODE_KINDS: Final = (", KIND),
     )
     package.edit(
-        "r2bspec/language/spec.py",
-        ("    external: bool = False\n", '    external: bool = False\n    bundle: str = ""\n'),
+        "r2bspec/language/spec_graph.py",
+        ("    external: bool = False\n", f"    external: bool = False\n{BUNDLE_KEY}"),
+        (
+            "        container: The container",
+            "        bundle: A program in one file.\n        container: The container",
+        ),
     )
     package.edit("r2bspec/plan/command_lines.py", ('    "launch": _launch_argv,\n', COMMAND_LINE))
     checked = package.run("validate", spec.name)

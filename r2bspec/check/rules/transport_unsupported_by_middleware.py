@@ -8,7 +8,7 @@ from r2bspec.untrusted.looked_up_files import environment_variable
 
 
 def _find(context: Context) -> Findings:
-    transport = context.spec.transport
+    transport = context.spec.transport.kind
     selected = {RMW_VARIABLE: environment_variable(RMW_VARIABLE) or ""}
     refusal = refuse_transport(transport, selected_rmw(selected))
     if refusal is not None:

@@ -43,7 +43,7 @@ from r2bspec.interop.script_import.spec_values import (
     unique_name,
 )
 from r2bspec.interop.script_import.yaml_writer import Block, document
-from r2bspec.language.schema.name_patterns import MESSAGE_TYPE, MONITOR_NAME, NAME
+from r2bspec.language.names import MESSAGE_TYPE, MONITOR_NAME, NAME
 
 NOT_IMPORTED = "R2B710"
 _NO_MONITOR = ("No monitor of the script is known: name an output of the graph instead of this.",)

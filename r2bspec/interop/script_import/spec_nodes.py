@@ -22,7 +22,7 @@ from r2bspec.interop.script_import.spec_values import (
     unique_name,
 )
 from r2bspec.interop.script_import.yaml_writer import Block
-from r2bspec.language.schema.name_patterns import NODE_NAME, PARAMETER, TOPIC
+from r2bspec.language.names import NODE_NAME, PARAMETER, TOPIC
 
 PREPROCESSING = "preprocessing"
 """The container of the preprocessors, which end before anything is measured."""

@@ -10,12 +10,12 @@ import os
 import posixpath
 from collections.abc import Iterable, Iterator
 from pathlib import Path as FilePath
-from typing import Any
 
 import msgspec
 
 from r2bspec.diagnostics import Diagnostic, Related, Span, did_you_mean
 from r2bspec.diagnostics.quote import quote
+from r2bspec.language.declaration import Rule
 from r2bspec.language.diagnostic_collector import DiagnosticCollector
 from r2bspec.language.extend.overlay import overlay
 from r2bspec.language.extend.rebase_paths import rebase_paths
@@ -59,28 +59,24 @@ class _FileContext(msgspec.Struct, frozen=True):
     ancestors: tuple[FilePath, ...]
 
 
-def extend(
-    root: TreeNode, file: str, schema: dict[str, Any], allowed: Iterable[FilePath] = ()
-) -> ExtendResult:
+def extend(root: TreeNode, file: str, rule: Rule, allowed: Iterable[FilePath] = ()) -> ExtendResult:
     """Merge the files that a document extends; without `extends`, the tree is unchanged."""
     result = ExtendResult(root)
     if isinstance(root, MapNode) and KEY in root.entries:
         home = FilePath(file).parent.resolve()
         folders = (home, *(FilePath(each).resolve() for each in allowed))
-        work = _FileMerger(result, folders, schema)
+        work = _FileMerger(result, folders, rule)
         real = home / FilePath(file).name
         result.tree = work.merge(root, _FileContext(file, real, (), (real,)))
     return result
 
 
 class _FileMerger:
-    def __init__(
-        self, result: ExtendResult, folders: tuple[FilePath, ...], schema: dict[str, Any]
-    ) -> None:
+    def __init__(self, result: ExtendResult, folders: tuple[FilePath, ...], rule: Rule) -> None:
         self._result = result
         self._problems = result.problems
         self._folders = folders
-        self._schema = schema
+        self._rule = rule
         self._read = 0
         self._budget = ByteBudget(MAX_EXTENDED_BYTES)
 
@@ -142,7 +138,7 @@ class _FileMerger:
         moved = posixpath.dirname(posixpath.normpath(text))
         if not moved:
             return whole
-        done = rebase_paths(whole, self._schema, moved)
+        done = rebase_paths(whole, self._rule, moved)
         return done if isinstance(done, MapNode) else None
 
     def _readable_path(self, node: ScalarNode, path: FilePath, text: str) -> FilePath | None:

@@ -7,34 +7,31 @@ rewritten: which of them are paths is unknown.
 from __future__ import annotations
 
 import posixpath
-from typing import Any
 
 from msgspec.structs import replace
 
+from r2bspec.language.declaration import Rule
 from r2bspec.language.located_tree import Entry, ListNode, MapNode, ScalarNode, TreeNode
-from r2bspec.language.schema.schema_builder import PATH
 from r2bspec.language.variable_references import OPENING
 
 _FILE_AND_NAME = ".py:"
 
 
-def rebase_paths(node: TreeNode, rule: Any, folder: str) -> TreeNode:
-    """The tree with `folder` put before every relative path; `rule` is the schema of the node."""
-    if not isinstance(rule, dict):
+def rebase_paths(node: TreeNode, rule: Rule | None, folder: str) -> TreeNode:
+    """The tree with `folder` put before every relative path; `rule` is that of the node."""
+    if rule is None:
         return node
     if isinstance(node, ScalarNode):
-        return _scalar(node, folder) if rule.get(PATH) else node
+        return _scalar(node, folder) if rule.about.path else node
     if isinstance(node, ListNode):
-        items = tuple(rebase_paths(item, rule.get("items"), folder) for item in node.items)
+        items = tuple(rebase_paths(item, rule.items, folder) for item in node.items)
         return ListNode(items, node.span)
     if isinstance(node, MapNode):
-        known = rule.get("properties", {})
-        other = rule.get("additionalProperties")
         return MapNode(
             {
                 key: Entry(
                     entry.key_span,
-                    rebase_paths(entry.value, known.get(key, other), folder),
+                    rebase_paths(entry.value, rule.below(key), folder),
                     entry.key_resolved,
                 )
                 for key, entry in node.entries.items()

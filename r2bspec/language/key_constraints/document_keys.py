@@ -5,9 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from r2bspec.diagnostics import Diagnostic, Path, Related, Severity, did_you_mean, format_path
-from r2bspec.language.located_tree import MapNode, ScalarNode, TreeNode, child, lookup
+from r2bspec.language.located_tree import (
+    ListNode,
+    MapNode,
+    ScalarNode,
+    TreeNode,
+    child,
+    lookup,
+    span_at,
+)
 from r2bspec.language.quantities import QuantityError, Rate
-from r2bspec.language.shorthand import MAX_RANGE_RATES
+from r2bspec.language.spec_benchmark import MAX_RANGE_RATES
+
+MAX_REQUIREMENTS = 10_000
+"""Requirements of all objectives together: far above every real number."""
 
 _ONE_OF: dict[str, tuple[str, ...]] = {
     "ready": ("file", "service", "log", "topic"),
@@ -33,6 +44,7 @@ def section_constraint_errors(root: TreeNode, misspelt: set[Path]) -> Iterator[D
     yield from _transport(root)
     yield from _benchmark(root)
     yield from _conditions(root)
+    yield from _requirements(root)
 
 
 def _map_entries(root: TreeNode, section: Path) -> Iterator[tuple[Path, MapNode]]:
@@ -238,6 +250,21 @@ def _conditions(root: TreeNode) -> Iterator[Diagnostic]:
                     f"did you mean '{close}'? {listed}" if close else help_text,
                     "R2B120",
                 )
+
+
+def _requirements(root: TreeNode) -> Iterator[Diagnostic]:
+    """The requirements of all objectives together have a limit."""
+    lists = (child(objective, "require") for _, objective in _map_entries(root, ("slos",)))
+    number = sum(len(each.items) for each in lists if isinstance(each, ListNode))
+    if number > MAX_REQUIREMENTS:
+        yield Diagnostic(
+            "R2B129",
+            Severity.ERROR,
+            f"{number:,} requirements; the limit is {MAX_REQUIREMENTS:,}",
+            span_at(root, ("slos",), key=True),
+            path=("slos",),
+            help="split the spec",
+        )
 
 
 def _word(node: MapNode, key: str) -> str:

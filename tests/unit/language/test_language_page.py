@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from r2bspec.language.json_schema import with_tables
 from r2bspec.language.load_spec import load_spec
-from r2bspec.language.schema.reference_page import with_tables
 
 PAGE = Path(__file__).parents[3] / "docs" / "language.md"
 TEXT = PAGE.read_text(encoding="utf-8")

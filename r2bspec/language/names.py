@@ -1,40 +1,29 @@
-"""The patterns of names and references, each with a message for an invalid one."""
+"""The forms of names and references, each with a message for an invalid one, and their types.
 
-from __future__ import annotations
+A type such as `Topic` is a string for everybody but the language, where it brings its pattern.
+"""
 
-import msgspec
+from typing import Annotated
 
+from r2bspec.language.declaration import NamePattern
 
-class NamePattern(msgspec.Struct, frozen=True):
-    """A regular expression in the common subset of Python and JavaScript, with its texts.
-
-    Attributes:
-        noun: the name of such a text in messages.
-        message: a description of the form.
-    """
-
-    pattern: str
-    noun: str
-    message: str
-
-
-_TOKEN = "[A-Za-z_][A-Za-z0-9_]*"  # noqa: S105 - of a ROS name, not a secret
-_TOKENS = f"{_TOKEN}(?:/{_TOKEN})*"
+_PART = "[A-Za-z_][A-Za-z0-9_]*"
+_PARTS = f"{_PART}(?:/{_PART})*"
 
 TOPIC = NamePattern(
-    f"^(?:~|(?:~?/)?{_TOKENS})$",
+    f"^(?:~|(?:~?/)?{_PARTS})$",
     "topic",
     "a topic consists of letters, digits and underscores, separated by single slashes; no part "
     "begins with a digit, and it does not end with a slash",
 )
 NAMESPACE = NamePattern(
-    f"^(?:/|/?{_TOKENS})$",
+    f"^(?:/|/?{_PARTS})$",
     "namespace",
     "a namespace consists of letters, digits and underscores, separated by single slashes; no "
     "part begins with a digit",
 )
 NODE_NAME = NamePattern(
-    f"^{_TOKEN}$",
+    f"^{_PART}$",
     "node name",
     "the name of a node consists of letters, digits and underscores, and does not begin with a "
     "digit",
@@ -51,13 +40,13 @@ NAME = NamePattern(
     "a name consists of letters, digits, underscores and dashes, and begins with a letter",
 )
 VARIABLE = NamePattern(
-    f"^{_TOKEN}$",
+    f"^{_PART}$",
     "variable name",
     "the name of a variable consists of letters, digits and underscores, and does not begin with "
     "a digit",
 )
 ENVIRONMENT = NamePattern(
-    f"^{_TOKEN}$",
+    f"^{_PART}$",
     "environment variable name",
     "the name of an environment variable consists of letters, digits and underscores, and does "
     "not begin with a digit",
@@ -119,3 +108,19 @@ SHA256 = NamePattern(
 )
 NOT_EMPTY = NamePattern(r"\S", "path", "the path must not be empty")
 SOME_TEXT = NamePattern(r"\S", "text", "the text must not be empty")
+
+Topic = Annotated[str, TOPIC]
+Namespace = Annotated[str, NAMESPACE]
+NodeName = Annotated[str, NODE_NAME]
+MonitorName = Annotated[str, MONITOR_NAME]
+Name = Annotated[str, NAME]
+VariableName = Annotated[str, VARIABLE]
+EnvironmentName = Annotated[str, ENVIRONMENT]
+ParameterName = Annotated[str, PARAMETER]
+LabelName = Annotated[str, LABEL_KEY]
+MessageType = Annotated[str, MESSAGE_TYPE]
+ServiceType = Annotated[str, SERVICE_TYPE]
+PackageName = Annotated[str, PACKAGE]
+ProcessName = Annotated[str, PLACE]
+FilePath = Annotated[str, NOT_EMPTY]
+SomeText = Annotated[str, SOME_TEXT]
