@@ -279,19 +279,25 @@ def rule_of(annotation: Any) -> Rule:
 
 @cache
 def record_keys(record: type[Record]) -> dict[str, Rule]:
-    """The rules of the keys of a record, by their names in documents, in their order."""
+    """The rules of the keys of a record, by their names in documents; inherited ones come last."""
     names = dict(zip(record.__struct_fields__, record.__struct_encode_fields__, strict=True))
     last = record.__struct_fields__[-len(record.__struct_defaults__) or None :]
     defaults = dict(zip(last, record.__struct_defaults__, strict=record.__struct_defaults__ != ()))
     keys: dict[str, Rule] = {}
-    for field, annotation in record.__annotations__.items():
+    declared = (
+        (owner, field, annotation)
+        for owner in record.__mro__
+        if issubclass(owner, Record) and owner is not Record
+        for field, annotation in owner.__annotations__.items()
+    )
+    for owner, field, annotation in declared:
         rule = rule_of(annotation)
         if rule.about.derived:
             continue
         default = defaults.get(field, msgspec.NODEFAULT)
         default = msgspec.UNSET if default is msgspec.NODEFAULT else default
         rule.default = default.factory() if hasattr(default, "factory") else default
-        rule.field, rule.owner, rule.loader = field, record, field not in names
+        rule.field, rule.owner, rule.loader = field, owner, field not in names
         if rule.about.examples == () and rule.kinds == ("boolean",):
             rule.about = _merged(rule.about, Key(examples=(not rule.default,)))
         keys[names.get(field, field)] = rule
@@ -312,6 +318,19 @@ def rule_at(path: Path) -> Rule | None:
     for step in path:
         rule = rule.below(step) if rule is not None else None
     return rule
+
+
+def change_at(path: Path) -> Change:
+    """What the key at a path changes, by its own declaration or by that of the nearest section.
+
+    Raises:
+        KeyError: neither says anything, or the language has no such path.
+    """
+    for length in range(len(path), 0, -1):
+        rule = rule_at(path[:length])
+        if rule is not None and rule.about.changes is not None:
+            return rule.about.changes
+    raise KeyError(path)
 
 
 _WRAPPERS: Final[tuple[Any, ...]] = (ClassVar, Annotated)
