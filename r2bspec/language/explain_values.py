@@ -19,7 +19,7 @@ from r2bspec.language.located_tree import ScalarNode
 from r2bspec.language.quantities import Quantity, QuantityError, Share
 from r2bspec.language.read_spec import Violation
 from r2bspec.language.requirement_grammar import Requirement, RequirementError
-from r2bspec.language.source_columns import inner_span
+from r2bspec.language.source_text import inner_span
 from r2bspec.language.yaml_scalars import ScalarError, resolve
 
 _NOT_IN_FLOW = frozenset("[]{},#&*!|>'\"%@`:")

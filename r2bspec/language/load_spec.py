@@ -17,9 +17,9 @@ from r2bspec.diagnostics import Diagnostic, Path, Severity, Span, did_you_mean
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language.declaration import language
 from r2bspec.language.diagnostic_collector import MAX_PROBLEMS
-from r2bspec.language.document import ParsedDocument, Variables, open_document
+from r2bspec.language.document import ParsedDocument, ValueOrigins, Variables, open_document
 from r2bspec.language.gc_pause import gc_paused
-from r2bspec.language.key_constraints.entry_keys import key_constraint_errors
+from r2bspec.language.key_constraints import key_constraint_errors
 from r2bspec.language.located_tree import (
     MapNode,
     ScalarNode,
@@ -35,12 +35,10 @@ from r2bspec.language.located_tree import (
 from r2bspec.language.matrix import KEY as MATRIX
 from r2bspec.language.matrix import Matrix, MatrixCase, matrix_of, with_case_values
 from r2bspec.language.read_spec import read_spec
-from r2bspec.language.source_columns import inner_span
-from r2bspec.language.source_text import Source
+from r2bspec.language.source_text import Source, inner_span
 from r2bspec.language.spec import Spec
 from r2bspec.language.substitution import substitute
-from r2bspec.language.value_origins import ValueOrigins
-from r2bspec.language.variable_references import OPENING
+from r2bspec.language.variables import OPENING
 
 if TYPE_CHECKING:
     from r2bspec.language.untrusted_environment import UntrustedSpecs
@@ -123,7 +121,7 @@ class LoadedSpec:
 
     def resolved_yaml(self) -> str:
         """The document as YAML: one case, with files, options, variables and merges applied."""
-        from r2bspec.language.yaml_dump import to_yaml
+        from r2bspec.language.yaml_scalars import to_yaml
 
         return to_yaml(to_plain(self.tree)) if self.tree is not None else ""
 

@@ -16,7 +16,7 @@ from r2bspec.diagnostics import Path, Span, did_you_mean, format_path
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language.declaration import rule_at
 from r2bspec.language.diagnostic_collector import DiagnosticCollector
-from r2bspec.language.extend.extended_files import KEY as EXTENDS
+from r2bspec.language.extended_files import KEY as EXTENDS
 from r2bspec.language.located_tree import (
     Entry,
     ListNode,
@@ -30,7 +30,7 @@ from r2bspec.language.located_tree import (
 )
 from r2bspec.language.source_text import Source, read_text
 from r2bspec.language.substitution import parse_unquoted
-from r2bspec.language.variable_declarations import is_declared_text, with_variable
+from r2bspec.language.variables import is_declared_text, with_variable
 from r2bspec.language.yaml_composer import compose
 
 _PART = re.compile(r"\[(\d{1,9})\]|\['([^']*)'\]|(?:^|\.)([^.\[\]'=]+)")

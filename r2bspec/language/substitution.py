@@ -37,18 +37,20 @@ from r2bspec.language.located_tree import (
     UnknownNode,
     child,
 )
-from r2bspec.language.repeat import parse_repeat
 from r2bspec.language.secret_variables import is_secret_variable, secret_reference
-from r2bspec.language.source_columns import inner_span
-from r2bspec.language.source_text import MAX_DOCUMENT_BYTES, Source
-from r2bspec.language.variable_declarations import (
+from r2bspec.language.source_text import MAX_DOCUMENT_BYTES, Source, inner_span
+from r2bspec.language.variables import (
+    OPENING,
+    MalformedReference,
+    Reference,
     check_declaration,
     declared_value,
     listed_environment,
+    parse_repeat,
+    references,
     restricts_value,
     with_value,
 )
-from r2bspec.language.variable_references import OPENING, MalformedReference, Reference, references
 from r2bspec.language.yaml_composer import MAX_EXPANDED_VALUES
 from r2bspec.language.yaml_scalars import ScalarError, ScalarValue, resolve
 from r2bspec.untrusted.looked_up_files import note_variable

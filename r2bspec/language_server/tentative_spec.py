@@ -18,7 +18,7 @@ from r2bspec.language.declaration import Rule, rule_at
 from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.located_tree import to_plain
 from r2bspec.language.matrix import KEY as MATRIX
-from r2bspec.language.yaml_dump import to_yaml
+from r2bspec.language.yaml_scalars import to_yaml
 
 _MAX_ROUNDS: Final = 8
 """Each round repairs all errors that are seen; a repaired value may have further ones."""

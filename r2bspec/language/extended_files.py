@@ -2,6 +2,10 @@
 
 Only files below the folder of the spec, or below folders that the user allows, are read: the
 messages about an untrusted spec must not show other files of the machine.
+
+Nested maps are merged, other values replaced, and null removes a key. A path is relative to the
+file in which it is written, and is rewritten where that is another folder; arguments of command
+lines are not: which of them are paths is unknown.
 """
 
 from __future__ import annotations
@@ -12,19 +16,87 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path as FilePath
 
 import msgspec
+from msgspec.structs import replace
 
 from r2bspec.diagnostics import Diagnostic, Related, Span, did_you_mean
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language.declaration import Rule
 from r2bspec.language.diagnostic_collector import DiagnosticCollector
-from r2bspec.language.extend.overlay import overlay
-from r2bspec.language.extend.rebase_paths import rebase_paths
-from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode, without
+from r2bspec.language.located_tree import Entry, ListNode, MapNode, ScalarNode, TreeNode, without
 from r2bspec.language.source_text import MAX_DOCUMENT_BYTES, Source, read_file
-from r2bspec.language.variable_references import OPENING
+from r2bspec.language.variables import OPENING
 from r2bspec.language.yaml_composer import compose
 from r2bspec.untrusted.looked_up_files import note_lookup
 from r2bspec.untrusted.safe_file import ByteBudget, is_regular, names_in
+
+
+def overlay(base: MapNode, own: MapNode) -> MapNode:
+    """`own` merged over `base`; every value keeps the place where it is written.
+
+    The keys of `base` come first, then the new ones. A null for a key that `base` does not have is
+    kept, so that it is reported like any key without a value.
+    """
+    entries = dict(base.entries)
+    for key, entry in own.entries.items():
+        below = entries.get(key)
+        if below is None:
+            entries[key] = entry
+        elif _is_null(entry.value):
+            del entries[key]
+        elif isinstance(entry.value, MapNode) and isinstance(below.value, MapNode):
+            entries[key] = Entry(
+                entry.key_span, overlay(below.value, entry.value), entry.key_resolved
+            )
+        else:
+            entries[key] = entry
+    return MapNode(entries, own.span)
+
+
+def _is_null(node: TreeNode) -> bool:
+    return isinstance(node, ScalarNode) and node.value is None
+
+
+_FILE_AND_NAME = ".py:"
+
+
+def rebase_paths(node: TreeNode, rule: Rule | None, folder: str) -> TreeNode:
+    """The tree with `folder` put before every relative path; `rule` is that of the node."""
+    if rule is None:
+        return node
+    if isinstance(node, ScalarNode):
+        return _scalar(node, folder) if rule.about.path else node
+    if isinstance(node, ListNode):
+        items = tuple(rebase_paths(item, rule.items, folder) for item in node.items)
+        return ListNode(items, node.span)
+    if isinstance(node, MapNode):
+        return MapNode(
+            {
+                key: Entry(
+                    entry.key_span,
+                    rebase_paths(entry.value, rule.below(key), folder),
+                    entry.key_resolved,
+                )
+                for key, entry in node.entries.items()
+            },
+            node.span,
+        )
+    return node
+
+
+def _scalar(node: ScalarNode, folder: str) -> ScalarNode:
+    text = node.value
+    if not isinstance(text, str) or not text or text.startswith(("/", OPENING)):
+        return node
+    # A single word may be the name of a dataset or of a module; a path begins with './'.
+    if not text.startswith(".") and "/" not in text and not text.endswith((".yaml", ".yml")):
+        return node
+    if ":" in text and _FILE_AND_NAME not in text:
+        return node
+    moved = posixpath.normpath(posixpath.join(folder, text))
+    if not moved.startswith((".", "/")):
+        moved = f"./{moved}"
+    return replace(node, value=moved, text=moved)
+
 
 KEY = "extends"
 MAX_EXTENDS_DEPTH = 20

@@ -1,17 +1,22 @@
-"""Variables with a type, choices and a description.
+"""Variables: how they are declared, how a text refers to them, and entries that are repeated.
 
     variables:
       width: 1280                                  # a value
       rate: {type: rate, value: 30 Hz, choices: [10 Hz, 30 Hz]}
 
 The value, whether from the file, ``--var`` or a case of the matrix, must be of the declared type
-and one of the choices.
+and one of the choices. A text refers to it with ``$(var width)``, and to a variable of the
+environment with ``$(env NAME)``. `repeat` makes named instances of one entry, each with variables
+of its own. What becomes of references is in `r2bspec.language.substitution`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
+from typing import Literal
 
+import msgspec
 from msgspec.structs import replace
 
 from r2bspec.diagnostics import Related, Span, did_you_mean
@@ -25,9 +30,81 @@ from r2bspec.language.located_tree import (
     TreeNode,
     child,
     replace_at,
+    without,
 )
+from r2bspec.language.names import INSTANCE, VARIABLE
 from r2bspec.language.quantities import QUANTITIES, QuantityError
 from r2bspec.language.yaml_scalars import ScalarValue
+
+OPENING = "$("
+
+_REFERENCE = re.compile(r"\$\(\s*(var|env)\s+([A-Za-z_][A-Za-z0-9_]*)\s*\)")
+_UNPARSED_REFERENCE = re.compile(r"\$\([^()\s]*(?:\s+[^()]*)?\)?")
+
+
+class Reference(msgspec.Struct, frozen=True):
+    """A reference, at ``text[start:end]``; its name begins at `name_start`."""
+
+    start: int
+    end: int
+    kind: Literal["var", "env"]
+    name: str
+    name_start: int
+
+
+class MalformedReference(msgspec.Struct, frozen=True):
+    """Text at ``text[start:end]`` that begins like a reference but is not one."""
+
+    start: int
+    end: int
+    message: str
+    help: str
+
+
+def references(text: str) -> Iterator[Reference | MalformedReference]:
+    """Everything in `text` that begins with ``$(``, from left to right."""
+    at = text.find(OPENING)
+    while at >= 0:
+        match = _REFERENCE.match(text, at)
+        if match is not None:
+            kind: Literal["var", "env"] = "var" if match[1] == "var" else "env"
+            yield Reference(at, match.end(), kind, match[2], match.start(2))
+            at = text.find(OPENING, match.end())
+        else:
+            broken = _malformed(text, at)
+            yield broken
+            at = text.find(OPENING, max(broken.end, at + 2))
+
+
+def _malformed(text: str, at: int) -> MalformedReference:
+    rough = _UNPARSED_REFERENCE.match(text, at)
+    end = rough.end() if rough is not None else at + 2
+    inside = text[at + 2 : end].removesuffix(")")
+    word, _, rest = inside.strip().partition(" ")
+    if not text[at:end].endswith(")"):
+        return MalformedReference(at, end, "unclosed '$('", "close it with ')'")
+    if word in ("var", "env"):
+        return MalformedReference(
+            at,
+            end,
+            f"$({word} ...) needs one name of letters, digits and underscores",
+            f"for example: $({word} rate)" if word == "var" else "for example: $(env HOME)",
+        )
+    if word in ("arg", "param") and rest:
+        return MalformedReference(
+            at, end, f"'$({word} ...)' is not supported", f"write $(var {rest.strip()})"
+        )
+    if word == "optenv" and rest:
+        return MalformedReference(
+            at, end, "'$(optenv ...)' is not supported", f"write $(env {rest.split()[0]})"
+        )
+    return MalformedReference(
+        at,
+        end,
+        "unknown reference; only $(var name) and $(env NAME) are supported",
+        "for computed values, let a script write the spec, or pass them with --var",
+    )
+
 
 _VALUE_KEYS = ("value", "default")
 _PLAIN_TYPES: dict[str, tuple[str, tuple[type, ...]]] = {
@@ -206,3 +283,44 @@ def equal_values(one: ScalarValue, other: ScalarValue) -> bool:
 def _enclosing_span(nodes: list[ScalarNode]) -> Span:
     first, last = nodes[0].span, nodes[-1].span
     return replace(first, end_line=last.end_line, end_column=last.end_column)
+
+
+KEY = "repeat"
+
+
+class RepeatedEntry(msgspec.Struct, frozen=True):
+    """An entry without its `repeat`, and its instances."""
+
+    entry: MapNode
+    instances: dict[str, Instance]
+
+
+class Instance(msgspec.Struct, frozen=True):
+    """The place of an instance, and its variables."""
+
+    span: Span
+    variables: dict[str, ScalarNode]
+
+
+def parse_repeat(node: MapNode) -> RepeatedEntry | None:
+    """The instances of an entry; None without `repeat`, or if the schema refuses it."""
+    named = child(node, KEY)
+    if not isinstance(named, MapNode) or not named.entries:
+        return None
+    found = {name: _instance(name, entry) for name, entry in named.entries.items()}
+    instances = {name: each for name, each in found.items() if each is not None}
+    return RepeatedEntry(without(node, KEY), instances) if len(instances) == len(found) else None
+
+
+def _instance(name: str, entry: Entry) -> Instance | None:
+    if not INSTANCE.matches(name) or not entry.key_resolved or not isinstance(entry.value, MapNode):
+        return None
+    values: dict[str, ScalarNode] = {}
+    for variable, inner in entry.value.entries.items():
+        value = inner.value
+        if not VARIABLE.matches(variable) or not isinstance(value, ScalarNode):
+            return None
+        if value.value is None:
+            return None
+        values[variable] = value
+    return Instance(entry.key_span, values)

@@ -9,7 +9,7 @@ import msgspec
 from r2bspec.diagnostics import Path, Related, did_you_mean, format_path
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language.diagnostic_collector import DiagnosticCollector
-from r2bspec.language.extend.overlay import overlay
+from r2bspec.language.extended_files import overlay
 from r2bspec.language.located_tree import (
     Entry,
     MapNode,
