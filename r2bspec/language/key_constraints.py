@@ -1,15 +1,24 @@
 """Constraints between keys: which exclude each other, need each other, or have no effect.
 
 JSON Schema's ``oneOf`` could express some of them, but its messages are hard to understand, and
-completion with it is poor. They are looked for in the tree, so that a document with other mistakes
-has them, too.
+completion with it is poor. They are looked for in the tree, so that they are found in a document
+with other mistakes, too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Final
 
-from r2bspec.diagnostics import Diagnostic, Path, Related, Severity, did_you_mean, format_path
+from r2bspec.diagnostics import (
+    Diagnostic,
+    Path,
+    Related,
+    Severity,
+    Span,
+    did_you_mean,
+    format_path,
+)
 from r2bspec.language.located_tree import (
     ListNode,
     MapNode,
@@ -29,359 +38,184 @@ from r2bspec.language.node_kinds import (
 from r2bspec.language.quantities import QuantityError, Rate
 from r2bspec.language.spec_benchmark import MAX_RANGE_RATES
 
-MAX_REQUIREMENTS = 10_000
+MAX_REQUIREMENTS: Final = 10_000
 """Requirements of all objectives together: far above every real number."""
 
-_ONE_OF: dict[str, tuple[str, ...]] = {
+_PROBES: Final = {
     "ready": ("file", "service", "log", "topic"),
     "after_ready": ("command", "service"),
 }
-_TIMELINE_ONLY = ("timeline", "record_timeline", "tf")
-_PLAYBACK_SECTIONS = ("data_loader", "preprocessors")
+"""The keys of which each entry of a section has exactly one."""
+
+_NODE_MAPS: Final[tuple[Path, ...]] = (("preprocessors",), ("graph", "nodes"))
+_GROUPS: Final = {key: kind.group for kind in NODE_KINDS for key in kind.keys}
+_KIND_HELP: Final = f"use one of {kinds_help()}"
 
 
-def section_constraint_errors(root: TreeNode, misspelt: set[Path]) -> Iterator[Diagnostic]:
-    """Violated constraints; maps at `misspelt` may have a missing key in a misspelt form."""
-    for name, keys in _ONE_OF.items():
-        for path, entry in _map_entries(root, (name,)):
-            yield from _one_of(entry, path, keys, misspelt)
-    sections: tuple[Path, ...] = (("preprocessors",), ("graph", "nodes"))
-    for section in sections:
-        for path, node in _map_entries(root, section):
-            launch = child(node, "launch")
-            if isinstance(launch, MapNode):
-                yield from _launch(launch, (*path, "launch"), misspelt)
-    yield from _playback(root)
-    yield from _harness(root)
-    yield from _transport(root)
-    yield from _benchmark(root)
-    yield from _conditions(root)
-    yield from _requirements(root)
-
-
-def _map_entries(root: TreeNode, section: Path) -> Iterator[tuple[Path, MapNode]]:
-    entries = lookup(root, section)
-    if isinstance(entries, MapNode):
-        for name, entry in entries.entries.items():
-            if isinstance(entry.value, MapNode):
-                yield (*section, name), entry.value
-
-
-def _one_of(
-    entry: MapNode, path: Path, keys: Sequence[str], misspelt: set[Path]
+def key_constraint_errors(
+    root: TreeNode, violations: Sequence[Diagnostic] = ()
 ) -> Iterator[Diagnostic]:
-    given = [key for key in entry.entries if key in keys]
-    name = f"'{format_path(path)}'"
-    listed = ", ".join(f"'{key}'" for key in keys[:-1]) + f" or '{keys[-1]}'"
-    if len(given) > 1:
-        yield _both(entry, path, (given[0], given[1]), f"keep only one of {listed}")
-    elif not given and path not in misspelt:
-        yield Diagnostic(
-            "R2B118",
-            Severity.ERROR,
-            f"{name} needs one of {listed}",
-            entry.span,
-            path=path,
-            help=f"add one of {listed}",
-        )
+    """Violated constraints of a document.
 
-
-def _launch(launch: MapNode, path: Path, misspelt: set[Path]) -> Iterator[Diagnostic]:
-    given = [key for key in launch.entries if key in ("package", "file", "path")]
-    help_text = "set 'package' and 'file', or 'path'"
-    if "path" in given and len(given) > 1:
-        other = next(key for key in given if key != "path")
-        yield _both(launch, path, ("path", other), help_text)
-    elif len(given) < 2 and "path" not in given and path not in misspelt:
-        lacks = {"package": "'file'", "file": "'package'"}.get("".join(given), "a launch file")
-        message = f"'{format_path(path)}' needs {lacks}"
-        yield Diagnostic("R2B118", Severity.ERROR, message, launch.span, path=path, help=help_text)
-
-
-def _playback(root: TreeNode) -> Iterator[Diagnostic]:
-    playback = child(root, "playback")
-    if not isinstance(playback, MapNode):
-        return
-    mode = _word(playback, "mode") if "mode" in playback.entries else "looping"
-    if mode == "live":
-        for key in _PLAYBACK_SECTIONS:
-            if isinstance(root, MapNode) and key in root.entries:
-                message = f"'{key}' has no effect: a live benchmark plays nothing"
-                yield _at_key(root, (), key, message, f"remove '{key}', or change playback.mode")
-        for key in ("inputs", "buffer", "unpaired", "clock"):
-            if key in playback.entries:
-                message = f"'playback.{key}' has no effect: a live benchmark plays nothing"
-                help_text = f"remove '{key}', or change playback.mode"
-                yield _at_key(playback, ("playback",), key, message, help_text)
-    if mode and mode != "timeline":
-        for key in _TIMELINE_ONLY:
-            if key in playback.entries:
-                message = f"'playback.{key}' has no effect with mode {mode}"
-                help_text = f"remove it, or write 'mode: timeline' instead of '{mode}'"
-                yield _at_key(playback, ("playback",), key, message, help_text)
-    yield from _recorded_rates(playback, mode)
-    yield from _translations(playback)
-
-
-def _recorded_rates(playback: MapNode, mode: str) -> Iterator[Diagnostic]:
-    """Inputs with a rate of their own need steps to be played between."""
-    inputs = child(playback, "inputs")
-    if not isinstance(inputs, MapNode):
-        return
-    recorded = {
-        name: entry.value
-        for name, entry in inputs.entries.items()
-        if isinstance(entry.value, MapNode) and _word(entry.value, "rate") == "recorded"
-    }
-    for name, each in recorded.items():
-        path = ("playback", "inputs", name)
-        if mode == "timeline":
-            message = f"'{format_path((*path, 'rate'))}' has no effect with mode timeline, which "
-            message += "plays every input at its recorded times"
-            yield _at_key(each, path, "rate", message, "remove it")
-        elif len(recorded) == len(inputs.entries):
-            message = "no input makes steps: all of them have 'rate: recorded'"
-            help_text = "remove it from the input whose rate is offered, or write 'mode: timeline'"
-            yield _at_key(each, path, "rate", message, help_text)
-
-
-def _translations(playback: MapNode) -> Iterator[Diagnostic]:
-    inputs = child(playback, "inputs")
-    translations = lookup(playback, ("timeline", "translations"))
-    if not isinstance(inputs, MapNode) or not isinstance(translations, MapNode):
-        return
-    for topic, entry in translations.entries.items():
-        if topic not in inputs.entries and entry.key_resolved:
-            close = did_you_mean(topic, inputs.entries)
-            known = "inputs: " + ", ".join(list(inputs.entries)[:10])
-            yield _at_key(
-                translations,
-                ("playback", "timeline", "translations"),
-                topic,
-                f"unknown playback input '{topic}'",
-                f"did you mean '{close}'? {known}" if close else known,
-            )
-
-
-def _harness(root: TreeNode) -> Iterator[Diagnostic]:
-    """Processes of the graph are named only where the harness runs in them."""
-    harness = child(root, "harness")
-    placement = harness.value if isinstance(harness, ScalarNode) else ""
-    if isinstance(harness, MapNode):
-        placement = _word(harness, "placement")
-    if placement == "graph":
-        return
-    named = [(("harness",), harness), *_map_entries(root, ("monitors",))]
-    for path, entry in named:
-        if isinstance(entry, MapNode) and "in" in entry.entries:
-            message = f"'{format_path((*path, 'in'))}' has no effect: player and monitors do not "
-            message += "run in the processes of the graph"
-            help_text = "remove it, or write 'harness: {placement: graph}'"
-            yield _at_key(entry, path, "in", message, help_text)
-
-
-def _transport(root: TreeNode) -> Iterator[Diagnostic]:
-    transport = child(root, "transport")
-    if isinstance(transport, MapNode) and "segment" in transport.entries:
-        kind = _word(transport, "kind")
-        if kind not in ("", "shared_memory"):
-            message = (
-                f"'transport.segment' has no effect with {kind}: only shared_memory has segments"
-            )
-            help_text = "remove it, or write 'kind: shared_memory'"
-            yield _at_key(transport, ("transport",), "segment", message, help_text)
-
-
-def _benchmark(root: TreeNode) -> Iterator[Diagnostic]:
-    benchmark = child(root, "benchmark")
-    if not isinstance(benchmark, MapNode):
-        return
-    iterations = _number(benchmark, "iterations", 10)
-    max_iterations = _number(benchmark, "max_iterations", 0)
-    if iterations is not None and max_iterations and max_iterations < iterations:
-        message = (
-            f"'benchmark.max_iterations' ({max_iterations}) is less than 'iterations' "
-            f"({iterations})"
-        )
-        yield _at_key(
-            benchmark, ("benchmark",), "max_iterations", message, f"use at least {iterations}"
-        )
-    rates = child(benchmark, "rates")
-    if isinstance(rates, MapNode):
-        yield from _range(rates)
-
-
-def _range(rates: MapNode) -> Iterator[Diagnostic]:
-    path: Path = ("benchmark", "rates")
-    if "count" in rates.entries and "step" in rates.entries:
-        yield _both(rates, path, ("count", "step"), "keep one of them")
-        return
-    if "count" not in rates.entries and "step" not in rates.entries:
-        yield Diagnostic(
-            "R2B118",
-            Severity.ERROR,
-            "'benchmark.rates' needs 'step' or 'count'",
-            rates.span,
-            path=path,
-            help="add 'step: 10 Hz', or 'count: 6'",
-        )
-        return
-    first, last, step = (_rate(rates, key) for key in ("from", "to", "step"))
-    if first is None or last is None:
-        return
-    if first >= last:
-        message = f"the range of rates is empty: 'to' ({last}) is not above 'from' ({first})"
-        yield _at_key(rates, path, "to", message, "swap the two, or write a list of rates")
-    elif step is not None and step.hz > 0:
-        if step.hz > last.hz - first.hz:
-            message = f"a step of {step} is larger than the range from {first} to {last}"
-            yield _at_key(rates, path, "step", message, "use a smaller step")
-        elif (last.hz - first.hz) / step.hz >= MAX_RANGE_RATES:
-            message = f"the range has more than {MAX_RANGE_RATES:,} rates"
-            yield _at_key(rates, path, "step", message, "use a larger step")
-
-
-def _conditions(root: TreeNode) -> Iterator[Diagnostic]:
-    """Variables in the `when` of objectives."""
-    declared = child(root, "variables")
-    known = declared.entries if isinstance(declared, MapNode) else {}
-    for path, objective in _map_entries(root, ("slos",)):
-        when = child(objective, "when")
-        if not isinstance(when, MapNode):
-            continue
-        for name in when.entries:
-            if name not in known:
-                close = did_you_mean(name, known)
-                listed = "declared variables: " + ", ".join(sorted(known)[:10])
-                help_text = listed if known else "declare it under 'variables'"
-                yield _at_key(
-                    when,
-                    (*path, "when"),
-                    name,
-                    f"unknown variable '{name}'",
-                    f"did you mean '{close}'? {listed}" if close else help_text,
-                    "R2B120",
-                )
-
-
-def _requirements(root: TreeNode) -> Iterator[Diagnostic]:
-    """The requirements of all objectives together have a limit."""
-    lists = (child(objective, "require") for _, objective in _map_entries(root, ("slos",)))
-    number = sum(len(each.items) for each in lists if isinstance(each, ListNode))
-    if number > MAX_REQUIREMENTS:
-        yield Diagnostic(
-            "R2B129",
-            Severity.ERROR,
-            f"{number:,} requirements; the limit is {MAX_REQUIREMENTS:,}",
-            span_at(root, ("slos",), key=True),
-            path=("slos",),
-            help="split the spec",
-        )
-
-
-def _word(node: MapNode, key: str) -> str:
-    value = child(node, key)
-    return value.value if isinstance(value, ScalarNode) and isinstance(value.value, str) else ""
-
-
-def _number(node: MapNode, key: str, default: int) -> int | None:
-    value = child(node, key)
-    if value is None:
-        return default
-    number = value.value if isinstance(value, ScalarNode) else None
-    return number if isinstance(number, int) and not isinstance(number, bool) else None
-
-
-def _rate(node: MapNode, key: str) -> Rate | None:
-    try:
-        return Rate.parse(_word(node, key))
-    except QuantityError:
-        return None
-
-
-def _both(node: MapNode, path: Path, keys: tuple[str, str], help_text: str) -> Diagnostic:
-    first, second = sorted(keys, key=list(node.entries).index)
-    return Diagnostic(
-        "R2B118",
-        Severity.ERROR,
-        f"'{format_path(path)}' has both '{first}' and '{second}'",
-        node.entries[second].key_span,
-        path=(*path, second),
-        help=help_text,
-        related=(Related("the other key", node.entries[first].key_span),),
-    )
-
-
-def _at_key(
-    node: MapNode, path: Path, key: str, message: str, help_text: str, code: str = "R2B119"
-) -> Diagnostic:
-    span = node.entries[key].key_span
-    return Diagnostic(code, Severity.ERROR, message, span, path=(*path, key), help=help_text)
-
-
-_NODE_MAPS: tuple[Path, ...] = (("preprocessors",), ("graph", "nodes"))
-_GROUPS = {key: kind.group for kind in NODE_KINDS for key in kind.keys}
-_KIND_HELP = f"use one of {kinds_help()}"
-
-
-def key_constraint_errors(root: TreeNode, found: Sequence[Diagnostic] = ()) -> Iterator[Diagnostic]:
-    """Violated constraints: nodes of no kind or of several, bags without a source, and others.
-
-    `found` are the violations of the schema: a map with an unknown key may have the missing key in
-    a misspelt form.
+    Args:
+        root: the document.
+        violations: what is wrong with it otherwise: a map with an unknown key may have the missing
+            key in a misspelt form.
     """
-    misspelt = {one.path[:-1] for one in found if one.code == "R2B101"}
-    for path in _NODE_MAPS:
-        nodes = lookup(root, path)
-        if isinstance(nodes, MapNode):
-            for name, entry in nodes.entries.items():
-                if isinstance(entry.value, MapNode):
-                    yield from _node(entry.value, (*path, name), root, misspelt)
-    yield from _bags(root, misspelt)
-    yield from section_constraint_errors(root, misspelt)
+    misspelt = {each.path[:-1] for each in violations if each.code == "R2B101"}
+    document = _Document(root, misspelt)
+    for section in _NODE_MAPS:
+        for path, node in document.entries(section):
+            yield from _node(document, node, path)
+            yield from _launch(document, (*path, "launch"))
+    yield from _bags(document)
+    for name, keys in _PROBES.items():
+        listed = ", ".join(f"'{key}'" for key in keys[:-1]) + f" or '{keys[-1]}'"
+        for path, _ in document.entries((name,)):
+            yield from document.one_of(
+                path, keys, "R2B118", f"one of {listed}", f"add one of {listed}", "only "
+            )
+    yield from _playback(document)
+    yield from _harness(document)
+    yield from _transport(document)
+    yield from _benchmark(document)
+    yield from _conditions(document)
+    yield from _requirements(document)
 
 
-def _node(node: MapNode, path: Path, root: TreeNode, misspelt: set[Path]) -> Iterator[Diagnostic]:
+class _Document:
+    """A tree, and what the constraints ask of it; `misspelt` are maps with an unknown key."""
+
+    def __init__(self, root: TreeNode, misspelt: set[Path]) -> None:
+        self.root = root
+        self.misspelt = misspelt
+
+    def map_at(self, *path: str | int) -> MapNode | None:
+        """The map at a path, or None."""
+        node = lookup(self.root, path)
+        return node if isinstance(node, MapNode) else None
+
+    def keys(self, *path: str | int) -> Sequence[str]:
+        """The keys of the map at a path; none if there is no map."""
+        node = self.map_at(*path)
+        return tuple(node.entries) if node is not None else ()
+
+    def entries(self, section: Path) -> Iterator[tuple[Path, MapNode]]:
+        """The entries of a section that are maps, with their paths."""
+        for name in self.keys(*section):
+            entry = self.map_at(*section, name)
+            if entry is not None:
+                yield (*section, name), entry
+
+    def word(self, *path: str | int) -> str:
+        """The text at a path, or an empty one."""
+        value = lookup(self.root, path)
+        return value.value if isinstance(value, ScalarNode) and isinstance(value.value, str) else ""
+
+    def number(self, path: Path, default: int) -> int | None:
+        """The integer at a path, its default, or None for another value."""
+        value = lookup(self.root, path)
+        if value is None:
+            return default
+        number = value.value if isinstance(value, ScalarNode) else None
+        return number if type(number) is int else None
+
+    def rate(self, *path: str | int) -> Rate | None:
+        """The rate at a path, or None."""
+        try:
+            return Rate.parse(self.word(*path))
+        except QuantityError:
+            return None
+
+    def error(
+        self,
+        path: Path,
+        message: str,
+        help_text: str,
+        code: str = "R2B119",
+        *,
+        span: Span | None = None,
+        related: tuple[Related, ...] = (),
+    ) -> Diagnostic:
+        """An error at a key, or at `span`."""
+        place = span or span_at(self.root, path, key=True)
+        return Diagnostic(
+            code, Severity.ERROR, message, place, path=path, help=help_text, related=related
+        )
+
+    def both(self, path: Path, keys: Sequence[str], help_text: str, code: str) -> Diagnostic:
+        """An error for the second of two keys that exclude each other."""
+        first, second = keys[:2]
+        message = f"'{format_path(path)}' has both '{first}' and '{second}'"
+        other = Related("the other key", span_at(self.root, (*path, first), key=True))
+        return self.error((*path, second), message, help_text, code, related=(other,))
+
+    def one_of(
+        self, path: Path, keys: Sequence[str], code: str, needs: str, help_text: str, only: str = ""
+    ) -> Iterator[Diagnostic]:
+        """An error unless the map at a path has exactly one of some keys."""
+        given = [key for key in self.keys(*path) if key in keys]
+        if len(given) > 1:
+            keep = f"keep {only}{needs}" if only else "keep one of them"
+            yield self.both(path, given, keep, code)
+        elif not given and path not in self.misspelt:
+            node = lookup(self.root, path)
+            span = node.span if node is not None and code == "R2B118" else None
+            message = f"'{format_path(path)}' needs {needs}"
+            yield self.error(path, message, help_text, code, span=span)
+
+    def without_effect(
+        self, paths: Iterable[Path], why: str, help_text: str
+    ) -> Iterator[Diagnostic]:
+        """An error for each of some keys that is written; ``{key}`` in the help is the key."""
+        for path in paths:
+            if lookup(self.root, path) is not None:
+                message = f"'{format_path(path)}' has no effect{why}"
+                yield self.error(path, message, help_text.format(key=path[-1]))
+
+
+def _node(document: _Document, node: MapNode, path: Path) -> Iterator[Diagnostic]:
+    """The keys of one kind, and none that the kind refuses."""
     given = [key for key in node.entries if key in NODE_KIND_KEYS and not _is_false(node, key)]
     name = f"'{format_path(path)}'"
     first_of: dict[str, str] = {}
     for key in given:
         first_of.setdefault(_GROUPS[key], key)
     if not first_of:
-        if path not in misspelt:
-            yield _at("R2B113", f"{name} does not define what to run", root, path, _KIND_HELP)
+        if path not in document.misspelt:
+            message = f"{name} does not define what to run"
+            yield document.error(path, message, _KIND_HELP, "R2B113")
         return
     if len(first_of) > 1:
-        first, second = list(first_of.values())[:2]
-        yield _both_of(name, path, node, (first, second), "R2B113", _KIND_HELP)
+        yield document.both(path, list(first_of.values()), _KIND_HELP, "R2B113")
         return
     group = next(iter(first_of))
     alike = members(group)
     if len(alike) > 1:
         markers = [key for key in given if key != group]
         if len(markers) > 1:
-            yield _both_of(name, path, node, (markers[0], markers[1]), "R2B113", _KIND_HELP)
+            yield document.both(path, markers, _KIND_HELP, "R2B113")
             return
-        if len(given) == 1 and path not in misspelt:
-            yield _incomplete(name, path, given[0], group, root)
+        if len(given) == 1 and path not in document.misspelt:
+            yield _incomplete(document, path, given[0], group)
             return
     kind = next((each for each in alike if each.marker in given), alike[-1])
-    for key, refusal in kind.refuses.items():
-        if key in node.entries:
-            message = f"{name} cannot have '{key}': {refusal.why}"
-            help_text = refusal.help or f"remove '{key}'"
-            yield _at("R2B119", message, root, (*path, key), help_text)
+    refused = {
+        key: (each.why, each.help or f"remove '{key}'") for key, each in kind.refuses.items()
+    }
     if "container" in node.entries:
         for key in (*PROCESS_KEYS, "env"):
-            if key in node.entries:
-                message = f"{name} cannot have '{key}': it shares its process with other nodes"
-                help_text = f"move '{key}' to the container"
-                yield _at("R2B119", message, root, (*path, key), help_text)
+            why = "it shares its process with other nodes"
+            refused.setdefault(key, (why, f"move '{key}' to the container"))
+    for key, (why, help_text) in refused.items():
+        if key in node.entries:
+            yield document.error((*path, key), f"{name} cannot have '{key}': {why}", help_text)
 
 
-def _incomplete(name: str, path: Path, given: str, group: str, root: TreeNode) -> Diagnostic:
+def _incomplete(document: _Document, path: Path, given: str, group: str) -> Diagnostic:
     """The diagnostic for a node that has one of the two keys of its kind."""
     alike = sorted(members(group), key=lambda kind: kind.marker)
+    name = f"'{format_path(path)}'"
     if given == group:
         missing = " and ".join(f"no '{each.marker}'" for each in alike)
         message = f"{name} has '{group}' but {missing}"
@@ -390,7 +224,7 @@ def _incomplete(name: str, path: Path, given: str, group: str, root: TreeNode) -
         message = f"{name} has '{given}' but no '{group}'"
         listed = next(each.listed_by for each in alike if each.marker == given)
         help_text = f"add '{group}'; see '{listed}'"
-    return _at("R2B113", message, root, (*path, given), help_text)
+    return document.error((*path, given), message, help_text, "R2B113")
 
 
 def _is_false(node: MapNode, key: str) -> bool:
@@ -398,56 +232,181 @@ def _is_false(node: MapNode, key: str) -> bool:
     return isinstance(value, ScalarNode) and value.value is False
 
 
-def _bags(root: TreeNode, misspelt: set[Path]) -> Iterator[Diagnostic]:
-    loader = child(root, "data_loader")
-    if not isinstance(loader, MapNode):
+def _launch(document: _Document, path: Path) -> Iterator[Diagnostic]:
+    launch = document.map_at(*path)
+    if launch is None:
         return
+    given = [key for key in launch.entries if key in ("package", "file", "path")]
+    help_text = "set 'package' and 'file', or 'path'"
+    if "path" in given and len(given) > 1:
+        other = next(key for key in given if key != "path")
+        keys = sorted(("path", other), key=given.index)
+        yield document.both(path, keys, help_text, "R2B118")
+    elif len(given) < 2 and "path" not in given and path not in document.misspelt:
+        lacks = {"package": "'file'", "file": "'package'"}.get("".join(given), "a launch file")
+        message = f"'{format_path(path)}' needs {lacks}"
+        yield document.error(path, message, help_text, "R2B118", span=launch.span)
+
+
+def _bags(document: _Document) -> Iterator[Diagnostic]:
+    """One recording or several, each with one source."""
     place: Path = ("data_loader",)
+    loader = document.map_at(*place)
+    if loader is None:
+        return
     given = [key for key in loader.entries if key in ("bag", "bags")]
     if len(given) == 2:
-        help_text = "list all recordings under 'bags'"
-        yield _both_of("'data_loader'", place, loader, (given[0], given[1]), "R2B114", help_text)
-    elif not given and place not in misspelt:
-        message = "'data_loader' needs 'bag' or 'bags'"
-        yield _at("R2B114", message, root, place, "add 'bag: r2b_storage', or 'bag: ./a/bag'")
-    bag, bags = child(loader, "bag"), child(loader, "bags")
-    if isinstance(bag, MapNode):
-        yield from _bag(bag, (*place, "bag"), root, misspelt)
-    if isinstance(bags, ListNode):
-        if not bags.items:
-            message = "'data_loader.bags' must not be empty"
-            yield _at("R2B108", message, root, (*place, "bags"), "for example: [./a/bag]")
-        for index, each in enumerate(bags.items):
-            if isinstance(each, MapNode):
-                yield from _bag(each, (*place, "bags", index), root, misspelt)
+        yield document.both(place, given, "list all recordings under 'bags'", "R2B114")
+    elif not given and place not in document.misspelt:
+        help_text = "add 'bag: r2b_storage', or 'bag: ./a/bag'"
+        yield document.error(place, "'data_loader' needs 'bag' or 'bags'", help_text, "R2B114")
+    bags = child(loader, "bags")
+    items = bags.items if isinstance(bags, ListNode) else ()
+    if isinstance(bags, ListNode) and not items:
+        message = "'data_loader.bags' must not be empty"
+        yield document.error((*place, "bags"), message, "for example: [./a/bag]", "R2B108")
+    for path in ((*place, "bag"), *((*place, "bags", index) for index in range(len(items)))):
+        if document.map_at(*path) is not None:
+            help_text = "add 'dataset: r2b_storage', or 'path: ./a/bag'"
+            keys = ("dataset", "path")
+            yield from document.one_of(path, keys, "R2B114", "'dataset' or 'path'", help_text)
 
 
-def _bag(bag: MapNode, path: Path, root: TreeNode, misspelt: set[Path]) -> Iterator[Diagnostic]:
-    name = f"'{format_path(path)}'"
-    given = [key for key in bag.entries if key in ("dataset", "path")]
-    if len(given) == 2:
-        help_text = "keep one of them"
-        yield _both_of(name, path, bag, (given[0], given[1]), "R2B114", help_text)
-    elif not given and path not in misspelt:
-        help_text = "add 'dataset: r2b_storage', or 'path: ./a/bag'"
-        yield _at("R2B114", f"{name} needs 'dataset' or 'path'", root, path, help_text)
+def _playback(document: _Document) -> Iterator[Diagnostic]:
+    playback = document.map_at("playback")
+    if playback is None:
+        return
+    mode = document.word("playback", "mode") if "mode" in playback.entries else "looping"
+    if mode == "live":
+        unused = [("playback", key) for key in ("inputs", "buffer", "unpaired", "clock")]
+        yield from document.without_effect(
+            [("data_loader",), ("preprocessors",), *unused],
+            ": a live benchmark plays nothing",
+            "remove '{key}', or change playback.mode",
+        )
+    if mode and mode != "timeline":
+        yield from document.without_effect(
+            [("playback", key) for key in ("timeline", "record_timeline", "tf")],
+            f" with mode {mode}",
+            f"remove it, or write 'mode: timeline' instead of '{mode}'",
+        )
+    yield from _recorded_rates(document, mode)
+    yield from _translations(document)
 
 
-def _both_of(
-    name: str, path: Path, node: MapNode, keys: tuple[str, str], code: str, help_text: str
-) -> Diagnostic:
-    first, second = keys
-    return Diagnostic(
-        code,
-        Severity.ERROR,
-        f"{name} has both '{first}' and '{second}'",
-        node.entries[second].key_span,
-        path=(*path, second),
-        help=help_text,
-        related=(Related("the other key", node.entries[first].key_span),),
+def _recorded_rates(document: _Document, mode: str) -> Iterator[Diagnostic]:
+    """Inputs with a rate of their own need steps to be played between."""
+    section = ("playback", "inputs")
+    rates = [(*path, "rate") for path, _ in document.entries(section)]
+    recorded = [path for path in rates if document.word(*path) == "recorded"]
+    if mode == "timeline":
+        why = " with mode timeline, which plays every input at its recorded times"
+        yield from document.without_effect(recorded, why, "remove it")
+    elif len(recorded) == len(document.keys(*section)):
+        message = "no input makes steps: all of them have 'rate: recorded'"
+        help_text = "remove it from the input whose rate is offered, or write 'mode: timeline'"
+        yield from (document.error(path, message, help_text) for path in recorded)
+
+
+def _translations(document: _Document) -> Iterator[Diagnostic]:
+    inputs = document.map_at("playback", "inputs")
+    path = ("playback", "timeline", "translations")
+    translations = document.map_at(*path)
+    if inputs is None or translations is None:
+        return
+    for topic, entry in translations.entries.items():
+        if topic not in inputs.entries and entry.key_resolved:
+            close = did_you_mean(topic, inputs.entries)
+            known = "inputs: " + ", ".join(list(inputs.entries)[:10])
+            help_text = f"did you mean '{close}'? {known}" if close else known
+            yield document.error((*path, topic), f"unknown playback input '{topic}'", help_text)
+
+
+def _harness(document: _Document) -> Iterator[Diagnostic]:
+    """Processes of the graph are named only where the harness runs in them."""
+    if "graph" in (document.word("harness"), document.word("harness", "placement")):
+        return
+    owners = [("harness",), *(path for path, _ in document.entries(("monitors",)))]
+    yield from document.without_effect(
+        [(*path, "in") for path in owners],
+        ": player and monitors do not run in the processes of the graph",
+        "remove it, or write 'harness: {{placement: graph}}'",
     )
 
 
-def _at(code: str, message: str, root: TreeNode, path: Path, help_text: str) -> Diagnostic:
-    span = span_at(root, path, key=True)
-    return Diagnostic(code, Severity.ERROR, message, span, path=path, help=help_text)
+def _transport(document: _Document) -> Iterator[Diagnostic]:
+    kind = document.word("transport", "kind")
+    if kind not in ("", "shared_memory"):
+        yield from document.without_effect(
+            [("transport", "segment")],
+            f" with {kind}: only shared_memory has segments",
+            "remove it, or write 'kind: shared_memory'",
+        )
+
+
+def _benchmark(document: _Document) -> Iterator[Diagnostic]:
+    if document.map_at("benchmark") is None:
+        return
+    path: Path = ("benchmark", "max_iterations")
+    iterations = document.number(("benchmark", "iterations"), 10)
+    max_iterations = document.number(path, 0)
+    if iterations is not None and max_iterations and max_iterations < iterations:
+        message = (
+            f"'benchmark.max_iterations' ({max_iterations}) is less than 'iterations' "
+            f"({iterations})"
+        )
+        yield document.error(path, message, f"use at least {iterations}")
+    if document.map_at("benchmark", "rates") is not None:
+        yield from _range(document)
+
+
+def _range(document: _Document) -> Iterator[Diagnostic]:
+    path: Path = ("benchmark", "rates")
+    unclear = list(
+        document.one_of(
+            path,
+            ("step", "count"),
+            "R2B118",
+            "'step' or 'count'",
+            "add 'step: 10 Hz', or 'count: 6'",
+        )
+    )
+    first, last, step = (document.rate(*path, key) for key in ("from", "to", "step"))
+    if unclear or first is None or last is None:
+        yield from unclear
+    elif first >= last:
+        message = f"the range of rates is empty: 'to' ({last}) is not above 'from' ({first})"
+        yield document.error((*path, "to"), message, "swap the two, or write a list of rates")
+    elif step is not None and step.is_positive:
+        if step.hz > last.hz - first.hz:
+            message = f"a step of {step} is larger than the range from {first} to {last}"
+            yield document.error((*path, "step"), message, "use a smaller step")
+        elif (last.hz - first.hz) / step.hz >= MAX_RANGE_RATES:
+            message = f"the range has more than {MAX_RANGE_RATES:,} rates"
+            yield document.error((*path, "step"), message, "use a larger step")
+
+
+def _conditions(document: _Document) -> Iterator[Diagnostic]:
+    """Variables in the `when` of objectives."""
+    known = document.keys("variables")
+    listed = "declared variables: " + ", ".join(sorted(known)[:10])
+    for path, _ in document.entries(("slos",)):
+        for name in document.keys(*path, "when"):
+            if name not in known:
+                close = did_you_mean(name, known)
+                help_text = listed if known else "declare it under 'variables'"
+                yield document.error(
+                    (*path, "when", name),
+                    f"unknown variable '{name}'",
+                    f"did you mean '{close}'? {listed}" if close else help_text,
+                    "R2B120",
+                )
+
+
+def _requirements(document: _Document) -> Iterator[Diagnostic]:
+    """The requirements of all objectives together have a limit."""
+    lists = (child(objective, "require") for _, objective in document.entries(("slos",)))
+    number = sum(len(each.items) for each in lists if isinstance(each, ListNode))
+    if number > MAX_REQUIREMENTS:
+        message = f"{number:,} requirements; the limit is {MAX_REQUIREMENTS:,}"
+        yield document.error(("slos",), message, "split the spec", "R2B129")
