@@ -30,10 +30,9 @@ Schema for editors (`json_schema`), the tables of docs/language.md, completion a
 the defaults that `explain` shows, which paths are moved with a file, and where references may be.
 """
 
-import inspect
 import re
 import types
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, cached_property
 from typing import Annotated, Any, ClassVar, Final, Literal, Union, get_args, get_origin
 
@@ -47,7 +46,7 @@ Change = Literal["load", "graph", "neither"]
 """What a key changes: the load on the graph and its monitoring, the graph, or neither of them."""
 
 
-class NamePattern(msgspec.Struct, frozen=True):
+class NamePattern(msgspec.Struct, frozen=True, dict=True):
     """A regular expression in the common subset of Python and JavaScript, with its texts.
 
     Attributes:
@@ -61,7 +60,13 @@ class NamePattern(msgspec.Struct, frozen=True):
 
     def matches(self, text: str) -> bool:
         """Whether a text has the form."""
-        return _compiled(self.pattern).search(text) is not None
+        return self.search(text) is not None
+
+    @cached_property
+    def search(self) -> Callable[[str], object]:
+        """The compiled pattern. In Python, '$' also matches before a line break at the end."""
+        pattern = self.pattern
+        return re.compile(pattern[:-1] + r"\Z" if pattern.endswith("$") else pattern).search
 
 
 class Key(msgspec.Struct, frozen=True, eq=False, kw_only=True):
@@ -216,7 +221,7 @@ class Rule(msgspec.Struct, eq=False, dict=True, kw_only=True):
         """Whether the key has no default."""
         return self.default is msgspec.UNSET
 
-    @property
+    @cached_property
     def is_parsed(self) -> bool:
         """Whether the value is a text that a class parses, and nothing else."""
         return self.quantity is not None and self.kinds == ("string",)
@@ -423,14 +428,11 @@ def _written(value: Any) -> Any:
 
 
 @cache
-def _compiled(pattern: str) -> re.Pattern[str]:
-    # In Python, '$' also matches before a line break at the end.
-    return re.compile(pattern[:-1] + r"\Z" if pattern.endswith("$") else pattern)
-
-
-@cache
 def _texts(record: type[Record]) -> Mapping[str, str]:
     """The descriptions of the fields of a record by name, and of the record itself under ''."""
+    # Not for those who only load a spec: it takes as long to import as all of the language.
+    import inspect
+
     summary, _, fields = inspect.cleandoc(record.__doc__ or "").partition("\n\nAttributes:\n")
     found = {"": " ".join(summary.split("\n\n")[0].split())}
     for part in re.split(r"\n(?=    \w)", fields):

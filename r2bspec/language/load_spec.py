@@ -7,8 +7,10 @@ value or an unreadable file are not reported.
 
 from __future__ import annotations
 
+import gc
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING
@@ -18,7 +20,6 @@ from r2bspec.diagnostics.quote import quote
 from r2bspec.language.declaration import language
 from r2bspec.language.diagnostic_collector import MAX_PROBLEMS
 from r2bspec.language.document import ParsedDocument, ValueOrigins, Variables, open_document
-from r2bspec.language.gc_pause import gc_paused
 from r2bspec.language.key_constraints import key_constraint_errors
 from r2bspec.language.located_tree import (
     MapNode,
@@ -42,6 +43,24 @@ from r2bspec.language.variables import OPENING
 
 if TYPE_CHECKING:
     from r2bspec.language.untrusted_environment import UntrustedSpecs
+
+
+@contextmanager
+def gc_paused() -> Iterator[None]:
+    """Pause the collector.
+
+    Reading creates many values and no cycles: the collector would traverse them all repeatedly and
+    free nothing. Their number is limited (`r2bspec.language.yaml_composer`).
+    """
+    if not gc.isenabled():
+        yield
+        return
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+
 
 _MISSING_VALUE_CODES = ("R2B102", "R2B113")
 _MISSING_FILE_CODES = (

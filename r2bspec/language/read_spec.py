@@ -240,9 +240,9 @@ class _Reader:
     def _name_map(self, node: MapNode, rule: Rule, below: Rule, path: Path) -> Any:
         values: dict[str, Any] = {}
         invalid = self._is_of_wrong_size(node, len(node.entries), rule, path)
-        matches = rule.names.matches if rule.names is not None else None
+        search = rule.names.search if rule.names is not None else None
         for name, entry in node.entries.items():
-            if matches is not None and not matches(name):
+            if search is not None and search(name) is None:
                 invalid = True
                 if entry.key_resolved:
                     self._refuse("names", node, rule, path, name)

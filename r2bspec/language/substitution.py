@@ -19,6 +19,7 @@ The rules:
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 
 import msgspec
 from msgspec.structs import replace
@@ -95,6 +96,7 @@ def substitute(
     )
 
 
+@cache
 def _sections(rule: Rule, path: TreePath = ()) -> dict[int, TreePath]:
     """The sections whose entries may have `repeat`, by the rule of the section."""
     if rule.values is not None and "repeat" in (rule.values.keys or ()):
