@@ -3,11 +3,7 @@
 The declaration of a key is a field of a `Record`: `r2bspec.language.spec` is the whole language.
 
     class Gate(Record, frozen=True, kw_only=True):
-        '''How verdicts are reached, and their consequences.
-
-Attributes:
-            time_budget: The maximum duration of measuring.
-        '''
+        '''How verdicts are reached. (And under 'Attributes' a sentence about each field.)'''
 
         time_budget: Annotated[Duration | None, key("10 min", positive=True)] = None
 

@@ -244,8 +244,7 @@ class RateRange(Record, frozen=True, kw_only=True):
             count = keys.get("count", 2)
             step = (last - first) / (count - 1)
         rates = (first + step * index for index in range(min(count, MAX_RANGE_RATES)))
-        # As if each were written out.
-        return tuple(Rate.parse(str(Rate(float(rate)))) for rate in rates)
+        return tuple(Rate(float(rate)) for rate in rates)
 
 
 _Played = Annotated[Rate, key("30 Hz", positive=True, description="A rate of playing.")]
