@@ -27,7 +27,6 @@ MOST_FILES = {
     "The method of a verdict": 3,
     "A report format": 2,
     "A kind of node": 3,
-    "A key that only the executor reads": 1,
     "The length of a probe": 1,
     "An exit code": 1,
     "A bag storage": 2,
@@ -322,50 +321,6 @@ def test_a_kind_of_node(package: EditedPackage) -> None:
     assert "only Python nodes and plugins run in a container" in refused
     assert "exactly one of 'bundle', 'python'" in package.run("schema", "spec").stdout
     check_files("A kind of node", package)
-
-
-COOL_DOWN = (
-    "    drain_timeout: Annotated[",
-    (
-        '    cool_down: Annotated[Duration, key("2 s", changes="neither")] = Duration(0)\n'
-        "    drain_timeout: Annotated["
-    ),
-)
-COOL_DOWN_TEXT = (
-    "        start_timeout: How long the graph",
-    "        cool_down: How long is waited.\n        start_timeout: How long the graph",
-)
-COMPARE = """
-import msgspec
-from r2bspec.language.declaration import rule_at
-from r2bspec.language.json_schema import key_table
-from r2bspec.language.quantities import Duration
-from r2bspec.plan.comparability import change_of, graph_differences
-from run_simulation import Simulation
-plan = Simulation().plan()
-other = msgspec.structs.replace(plan, cool_down=Duration(2 * 10**9))
-print(change_of("cool_down"), graph_differences(plan, other))
-print(rule_at(("benchmark", "cool_down")).shown_default)
-print(key_table("benchmark"))
-"""
-
-
-def test_a_key_that_only_the_executor_reads(package: EditedPackage) -> None:
-    spec = package.folder / "example.r2b.yaml"
-    spec.write_text(SPEC.replace("benchmark:\n", "benchmark:\n  cool_down: 2 s\n"))
-    assert "unknown key 'cool_down'" in package.run("validate", spec.name).stdout
-    package.edit("r2bspec/language/spec_benchmark.py", COOL_DOWN, COOL_DOWN_TEXT)
-    checked = package.run("validate", spec.name)
-    assert "no problems" in checked.stdout, checked.stdout
-    assert json.loads(package.run("plan", spec.name).stdout)["cool_down"] == "2 s"
-    for kind in ("spec", "plan"):
-        assert '"cool_down": {' in package.run("schema", kind).stdout
-    spec.write_text(SPEC.replace("benchmark:\n", "benchmark:\n  cooldown: 2 s\n"))
-    assert "did you mean 'cool_down'?" in package.run("validate", spec.name).stdout
-    said = package.python(COMPARE)
-    assert said.startswith("neither []\n0 s\n")
-    assert "| `cool_down` | duration | `0 s` | How long is waited. | `2 s` |" in said
-    check_files("A key that only the executor reads", package)
 
 
 def test_the_length_of_a_probe(package: EditedPackage) -> None:
