@@ -17,7 +17,7 @@ from r2bspec.interop.script_import.yaml_writer import Block, document, identifie
 from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.load_spec import load_spec
-from r2bspec.language.schema.name_patterns import MESSAGE_TYPE, TOPIC
+from r2bspec.language.names import MESSAGE_TYPE, TOPIC
 from r2bspec.wiring.build_wiring import build_wiring
 from r2bspec.wiring.companion_files import read_companion_files
 from r2bspec.wiring.wiring import PhaseWiring

@@ -143,7 +143,7 @@ def _findings(cases: tuple[LoadedSpec, ...], options: CheckOptions) -> list[Diag
     # All cases have the same texts.
     waived = any(map(may_contain_waiver, {text for one in cases for text in one.texts.values()}))
     if not waived and all(each.spec is None for each in cases):
-        from r2bspec.language.case_findings import merge_case_findings
+        from r2bspec.language.matrix import merge_case_findings
 
         return merge_case_findings(cases, [each.diagnostics for each in cases])
     from r2bspec.check.engine import check_cases

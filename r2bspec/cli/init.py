@@ -98,7 +98,7 @@ def command(
     comments about what they do not. The JSON Schema, which editors use for completion and help, is
     written next to the spec. No file is overwritten.
     """
-    from r2bspec.language.schema.derive_strict import published_schema_text
+    from r2bspec.language.json_schema import published_schema_text
     from r2bspec.language.templates import filled, purpose, templates, with_node
 
     if show_list:
@@ -141,7 +141,7 @@ def _benchmark_name(name: str) -> str:
     Raises:
         UsageError: it is not.
     """
-    from r2bspec.language.schema.name_patterns import NAME
+    from r2bspec.language.names import NAME
 
     if not re.search(NAME.pattern, name):
         better = re.sub(r"[^a-zA-Z0-9_]+", "_", name).strip("_")
@@ -160,7 +160,7 @@ def _check_node(node: str, template: str) -> None:
     Raises:
         UsageError: it is not a target of a Python node, or the template has none.
     """
-    from r2bspec.language.schema.name_patterns import PYTHON_NODE
+    from r2bspec.language.names import PYTHON_NODE
     from r2bspec.language.templates import has_node, templates
 
     if node and (node.endswith(".py") or not re.search(PYTHON_NODE.pattern, node)):

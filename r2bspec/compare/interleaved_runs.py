@@ -63,10 +63,10 @@ class BaseFailsError(R2bspecError):
     code = "R2B698"
 
     @classmethod
-    def of(cls, error: R2bspecError, text: str = "the base fails: ") -> BaseFailsError:
+    def of(cls, error: R2bspecError, text: str = "") -> BaseFailsError:
         """An error of the base, with the exit status of its cause and the way out."""
         hint = "Mend the base, or judge the head alone: --allow base."
-        failure = cls(f"{text}{error}", hint=hint)
+        failure = cls(text or f"the base fails: {error}", hint=hint)
         failure.exit_code = error.exit_code
         return failure
 

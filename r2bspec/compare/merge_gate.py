@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
@@ -53,8 +53,8 @@ ALLOW_BASE = "base"
 
 _SPEC_SUFFIX = ".r2b.yaml"
 _PLAYED_FIELDS = (
-    *("play", "play_at_peak", "search", "sustained_hz", "starts", "warm_up_ns", "phases"),
-    *("drain_timeout_ns", "objectives", "gate"),
+    *("play", "play_at_peak", "search", "sustained_hz", "starts", "warm_up", "phases"),
+    *("drain_timeout", "objectives", "gate"),
 )
 """The fields of a plan that say how long and at which rates is played, and what is asked of it."""
 
@@ -192,8 +192,9 @@ class MergeGate:
             if ALLOW_BASE not in self.settings.allow:
                 if isinstance(error, BaseBuildError | BaseRevisionError):
                     raise
-                name = f"{self.tree.name} cannot be compared with: "
-                raise BaseFailsError.of(error, name) from error
+                raise BaseFailsError.of(
+                    error, f"{self.tree.name} cannot be compared with: {self._named(str(error))}"
+                ) from error
             return self.alone_without_base(head, error)
         comparison = check_gate(
             base,
@@ -238,19 +239,13 @@ class MergeGate:
         if same is not None and is_regular(same):
             return same
         name = head.loaded.spec.name if head and head.loaded and head.loaded.spec else ""
-        for path in sorted(self.specs_of_base()) if name else ():
+        for path in _specs_below(self.tree.top) if name else ():
             if (self.tree.head_top / path.relative_to(self.tree.top)).exists():
                 continue
             loaded = SpecSelection(path).load_cases()[0]
             if loaded.spec is not None and loaded.spec.name == name:
                 return path
         return None
-
-    def specs_of_base(self, below: Path | None = None) -> Iterator[Path]:
-        """The specs of the base, hidden folders left out."""
-        for parent, folders, files in os.walk(below or self.tree.top):
-            folders[:] = [name for name in folders if not name.startswith(".")]
-            yield from (Path(parent, name) for name in files if name.endswith(_SPEC_SUFFIX))
 
     def require_spec(self, spec: Path) -> None:
         """Check that a spec of the base is not gone, unless that is allowed.
@@ -260,14 +255,25 @@ class MergeGate:
         """
         same = self.tree.in_base(spec)
         if not spec.exists() and same is not None and is_regular(same):
-            self.require_specs([same], [])
+            self.require_specs([same], [], renamed=self._renamed(same))
 
-    def require_specs(self, base: Iterable[Path], head: Iterable[Path]) -> None:
+    def _renamed(self, spec: Path) -> str:
+        """Where the head has a spec of the base under the same name; empty for nowhere."""
+        name = spec_name(SpecSelection(spec).load_cases()).name
+        for path in _specs_below(self.tree.head_top) if name else ():
+            if spec_name(SpecSelection(path).load_cases()).name == name:
+                return str(path.relative_to(self.tree.head_top))
+        return ""
+
+    def require_specs(
+        self, base: Iterable[Path], head: Iterable[Path], *, renamed: str = ""
+    ) -> None:
         """Check that the head has every spec of the base, and every case, unless that is allowed.
 
         Args:
             base: specs of the base.
             head: specs of the head.
+            renamed: where the head has the one that is gone, for the message.
 
         Raises:
             WeakerGateError: some are gone.
@@ -278,7 +284,10 @@ class MergeGate:
         refused = [each for each in weaker if each.name not in self.settings.allow]
         if refused:
             diagnostics = weakening_diagnostics(refused, None, self.tree.name)
-            raise WeakerGateError(refused, diagnostics, None, self.tree.name)
+            error = WeakerGateError(refused, diagnostics, None, self.tree.name)
+            if renamed:
+                error.hint = f"{renamed} has its name: let the pipeline run that. {error.hint}"
+            raise error
 
     def alone(self, head: Prepared, *sentences: str) -> GateSides:
         """The head without a base: what only a comparison can tell is not asked of it."""
@@ -355,6 +364,15 @@ class MergeGate:
     def _named(self, text: str) -> str:
         """A text in which files of the base have the names that they have in the repository."""
         return text.replace(f"{self.tree.top}/", "")
+
+
+def _specs_below(folder: Path) -> list[Path]:
+    """The specs of a work tree, sorted; hidden folders are left out."""
+    specs: list[Path] = []
+    for parent, folders, files in os.walk(folder):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        specs += (Path(parent, name) for name in files if name.endswith(_SPEC_SUFFIX))
+    return sorted(specs)
 
 
 def _spec_names(files: Iterable[Path], top: Path) -> dict[str, SpecName]:

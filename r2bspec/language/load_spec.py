@@ -7,20 +7,20 @@ value or an unreadable file are not reported.
 
 from __future__ import annotations
 
+import gc
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING, Any
-
-import msgspec
+from typing import TYPE_CHECKING
 
 from r2bspec.diagnostics import Diagnostic, Path, Severity, Span, did_you_mean
 from r2bspec.diagnostics.quote import quote
+from r2bspec.language.declaration import language
 from r2bspec.language.diagnostic_collector import MAX_PROBLEMS
-from r2bspec.language.document import ParsedDocument, Variables, open_document
-from r2bspec.language.gc_pause import gc_paused
-from r2bspec.language.key_constraints.entry_keys import key_constraint_errors
+from r2bspec.language.document import ParsedDocument, ValueOrigins, Variables, open_document
+from r2bspec.language.key_constraints import key_constraint_errors
 from r2bspec.language.located_tree import (
     MapNode,
     ScalarNode,
@@ -35,19 +35,32 @@ from r2bspec.language.located_tree import (
 )
 from r2bspec.language.matrix import KEY as MATRIX
 from r2bspec.language.matrix import Matrix, MatrixCase, matrix_of, with_case_values
-from r2bspec.language.schema_validator import is_valid, schema
-from r2bspec.language.shorthand import expand_shorthands
-from r2bspec.language.source_columns import inner_span
-from r2bspec.language.source_text import Source
+from r2bspec.language.read_spec import read_spec
+from r2bspec.language.source_text import Source, inner_span
 from r2bspec.language.spec import Spec
-from r2bspec.language.spec_limits import exceeded_limits
 from r2bspec.language.substitution import substitute
-from r2bspec.language.value_codec import decode
-from r2bspec.language.value_origins import ValueOrigins
-from r2bspec.language.variable_references import OPENING
+from r2bspec.language.variables import OPENING
 
 if TYPE_CHECKING:
     from r2bspec.language.untrusted_environment import UntrustedSpecs
+
+
+@contextmanager
+def gc_paused() -> Iterator[None]:
+    """Pause the collector.
+
+    Reading creates many values and no cycles: the collector would traverse them all repeatedly and
+    free nothing. Their number is limited (`r2bspec.language.yaml_composer`).
+    """
+    if not gc.isenabled():
+        yield
+        return
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+
 
 _MISSING_VALUE_CODES = ("R2B102", "R2B113")
 _MISSING_FILE_CODES = (
@@ -127,7 +140,7 @@ class LoadedSpec:
 
     def resolved_yaml(self) -> str:
         """The document as YAML: one case, with files, options, variables and merges applied."""
-        from r2bspec.language.yaml_dump import to_yaml
+        from r2bspec.language.yaml_scalars import to_yaml
 
         return to_yaml(to_plain(self.tree)) if self.tree is not None else ""
 
@@ -273,24 +286,19 @@ def _load_case(
         refused = untrusted.refused_variables(document.file, tree) if untrusted is not None else {}
         found += refused.values()
         substituted = substitute(
-            tree, schema(), document.sources, environment, refused=frozenset(refused)
+            tree, language(), document.sources, environment, refused=frozenset(refused)
         )
         found += substituted.diagnostics
         tree = substituted.tree
         used = substituted.used | _condition_variables(tree)
         entries |= substituted.origins
     if tree is not None and not isinstance(tree, UnknownNode):
-        plain = to_plain(tree)
-        violations = _violations(tree, plain, document.sources)
-        found += [*violations, *key_constraint_errors(tree, violations)]
+        spec, explained = _read(tree, document.sources)
+        found += [*explained, *key_constraint_errors(tree, explained)]
         if isinstance(tree, MapNode) and MATRIX in tree.entries:
             tree = without(tree, MATRIX)
-        if all(one.severity is not Severity.ERROR for one in found):
-            # An error here would be a bug: the schema accepted what the types refuse.
-            spec = msgspec.convert(expand_shorthands(plain), Spec, dec_hook=decode)
-            too_many = exceeded_limits(spec, tree)
-            found += too_many
-            spec = None if too_many else spec
+        if any(one.severity is Severity.ERROR for one in found):
+            spec = None
     if document.incomplete:
         found = [one for one in found if not _is_consequence(one, document.incomplete)]
     origins = ValueOrigins(document.files, entries)
@@ -307,12 +315,13 @@ def _load_case(
     )
 
 
-def _violations(tree: TreeNode, plain: Any, sources: Mapping[str, Source]) -> list[Diagnostic]:
-    if is_valid(plain):
-        return []
-    from r2bspec.language.violations import explain_violations
+def _read(tree: TreeNode, sources: Mapping[str, Source]) -> tuple[Spec | None, list[Diagnostic]]:
+    spec, violations = read_spec(tree, sources)
+    if not violations:
+        return spec, []
+    from r2bspec.language.explain_violations import explain_violations
 
-    return explain_violations(tree, plain, sources)
+    return spec, explain_violations(violations)
 
 
 def _is_consequence(one: Diagnostic, incomplete: set[Path]) -> bool:

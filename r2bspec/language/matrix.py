@@ -6,18 +6,22 @@
       cases: {night: {bag: r2b_lounge}}                  # and further cases, by name
 
 The name of a case is its values, ``threads=1,rate=30 Hz``, or its key, ``night``.
+
+What is found in several cases is reported once (`merge_case_findings`).
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import msgspec
+from msgspec.structs import replace
 
 from r2bspec.diagnostics import Diagnostic, Related, Severity, Span, did_you_mean
-from r2bspec.diagnostics.quote import quote
+from r2bspec.diagnostics.quote import clip, quote
 from r2bspec.language.diagnostic_collector import DiagnosticCollector
 from r2bspec.language.located_tree import (
     Entry,
@@ -29,7 +33,10 @@ from r2bspec.language.located_tree import (
     size_of,
     without,
 )
-from r2bspec.language.variable_declarations import with_variables
+from r2bspec.language.variables import with_variables
+
+if TYPE_CHECKING:
+    from r2bspec.language.load_spec import LoadedSpec
 
 KEY = "matrix"
 MAX_CASES = 1000
@@ -286,3 +293,43 @@ def _values(node: TreeNode) -> Values | None:
 def _scalars(node: TreeNode) -> tuple[ScalarNode, ...]:
     items = node.items if isinstance(node, ListNode) else ()
     return tuple(each for each in items if isinstance(each, ScalarNode) and each.value is not None)
+
+
+_MAX_NAMED_CASES = 5
+_MAX_NAME_LENGTH = 200
+
+
+def merge_case_findings(
+    cases: Sequence[LoadedSpec], findings: Sequence[Iterable[Diagnostic]]
+) -> list[Diagnostic]:
+    """The findings of all cases, sorted by place.
+
+    A finding that several cases share is reported once. One that only some cases have names them,
+    with the place where their values are chosen.
+
+    Args:
+        cases: the cases of one document, as `load_cases` gave them.
+        findings: what was found in each, in the same order.
+    """
+    groups: dict[tuple[str, Span, str], list[tuple[str, Diagnostic]]] = {}
+    for case, found in zip(cases, findings, strict=True):
+        for one in dict.fromkeys(case.origins.with_origins(found)):
+            key = (one.code, one.span, one.message)
+            groups.setdefault(key, []).append((case.case, one))
+    merged_findings = [_merge_group(group, cases) for group in groups.values()]
+    return sorted(merged_findings, key=lambda one: one.sort_key)
+
+
+def _merge_group(group: list[tuple[str, Diagnostic]], cases: Sequence[LoadedSpec]) -> Diagnostic:
+    names = list(dict.fromkeys(name for name, _ in group))
+    first = group[0][1]
+    if len(names) == len(cases):
+        return first
+    matrix_case = next(case.matrix_case for case in cases if case.case == names[0])
+    if matrix_case is None:
+        return first
+    more = f" and {len(names) - _MAX_NAMED_CASES} more" if len(names) > _MAX_NAMED_CASES else ""
+    listed = ", ".join(clip(each, _MAX_NAME_LENGTH) for each in names[:_MAX_NAMED_CASES]) + more
+    noun = "case" if len(names) == 1 else "cases"
+    related = Related(f"in the {noun} {listed}", matrix_case.span)
+    return replace(first, related=(*first.related, related))

@@ -1,6 +1,6 @@
 """The kinds of node: the keys that say each, and what the rest of the program has to know of it.
 
-Another kind is an entry of `NODE_KINDS`, its keys as fields of `r2bspec.language.spec.Node`, and
+Another kind is an entry of `NODE_KINDS`, its keys in `r2bspec.language.spec_graph.Node`, and
 its command line in `r2bspec.plan.command_lines`. A kind that runs inside a process of the harness
 has also a case in `r2bspec.harness.node_host`.
 """
@@ -11,18 +11,6 @@ from collections.abc import Mapping
 from typing import Any, Final, Literal
 
 import msgspec
-
-from r2bspec.language.schema import name_patterns
-from r2bspec.language.schema.schema_builder import (
-    Schema,
-    array,
-    boolean,
-    deferrable,
-    name_map,
-    record,
-    scalar,
-    text,
-)
 
 NodeKindName = Literal["python", "plugin", "executable", "command", "launch", "external"]
 
@@ -38,8 +26,9 @@ class NodeKind(msgspec.Struct, frozen=True, eq=False):
     """One kind of node.
 
     Attributes:
-        keys: the keys that together say that a node is of this kind, and their schemas. Kinds
-            that share their first key exclude each other by the others.
+        keys: the keys that together say that a node is of this kind. Kinds that share their first
+            key exclude each other by the others.
+        is_flag: whether its only key is true or false.
         role: of the process that it runs in, ``host`` for Python nodes, ``container`` for C++
             components, ``command`` for a process that the node makes itself; None if r2bspec
             starts nothing.
@@ -56,8 +45,9 @@ class NodeKind(msgspec.Struct, frozen=True, eq=False):
     """
 
     name: NodeKindName
-    keys: Mapping[str, Schema]
+    keys: tuple[str, ...]
     role: Literal["host", "container", "command"] | None = "command"
+    is_flag: bool = False
     refuses: Mapping[str, Refusal] = msgspec.field(default_factory=dict)
     by_others: bool = False
     names_own_nodes: bool = False
@@ -69,12 +59,12 @@ class NodeKind(msgspec.Struct, frozen=True, eq=False):
     @property
     def group(self) -> str:
         """The key that it shares with kinds that are written alike, or its only one."""
-        return next(iter(self.keys))
+        return self.keys[0]
 
     @property
     def marker(self) -> str:
         """The key that tells it from the kinds that are written alike."""
-        return list(self.keys)[-1]
+        return self.keys[-1]
 
     @property
     def shares_process(self) -> bool:
@@ -93,55 +83,9 @@ PROCESS_KEYS: Final = ("cpus", "nice", "prefix", "memory_limit")
 
 _NO_PROCESS = dict.fromkeys(PROCESS_KEYS, Refusal("r2bspec does not start its processes"))
 
-_PACKAGE = text(
-    "The ROS package of the plugin or the executable.",
-    form=name_patterns.PACKAGE,
-    examples=["image_proc"],
-)
-
-_LAUNCH = record(
-    "A launch file: 'package' and 'file', or 'path'. The remappings and the namespace of the node "
-    "apply to everything that it starts.",
-    {
-        "package": text(
-            "The ROS package of the launch file.",
-            form=name_patterns.PACKAGE,
-            examples=["image_proc"],
-        ),
-        "file": text(
-            "The launch file, relative to the share folder of the package.",
-            form=name_patterns.SOME_TEXT,
-            examples=["launch/image_proc.launch.py"],
-        ),
-        "path": text(
-            "The launch file, relative to this file.",
-            form=name_patterns.NOT_EMPTY,
-            examples=["./detector.launch.py"],
-            path=True,
-        ),
-        "arguments": name_map(
-            "The arguments of the launch file.",
-            name_patterns.PARAMETER,
-            deferrable(scalar("The value of the argument.", examples=["false"])),
-            examples=[{"use_sim_time": "false"}],
-        ),
-    },
-    examples=[{"package": "image_proc", "file": "launch/image_proc.launch.py"}],
-)
-
 PYTHON: Final = NodeKind(
     name="python",
-    keys={
-        "python": text(
-            "A Python node, as module.Class, or ./file.py:Class relative to this file: a subclass "
-            "of rclpy's Node, or a function that returns one. If it takes no **kwargs to pass to "
-            "Node, it gets its own process, as with 'ros2 run'; so does a main() that calls "
-            "rclpy.init.",
-            form=name_patterns.PYTHON_NODE,
-            examples=["r2bspec.nodes.ResizeNode", "./my_nodes.py:Detector"],
-            path=True,
-        )
-    },
+    keys=("python",),
     role="host",
     refuses=_no_arguments("use 'parameters' for a Python node"),
     snippet={
@@ -153,14 +97,7 @@ PYTHON: Final = NodeKind(
 
 PLUGIN: Final = NodeKind(
     name="plugin",
-    keys={
-        "package": _PACKAGE,
-        "plugin": text(
-            "The C++ class of a composable node in the package.",
-            form=name_patterns.PLUGIN,
-            examples=["image_proc::ResizeNode"],
-        ),
-    },
+    keys=("package", "plugin"),
     role="container",
     refuses=_no_arguments("use 'parameters' for a plugin"),
     listed_by="ros2 component types",
@@ -173,14 +110,7 @@ PLUGIN: Final = NodeKind(
 
 EXECUTABLE: Final = NodeKind(
     name="executable",
-    keys={
-        "package": _PACKAGE,
-        "executable": text(
-            "The executable of the package, as for 'ros2 run'.",
-            form=name_patterns.FILE_NAME,
-            examples=["rectify_node"],
-        ),
-    },
+    keys=("package", "executable"),
     refuses=_NO_CONTAINER,
     listed_by="ros2 pkg executables",
     snippet={
@@ -192,17 +122,7 @@ EXECUTABLE: Final = NodeKind(
 
 COMMAND: Final = NodeKind(
     name="command",
-    keys={
-        "command": array(
-            "Any program with its arguments, one item each, run without a shell. If the node has "
-            "a namespace, remappings, parameters, 'publishes' or 'subscribes', the namespace, "
-            "remappings and parameters are appended after --ros-args; otherwise it is run exactly "
-            "as written.",
-            deferrable(text("An argument.", examples=["./build/detector"])),
-            at_least=1,
-            examples=[["./build/detector", "--fast"]],
-        )
-    },
+    keys=("command",),
     refuses=_NO_CONTAINER,
     any_program=True,
     snippet={"label": "any command", "body": {"command": ["$1"]}},
@@ -211,7 +131,7 @@ COMMAND: Final = NodeKind(
 
 LAUNCH: Final = NodeKind(
     name="launch",
-    keys={"launch": _LAUNCH},
+    keys=("launch",),
     refuses=_no_arguments("put them under 'launch.arguments'") | _NO_CONTAINER | _NO_PROCESS,
     by_others=True,
     names_own_nodes=True,
@@ -221,13 +141,8 @@ LAUNCH: Final = NodeKind(
 
 EXTERNAL: Final = NodeKind(
     name="external",
-    keys={
-        "external": boolean(
-            "Whether the node is already running, started by other means. The run waits for it "
-            "and does not stop it.",
-            default=False,
-        )
-    },
+    keys=("external",),
+    is_flag=True,
     role=None,
     refuses={
         **_no_arguments(),
@@ -242,10 +157,8 @@ EXTERNAL: Final = NodeKind(
 NODE_KINDS: Final = (PYTHON, PLUGIN, EXECUTABLE, COMMAND, LAUNCH, EXTERNAL)
 """Every kind, in the order in which messages and pages list them."""
 
-NODE_KIND_KEYS: Final[dict[str, Schema]] = {
-    key: schema for kind in NODE_KINDS for key, schema in kind.keys.items()
-}
-"""The keys that say what kind a node is, each with its schema."""
+NODE_KIND_KEYS: Final = tuple(dict.fromkeys(key for kind in NODE_KINDS for key in kind.keys))
+"""The keys that say what kind a node is."""
 
 
 def kind_of(values: object) -> NodeKind:
@@ -275,7 +188,7 @@ def _written(group: str, kinds: tuple[NodeKind, ...]) -> str:
     if len(kinds) > 1:
         markers = " or ".join(f"'{each.marker}'" for each in kinds)
         return f"'{group}' with {markers}"
-    return f"'{group}: true'" if kinds[0].keys[group]["type"] == "boolean" else f"'{group}'"
+    return f"'{group}: true'" if kinds[0].is_flag else f"'{group}'"
 
 
 def _one_of(words: list[str]) -> str:

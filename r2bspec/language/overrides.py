@@ -14,8 +14,9 @@ from msgspec.structs import replace
 
 from r2bspec.diagnostics import Path, Span, did_you_mean, format_path
 from r2bspec.diagnostics.quote import quote
+from r2bspec.language.declaration import rule_at
 from r2bspec.language.diagnostic_collector import DiagnosticCollector
-from r2bspec.language.extend.extended_files import KEY as EXTENDS
+from r2bspec.language.extended_files import KEY as EXTENDS
 from r2bspec.language.located_tree import (
     Entry,
     ListNode,
@@ -27,10 +28,9 @@ from r2bspec.language.located_tree import (
     lookup,
     replace_at,
 )
-from r2bspec.language.schema_validator import schema_at
 from r2bspec.language.source_text import Source, read_text
 from r2bspec.language.substitution import parse_unquoted
-from r2bspec.language.variable_declarations import is_declared_text, with_variable
+from r2bspec.language.variables import is_declared_text, with_variable
 from r2bspec.language.yaml_composer import compose
 
 _PART = re.compile(r"\[(\d{1,9})\]|\['([^']*)'\]|(?:^|\.)([^.\[\]'=]+)")
@@ -116,15 +116,10 @@ def _can_add(node: TreeNode | None, path: Path) -> bool:
     key = path[-1]
     if not isinstance(key, str) or key == EXTENDS:
         return False
-    parent = schema_at(path[:-1])
-    if parent is None or "object" not in parent.get("type", ""):
+    parent = rule_at(path[:-1])
+    if parent is None or "object" not in parent.kinds:
         return False
-    if key in parent.get("properties", {}):
-        return True
-    named = parent.get("additionalProperties", "properties" not in parent)
-    if isinstance(named, dict):
-        return "properties" not in named
-    return bool(named)
+    return key in (parent.keys or ()) or (parent.values is not None and parent.values.keys is None)
 
 
 def _is_empty(node: TreeNode) -> bool:
@@ -223,9 +218,9 @@ def _path_suggestion(node: TreeNode | None, path: Path) -> str:
     """What to write instead of the last part of a path."""
     if isinstance(node, ListNode):
         return f"the list has {len(node.items)} items, the first is [0]"
-    parent = schema_at(path[:-1]) or {}
+    parent = rule_at(path[:-1])
     written = list(node.entries) if isinstance(node, MapNode) else []
-    of_language = parent.get("properties", ()) if node is None or written else ()
+    of_language = parent.keys or () if parent is not None and (node is None or written) else ()
     keys = list(dict.fromkeys([*written, *of_language]))
     if keys:
         close = did_you_mean(str(path[-1]), keys)

@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 from decimal import Decimal
 from functools import lru_cache
-from typing import ClassVar, Self
+from typing import ClassVar, Final, Self
 
 from r2bspec.diagnostics.quote import quote
 
@@ -97,6 +97,11 @@ class Quantity:
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self._value!r})"
+
+    @property
+    def is_positive(self) -> bool:
+        """Whether it is more than zero."""
+        return self._value > 0
 
     @classmethod
     def parse(cls, text: str) -> Self:
@@ -312,3 +317,9 @@ def parse_size_option(text: str) -> int:
     if not 0 < size < 2**63:
         raise ValueError("a size is positive, and has at most 64 bits")
     return size
+
+
+QUANTITIES: Final[dict[str, type[Quantity]]] = {
+    each.kind: each for each in (Duration, Rate, Size, Share)
+}
+"""The kinds of quantity by their names."""

@@ -18,7 +18,7 @@ from __future__ import annotations
 import contextlib
 import re
 from functools import lru_cache
-from typing import Literal, TypeVar
+from typing import ClassVar, Literal, TypeVar
 
 import msgspec
 
@@ -92,6 +92,8 @@ class Requirement:
         "windows_share",
     )
 
+    kind: ClassVar[str] = "requirement"
+
     def __init__(
         self,
         *,
@@ -126,6 +128,16 @@ class Requirement:
 
     def __str__(self) -> str:
         return self.text
+
+    @classmethod
+    def parse(cls, text: str) -> Requirement:
+        """Parse one requirement, as `parse_requirement` does."""
+        return parse_requirement(text)
+
+    @property
+    def is_positive(self) -> bool:
+        """Whether it is more than zero, which says nothing of a requirement."""
+        return True
 
     def is_met(self, value: float, limit: float) -> bool:
         """Compare one value with a limit, both in the bound's SI unit."""

@@ -19,7 +19,7 @@ The rules:
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from functools import cache
 
 import msgspec
 from msgspec.structs import replace
@@ -27,6 +27,7 @@ from msgspec.structs import replace
 from r2bspec.diagnostics import Certainty, Diagnostic, Related, Span, did_you_mean
 from r2bspec.diagnostics import Path as TreePath
 from r2bspec.diagnostics.quote import quote
+from r2bspec.language.declaration import Rule
 from r2bspec.language.diagnostic_collector import DiagnosticCollector
 from r2bspec.language.located_tree import (
     Entry,
@@ -37,19 +38,20 @@ from r2bspec.language.located_tree import (
     UnknownNode,
     child,
 )
-from r2bspec.language.repeat import parse_repeat
-from r2bspec.language.schema.schema_builder import DEFERRABLE, TOPIC_KEYS
 from r2bspec.language.secret_variables import is_secret_variable, secret_reference
-from r2bspec.language.source_columns import inner_span
-from r2bspec.language.source_text import MAX_DOCUMENT_BYTES, Source
-from r2bspec.language.variable_declarations import (
+from r2bspec.language.source_text import MAX_DOCUMENT_BYTES, Source, inner_span
+from r2bspec.language.variables import (
+    OPENING,
+    MalformedReference,
+    Reference,
     check_declaration,
     declared_value,
     listed_environment,
+    parse_repeat,
+    references,
     restricts_value,
     with_value,
 )
-from r2bspec.language.variable_references import OPENING, MalformedReference, Reference, references
 from r2bspec.language.yaml_composer import MAX_EXPANDED_VALUES
 from r2bspec.language.yaml_scalars import ScalarError, ScalarValue, resolve
 
@@ -71,35 +73,37 @@ class SubstitutionResult(msgspec.Struct, frozen=True):
 
 def substitute(
     root: MapNode,
-    schema: dict[str, Any],
+    rule: Rule,
     sources: Mapping[str, Source],
     environ: Mapping[str, str],
     refused: frozenset[str] = frozenset(),
 ) -> SubstitutionResult:
-    """Replace every reference in a document; `schema` defines the known keys.
+    """Replace every reference in a document; `rule` defines the known keys.
 
     Variables in `refused` have been reported, and have unknown values.
     """
-    known = schema["properties"]
-    work = _Substitution(root, sources, environ, _sections(known), refused)
+    work = _Substitution(root, sources, environ, _sections(rule), refused)
     entries = dict(root.entries)
     if work.variables is not None:
         entries["variables"] = replace(entries["variables"], value=work.variables)
     for key, entry in root.entries.items():
         if key not in _DECLARATIONS:
-            entries[key] = replace(entry, value=work.walk(entry.value, known.get(key)))
+            entries[key] = replace(entry, value=work.walk(entry.value, rule.below(key)))
     tree = MapNode(entries, root.span)
     return SubstitutionResult(
         tree, tuple(work.problems.diagnostics), frozenset(work.used), work.origins
     )
 
 
-def _sections(known: dict[str, Any]) -> dict[int, TreePath]:
-    """The sections whose entries may have `repeat`, by the schema of the section."""
+@cache
+def _sections(rule: Rule, path: TreePath = ()) -> dict[int, TreePath]:
+    """The sections whose entries may have `repeat`, by the rule of the section."""
+    if rule.values is not None and "repeat" in (rule.values.keys or ()):
+        return {id(rule): path}
     return {
-        id(known["preprocessors"]): ("preprocessors",),
-        id(known["graph"]["properties"]["nodes"]): ("graph", "nodes"),
-        id(known["monitors"]): ("monitors",),
+        name: place
+        for key, below in (rule.keys or {}).items()
+        for name, place in _sections(below, (*path, key)).items()
     }
 
 
@@ -155,15 +159,15 @@ class _Substitution:
                 return with_value(node, UnknownNode(value.span))
         return node
 
-    def walk(self, node: TreeNode, rule: Any) -> TreeNode:
-        """Substitute below a node with the schema `rule`; None is an unknown key."""
-        if not isinstance(rule, dict):
+    def walk(self, node: TreeNode, rule: Rule | None) -> TreeNode:
+        """Substitute below a node with its rule; None is that of an unknown key."""
+        if rule is None:
             return node
         if isinstance(node, ScalarNode):
             found = self._scalar(node)
-            if DEFERRABLE not in rule:
+            if not rule.about.deferrable:
                 found = self._without_secret(found)
-            if found is not node and rule.get("type") == "string":
+            if found is not node and rule.is_text:
                 return _as_text(found)
             return found
         if isinstance(node, UnknownNode):
@@ -175,17 +179,17 @@ class _Substitution:
             if isinstance(node, MapNode):
                 self._done[name] = self._map(node, rule)
             else:
-                items = tuple(self.walk(item, rule.get("items")) for item in node.items)
+                items = tuple(self.walk(item, rule.items) for item in node.items)
                 self._done[name] = ListNode(items, node.span)
         return self._done[name]
 
-    def _map(self, node: MapNode, rule: dict[str, Any]) -> MapNode:
-        known = rule.get("properties")
-        below = rule.get("additionalProperties")
+    def _map(self, node: MapNode, rule: Rule) -> MapNode:
         entries: dict[str, Entry] = {}
         section = self._sections.get(id(rule))
         for key, entry in node.entries.items():
-            made = self._instances(section, key, entry, below) if section is not None else None
+            made = (
+                self._instances(section, key, entry, rule.values) if section is not None else None
+            )
             if made is not None:
                 for name, instance in made.items():
                     if name in entries:
@@ -196,10 +200,10 @@ class _Substitution:
                 # Most entries.
                 entries[key] = entry
                 continue
-            value = self.walk(entry.value, known.get(key) if known is not None else below)
+            value = self.walk(entry.value, rule.below(key))
             new, sure = (key, True)
             if OPENING in key:
-                new, sure = self._key(key, entry.key_span, topics=TOPIC_KEYS in rule)
+                new, sure = self._key(key, entry.key_span, topics=rule.about.topics)
             if new in entries:
                 self._report_clash(new, entry.key_span, entries[new].key_span)
                 continue
@@ -207,7 +211,7 @@ class _Substitution:
         return MapNode(entries, node.span)
 
     def _instances(
-        self, section: TreePath, key: str, entry: Entry, rule: Any
+        self, section: TreePath, key: str, entry: Entry, rule: Rule | None
     ) -> dict[str, Entry] | None:
         """The entries that `repeat` makes of one, or None without `repeat`."""
         found = parse_repeat(entry.value) if isinstance(entry.value, MapNode) else None

@@ -2,19 +2,130 @@
 
 With ``--untrusted``, `environment` may list only what the base version of the same spec lists. All
 else is an error at its place, and is not read.
+
+The version in the base is read from git without checking anything out: only the object database of
+the repository is read. No file of the working tree can change what is read: neither an attribute
+nor a filter is applied, and a repository below the working tree, which could bring a configuration
+of its own, is never looked at.
 """
 
 from __future__ import annotations
 
+import posixpath
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 from r2bspec.diagnostics import Diagnostic, Severity
 from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import UsageError
-from r2bspec.language.base_version import BaseVersion, base_version
-from r2bspec.language.located_tree import TreeNode
-from r2bspec.language.variable_declarations import listed_environment
+from r2bspec.language.extended_files import (
+    KEY,
+    MAX_EXTENDED_FILES,
+    MAX_EXTENDS_DEPTH,
+    extended_names,
+)
+from r2bspec.language.located_tree import MapNode, TreeNode
+from r2bspec.language.source_text import MAX_DOCUMENT_BYTES, decode
+from r2bspec.language.variables import listed_environment
+from r2bspec.language.yaml_composer import compose
+from r2bspec.untrusted.git import find_work_tree, run_git
+
+
+class BaseVersionError(UsageError):
+    """The base of a change that cannot be read."""
+
+    code = "R2B667"
+
+
+@dataclass(frozen=True, slots=True)
+class BaseVersion:
+    """One commit of a repository.
+
+    Attributes:
+        top: the folder of the working tree.
+        commit: the full name of the commit.
+    """
+
+    top: Path
+    commit: str
+
+    def environment_names(self, file: str) -> frozenset[str]:
+        """The variables that the base version of a spec lists; none if the base has no such spec.
+
+        What the base version extends is read from the base, too.
+        """
+        try:
+            inside = Path(file).resolve().relative_to(self.top)
+        except (OSError, ValueError, RuntimeError):
+            return frozenset()
+        return _environment_names(self, inside.as_posix())
+
+    def read(self, path: str) -> bytes | None:
+        """The content of a file, by its path below `top`; None if the commit has no such file."""
+        done = run_git(self.top, "cat-file", "blob", f"{self.commit}:{path}")
+        found = done.stdout if done is not None and done.returncode == 0 else None
+        return None if found is None or len(found) > MAX_DOCUMENT_BYTES else found
+
+
+def base_version(reference: str, folder: Path) -> BaseVersion:
+    """The commit that a branch, a tag or the name of a commit means.
+
+    Args:
+        reference: what git calls it, such as ``origin/main``.
+        folder: a folder of the working tree.
+
+    Raises:
+        BaseVersionError: there is no such commit, no repository, or no git.
+    """
+    top = find_work_tree(folder)
+    if top is None:
+        raise BaseVersionError(
+            f"{folder} is not in a git repository, so --base-ref cannot be read",
+            hint="Run it in the repository of the specs, or leave --base-ref out.",
+        )
+    done = run_git(top, "rev-parse", "--verify", "--end-of-options", f"{reference}^{{commit}}")
+    if done is None:
+        raise BaseVersionError("git cannot be executed, so --base-ref cannot be read")
+    if done.returncode:
+        raise BaseVersionError(
+            f"git knows no commit {reference!r}",
+            hint="Fetch it first: git fetch --depth=1 origin COMMIT.",
+        )
+    return BaseVersion(top, done.stdout.decode().strip())
+
+
+@lru_cache(maxsize=1024)
+def _environment_names(base: BaseVersion, path: str) -> frozenset[str]:
+    """The names, found once for all cases of a spec."""
+    return _EnvironmentNames(base).names(path, 0) or frozenset()
+
+
+class _EnvironmentNames:
+    """Reads `environment` of a file of the base, and of what that extends."""
+
+    def __init__(self, base: BaseVersion) -> None:
+        self._base = base
+        self._read = 0
+
+    def names(self, path: str, depth: int) -> frozenset[str] | None:
+        """The names; None if neither the file nor what it extends says anything."""
+        self._read += 1
+        if depth > MAX_EXTENDS_DEPTH or self._read > MAX_EXTENDED_FILES:
+            return None
+        data = self._base.read(path)
+        source = decode(data, path) if data is not None else None
+        tree = compose(source.source).tree if source is not None and source.usable else None
+        if not isinstance(tree, MapNode):
+            return None
+        if "environment" in tree.entries:
+            return frozenset(listed_environment(tree))
+        found: frozenset[str] | None = None
+        for each in extended_names(tree) if KEY in tree.entries else ():
+            target = posixpath.normpath(posixpath.join(posixpath.dirname(path), str(each.value)))
+            below = self.names(target, depth + 1)
+            found = found if below is None else below
+        return found
 
 
 @dataclass(frozen=True, slots=True)

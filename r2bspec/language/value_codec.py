@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from r2bspec.language.quantities import Quantity
-from r2bspec.language.requirement_grammar import Requirement, parse_requirement
+from r2bspec.language.requirement_grammar import Requirement
 
 
 def encode(value: object) -> str:
@@ -26,9 +26,6 @@ def decode(kind: type, value: object) -> Any:
     """
     if isinstance(value, kind):
         return value
-    if isinstance(value, str):
-        if issubclass(kind, Quantity):
-            return kind.parse(value)
-        if issubclass(kind, Requirement):
-            return parse_requirement(value)
+    if isinstance(value, str) and issubclass(kind, Quantity | Requirement):
+        return kind.parse(value)
     raise NotImplementedError(f"cannot read a {kind.__name__} from {type(value).__name__}")

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 from r2bspec.diagnostics import Path, Span, did_you_mean, format_path
 from r2bspec.diagnostics.quote import clip, quote
+from r2bspec.language.declaration import rule_at
+from r2bspec.language.explain_values import to_flow_yaml
 from r2bspec.language.load_spec import LoadedSpec
 from r2bspec.language.located_tree import (
     ListNode,
@@ -18,8 +20,6 @@ from r2bspec.language.located_tree import (
     to_plain,
 )
 from r2bspec.language.overrides import parse_path
-from r2bspec.language.schema_validator import schema_at
-from r2bspec.language.violations.schema_words import to_flow_yaml
 
 _MAX_VALUE_CHARS = 200
 
@@ -129,24 +129,24 @@ def _is_inside(span: Span, outer: Span) -> bool:
 def _default_provenance(root: TreeNode, path: Path, text: str) -> Provenance:
     """The default of a key that the document does not have."""
     for length in range(1, len(path) + 1):
-        known = schema_at(path[:length])
-        if known is not None:
+        if rule_at(path[:length]) is not None:
             continue
-        above = schema_at(path[: length - 1]) or {}
-        names = list(above.get("properties", ()))
+        above = rule_at(path[: length - 1])
+        names = list((above.keys if above is not None else None) or ())
         close = did_you_mean(str(path[length - 1]), names)
         where = f"'{format_path(path[: length - 1])}'" if length > 1 else "the document"
         hint = f"did you mean '{close}'?" if close else ""
         raise UnknownPathError(f"{where} has no {quote(str(path[length - 1]))}", hint)
     for length in range(1, len(path) + 1):
         owner = lookup(root, path[:length])
-        if owner is None and "propertyNames" in (schema_at(path[: length - 1]) or {}):
+        above = rule_at(path[: length - 1])
+        if owner is None and above is not None and above.names is not None:
             raise UnknownPathError(f"the document has no {quote(format_path(path[:length]))}")
-    found = schema_at(path) or {}
-    if "default" in found:
+    rule = rule_at(path)
+    if rule is not None and rule.shown_default is not None:
         return Provenance(
             path,
-            to_flow_yaml(found["default"]),
+            to_flow_yaml(rule.shown_default),
             (ProvenanceStep("the default: the document does not set it"),),
         )
     return Provenance(

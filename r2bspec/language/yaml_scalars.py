@@ -1,14 +1,18 @@
-"""The value of an unquoted scalar by the core schema of YAML 1.2, as in editors.
+"""The value of an unquoted scalar by the core schema of YAML 1.2, and plain data as YAML.
 
 YAML 1.1, which PyYAML implements, turns ``on`` and ``no`` into booleans, ``12:30`` into 750 and
 ``010`` into 8. Here they are strings, and so are dates. There is one deliberate deviation from the
-core schema: ``010`` is neither 8 nor 10 but text, because readers disagree about it.
+core schema: ``010`` is neither 8 nor 10 but text, because readers disagree about it. What is
+written, `resolve` reads back unchanged.
 """
 
 from __future__ import annotations
 
 import math
 import re
+from typing import Any
+
+import yaml
 
 ScalarValue = bool | int | float | str | None
 
@@ -66,3 +70,31 @@ def _finite(value: float) -> float:
     if math.isfinite(value):
         return value
     raise ScalarError("not a finite number")
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes shared values in full, and quotes what YAML 1.1 or YAML 1.2 would not read as text."""
+
+    def ignore_aliases(self, data: object) -> bool:
+        del data
+        return True
+
+
+def _represent_text(dumper: _Dumper, data: str) -> yaml.ScalarNode:
+    return dumper.represent_scalar("tag:yaml.org,2002:str", data, style=_style(data))
+
+
+def _style(data: str) -> str | None:
+    try:
+        return None if isinstance(resolve(data), str) else "'"
+    except ScalarError:
+        return "'"
+
+
+_Dumper.add_representer(str, _represent_text)
+
+
+def to_yaml(plain: Any) -> str:
+    """The YAML text of dicts, lists and scalars; keys keep their order."""
+    written: str = yaml.dump(plain, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
+    return written

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 from lsprotocol import types
 
 from r2bspec.diagnostics.code_pages import all_pages
-from r2bspec.language.schema_validator import schema_at
+from r2bspec.language.declaration import Rule, rule_at
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.completion_values import names_as_keys, proposed_values
 from r2bspec.language_server.cursor_context import CursorContext, cursor_context
@@ -76,8 +76,8 @@ def complete(
     if context.is_key:
         return _items(_keys(analysis, context, where), where)
     values = _items(proposed_values(analysis, context), where)
-    part = schema_at(context.path) or {}
-    if "object" in _kinds(part) and not context.before.strip():
+    rule = rule_at(context.path)
+    if rule is not None and "object" in rule.kinds and not context.before.strip():
         # A map that has no key yet: the word will be its first key.
         values += _items(_first_keys(analysis, context, where), where)
     return values
@@ -118,11 +118,6 @@ class _Insertion:
         return text.replace("\n", f"\n{own}{' ' * len(match['items'])}")
 
 
-def _kinds(part: dict[str, Any]) -> Sequence[str]:
-    kind = part.get("type", ())
-    return (kind,) if isinstance(kind, str) else kind
-
-
 def _keys(
     analysis: Analysis | None, context: CursorContext, where: _Insertion
 ) -> Iterator[Proposal]:
@@ -155,37 +150,41 @@ def _plain(text: str) -> str:
 
 def _with_room(each: Proposal, context: CursorContext) -> Proposal:
     """A key with room for its map or its list below it."""
-    part = schema_at((*context.path, each.label))
-    text = key_snippet(each.label, part) if part is not None and not each.is_snippet else ""
+    rule = rule_at((*context.path, each.label))
+    text = key_snippet(each.label, rule) if rule is not None and not each.is_snippet else ""
     return replace(each, insert=text, is_snippet=True) if text else each
 
 
 def _schema_keys(context: CursorContext) -> Iterator[Proposal]:
-    part = schema_at(context.path) or {}
-    required = part.get("required", ())
-    for order, (key, below) in enumerate(part.get("properties", {}).items()):
+    owner = rule_at(context.path)
+    if owner is None or owner.keys is None:
+        return
+    required = owner.required
+    for order, (key, below) in enumerate(owner.keys.items()):
         yield Proposal(
             key,
             detail=_type_text(below) + (", required" if key in required else ""),
-            documentation=str(below.get("description", "")),
+            documentation=below.description,
             insert="" if context.has_colon else f"{key}: ",
             kind=types.CompletionItemKind.Property,
             order=order + (0 if key in required else 100),
         )
 
 
-def _type_text(part: dict[str, Any]) -> str:
-    kind = part.get("r2b-kind") or " or ".join(_kinds(part))
-    default = part.get("default")
+def _type_text(rule: Rule) -> str:
+    kind = " or ".join(rule.kinds)
+    if rule.is_parsed and rule.quantity is not None:
+        kind = rule.quantity.kind
+    default = rule.shown_default
     return kind if default in (None, {}, [], "") else f"{kind}, default {default}"
 
 
 def _schema_snippets(context: CursorContext) -> Iterator[Proposal]:
-    part = schema_at(context.path) or {}
-    for each in part.get("defaultSnippets", ()):
+    rule = rule_at(context.path)
+    for each in rule.about.snippets if rule is not None else ():
         if isinstance(each.get("body"), dict):
             label = each["label"]
-            is_key = label in part.get("properties", {})
+            is_key = rule is not None and label in (rule.keys or ())
             yield Proposal(
                 f"{label} with its keys" if is_key else label,
                 detail="snippet",

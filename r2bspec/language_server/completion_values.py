@@ -11,7 +11,8 @@ from typing import Final
 from lsprotocol import types
 
 from r2bspec.diagnostics import Path
-from r2bspec.language.schema_validator import schema_at
+from r2bspec.language.declaration import rule_at
+from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language_server import proposed_files as files
 from r2bspec.language_server import proposed_names as names
 from r2bspec.language_server.analysis import Analysis
@@ -62,26 +63,28 @@ def _matches(path: Path, pattern: Sequence[str]) -> bool:
 
 
 def _schema_values(context: CursorContext) -> Iterator[Proposal]:
-    part = schema_at(context.path) or {}
-    yield from quantities(part, context.before)
-    if "type" in part and part["type"] == "boolean":
+    rule = rule_at(context.path)
+    if rule is None:
+        return
+    yield from quantities(rule, context.before)
+    if rule.kinds == ("boolean",):
         yield from (Proposal(each, order=10) for each in ("true", "false"))
-    default = part.get("default")
-    if "const" in part:
-        yield Proposal(str(part["const"]), order=10)
-    for word in (*part.get("enum", ()), *part.get("r2b-words", ())):
+    default = rule.shown_default
+    if rule.const is not None:
+        yield Proposal(str(rule.const), order=10)
+    for word in rule.words:
         yield Proposal(
             str(word),
             detail="default" if word == default else "",
             kind=types.CompletionItemKind.EnumMember,
             order=10,
         )
-    if isinstance(default, str | int | float) and default != "" and "enum" not in part:
+    if isinstance(default, str | int | float) and default != "" and not rule.is_choice:
         yield Proposal(
             str(default).lower() if isinstance(default, bool) else str(default), "default", order=20
         )
-    for example in part.get("examples", ()):
-        if isinstance(example, str) and part.get("r2b-kind") != "requirement":
+    for example in rule.about.examples:
+        if isinstance(example, str) and rule.quantity is not Requirement:
             yield Proposal(example, "example", order=800)
 
 

@@ -9,8 +9,8 @@ from lsprotocol import types
 from r2bspec.check.requirement_metrics import KnownMetric, known_metrics, max_wrong_share
 from r2bspec.diagnostics import Path, format_path
 from r2bspec.judge.statistics.rule_of_three import min_sample_size
+from r2bspec.language.declaration import rule_at
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, lookup
-from r2bspec.language.schema_validator import schema_at
 from r2bspec.language.value_trace import UnknownPathError, provenance
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.places import Place, place_at
@@ -45,11 +45,11 @@ def hover(
 
 
 def _about_key(path: Path) -> Iterator[str]:
-    part = schema_at(path)
-    if part is None or not part.get("description"):
+    rule = rule_at(path)
+    if rule is None or not rule.description:
         return
-    yield f"**{format_path(path)}**: {part['description']}"
-    default = part.get("default")
+    yield f"**{format_path(path)}**: {rule.description}"
+    default = rule.shown_default
     if default not in (None, {}, [], ""):
         yield f"Default: `{default}`"
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Final
+from typing import Final
 
 from lsprotocol import types
 
-from r2bspec.language.quantities import Duration, Quantity, Rate, Share, Size
+from r2bspec.language.declaration import Rule
+from r2bspec.language.quantities import QUANTITIES, Duration, Quantity
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.cursor_context import CursorContext
 from r2bspec.language_server.proposals import Proposal
@@ -16,10 +17,8 @@ from r2bspec.language_server.symbols import names_of
 
 _OPERATORS: Final = ("<", "<=", ">", ">=", "==", "!=")
 _NUMBER: Final = re.compile(r"\d+(?:\.\d*)?\Z")
-_QUANTITIES: Final[Mapping[str, type[Quantity]]] = {
-    each.kind: each for each in (Duration, Rate, Size, Share)
-} | {"time": Duration}
-"""The quantities by the kinds of the schema, and by the dimensions of metrics."""
+_QUANTITIES: Final[Mapping[str, type[Quantity]]] = QUANTITIES | {"time": Duration}
+"""The quantities by their names, and by the dimensions of metrics."""
 _SPELLINGS: Final = frozenset({"µs"})
 """Units that are others in another spelling."""
 _BOUNDS: Final = {
@@ -31,15 +30,15 @@ _BOUNDS: Final = {
 }
 
 
-def quantities(part: dict[str, Any], before: str) -> Iterator[Proposal]:
-    """The units after a number, at a part of the schema that is a quantity.
+def quantities(rule: Rule, before: str) -> Iterator[Proposal]:
+    """The units after a number, at a value that is a quantity.
 
     Args:
-        part: of the schema.
+        rule: of the value.
         before: what is written of the value.
     """
-    kind = _QUANTITIES.get(part.get("r2b-kind", ""))
-    if kind is not None:
+    kind = rule.quantity
+    if rule.is_parsed and kind is not None and issubclass(kind, Quantity):
         yield from _units(kind, before.split(), ends_in_space=before.endswith(" "))
 
 

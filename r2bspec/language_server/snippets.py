@@ -6,6 +6,8 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from r2bspec.language.declaration import Rule
+
 _STEP = "  "
 _PLACEHOLDER = re.compile(r"\A\$\{(\d+):[^}]*\}\Z")
 
@@ -22,30 +24,29 @@ def snippet_text(body: Mapping[str, Any]) -> str:
     return "\n".join(_lines(body))
 
 
-def key_snippet(key: str, part: Mapping[str, Any]) -> str:
+def key_snippet(key: str, rule: Rule) -> str:
     """A key with room for its value below it; empty where the value follows on the same line.
 
     Args:
         key: the key.
-        part: of the schema, of its value. Required keys of a map are there already, with room for
+        rule: of its value. Required keys of a map are there already, with room for
             their values, unless these are maps or lists.
     """
-    kind, items = part.get("type"), part.get("items", {})
-    if kind == "array" and ("r2b-kind" in items or items.get("type") == "object"):
+    items = rule.items
+    in_lines = items is not None and (items.is_parsed or items.kinds == ("object",))
+    if rule.kinds == ("array",) and in_lines:
         return f"{key}:\n{_STEP}- $0"
-    if kind != "object":
+    if rule.kinds != ("object",):
         return ""
-    properties = part.get("properties", {})
-    required = part.get("required", ())
-    if not required or any(_is_collection(properties[each]) for each in required):
+    keys = rule.keys or {}
+    if not rule.required or any(_is_collection(keys[name]) for name in rule.required):
         return f"{key}:\n{_STEP}$0"
-    stops = (f"{_STEP}{each}: ${index}" for index, each in enumerate(required, 1))
+    stops = (f"{_STEP}{name}: ${index}" for index, name in enumerate(rule.required, 1))
     return "\n".join([f"{key}:", *stops])
 
 
-def _is_collection(part: Mapping[str, Any]) -> bool:
-    kind = part.get("type", ())
-    return bool({"object", "array"} & set((kind,) if isinstance(kind, str) else kind))
+def _is_collection(rule: Rule) -> bool:
+    return not {"object", "array"}.isdisjoint(rule.kinds)
 
 
 def _lines(value: Any) -> Iterator[str]:

@@ -9,9 +9,8 @@ from typing import Final, Literal
 
 from r2bspec.diagnostics import Path, Span
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode, child, lookup
-from r2bspec.language.source_columns import inner_span
-from r2bspec.language.source_text import Source
-from r2bspec.language.variable_references import Reference, references
+from r2bspec.language.source_text import Source, inner_span
+from r2bspec.language.variables import Reference, references
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.wiring.name_resolution import expand
 from r2bspec.wiring.wiring import Endpoint, PhaseWiring

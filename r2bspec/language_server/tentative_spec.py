@@ -14,11 +14,11 @@ from typing import Any, Final
 from r2bspec.check.check_context import Context
 from r2bspec.check.engine import context_of
 from r2bspec.diagnostics import Diagnostic, Path, Severity
+from r2bspec.language.declaration import Rule, rule_at
 from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.located_tree import to_plain
 from r2bspec.language.matrix import KEY as MATRIX
-from r2bspec.language.schema_validator import schema_at
-from r2bspec.language.yaml_dump import to_yaml
+from r2bspec.language.yaml_scalars import to_yaml
 
 _MAX_ROUNDS: Final = 8
 """Each round repairs all errors that are seen; a repaired value may have further ones."""
@@ -81,18 +81,16 @@ def _fill(value: Any, path: Path) -> None:
         return
     for key in [key for key, below in value.items() if below is None]:
         del value[key]
-    part = schema_at(path) or {}
-    for key in part.get("required", ()):
-        if key not in value:
-            value[key] = _example(part["properties"][key])
-    if part.get("minProperties") and not value:
-        value.update(_example(part))
+    rule = rule_at(path)
+    if rule is not None and rule.keys is not None:
+        for key in rule.required:
+            if key not in value:
+                value[key] = _example(rule.keys[key])
+    if rule is not None and rule.values is not None and rule.about.at_least and not value:
+        value.update(_example(rule))
     for key, below in value.items():
         _fill(below, (*path, key))
 
 
-def _example(part: dict[str, Any]) -> Any:
-    if "const" in part:
-        return part["const"]
-    examples = part.get("examples") or [part.get("default", "example")]
-    return copy.deepcopy(examples[0])
+def _example(rule: Rule) -> Any:
+    return copy.deepcopy(rule.about.examples[0]) if rule.about.examples else "example"

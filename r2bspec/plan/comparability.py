@@ -4,31 +4,71 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from functools import cache
 from typing import Any, Final
 
 import msgspec
 
 from r2bspec.diagnostics.diagnostic import format_path
 from r2bspec.diagnostics.quote import clip
-from r2bspec.language.spec import Objective
+from r2bspec.language.declaration import Change, change_at
+from r2bspec.language.spec import Objective, Pacing
 from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.plan import GatePlan, Plan, PlayPlan
 from r2bspec.plan.plan_diff import ABSENT, PlanDifference, diff_plans
 
-IGNORED_FIELDS: Final = frozenset(
-    {"objectives", "title", "description", "labels", "generator", "name", "gate", "requires"}
-)
-"""Fields of a plan without influence on the measurement."""
+_SHOWN_KEYS: Final[Mapping[str, str]] = {
+    **{name: name for name in ("name", "title", "description", "labels", "namespace")},
+    **{name: name for name in ("environment", "transport", "harness", "setup", "ready")},
+    **{name: name for name in ("after_ready", "monitors", "requires")},
+    "dataset": "data_loader",
+    "datasets": "data_loader",
+    "playback_mode": "playback.mode",
+    "buffer": "playback.buffer",
+    "inputs": "playback.inputs",
+    "timeline": "playback.timeline",
+    "unpaired": "playback.unpaired",
+    "clock": "playback.clock",
+    "segment_bytes": "transport.segment",
+    "external": "graph.nodes",
+    "processes": "graph",
+    "topics": "graph",
+    "objectives": "slos",
+    "play": "benchmark.rates",
+    "play_at_peak": "benchmark.duration",
+    "search": "benchmark.search",
+    "starts": "benchmark.starts",
+    "gate": "benchmark.gate",
+}
+"""The key of the language that a field of a plan shows; those of `Pacing` are keys themselves."""
 
-_LOAD_FIELDS: Final = frozenset(
-    {
-        *("dataset", "datasets", "playback_mode", "buffer", "inputs", "monitors", "play"),
-        *("play_at_peak", "timeline", "harness", "search", "warm_up_ns", "transport", "starts"),
-        "unpaired",
-    }
-)
-"""Fields for the load on the graph, and for its monitoring."""
+_OTHER_FIELDS: Final[Mapping[str, Change]] = {
+    "r2bspec_plan": "graph",
+    "generator": "neither",
+    "largest_message_bytes": "graph",
+    "phases": "graph",
+    "sustained_hz": "graph",
+}
+"""What a difference means in fields that show no single key."""
+
+
+@cache
+def change_of(field: str) -> Change:
+    """What a difference in a field of a plan means: another load, another graph, or neither.
+
+    It follows from the declaration of the key that the field shows
+    (`r2bspec.language.declaration`).
+
+    Raises:
+        KeyError: nobody has said which key that is.
+    """
+    if field in Pacing.__struct_fields__:
+        return change_at(("benchmark", field))
+    if field in _OTHER_FIELDS:
+        return _OTHER_FIELDS[field]
+    return change_at(tuple(_SHOWN_KEYS[field].split(".")))
+
 
 _MAX_PATH, _MAX_VALUE = 60, 24
 """The most characters of a path and of a value in a brief difference: both fit on a line."""
@@ -50,12 +90,16 @@ def measured_hash(plan: Plan) -> str:
 
 def load_differences(base: Plan, head: Plan) -> list[PlanDifference]:
     """The differences in the load or the harness of two plans, not in the graph under test."""
-    return [each for each in diff_plans(base, head) if each.path[0] in _LOAD_FIELDS]
+    return [each for each in diff_plans(base, head) if _change(each) == "load"]
 
 
 def graph_differences(base: Plan, head: Plan) -> list[PlanDifference]:
     """The differences of two plans that may affect the measurement."""
-    return [each for each in diff_plans(base, head) if each.path[0] not in IGNORED_FIELDS]
+    return [each for each in diff_plans(base, head) if _change(each) != "neither"]
+
+
+def _change(difference: PlanDifference) -> Change:
+    return change_of(str(difference.path[0]))
 
 
 def single_run_plan(plan: Plan) -> Plan:

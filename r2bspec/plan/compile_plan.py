@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from r2bspec._version import __version__
-from r2bspec.language.spec import BagSource, Objective, Spec
+from r2bspec.language.spec import BagSource, Objective, Pacing, Spec
 from r2bspec.plan.monitor_plans import plan_monitors
 from r2bspec.plan.plan import (
     BagTopicPlan,
@@ -74,7 +74,7 @@ def compile_plan(
         labels=spec.labels,
         namespace=wiring.namespace,
         environment=spec.environment,
-        transport=spec.transport,
+        transport=spec.transport.kind,
         largest_message_bytes=_largest_message_bytes(spec, together),
         dataset=datasets[0],
         processes=plan_processes(spec, wiring),
@@ -84,8 +84,7 @@ def compile_plan(
         inputs=plan_inputs(spec, wiring),
         monitors=plan_monitors(spec, wiring),
         phases=tuple(_phases(spec, sustained_hz, plays=bool(play or play_at_peak))),
-        warm_up_ns=spec.benchmark.warm_up.ns,
-        start_timeout_ns=spec.benchmark.start_timeout.ns,
+        **{name: getattr(spec.benchmark, name) for name in Pacing.__struct_fields__},
         search=_search(spec),
         sustained_hz=sustained_hz,
         play=play,
@@ -98,8 +97,7 @@ def compile_plan(
         ready=plan_ready(spec, wiring.namespace),
         after_ready=plan_after_ready(spec, wiring.namespace),
         gate=gate_plan(spec),
-        drain_timeout_ns=spec.benchmark.drain_timeout.ns,
-        segment_bytes=0 if spec.segment is None else spec.segment.bytes,
+        segment_bytes=0 if spec.transport.segment is None else spec.transport.segment.bytes,
         play_at_peak=play_at_peak,
         # A search and probes of sustained rates alone are made in one start.
         starts=spec.starts if play or play_at_peak else 1,

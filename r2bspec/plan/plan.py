@@ -13,7 +13,7 @@ import msgspec
 
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
-from r2bspec.language.spec import Objective, QoS, Requires, Scalar, TruthKind
+from r2bspec.language.spec import Objective, Pacing, QoS, Requires, Scalar, TruthKind
 
 
 class _Value(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -326,14 +326,15 @@ class GatePlan(_Value, frozen=True, kw_only=True):
     interference: Literal["tolerate", "note", "strict"] = "note"
 
 
-class Plan(_Value, frozen=True, kw_only=True):
+class Plan(Pacing, frozen=True, kw_only=True):
     """The plan of a run.
 
     `phases` are those of setup, load, preprocess, start, floor, graph, ready, after_ready, warm_up,
     search, sustained, play, truth and collect that the run has, in this order. `sustained_hz` are
     the rates that an objective requires to be sustained, with one sequential probe each.
     `play_at_peak` is played at the peak rate of the search, if an objective needs it; its own rate
-    is 0. `largest_message_bytes` is over the bag topics that are used, and 0 if unknown.
+    is 0. `largest_message_bytes` is over the bag topics that are used, and 0 if unknown. The fields
+    of `Pacing` are keys of the spec.
 
     Attributes:
         objectives: the active ones: their level is not `off`, and all variables have the values in
@@ -368,8 +369,6 @@ class Plan(_Value, frozen=True, kw_only=True):
     inputs: tuple[InputPlan, ...]
     monitors: tuple[MonitorPlan, ...]
     phases: tuple[str, ...]
-    warm_up_ns: int
-    start_timeout_ns: int
     search: SearchPlan | None
     sustained_hz: tuple[float, ...]
     play: tuple[PlayPlan, ...]
@@ -382,7 +381,6 @@ class Plan(_Value, frozen=True, kw_only=True):
     ready: tuple[ProbePlan, ...] = ()
     after_ready: tuple[AfterReadyPlan, ...] = ()
     gate: GatePlan = GatePlan()
-    drain_timeout_ns: int = 5 * 10**9
     segment_bytes: int = 0
     play_at_peak: PlayPlan | None = None
     starts: int = 1

@@ -17,7 +17,7 @@ FILE_NAME = "r2bspec-plan-v1.schema.json"
 def plan_schema() -> dict[str, Any]:
     """The schema as published in ``schemas/``: JSON Schema draft 2020-12."""
     (reference,), components = msgspec.json.schema_components(
-        [Plan], schema_hook=_string_type, ref_template="#/$defs/{name}"
+        [_with_quantities_required()], schema_hook=_string_type, ref_template="#/$defs/{name}"
     )
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -26,6 +26,26 @@ def plan_schema() -> dict[str, Any]:
         **reference,
         "$defs": components,
     }
+
+
+def _with_quantities_required() -> type[msgspec.Struct]:
+    """`Plan`, but defaults that are quantities, which msgspec cannot write, are none."""
+    fields = [
+        (field.name, field.type, msgspec.NODEFAULT)
+        if isinstance(field.default, Quantity)
+        else (field.name, field.type, _default(field))
+        for field in msgspec.structs.fields(Plan)
+    ]
+    namespace = {"__doc__": Plan.__doc__}
+    return msgspec.defstruct(
+        "Plan", fields, namespace=namespace, kw_only=True, forbid_unknown_fields=True
+    )
+
+
+def _default(field: msgspec.structs.FieldInfo) -> Any:
+    if field.default_factory is not msgspec.NODEFAULT:
+        return msgspec.field(default_factory=field.default_factory)
+    return field.default
 
 
 def plan_schema_text() -> str:

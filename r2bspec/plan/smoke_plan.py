@@ -6,10 +6,11 @@ from typing import Final
 
 import msgspec
 
+from r2bspec.language.quantities import Duration
 from r2bspec.plan.plan import Plan, PlayPlan
 
 _ITERATION_NS: Final = 2_000_000_000
-_WARM_UP_NS: Final = 500_000_000
+_WARM_UP: Final = Duration(500_000_000)
 _LEFT_OUT: Final = frozenset({"floor", "search", "sustained", "play"})
 """Phases of a run to be judged; ``play`` comes back, and may come where there was only a search."""
 
@@ -42,7 +43,7 @@ def smoke_plan(plan: Plan) -> Plan:
         },
         starts=1,
         phases=tuple(phases),
-        warm_up_ns=min(plan.warm_up_ns, _WARM_UP_NS),
+        warm_up=min(plan.warm_up, _WARM_UP),
         gate=msgspec.structs.replace(plan.gate, confirm=False),
     )
 

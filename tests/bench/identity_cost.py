@@ -22,6 +22,7 @@ import time
 from pathlib import Path
 
 from r2bspec.execute.identity import graph_identity
+from r2bspec.language.quantities import Duration
 from r2bspec.plan.plan import DatasetPlan, NodePlan, Plan, ProcessPlan
 from r2bspec.record.graph_identity import GraphIdentity
 
@@ -109,8 +110,8 @@ def plan_of(names: list[str]) -> Plan:
         inputs=(),
         monitors=(),
         phases=(),
-        warm_up_ns=0,
-        start_timeout_ns=0,
+        warm_up=Duration(0),
+        start_timeout=Duration(0),
         search=None,
         sustained_hz=(),
         play=(),

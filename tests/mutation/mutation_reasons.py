@@ -11,7 +11,7 @@ from collections.abc import Callable
 from mutants import Mutant
 
 from r2bspec.diagnostics import Path
-from r2bspec.language.schema_validator import schema_at
+from r2bspec.language.declaration import rule_at
 
 _NAMED = {
     ("slos",): "an objective",
@@ -62,9 +62,9 @@ def _entry_gone(mutant: Mutant) -> str:
 
 
 def _has_default(mutant: Mutant) -> str:
-    owner = schema_at(mutant.path[:-1]) or {}
-    optional = mutant.path[-1] in owner.get("properties", {})
-    if mutant.kind == "delete" and optional and mutant.path[-1] not in owner.get("required", ()):
+    owner = rule_at(mutant.path[:-1])
+    optional = set() if owner is None else {*(owner.keys or ())} - {*owner.required}
+    if mutant.kind == "delete" and mutant.path[-1] in optional:
         return "the key is optional, and its default applies"
     return ""
 

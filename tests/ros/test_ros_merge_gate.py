@@ -25,7 +25,7 @@ OUTCOMES = {
     "node 15 % faster": "PASS",
     "node crashes": "error, exit status 2 or 4",
     "parameter file changed": "judged; the report names the file",
-    "dependency changed": "judged; the report names both versions",
+    "dependency changed": "judged; the report names its file, or both versions",
     "objective weakened": "error R2B692, exit status 2",
     "objective deleted": "error R2B692, exit status 2",
     "all objectives deleted": "error R2B693, exit status 2",
@@ -112,10 +112,10 @@ def test_a_parameter_file_is_a_part_of_the_graph(workspace: Workspace) -> None:
 def test_a_dependency_is_a_part_of_the_graph(workspace: Workspace) -> None:
     # Both sides find the dependency of the pipeline; a stored run has that of its day.
     workspace.gate("--output", str(workspace.top.parent / "stored"), against="").assert_status(0, 3)
-    workspace.install_dependency("1.1")
+    workspace.install_dependency("1.1", factor=1.01)
     gated = workspace.gate("--baseline", str(workspace.top.parent / "stored"), against="")
     gated.assert_status(0, 3)
-    assert "kernels 1.0 → 1.1" in gated.stdout
+    assert "kernels.py changed" in gated.stdout.splitlines()[0]
 
 
 def test_an_objective_that_is_weakened_is_an_error_at_its_line(workspace: Workspace) -> None:
@@ -210,7 +210,7 @@ def test_a_base_that_does_not_build(workspace: Workspace) -> None:
 
 def test_a_base_that_is_built_runs_what_was_built(workspace: Workspace) -> None:
     script = "mkdir -p out && cp -r src/blur/blur out/ && echo 'FACTOR = 1.0' >> out/blur/cost.py"
-    base = {"build": [["sh", "-c", script]], "setup": "PYTHONPATH=out:../site"}
+    base = {"build": [["sh", "-c", script]], "setup": f"PYTHONPATH=out:{workspace.site}"}
     benchmark = {"duration": "1 s", "rates": ["20 Hz"], "warm_up": "100 ms", "gate": {"base": base}}
     graph = {"nodes": {"blur": {"python": "blur.node.Blur"}}}
     workspace.change({SPEC: spec(benchmark=benchmark, graph=graph)}, on_main=True)
@@ -255,7 +255,7 @@ def test_a_side_that_loads_files_of_the_other_is_an_error(workspace: Workspace) 
     gated = workspace.gate(*ONE_PAIR)
     gated.assert_status(2)
     assert "R2B696" in gated.stderr
-    assert "cost.py of the head" in gated.stderr
+    assert "of the head (" in gated.stderr
 
 
 def test_an_interrupted_gate_leaves_nothing(workspace: Workspace) -> None:

@@ -10,7 +10,7 @@ import re
 from pathlib import Path
 
 from r2bspec.exit_status import ExitStatus
-from r2bspec.language.schema import derive_strict, reference_page
+from r2bspec.language import json_schema
 from r2bspec.language.templates import SUFFIX, filled, templates
 from r2bspec.measure import metric_reference
 from r2bspec.plan import plan_schema
@@ -24,14 +24,14 @@ def generated_files() -> dict[Path, str]:
     """Each generated file with what it should contain now."""
     schemas, docs = ROOT / "schemas", ROOT / "docs"
     files = {
-        schemas / derive_strict.FILE_NAME: derive_strict.published_schema_text(),
+        schemas / json_schema.FILE_NAME: json_schema.published_schema_text(),
         schemas / plan_schema.FILE_NAME: plan_schema.plan_schema_text(),
         schemas / result_schema.FILE_NAME: result_schema.result_schema_text(),
-        docs / "language.md": reference_page.with_tables(_text(docs / "language.md")),
+        docs / "language.md": json_schema.with_tables(_text(docs / "language.md")),
         docs / "metrics.md": metric_reference.markdown_page(),
         docs / "running.md": _with_exit_statuses(_text(docs / "running.md")),
     }
-    schema = f"../../schemas/{derive_strict.FILE_NAME}"
+    schema = f"../../schemas/{json_schema.FILE_NAME}"
     for name, text in templates().items():
         files[TEMPLATES / f"{name}{SUFFIX}"] = filled(text, None, schema)
     return files

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.language.quantities import Rate
+from r2bspec.language.quantities import Duration, Rate
 from r2bspec.language.requirement_grammar import parse_requirement
 from r2bspec.language.spec import Objective
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
@@ -171,8 +171,8 @@ class Simulation:
             inputs=(),
             monitors=tuple(monitor_plan(name, self.match) for name in self.monitors),
             phases=("load", "start", "play", "collect"),
-            warm_up_ns=10**9,
-            start_timeout_ns=10**9,
+            warm_up=Duration(10**9),
+            start_timeout=Duration(10**9),
             search=None,
             sustained_hz=(),
             play=(),

@@ -14,7 +14,7 @@ to 1 ms."""
 
 def _find(context: Context) -> Findings:
     spec, bag = context.spec, context.bag
-    capacity = _CAPACITY_BYTES_PER_S.get(spec.transport)
+    capacity = _CAPACITY_BYTES_PER_S.get(spec.transport.kind)
     if capacity is None or bag is None or context.has_own_rate:
         return
     largest = max(
@@ -35,10 +35,10 @@ def _find(context: Context) -> Findings:
             written = isinstance(context.value_at(("benchmark", "rates")), ListNode)
             yield Finding(
                 message=f"{rate} of {name} is {rate.hz * size / 1e6:,.0f} MB/s, but "
-                f"{spec.transport} carries about {capacity / 1e6:,.0f} MB/s",
+                f"{spec.transport.kind} carries about {capacity / 1e6:,.0f} MB/s",
                 path=path if written else ("benchmark", "rates"),
                 help=f"use about {max_rate_hz:.0f} Hz (estimated on a machine with two cores)"
-                + (", or 'transport: shared_memory'" if spec.transport == "udp" else ""),
+                + (", or 'transport: shared_memory'" if spec.transport.kind == "udp" else ""),
                 machine_dependent=True,
             )
             if not written:

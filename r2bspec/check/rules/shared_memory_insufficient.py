@@ -8,8 +8,8 @@ from r2bspec.language.quantities import Size
 
 
 def _find(context: Context) -> Findings:
-    segment = context.spec.segment
-    if segment is None or context.spec.transport != "shared_memory":
+    segment = context.spec.transport.segment
+    if segment is None or context.spec.transport.kind != "shared_memory":
         return
     available_bytes = shared_memory_bytes()
     if available_bytes is None:

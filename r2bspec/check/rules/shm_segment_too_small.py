@@ -7,7 +7,7 @@ from r2bspec.language.quantities import Size
 
 
 def _find(context: Context) -> Findings:
-    segment, bag = context.spec.segment, context.bag
+    segment, bag = context.spec.transport.segment, context.bag
     if segment is None or bag is None:
         return
     for name in context.spec.data_loader.topics:

@@ -9,7 +9,7 @@ from r2bspec.middleware.rmw_registry import RMW_VARIABLE, refuse_transport, sele
 
 
 def _find(context: Context) -> Findings:
-    transport = context.spec.transport
+    transport = context.spec.transport.kind
     selected = {RMW_VARIABLE: os.environ.get(RMW_VARIABLE) or ""}
     refusal = refuse_transport(transport, selected_rmw(selected))
     if refusal is not None:

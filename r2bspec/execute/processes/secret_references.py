@@ -16,7 +16,7 @@ import msgspec
 
 from r2bspec.execute.errors import SecretNotSetError
 from r2bspec.language.secret_variables import is_secret_variable, secret_reference
-from r2bspec.language.variable_references import OPENING
+from r2bspec.language.variables import OPENING
 from r2bspec.plan.plan import NodePlan, Plan
 
 _REFERENCE = re.compile(r"\$\((?P<kind>env|quoted_env) (?P<name>[A-Za-z_][A-Za-z0-9_]*)\)")

@@ -24,6 +24,7 @@ from r2bspec.execute.profile.attached_profiler import AttachedProfiler
 from r2bspec.execute.profile.profilers import Profiler
 from r2bspec.execute.session import MEASURE_PHASE, Session
 from r2bspec.execute.start_sequence import StartSequence
+from r2bspec.language.quantities import Duration
 from r2bspec.plan.plan import Plan, ProcessPlan
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import ProfileRecord
@@ -196,7 +197,7 @@ class ProfiledIteration:
                 self._wrapped(each) if each.name in names and each.phase == MEASURE_PHASE else each
                 for each in self.plan.processes
             ),
-            start_timeout_ns=_SLOWER * self.plan.start_timeout_ns,
+            start_timeout=Duration(_SLOWER * self.plan.start_timeout_ns),
         )
         self._play(self.starts.begin_uncounted(plan), rate_hz, duration_ns)
         children = [each for each in self.supervisor if each.name in names]

@@ -30,7 +30,7 @@ from r2bspec.interop.script_import.spec_nodes import NodeWriter
 from r2bspec.interop.script_import.spec_values import SpecValues, relative_folder
 from r2bspec.interop.script_import.values import ImageSize, Note
 from r2bspec.interop.script_import.yaml_writer import Block, document, identifier, unique_name
-from r2bspec.language.schema.name_patterns import MESSAGE_TYPE, MONITOR_NAME, NAME
+from r2bspec.language.names import MESSAGE_TYPE, MONITOR_NAME, NAME
 
 _NOT_IMPORTED: Final = "R2B710"
 _CHANGED: Final = "R2B711"

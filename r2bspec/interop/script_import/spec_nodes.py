@@ -22,7 +22,7 @@ from r2bspec.interop.script_import.launch_actions import (
 from r2bspec.interop.script_import.spec_values import SpecValues
 from r2bspec.interop.script_import.values import NotKnownError, PlacedDict, Unknown, check_size
 from r2bspec.interop.script_import.yaml_writer import Block, identifier, unique_name
-from r2bspec.language.schema.name_patterns import NODE_NAME, PARAMETER, TOPIC
+from r2bspec.language.names import NODE_NAME, PARAMETER, TOPIC
 
 _PREPROCESSING: Final = "preprocessing"
 _DEFAULT_CONTAINER: Final = "component_container_mt"

@@ -104,7 +104,7 @@ PLAN_PLACES: dict[tuple[str | int, ...], list[object]] = {
     ("play", 0, "max_iterations"): [-1, *EXTREME],
     ("play", 0, "duration_ns"): [-1, *EXTREME],
     ("play", 0, "rate_hz"): [-1, *EXTREME],
-    ("start_timeout_ns",): list(EXTREME),
+    ("start_timeout",): list(EXTREME),
     ("starts",): [0, -1, 1001, *EXTREME],
 }
 

@@ -21,6 +21,7 @@ from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of, to_json
 from r2bspec.judge.outcome import InconclusivePolicy
 from r2bspec.judge.result import Result
+from r2bspec.language.quantities import Duration
 from r2bspec.plan.plan import GatePlan, Plan
 from r2bspec.record.run_folder import RunFolder, open_run
 from r2bspec.report.format_registry import renderer
@@ -219,9 +220,9 @@ class TestStored:
         forced = baseline_from_stored_run(base, other, machine, force=True)
         assert forced.differences == ("plan, buffer: 0 -> 7",)
         # The graph may differ, as it does where one looks for an effect: the record says how.
-        patient = msgspec.structs.replace(plan, start_timeout_ns=plan.start_timeout_ns + 1)
+        patient = msgspec.structs.replace(plan, start_timeout=Duration(plan.start_timeout_ns + 1))
         [said] = baseline_from_stored_run(base, patient, machine, force=False).differences
-        assert said.startswith("plan, start_timeout_ns: ")
+        assert said.startswith("plan, start_timeout: ")
         # What is judged, and how, may differ.
         words = msgspec.structs.replace(plan, objectives={}, gate=GatePlan(confidence=0.9))
         assert baseline_from_stored_run(base, words, machine, force=False).differences == ()

@@ -15,6 +15,7 @@ import pytest
 
 from r2bspec.execute.identity import graph_identity
 from r2bspec.execute.identity.file_digests import build_id
+from r2bspec.language.quantities import Duration
 from r2bspec.plan.plan import (
     AfterReadyPlan,
     DatasetPlan,
@@ -56,8 +57,8 @@ def plan_of(*processes: ProcessPlan, **fields: Any) -> Plan:
         inputs=(),
         monitors=(),
         phases=(),
-        warm_up_ns=0,
-        start_timeout_ns=0,
+        warm_up=Duration(0),
+        start_timeout=Duration(0),
         search=None,
         sustained_hz=(),
         play=(),

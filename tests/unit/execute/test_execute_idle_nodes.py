@@ -15,6 +15,7 @@ from r2bspec.execute.bringup.early_diagnosis import EarlyDiagnosis
 from r2bspec.execute.bringup.idle_nodes import IdleNodes, all_answer, patience_s
 from r2bspec.execute.diagnosis.graph_facts import GraphFacts
 from r2bspec.ipc.protocol import ParameterLists
+from r2bspec.language.quantities import Duration
 from r2bspec.plan.plan import NodePlan, ProcessPlan
 from run_simulation import Simulation
 
@@ -64,7 +65,7 @@ def test_a_program_has_nodes_of_any_name() -> None:
 
 def diagnosis(now: list[float], **ways: Any) -> EarlyDiagnosis:
     facts = GraphFacts(topics={}, inputs=())
-    plan = msgspec.structs.replace(Simulation().plan(), start_timeout_ns=30 * 10**9)
+    plan = msgspec.structs.replace(Simulation().plan(), start_timeout=Duration(30 * 10**9))
     return EarlyDiagnosis(plan, "measure", lambda: facts, clock=lambda: now[0], **ways)
 
 
@@ -98,8 +99,8 @@ def test_any_sign_of_progress_is_waited_for(ways: dict[str, Any]) -> None:
 
 def test_a_short_timeout_does_not_make_a_start_impatient() -> None:
     plan = Simulation().plan()
-    assert patience_s(msgspec.structs.replace(plan, start_timeout_ns=3 * 10**9)) == 5.0
-    assert patience_s(msgspec.structs.replace(plan, start_timeout_ns=300 * 10**9)) == 100.0
+    assert patience_s(msgspec.structs.replace(plan, start_timeout=Duration(3 * 10**9))) == 5.0
+    assert patience_s(msgspec.structs.replace(plan, start_timeout=Duration(300 * 10**9))) == 100.0
 
 
 @pytest.fixture

@@ -18,6 +18,7 @@ from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, 
 from r2bspec.ipc import protocol
 from r2bspec.ipc.sample_files import RowWriter
 from r2bspec.ipc.schedule import CyclicSchedule
+from r2bspec.language.quantities import Duration
 from r2bspec.record.run_folder import RunFolder
 from run_simulation import EPOCH_NS, Simulation
 from scripted_playback import ScriptedPlayback
@@ -133,7 +134,7 @@ def test_an_output_that_stops_is_reported_once_and_waited_for_again_when_it_goes
 
 def player_plan(player: SegmentPlayer, drain_ns: int) -> Any:
     """The plan with another drain timeout."""
-    return msgspec.structs.replace(cast("Any", player)._plan, drain_timeout_ns=drain_ns)
+    return msgspec.structs.replace(cast("Any", player)._plan, drain_timeout=Duration(drain_ns))
 
 
 def test_late_outputs_that_are_discarded_are_counted(

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.language.case_findings import merge_case_findings
 from r2bspec.language.load_spec import load_cases, load_spec
+from r2bspec.language.matrix import merge_case_findings
 from r2bspec.language.value_trace import UnknownPathError, provenance
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "language"

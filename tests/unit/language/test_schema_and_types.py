@@ -1,166 +1,135 @@
-"""The schema and the typed values describe the same language."""
+"""What follows from the declarations: rules, defaults, and the schema for editors."""
 
 from __future__ import annotations
 
 import json
 import re
-import types
-import typing
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Literal, get_args, get_origin
+from typing import Any
 
 import jsonschema
 import msgspec
 import pytest
 
 from r2bspec.diagnostics import Path as TreePath
+from r2bspec.language.declaration import Record, Rule, language, rule_at
+from r2bspec.language.json_schema import published_schema, published_schema_text
 from r2bspec.language.load_spec import load_spec
-from r2bspec.language.located_tree import to_plain
-from r2bspec.language.quantities import Quantity
-from r2bspec.language.requirement_grammar import Requirement
-from r2bspec.language.schema.derive_strict import (
-    published_schema,
-    published_schema_text,
-    strict_schema,
-)
-from r2bspec.language.schema.document_root import DOCUMENT
-from r2bspec.language.schema.schema_builder import (
-    ALLOWED_WORDS,
-    KIND,
-    LOADER_ONLY,
-    QUANTITIES,
-    TOPIC_KEYS,
-    Schema,
-)
-from r2bspec.language.spec import DERIVED_FIELDS, BagSource, Harness, QoS, Spec
-from r2bspec.language.value_codec import decode
+from r2bspec.language.located_tree import TreeNode, to_plain
+from r2bspec.language.quantities import Duration
+from r2bspec.language.read_spec import INVALID, read_value
+from r2bspec.language.source_text import Source
+from r2bspec.language.yaml_composer import compose
 
 ROOT = Path(__file__).parents[3]
 GOLDEN = ROOT / "tests" / "golden" / "language"
 
 
-def pairs(schema: Schema, kind: Any, path: TreePath = ()) -> Iterator[tuple[TreePath, Schema, Any]]:
-    """Every part of the schema with the type that reads it."""
-    kind = _without_none(kind)
-    yield path, schema, kind
-    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
-        for field in written_fields(kind):
-            inner = schema["properties"][field.encode_name]
-            yield from pairs(inner, field.type, (*path, field.encode_name))
-    elif get_origin(kind) is dict:
-        yield from pairs(schema["additionalProperties"], get_args(kind)[1], (*path, "*"))
-    elif get_origin(kind) is tuple:
-        yield from pairs(schema["items"], get_args(kind)[0], (*path, 0))
+def rules(rule: Rule, path: TreePath = ()) -> Iterator[tuple[TreePath, Rule]]:
+    """Every rule of the language."""
+    yield path, rule
+    for key, below in (rule.keys or {}).items():
+        yield from rules(below, (*path, key))
+    for step, inner in (("*", rule.values), (0, rule.items)):
+        if inner is not None:
+            yield from rules(inner, (*path, step))
 
 
-def written_fields(kind: type[msgspec.Struct]) -> list[msgspec.structs.FieldInfo]:
-    """The fields of a type that a document has."""
-    made = DERIVED_FIELDS.get(kind.__name__, ())
-    return [field for field in msgspec.structs.fields(kind) if field.name not in made]
+ALL = list(rules(language()))
+RECORDS = [(path, rule) for path, rule in ALL if rule.record is not None]
 
 
-def _without_none(kind: Any) -> Any:
-    if get_origin(kind) in (typing.Union, types.UnionType):
-        left = [each for each in get_args(kind) if each is not types.NoneType]
-        return left[0] if len(left) == 1 else kind
-    return kind
+def located(value: object) -> TreeNode:
+    """A plain value as a tree."""
+    tree = compose(Source("example", json.dumps(value))).tree
+    assert tree is not None
+    return tree
 
 
-ALL = list(pairs(DOCUMENT, Spec))
+def test_every_field_is_a_key_or_made_of_keys() -> None:
+    for path, rule in RECORDS:
+        assert rule.keys is not None
+        assert rule.record is not None
+        written = {each.field for each in rule.keys.values() if not each.loader}
+        assert written <= set(rule.record.__struct_fields__), path
+        made = set(rule.record.__struct_fields__) - written
+        assert made <= {"parameter_sources", "at_peak"}, path
 
 
-def kind_of(field: msgspec.structs.FieldInfo) -> Any:
-    """The type of a field, without the None that an optional one may be."""
-    return _without_none(field.type)
+def test_keys_that_are_no_fields_are_evaluated_while_loading() -> None:
+    names = {path[-1] for path, rule in ALL if rule.loader}
+    assert names == {"extends", "matrix", "repeat", "profile"}
 
 
-RECORDS = [(p, s, k) for p, s, k in ALL if isinstance(k, type) and issubclass(k, msgspec.Struct)]
+def test_an_example_of_every_value_is_read() -> None:
+    for path, rule in ALL:
+        assert rule.about.examples or not path or path[-1] == "type", path
+        for example in rule.about.examples:
+            value, violations = read_value(located(example), rule)
+            assert not violations, (path, example)
+            assert value is not INVALID
 
 
-@pytest.mark.parametrize(("path", "schema", "kind"), RECORDS, ids=lambda value: str(value)[:40])
-def test_maps_of_known_keys(path: TreePath, schema: Schema, kind: type[msgspec.Struct]) -> None:
-    fields = written_fields(kind)
-    kept = [key for key, each in schema["properties"].items() if LOADER_ONLY not in each]
-    assert kept == [field.encode_name for field in fields], "same order, too"
-    assert schema["additionalProperties"] is False
-    required = {field.encode_name for field in fields if field.required}
-    assert set(schema.get("required", ())) == required
-
-
-def test_what_the_loader_makes_is_no_key_of_the_language() -> None:
-    for path, schema, kind in RECORDS:
-        for name in DERIVED_FIELDS.get(kind.__name__, ()):
-            assert name in kind.__struct_fields__
-            assert name not in schema["properties"], path
-
-
-@pytest.mark.parametrize(("path", "schema", "kind"), RECORDS, ids=lambda value: str(value)[:40])
-def test_defaults_are_those_of_the_types(
-    path: TreePath, schema: Schema, kind: type[msgspec.Struct]
-) -> None:
-    for field in written_fields(kind):
-        inner = schema["properties"][field.encode_name]
-        if field.required:
-            assert "default" not in inner, field.name
+def test_shown_defaults_are_those_of_the_fields() -> None:
+    for path, rule in ALL:
+        if rule.owner is None or rule.is_required or rule.loader:
             continue
-        default = field.default
-        if default is msgspec.NODEFAULT and field.default_factory is not msgspec.NODEFAULT:
-            default = field.default_factory()
-        if "default" in inner:
-            read = msgspec.convert(inner["default"], field.type, dec_hook=decode)
-            assert read == default, field.name
+        if rule.shown_default is None:
+            assert not rule.default or rule.about.hidden_default or rule.about.unless_live, path
         else:
-            assert not default or default == kind_of(field)(), (
-                f"{path}.{field.name} has a default that the schema hides"
-            )
+            value, _ = read_value(located(rule.shown_default), rule)
+            made = rule.owner.from_keys({**_required(rule.owner), rule.field: value})
+            assert getattr(made, rule.field, value) == rule.default, path
 
 
-def test_kinds_of_values() -> None:
-    words = {str: "string", int: "integer", bool: "boolean", dict: "object", tuple: "array"}
-    for path, schema, kind in ALL:
-        origin = get_origin(kind) or kind
-        if origin is Literal:
-            known = schema.get("enum") or schema.get(ALLOWED_WORDS) or [schema.get("const")]
-            assert known == list(get_args(kind)), path
-        elif schema.get("type") == ["string", "object"]:
-            assert kind in (BagSource, QoS, Harness), path
-        elif isinstance(kind, type) and issubclass(kind, Quantity):
-            assert QUANTITIES[schema[KIND]] is kind, path
-        elif kind is Requirement:
-            assert schema[KIND] == "requirement", path
-        elif kind is Any:
-            assert "type" not in schema, path
-        elif origin in words:
-            assert words[origin] in schema["type"], path
-        elif isinstance(kind, type):
-            assert schema["type"] == "object", path
-        else:
-            assert set(schema["type"]) >= {"string", "number", "boolean"}, path
+def _required(record: type[Record]) -> dict[str, Any]:
+    fields = msgspec.structs.fields(record)
+    return {field.name: None for field in fields if field.required}
 
 
-def test_everything_is_described_with_an_example_that_holds() -> None:
-    for path, schema, _ in pairs(published_schema(), Spec):
-        assert len(schema["description"]) > 10, path
-        assert schema["examples"] or not path, path
-        for example in schema["examples"]:
-            assert not list(jsonschema.Draft7Validator(schema).iter_errors(example)), path
+def test_everything_is_described() -> None:
+    for path, rule in ALL:
+        assert len(rule.description) > 5, path
+    for path, rule in _with_paths(published_schema()):
+        for example in rule["examples"]:
+            assert not list(jsonschema.Draft7Validator(rule).iter_errors(example)), path
+
+
+def _with_paths(schema: Any, path: TreePath = ()) -> Iterator[tuple[TreePath, Any]]:
+    yield path, schema
+    for key, below in schema.get("properties", {}).items():
+        yield from _with_paths(below, (*path, key))
+    for key in ("items", "additionalProperties"):
+        if isinstance(schema.get(key), dict):
+            yield from _with_paths(schema[key], (*path, key))
 
 
 def test_substitution_in_keys_is_for_topics() -> None:
-    maps = {path[-1] for path, schema, _ in ALL if TOPIC_KEYS in schema}
+    maps = {path[-1] for path, rule in ALL if rule.about.topics}
     assert maps == {
         *("topics", "inputs", "translations"),
         *("remappings", "publishes", "subscribes", "qos"),
     }
 
 
-# ---- the schemas that are made of it ---------------------------------------------------------
+def test_what_a_key_changes_is_said_for_every_section() -> None:
+    assert {key for key, rule in (language().keys or {}).items() if not rule.about.changes} == set()
 
 
-def test_both_are_draft_07() -> None:
+def test_a_section_says_it_for_its_keys() -> None:
+    assert rule_at(("benchmark", "duration")) is not None
+    with_examples = rule_at(("setup", "model", "timeout"))
+    assert with_examples is not None
+    assert with_examples.default == Duration(600 * 10**9)
+    assert with_examples.shown_default == "10 min"
+
+
+# ---- the schema for editors ------------------------------------------------------------------
+
+
+def test_it_is_draft_07() -> None:
     jsonschema.Draft7Validator.check_schema(published_schema())
-    jsonschema.Draft7Validator.check_schema(strict_schema())
 
 
 def test_nothing_private_is_published() -> None:
@@ -274,7 +243,7 @@ def _put(document: Any, path: TreePath, value: object) -> None:
 
 def test_the_kind_that_is_meant_stands_before_null() -> None:
     """Editors insert by the first one."""
-    for _, schema, _ in pairs(published_schema(), Spec):
+    for _, schema in _with_paths(published_schema()):
         kinds = schema.get("type")
         if isinstance(kinds, list):
             assert kinds[0] != "null"

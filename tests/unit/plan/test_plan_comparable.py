@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import msgspec
+import pytest
 
+from r2bspec.language.quantities import Duration
 from r2bspec.plan.comparability import (
+    change_of,
     difference_lines,
     graph_differences,
     load_differences,
@@ -12,7 +15,7 @@ from r2bspec.plan.comparability import (
     pair_count,
     single_run_plan,
 )
-from r2bspec.plan.plan import GatePlan, PlayPlan, SearchPlan
+from r2bspec.plan.plan import GatePlan, Plan, PlayPlan, SearchPlan
 from run_simulation import Simulation, objective
 
 PLAY = PlayPlan(rate_hz=30.0, duration_ns=10**9, iterations=7, max_iterations=28)
@@ -53,9 +56,27 @@ def test_words_and_judgement_do_not_change_what_is_measured() -> None:
     )
     assert measured_hash(other) == measured_hash(PLAN)
     assert graph_differences(PLAN, other) == []
-    longer = msgspec.structs.replace(PLAN, warm_up_ns=2)
+    longer = msgspec.structs.replace(PLAN, warm_up=Duration(2))
     assert measured_hash(longer) != measured_hash(PLAN)
-    assert [str(each) for each in load_differences(PLAN, longer)] == ["warm_up_ns: 1000000000 -> 2"]
+    assert [str(each) for each in load_differences(PLAN, longer)] == ['warm_up: "1 s" -> "2 ns"']
+
+
+@pytest.mark.parametrize("field", Plan.__struct_fields__)
+def test_of_every_field_it_is_known_what_it_changes(field: str) -> None:
+    assert change_of(field) in ("load", "graph", "neither")
+
+
+def test_what_a_field_changes_follows_from_its_key() -> None:
+    assert {field for field in Plan.__struct_fields__ if change_of(field) == "load"} == {
+        *("dataset", "datasets", "playback_mode", "buffer", "inputs", "monitors", "play"),
+        *("play_at_peak", "timeline", "harness", "search", "warm_up", "transport", "starts"),
+        "unpaired",
+    }
+    assert {field for field in Plan.__struct_fields__ if change_of(field) == "neither"} == {
+        *("objectives", "title", "description", "labels", "generator", "name", "gate", "requires"),
+    }
+    with pytest.raises(KeyError):
+        change_of("a_field_of_tomorrow")
 
 
 def test_a_graph_may_differ_where_its_load_may_not() -> None:

@@ -1,0 +1,410 @@
+"""Violations of the language, explained: one diagnostic for each mistake.
+
+One mistake may violate several rules: a missing key and an unknown one are one misspelt key, many
+wrong values are two keys with each other's content or a forgotten name. These are looked for first;
+what they explain is not reported again. Wrong values are in `r2bspec.language.explain_values`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import cache
+from itertools import combinations
+from typing import Final
+
+from msgspec.structs import replace
+
+from r2bspec.diagnostics import Diagnostic, Edit, Path, Related, did_you_mean, format_path
+from r2bspec.diagnostics.quote import quote
+from r2bspec.language.declaration import Rule, language, rule_at
+from r2bspec.language.diagnostic_collector import MAX_PROBLEMS
+from r2bspec.language.explain_values import (
+    comma_separated,
+    empty_value,
+    example,
+    example_line,
+    invalid_choice,
+    invalid_quantity_or_requirement,
+    join_words,
+    pattern_mismatch,
+    repair_name,
+    too_large,
+    too_small,
+    unsupported_version,
+    wrong_type,
+)
+from r2bspec.language.located_tree import MapNode, lookup, span_at, to_plain
+from r2bspec.language.read_spec import Violation
+
+
+def explain_violations(violations: Sequence[Violation]) -> list[Diagnostic]:
+    """Explain what a document violates."""
+    diagnostics: list[Diagnostic] = []
+    unnamed = list(missing_names(violations))
+    diagnostics += (diagnostic for _, diagnostic in unnamed)
+    explained = {path for path, _ in unnamed}
+    for paths, diagnostic in swapped_keys(violations):
+        if not explained & set(paths):
+            diagnostics.append(diagnostic)
+            explained |= set(paths)
+    violations = [each for each in violations if not _is_explained(each.path, explained)]
+    renamed: set[Path] = set()
+    for violation in violations:
+        if violation.kind == "unknown":
+            for diagnostic, meant in unknown_keys(violation):
+                diagnostics.append(diagnostic)
+                renamed.add((*violation.path, meant))
+    for violation in violations:
+        if violation.kind == "required":
+            diagnostics += missing_keys(violation, renamed)
+        elif violation.kind != "unknown":
+            diagnostics.append(_EXPLANATIONS[violation.kind](violation))
+    # An anchored value that is used in several places is explained once.
+    unique = {(each.code, each.span): each for each in reversed(diagnostics)}
+    return list(unique.values())[::-1]
+
+
+def _is_explained(path: Path, explained: set[Path]) -> bool:
+    """Whether the path is at or below a path that has been explained as a whole."""
+    return any(path[:length] in explained for length in range(len(path) + 1))
+
+
+def missing_keys(violation: Violation, renamed: set[Path]) -> Iterator[Diagnostic]:
+    """One diagnostic for all keys that a map lacks."""
+    keys = violation.rule.keys or {}
+    present = violation.node.entries if isinstance(violation.node, MapNode) else {}
+    missing = [
+        key
+        for key in violation.required
+        if key not in present and (*violation.path, key) not in renamed
+    ]
+    if not missing:
+        return
+    lines = [example_line(key, keys[key]) for key in missing]
+    names = join_words([f"'{key}'" for key in missing], "and")
+    noun = "key" if len(missing) == 1 else "keys"
+    place = f"in {violation.name}" if violation.path else "at the top of the document"
+    yield violation.error(
+        "R2B102",
+        f"missing {noun} {names} {place}",
+        f"add {join_words(lines, 'and')}",
+        span=span_at(violation.root, violation.path, key=True),
+    )
+
+
+def invalid_key_name(violation: Violation) -> Diagnostic:
+    """A key that is not a valid name or topic."""
+    form = violation.rule.names
+    assert form is not None  # noqa: S101 - only such maps have names of a form
+    path = (*violation.path, violation.key)
+    better = repair_name(violation.key, form)
+    return violation.error(
+        "R2B106",
+        f"invalid {form.noun} {quote(violation.key)}",
+        f"write {better}; {form.message}" if better else form.message,
+        span=span_at(violation.root, path, key=True),
+        path=path,
+    )
+
+
+def too_many(violation: Violation) -> Diagnostic:
+    """A map or a list with more entries than a spec can have."""
+    node = violation.node
+    number = len(node.entries) if isinstance(node, MapNode) else len(violation.value)
+    what = violation.path[-1] if isinstance(node, MapNode) else "entries"
+    return violation.error(
+        "R2B129",
+        f"{number:,} {what}; the limit is {violation.rule.about.at_most:,}",
+        "split the spec",
+        span=span_at(violation.root, violation.path, key=True),
+    )
+
+
+def missing_names(violations: Sequence[Violation]) -> Iterator[tuple[Path, Diagnostic]]:
+    """Maps of named entries in which an entry is written without its name.
+
+    ``monitors: {topic: a, format: b}`` violates the schema twice; it is one mistake.
+    """
+    owners: dict[Path, list[Violation]] = {}
+    for violation in violations:
+        if violation.kind == "type" and violation.path and violation.rule.kinds == ("object",):
+            owners.setdefault(violation.path[:-1], []).append(violation)
+    for path, inside in owners.items():
+        keys = [str(violation.path[-1]) for violation in inside]
+        owner = rule_at(path)
+        if not any(key in (inside[0].rule.keys or {}) for key in keys):
+            continue
+        if owner is None or owner.names is None:
+            continue
+        yield (
+            path,
+            inside[0].error(
+                "R2B117",
+                f"missing name above {comma_separated(keys)} in '{format_path(path)}'",
+                f"for example: '{format_path(path)}: {example(owner)}'",
+                span=span_at(inside[0].root, path, key=True),
+                path=path,
+            ),
+        )
+
+
+_MAX_OWNERS = 50
+_MAX_KEYS = 20
+
+
+def swapped_keys(violations: Sequence[Violation]) -> Iterator[tuple[tuple[Path, Path], Diagnostic]]:
+    """The paths of two keys with each other's content, and one diagnostic for both.
+
+    Both contents violate the schema, often many times, and neither would under the other key.
+    """
+    broken: dict[Path, dict[str, Violation]] = {}
+    for violation in violations:
+        for depth, key in enumerate(violation.path):
+            if isinstance(key, str):
+                broken.setdefault(violation.path[:depth], {}).setdefault(key, violation)
+    for owner, keys in list(broken.items())[:_MAX_OWNERS]:
+        rule = rule_at(owner)
+        known = (rule.keys if rule is not None else None) or {}
+        candidates = [key for key in keys if key in known][:_MAX_KEYS]
+        for first, second in combinations(candidates, 2):
+            if _are_swapped(keys[first], owner, (first, second), known):
+                paths = ((*owner, first), (*owner, second))
+                yield paths, _swapped(keys[first], owner, (first, second))
+
+
+def _are_swapped(
+    violation: Violation, owner: Path, keys: tuple[str, str], known: dict[str, Rule]
+) -> bool:
+    first, second = (lookup(violation.root, (*owner, key)) for key in keys)
+    if first is None or second is None:
+        return False
+    value, other = to_plain(first), to_plain(second)
+    if not (isinstance(value, dict | list) and isinstance(other, dict | list)):
+        return False
+    here, there = known[keys[0]], known[keys[1]]
+    wrong_here = not _has_shape(value, here) and not _has_shape(other, there)
+    return wrong_here and _has_shape(value, there) and _has_shape(other, here)
+
+
+def _has_shape(plain: object, rule: Rule | None) -> bool:
+    """Whether a value has the keys and levels that a rule requires; scalars are ignored.
+
+    Below unknown keys, references to variables are not replaced, so scalars cannot be validated.
+    """
+    if rule is None:
+        return False
+    if isinstance(plain, list):
+        return "array" in rule.kinds and all(_has_shape(item, rule.items) for item in plain)
+    if not isinstance(plain, dict):
+        return not rule.kinds or bool(set(rule.kinds) - {"array", "object"})
+    if "object" not in rule.kinds or any(key not in plain for key in rule.required):
+        return False
+    return all(_has_shape(below, rule.below(key)) for key, below in plain.items())
+
+
+def _swapped(violation: Violation, owner: Path, keys: tuple[str, str]) -> Diagnostic:
+    holder = lookup(violation.root, owner)
+    assert isinstance(holder, MapNode)  # noqa: S101 - both keys were found in it
+    first, second = sorted(keys, key=lambda key: _order(holder, key))
+    return violation.error(
+        "R2B150",
+        f"'{first}' and '{second}' have each other's content",
+        "swap the two keys",
+        span=holder.entries[first].key_span,
+        path=(*owner, first),
+        related=(Related("the other key", holder.entries[second].key_span),),
+    )
+
+
+def _order(holder: MapNode, key: str) -> tuple[int, int]:
+    span = holder.entries[key].key_span
+    return span.line, span.column
+
+
+_SYNONYMS = {
+    "args": "arguments",
+    "bags": "bag",
+    "cmd": "command",
+    "config": "parameters",
+    "environment": "env",
+    "exec": "executable",
+    "message_type": "format",
+    "msg_type": "format",
+    "ns": "namespace",
+    "params": "parameters",
+    "pkg": "package",
+    "rate": "at",
+    "remap": "remappings",
+    "requirements": "require",
+    "requires": "require",
+    "rosbag": "bag",
+    "runs": "iterations",
+    "source": "from",
+    "timeout": "start_timeout",
+    "type": "format",
+    "vars": "variables",
+}
+"""Words of ROS launch files and other tools; used only where the map has the target key."""
+
+
+def unknown_keys(violation: Violation) -> Iterator[tuple[Diagnostic, str]]:
+    """A diagnostic for each unknown key, and the key of the same map that was intended."""
+    owner = violation.node
+    if not isinstance(owner, MapNode):
+        return
+    properties = violation.rule.keys or {}
+    unknown = [key for key in owner.entries if key not in properties][: MAX_PROBLEMS + 1]
+    for key in tuple(unknown):
+        if gone := retired_key_help(violation.path, key):
+            yield _diagnostic(violation, owner, key, gone), ""
+            unknown.remove(key)
+    absent = [key for key in properties if key not in owner.entries]
+    meant = _intended_keys(unknown, absent)
+    for key in unknown:
+        if key in meant:
+            yield _misspelled_key(violation, owner, key, meant[key]), meant[key]
+            continue
+        above = _missing_level(violation, owner, key)
+        if above:
+            help_text = f"put it under '{format_path((*violation.path, above))}'"
+        else:
+            help_text = _location_help(violation, key) or _present_key_help(owner, key, properties)
+        yield _diagnostic(violation, owner, key, help_text), above
+
+
+def _diagnostic(violation: Violation, owner: MapNode, key: str, help_text: str) -> Diagnostic:
+    place = f"in {violation.name}" if violation.path else "at the top of the document"
+    return violation.error(
+        "R2B101",
+        f"unknown key {quote(key)} {place}",
+        help_text,
+        span=owner.entries[key].key_span,
+        path=(*violation.path, key),
+    )
+
+
+def _misspelled_key(violation: Violation, owner: MapNode, key: str, meant: str) -> Diagnostic:
+    known = f"known keys: {comma_separated(violation.rule.keys or ())}"
+    found = _diagnostic(violation, owner, key, f"did you mean '{meant}'? {known}")
+    if _spelling(key) == _spelling(meant):
+        return replace(found, edit=Edit(found.span, meant))
+    return found
+
+
+def _intended_keys(unknown: Sequence[str], absent: Iterable[str]) -> dict[str, str]:
+    """The absent key that each unknown key probably means; each is used once.
+
+    The most certain matches come first: another spelling of the same, then a synonym, then a key
+    that is valid elsewhere (no match here), then a similar name.
+    """
+    free = list(absent)
+    found: dict[str, str] = {}
+    for key in unknown:
+        other_word = _SYNONYMS.get(key.casefold().replace("-", "_"), "")
+        for name in free:
+            if _spelling(name) == _spelling(key) or name == other_word:
+                found[key] = name
+                free.remove(name)
+                break
+    for key in unknown:
+        if key not in found and key not in _key_locations():
+            close = did_you_mean(key, free)
+            if close:
+                found[key] = close
+                free.remove(close)
+    return found
+
+
+def _spelling(key: str) -> str:
+    """The key without case and separators."""
+    return key.casefold().replace("-", "").replace("_", "").replace(" ", "")
+
+
+def _missing_level(violation: Violation, owner: MapNode, key: str) -> str:
+    """The key below which a value of this shape belongs, such as 'nodes' for a node."""
+    inside = owner.entries[key].value
+    if isinstance(inside, MapNode) and inside.entries:
+        for name, below in (violation.rule.keys or {}).items():
+            known = below.values.keys if below.values is not None else None
+            if inside.entries.keys() <= (known or {}).keys():
+                return name
+    return ""
+
+
+def _location_help(violation: Violation, key: str) -> str:
+    """Help for a key that is valid elsewhere."""
+    homes = [home for home in _key_locations().get(key, ()) if home != format_path(violation.path)]
+    if not homes:
+        return ""
+    known = comma_separated(violation.rule.keys or ())
+    places = join_words([f"'{home}'" for home in homes[:3]])
+    return f"it belongs under {places}; known keys here: {known}"
+
+
+def _present_key_help(owner: MapNode, key: str, properties: Iterable[str]) -> str:
+    """Help for a key similar to one that the map already has."""
+    close = did_you_mean(key, [name for name in properties if name in owner.entries])
+    known = f"known keys: {comma_separated(properties)}"
+    return f"did you mean '{close}', which is already set? {known}" if close else known
+
+
+@cache
+def _key_locations() -> dict[str, tuple[str, ...]]:
+    """The paths where each key of the language is valid, such as ``monitors.<name>``."""
+    homes: dict[str, list[str]] = {}
+
+    def walk(rule: Rule, path: str) -> None:
+        for key, below in (rule.keys or {}).items():
+            if path:
+                homes.setdefault(key, []).append(path)
+            walk(below, f"{path}.{key}" if path else key)
+        if rule.values is not None:
+            walk(rule.values, f"{path}.<name>")
+
+    walk(language(), "")
+    return {key: tuple(paths) for key, paths in homes.items()}
+
+
+_NATIVE_FORMAT = (
+    "it is gone: messages are played and monitored in their ROS formats, in which nodes with "
+    "adapted types (NITROS) communicate as well; remove it, and write 'harness: {placement: "
+    "graph}' to have player and monitors in the processes of the graph"
+)
+_ONE_HARNESS = (
+    "it is gone, because there is one harness: remove it; 'harness: {placement: graph}' puts "
+    "player and monitors into the processes of the graph, as ros2_benchmark does"
+)
+
+_RETIRED: dict[tuple[str, ...], str] = {
+    ("harness", "kind"): _ONE_HARNESS,
+    ("harness", "data_loader"): _NATIVE_FORMAT,
+    ("harness", "playback"): _NATIVE_FORMAT,
+    ("harness", "monitor"): _NATIVE_FORMAT,
+    ("monitors", "*", "parameters"): _NATIVE_FORMAT,
+}
+"""The help for each; ``*`` is any name."""
+
+
+def retired_key_help(owner: Path, key: str) -> str:
+    """What to do with a key that the map at `owner` once had; empty if it never had it."""
+    place = (*owner, key)
+    for pattern, help_text in _RETIRED.items():
+        if len(pattern) == len(place) and all(
+            expected in ("*", word) for expected, word in zip(pattern, place, strict=True)
+        ):
+            return help_text
+    return ""
+
+
+_EXPLANATIONS: Final[dict[str, Callable[[Violation], Diagnostic]]] = {
+    "type": wrong_type,
+    "words": invalid_choice,
+    "const": unsupported_version,
+    "pattern": pattern_mismatch,
+    "minimum": too_small,
+    "maximum": too_large,
+    "empty": empty_value,
+    "names": invalid_key_name,
+    "quantity": invalid_quantity_or_requirement,
+    "at_most": too_many,
+}

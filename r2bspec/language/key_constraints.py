@@ -1,0 +1,412 @@
+"""Constraints between keys: which exclude each other, need each other, or have no effect.
+
+JSON Schema's ``oneOf`` could express some of them, but its messages are hard to understand, and
+completion with it is poor. They are looked for in the tree, so that they are found in a document
+with other mistakes, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Final
+
+from r2bspec.diagnostics import (
+    Diagnostic,
+    Path,
+    Related,
+    Severity,
+    Span,
+    did_you_mean,
+    format_path,
+)
+from r2bspec.language.located_tree import (
+    ListNode,
+    MapNode,
+    ScalarNode,
+    TreeNode,
+    child,
+    lookup,
+    span_at,
+)
+from r2bspec.language.node_kinds import (
+    NODE_KIND_KEYS,
+    NODE_KINDS,
+    PROCESS_KEYS,
+    kinds_help,
+    members,
+)
+from r2bspec.language.quantities import QuantityError, Rate
+from r2bspec.language.spec_benchmark import MAX_RANGE_RATES
+
+MAX_REQUIREMENTS: Final = 10_000
+"""Requirements of all objectives together: far above every real number."""
+
+_PROBES: Final = {
+    "ready": ("file", "service", "log", "topic"),
+    "after_ready": ("command", "service"),
+}
+"""The keys of which each entry of a section has exactly one."""
+
+_NODE_MAPS: Final[tuple[Path, ...]] = (("preprocessors",), ("graph", "nodes"))
+_GROUPS: Final = {key: kind.group for kind in NODE_KINDS for key in kind.keys}
+_KIND_HELP: Final = f"use one of {kinds_help()}"
+
+
+def key_constraint_errors(
+    root: TreeNode, violations: Sequence[Diagnostic] = ()
+) -> Iterator[Diagnostic]:
+    """Violated constraints of a document.
+
+    Args:
+        root: the document.
+        violations: what is wrong with it otherwise: a map with an unknown key may have the missing
+            key in a misspelt form.
+    """
+    misspelt = {each.path[:-1] for each in violations if each.code == "R2B101"}
+    document = _Document(root, misspelt)
+    for section in _NODE_MAPS:
+        for path, node in document.entries(section):
+            yield from _node(document, node, path)
+            yield from _launch(document, (*path, "launch"))
+    yield from _bags(document)
+    for name, keys in _PROBES.items():
+        listed = ", ".join(f"'{key}'" for key in keys[:-1]) + f" or '{keys[-1]}'"
+        for path, _ in document.entries((name,)):
+            yield from document.one_of(
+                path, keys, "R2B118", f"one of {listed}", f"add one of {listed}", "only "
+            )
+    yield from _playback(document)
+    yield from _harness(document)
+    yield from _transport(document)
+    yield from _benchmark(document)
+    yield from _conditions(document)
+    yield from _requirements(document)
+
+
+class _Document:
+    """A tree, and what the constraints ask of it; `misspelt` are maps with an unknown key."""
+
+    def __init__(self, root: TreeNode, misspelt: set[Path]) -> None:
+        self.root = root
+        self.misspelt = misspelt
+
+    def map_at(self, *path: str | int) -> MapNode | None:
+        """The map at a path, or None."""
+        node = lookup(self.root, path)
+        return node if isinstance(node, MapNode) else None
+
+    def keys(self, *path: str | int) -> Sequence[str]:
+        """The keys of the map at a path; none if there is no map."""
+        node = self.map_at(*path)
+        return tuple(node.entries) if node is not None else ()
+
+    def entries(self, section: Path) -> Iterator[tuple[Path, MapNode]]:
+        """The entries of a section that are maps, with their paths."""
+        for name in self.keys(*section):
+            entry = self.map_at(*section, name)
+            if entry is not None:
+                yield (*section, name), entry
+
+    def word(self, *path: str | int) -> str:
+        """The text at a path, or an empty one."""
+        value = lookup(self.root, path)
+        return value.value if isinstance(value, ScalarNode) and isinstance(value.value, str) else ""
+
+    def number(self, path: Path, default: int) -> int | None:
+        """The integer at a path, its default, or None for another value."""
+        value = lookup(self.root, path)
+        if value is None:
+            return default
+        number = value.value if isinstance(value, ScalarNode) else None
+        return number if type(number) is int else None
+
+    def rate(self, *path: str | int) -> Rate | None:
+        """The rate at a path, or None."""
+        try:
+            return Rate.parse(self.word(*path))
+        except QuantityError:
+            return None
+
+    def error(
+        self,
+        path: Path,
+        message: str,
+        help_text: str,
+        code: str = "R2B119",
+        *,
+        span: Span | None = None,
+        related: tuple[Related, ...] = (),
+    ) -> Diagnostic:
+        """An error at a key, or at `span`."""
+        place = span or span_at(self.root, path, key=True)
+        return Diagnostic(
+            code, Severity.ERROR, message, place, path=path, help=help_text, related=related
+        )
+
+    def both(self, path: Path, keys: Sequence[str], help_text: str, code: str) -> Diagnostic:
+        """An error for the second of two keys that exclude each other."""
+        first, second = keys[:2]
+        message = f"'{format_path(path)}' has both '{first}' and '{second}'"
+        other = Related("the other key", span_at(self.root, (*path, first), key=True))
+        return self.error((*path, second), message, help_text, code, related=(other,))
+
+    def one_of(
+        self, path: Path, keys: Sequence[str], code: str, needs: str, help_text: str, only: str = ""
+    ) -> Iterator[Diagnostic]:
+        """An error unless the map at a path has exactly one of some keys."""
+        given = [key for key in self.keys(*path) if key in keys]
+        if len(given) > 1:
+            keep = f"keep {only}{needs}" if only else "keep one of them"
+            yield self.both(path, given, keep, code)
+        elif not given and path not in self.misspelt:
+            node = lookup(self.root, path)
+            span = node.span if node is not None and code == "R2B118" else None
+            message = f"'{format_path(path)}' needs {needs}"
+            yield self.error(path, message, help_text, code, span=span)
+
+    def without_effect(
+        self, paths: Iterable[Path], why: str, help_text: str
+    ) -> Iterator[Diagnostic]:
+        """An error for each of some keys that is written; ``{key}`` in the help is the key."""
+        for path in paths:
+            if lookup(self.root, path) is not None:
+                message = f"'{format_path(path)}' has no effect{why}"
+                yield self.error(path, message, help_text.format(key=path[-1]))
+
+
+def _node(document: _Document, node: MapNode, path: Path) -> Iterator[Diagnostic]:
+    """The keys of one kind, and none that the kind refuses."""
+    given = [key for key in node.entries if key in NODE_KIND_KEYS and not _is_false(node, key)]
+    name = f"'{format_path(path)}'"
+    first_of: dict[str, str] = {}
+    for key in given:
+        first_of.setdefault(_GROUPS[key], key)
+    if not first_of:
+        if path not in document.misspelt:
+            message = f"{name} does not define what to run"
+            yield document.error(path, message, _KIND_HELP, "R2B113")
+        return
+    if len(first_of) > 1:
+        yield document.both(path, list(first_of.values()), _KIND_HELP, "R2B113")
+        return
+    group = next(iter(first_of))
+    alike = members(group)
+    if len(alike) > 1:
+        markers = [key for key in given if key != group]
+        if len(markers) > 1:
+            yield document.both(path, markers, _KIND_HELP, "R2B113")
+            return
+        if len(given) == 1 and path not in document.misspelt:
+            yield _incomplete(document, path, given[0], group)
+            return
+    kind = next((each for each in alike if each.marker in given), alike[-1])
+    refused = {
+        key: (each.why, each.help or f"remove '{key}'") for key, each in kind.refuses.items()
+    }
+    if "container" in node.entries:
+        for key in (*PROCESS_KEYS, "env"):
+            why = "it shares its process with other nodes"
+            refused.setdefault(key, (why, f"move '{key}' to the container"))
+    for key, (why, help_text) in refused.items():
+        if key in node.entries:
+            yield document.error((*path, key), f"{name} cannot have '{key}': {why}", help_text)
+
+
+def _incomplete(document: _Document, path: Path, given: str, group: str) -> Diagnostic:
+    """The diagnostic for a node that has one of the two keys of its kind."""
+    alike = sorted(members(group), key=lambda kind: kind.marker)
+    name = f"'{format_path(path)}'"
+    if given == group:
+        missing = " and ".join(f"no '{each.marker}'" for each in alike)
+        message = f"{name} has '{group}' but {missing}"
+        help_text = f"add one of them; see {' or '.join(repr(each.listed_by) for each in alike)}"
+    else:
+        message = f"{name} has '{given}' but no '{group}'"
+        listed = next(each.listed_by for each in alike if each.marker == given)
+        help_text = f"add '{group}'; see '{listed}'"
+    return document.error((*path, given), message, help_text, "R2B113")
+
+
+def _is_false(node: MapNode, key: str) -> bool:
+    value = node.entries[key].value
+    return isinstance(value, ScalarNode) and value.value is False
+
+
+def _launch(document: _Document, path: Path) -> Iterator[Diagnostic]:
+    launch = document.map_at(*path)
+    if launch is None:
+        return
+    given = [key for key in launch.entries if key in ("package", "file", "path")]
+    help_text = "set 'package' and 'file', or 'path'"
+    if "path" in given and len(given) > 1:
+        other = next(key for key in given if key != "path")
+        keys = sorted(("path", other), key=given.index)
+        yield document.both(path, keys, help_text, "R2B118")
+    elif len(given) < 2 and "path" not in given and path not in document.misspelt:
+        lacks = {"package": "'file'", "file": "'package'"}.get("".join(given), "a launch file")
+        message = f"'{format_path(path)}' needs {lacks}"
+        yield document.error(path, message, help_text, "R2B118", span=launch.span)
+
+
+def _bags(document: _Document) -> Iterator[Diagnostic]:
+    """One recording or several, each with one source."""
+    place: Path = ("data_loader",)
+    loader = document.map_at(*place)
+    if loader is None:
+        return
+    given = [key for key in loader.entries if key in ("bag", "bags")]
+    if len(given) == 2:
+        yield document.both(place, given, "list all recordings under 'bags'", "R2B114")
+    elif not given and place not in document.misspelt:
+        help_text = "add 'bag: r2b_storage', or 'bag: ./a/bag'"
+        yield document.error(place, "'data_loader' needs 'bag' or 'bags'", help_text, "R2B114")
+    bags = child(loader, "bags")
+    items = bags.items if isinstance(bags, ListNode) else ()
+    if isinstance(bags, ListNode) and not items:
+        message = "'data_loader.bags' must not be empty"
+        yield document.error((*place, "bags"), message, "for example: [./a/bag]", "R2B108")
+    for path in ((*place, "bag"), *((*place, "bags", index) for index in range(len(items)))):
+        if document.map_at(*path) is not None:
+            help_text = "add 'dataset: r2b_storage', or 'path: ./a/bag'"
+            keys = ("dataset", "path")
+            yield from document.one_of(path, keys, "R2B114", "'dataset' or 'path'", help_text)
+
+
+def _playback(document: _Document) -> Iterator[Diagnostic]:
+    playback = document.map_at("playback")
+    if playback is None:
+        return
+    mode = document.word("playback", "mode") if "mode" in playback.entries else "looping"
+    if mode == "live":
+        unused = [("playback", key) for key in ("inputs", "buffer", "unpaired", "clock")]
+        yield from document.without_effect(
+            [("data_loader",), ("preprocessors",), *unused],
+            ": a live benchmark plays nothing",
+            "remove '{key}', or change playback.mode",
+        )
+    if mode and mode != "timeline":
+        yield from document.without_effect(
+            [("playback", key) for key in ("timeline", "record_timeline", "tf")],
+            f" with mode {mode}",
+            f"remove it, or write 'mode: timeline' instead of '{mode}'",
+        )
+    yield from _recorded_rates(document, mode)
+    yield from _translations(document)
+
+
+def _recorded_rates(document: _Document, mode: str) -> Iterator[Diagnostic]:
+    """Inputs with a rate of their own need steps to be played between."""
+    section = ("playback", "inputs")
+    rates = [(*path, "rate") for path, _ in document.entries(section)]
+    recorded = [path for path in rates if document.word(*path) == "recorded"]
+    if mode == "timeline":
+        why = " with mode timeline, which plays every input at its recorded times"
+        yield from document.without_effect(recorded, why, "remove it")
+    elif len(recorded) == len(document.keys(*section)):
+        message = "no input makes steps: all of them have 'rate: recorded'"
+        help_text = "remove it from the input whose rate is offered, or write 'mode: timeline'"
+        yield from (document.error(path, message, help_text) for path in recorded)
+
+
+def _translations(document: _Document) -> Iterator[Diagnostic]:
+    inputs = document.map_at("playback", "inputs")
+    path = ("playback", "timeline", "translations")
+    translations = document.map_at(*path)
+    if inputs is None or translations is None:
+        return
+    for topic, entry in translations.entries.items():
+        if topic not in inputs.entries and entry.key_resolved:
+            close = did_you_mean(topic, inputs.entries)
+            known = "inputs: " + ", ".join(list(inputs.entries)[:10])
+            help_text = f"did you mean '{close}'? {known}" if close else known
+            yield document.error((*path, topic), f"unknown playback input '{topic}'", help_text)
+
+
+def _harness(document: _Document) -> Iterator[Diagnostic]:
+    """Processes of the graph are named only where the harness runs in them."""
+    if "graph" in (document.word("harness"), document.word("harness", "placement")):
+        return
+    owners = [("harness",), *(path for path, _ in document.entries(("monitors",)))]
+    yield from document.without_effect(
+        [(*path, "in") for path in owners],
+        ": player and monitors do not run in the processes of the graph",
+        "remove it, or write 'harness: {{placement: graph}}'",
+    )
+
+
+def _transport(document: _Document) -> Iterator[Diagnostic]:
+    kind = document.word("transport", "kind")
+    if kind not in ("", "shared_memory"):
+        yield from document.without_effect(
+            [("transport", "segment")],
+            f" with {kind}: only shared_memory has segments",
+            "remove it, or write 'kind: shared_memory'",
+        )
+
+
+def _benchmark(document: _Document) -> Iterator[Diagnostic]:
+    if document.map_at("benchmark") is None:
+        return
+    path: Path = ("benchmark", "max_iterations")
+    iterations = document.number(("benchmark", "iterations"), 10)
+    max_iterations = document.number(path, 0)
+    if iterations is not None and max_iterations and max_iterations < iterations:
+        message = (
+            f"'benchmark.max_iterations' ({max_iterations}) is less than 'iterations' "
+            f"({iterations})"
+        )
+        yield document.error(path, message, f"use at least {iterations}")
+    if document.map_at("benchmark", "rates") is not None:
+        yield from _range(document)
+
+
+def _range(document: _Document) -> Iterator[Diagnostic]:
+    path: Path = ("benchmark", "rates")
+    unclear = list(
+        document.one_of(
+            path,
+            ("step", "count"),
+            "R2B118",
+            "'step' or 'count'",
+            "add 'step: 10 Hz', or 'count: 6'",
+        )
+    )
+    first, last, step = (document.rate(*path, key) for key in ("from", "to", "step"))
+    if unclear or first is None or last is None:
+        yield from unclear
+    elif first >= last:
+        message = f"the range of rates is empty: 'to' ({last}) is not above 'from' ({first})"
+        yield document.error((*path, "to"), message, "swap the two, or write a list of rates")
+    elif step is not None and step.is_positive:
+        if step.hz > last.hz - first.hz:
+            message = f"a step of {step} is larger than the range from {first} to {last}"
+            yield document.error((*path, "step"), message, "use a smaller step")
+        elif (last.hz - first.hz) / step.hz >= MAX_RANGE_RATES:
+            message = f"the range has more than {MAX_RANGE_RATES:,} rates"
+            yield document.error((*path, "step"), message, "use a larger step")
+
+
+def _conditions(document: _Document) -> Iterator[Diagnostic]:
+    """Variables in the `when` of objectives."""
+    known = document.keys("variables")
+    listed = "declared variables: " + ", ".join(sorted(known)[:10])
+    for path, _ in document.entries(("slos",)):
+        for name in document.keys(*path, "when"):
+            if name not in known:
+                close = did_you_mean(name, known)
+                help_text = listed if known else "declare it under 'variables'"
+                yield document.error(
+                    (*path, "when", name),
+                    f"unknown variable '{name}'",
+                    f"did you mean '{close}'? {listed}" if close else help_text,
+                    "R2B120",
+                )
+
+
+def _requirements(document: _Document) -> Iterator[Diagnostic]:
+    """The requirements of all objectives together have a limit."""
+    lists = (child(objective, "require") for _, objective in document.entries(("slos",)))
+    number = sum(len(each.items) for each in lists if isinstance(each, ListNode))
+    if number > MAX_REQUIREMENTS:
+        message = f"{number:,} requirements; the limit is {MAX_REQUIREMENTS:,}"
+        yield document.error(("slos",), message, "split the spec", "R2B129")

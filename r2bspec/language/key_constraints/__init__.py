@@ -1,1 +1,0 @@
-"""Constraints between keys that the schema does not express."""

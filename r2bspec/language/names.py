@@ -1,0 +1,126 @@
+"""The forms of names and references, each with a message for an invalid one, and their types.
+
+A type such as `Topic` is a string for everybody but the language, where it brings its pattern.
+"""
+
+from typing import Annotated
+
+from r2bspec.language.declaration import NamePattern
+
+_PART = "[A-Za-z_][A-Za-z0-9_]*"
+_PARTS = f"{_PART}(?:/{_PART})*"
+
+TOPIC = NamePattern(
+    f"^(?:~|(?:~?/)?{_PARTS})$",
+    "topic",
+    "a topic consists of letters, digits and underscores, separated by single slashes; no part "
+    "begins with a digit, and it does not end with a slash",
+)
+NAMESPACE = NamePattern(
+    f"^(?:/|/?{_PARTS})$",
+    "namespace",
+    "a namespace consists of letters, digits and underscores, separated by single slashes; no "
+    "part begins with a digit",
+)
+NODE_NAME = NamePattern(
+    f"^{_PART}$",
+    "node name",
+    "the name of a node consists of letters, digits and underscores, and does not begin with a "
+    "digit",
+)
+MONITOR_NAME = NamePattern(
+    "^[A-Za-z][A-Za-z0-9_]*$",
+    "monitor name",
+    "the name of a monitor consists of letters, digits and underscores, and begins with a letter, "
+    "so that requirements can use it",
+)
+NAME = NamePattern(
+    "^[A-Za-z][A-Za-z0-9_-]*$",
+    "name",
+    "a name consists of letters, digits, underscores and dashes, and begins with a letter",
+)
+VARIABLE = NamePattern(
+    f"^{_PART}$",
+    "variable name",
+    "the name of a variable consists of letters, digits and underscores, and does not begin with "
+    "a digit",
+)
+ENVIRONMENT = NamePattern(
+    f"^{_PART}$",
+    "environment variable name",
+    "the name of an environment variable consists of letters, digits and underscores, and does "
+    "not begin with a digit",
+)
+PARAMETER = NamePattern(
+    "^[A-Za-z_][A-Za-z0-9_./-]*$",
+    "parameter name",
+    "the name of a parameter begins with a letter; its parts are separated by dots",
+)
+LABEL_KEY = NamePattern(
+    "^[A-Za-z_][A-Za-z0-9_.-]*$",
+    "label",
+    "a label consists of letters, digits, underscores, dots and dashes, and begins with a letter",
+)
+MESSAGE_TYPE = NamePattern(
+    "^[A-Za-z][A-Za-z0-9_]*/msg/[A-Z][A-Za-z0-9]*$",
+    "message type",
+    "a message type has the form package/msg/Name, such as sensor_msgs/msg/Image",
+)
+PYTHON_NODE = NamePattern(
+    r"^(?:[A-Za-z_][A-Za-z0-9_]*(?:\.[A-Za-z_][A-Za-z0-9_]*)+|[^:]+\.py:[A-Za-z_][A-Za-z0-9_]*)$",
+    "Python node",
+    "a Python node has the form module.Class, or ./file.py:Class relative to this file",
+)
+PLUGIN = NamePattern(
+    r"^[A-Za-z_][A-Za-z0-9_]*(?:::[A-Za-z_][A-Za-z0-9_]*)*$",
+    "plugin",
+    "a plugin is the name of a C++ class with its namespaces, such as image_proc::ResizeNode",
+)
+INSTANCE = NamePattern(
+    "^[A-Za-z0-9_]+$",
+    "instance name",
+    "the name of an instance consists of letters, digits and underscores; it is appended to the "
+    "name of the entry",
+)
+SERVICE_TYPE = NamePattern(
+    "^[A-Za-z][A-Za-z0-9_]*/srv/[A-Z][A-Za-z0-9]*$",
+    "service type",
+    "a service type has the form package/srv/Name, such as std_srvs/srv/SetBool",
+)
+PACKAGE = NamePattern(
+    "^[A-Za-z][A-Za-z0-9_-]*$",
+    "package name",
+    "the name of a package consists of letters, digits, underscores and dashes, and begins with a "
+    "letter",
+)
+PLACE = NamePattern(
+    "^[^/]+(?:/[^/]+)?$", "process", "it is the name of a node or a process, or NODE/PROGRAM"
+)
+FILE_NAME = NamePattern("^[^/]+$", "executable name", "the name of an executable has no folder")
+DATASET = NamePattern(
+    "^[A-Za-z0-9][A-Za-z0-9_.-]*$",
+    "dataset name",
+    "the name of a dataset consists of letters, digits, underscores, dots and dashes; use 'path' "
+    "for a path",
+)
+SHA256 = NamePattern(
+    "^[0-9a-f]{64}$", "SHA-256 digest", "a SHA-256 digest has 64 hexadecimal digits, 0-9 and a-f"
+)
+NOT_EMPTY = NamePattern(r"\S", "path", "the path must not be empty")
+SOME_TEXT = NamePattern(r"\S", "text", "the text must not be empty")
+
+Topic = Annotated[str, TOPIC]
+Namespace = Annotated[str, NAMESPACE]
+NodeName = Annotated[str, NODE_NAME]
+MonitorName = Annotated[str, MONITOR_NAME]
+Name = Annotated[str, NAME]
+VariableName = Annotated[str, VARIABLE]
+EnvironmentName = Annotated[str, ENVIRONMENT]
+ParameterName = Annotated[str, PARAMETER]
+LabelName = Annotated[str, LABEL_KEY]
+MessageType = Annotated[str, MESSAGE_TYPE]
+ServiceType = Annotated[str, SERVICE_TYPE]
+PackageName = Annotated[str, PACKAGE]
+ProcessName = Annotated[str, PLACE]
+FilePath = Annotated[str, NOT_EMPTY]
+SomeText = Annotated[str, SOME_TEXT]

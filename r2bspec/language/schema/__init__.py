@@ -1,1 +1,0 @@
-"""The JSON Schema of the language, from one source: a module for each section."""

@@ -1,0 +1,420 @@
+"""`monitors`, `benchmark`, `slos`, and where the harness runs: what is measured and judged.
+
+What a description says is shown to the authors of specs; see `r2bspec.language.declaration`.
+"""
+
+from decimal import Decimal
+from typing import Annotated, Any, ClassVar, Final, Literal
+
+import msgspec
+
+from r2bspec.language import names
+from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.declaration import Record, Written, key
+from r2bspec.language.default_starts import MAX_STARTS
+from r2bspec.language.probe_length import CONFIRM, PROBE
+from r2bspec.language.quantities import Duration, Rate, Share, Size
+from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.language.spec_data import QoS
+from r2bspec.language.spec_graph import Repeat, Scalar, Sibling, repeated, sibling
+
+MAX_RANGE_RATES: Final = 1000
+"""The most rates of a range."""
+
+TransportKind = Literal["inherit", "shared_memory", "udp"]
+HarnessPlacement = Literal["separate", "shared", "graph"]
+TruthKind = Literal["disparity", "tag"]
+"""What a ground truth says of an image: the disparity of each pixel, or the pose of its tag."""
+
+
+class Transport(Record, frozen=True, kw_only=True):
+    """How messages are transported.
+
+    Attributes:
+        kind: How messages are transported.
+        segment: The size of the shared memory segment of each process; default: computed from the
+            largest message.
+    """
+
+    about = key("shared_memory", {"kind": "shared_memory", "segment": "64 MiB"})
+    word = TransportKind
+
+    kind: TransportKind = "shared_memory"
+    segment: Annotated[Size | None, key("64 MiB", positive=True, changes="graph")] = None
+
+    @classmethod
+    def from_word(cls, word: Any) -> "Transport":
+        """That kind, with a segment for the largest message."""
+        return cls(kind=word)
+
+
+class Harness(Record, frozen=True, kw_only=True):
+    """Where the player and the monitors run.
+
+    Attributes:
+        placement: Whether the player and the monitors run in separate processes, share one, or run
+            in the processes of the graph: the player in the one that reads the inputs, each monitor
+            in the one that publishes its topic.
+        process: With placement graph, and if several processes read the inputs, or it is unknown
+            which one does: the node or the process that gets the player. NODE/PROGRAM is the
+            program or node of this name that a launch file starts.
+    """
+
+    about = key("graph", {"placement": "graph", "in": "detector"})
+    word = HarnessPlacement
+
+    placement: HarnessPlacement = "separate"
+    process: Annotated[names.ProcessName, key("detector", "stack/detector")] = msgspec.field(
+        name="in", default=""
+    )
+
+    @classmethod
+    def from_word(cls, word: Any) -> "Harness":
+        """That placement."""
+        return cls(placement=word)
+
+
+class Ratio(Record, frozen=True, kw_only=True):
+    """How many outputs answer how many inputs.
+
+    Attributes:
+        inputs: The number of inputs.
+        outputs: The number of outputs.
+    """
+
+    about = key({"inputs": 2})
+
+    inputs: Annotated[int, key(2, minimum=1)] = 1
+    outputs: Annotated[int, key(3, minimum=1)] = 1
+
+
+class Truth(Record, frozen=True, kw_only=True):
+    """What the messages of a monitor are compared with, in the ground truth of the recording.
+
+    Attributes:
+        kind: The disparity of each pixel (stereo_msgs/msg/DisparityImage), or the pose of the tag
+            (geometry_msgs/msg/PoseArray).
+        name: A stereo pair of the ground truth (disparity), or an image topic of the recording
+            (tag).
+    """
+
+    about = key({"kind": "disparity", "name": "hawk_0"})
+
+    kind: TruthKind
+    name: Annotated[str, key("hawk_0", "/d455_1_rgb_image")]
+
+
+class Monitor(Record, frozen=True, kw_only=True):
+    """A monitored topic.
+
+    Attributes:
+        topic: The topic to monitor.
+        format: The type of its messages.
+        match: How outputs are matched to inputs: by the stamp in the header, or by order for types
+            without a header.
+        answers: With mode timeline and inputs of different rates: the inputs that its messages
+            answer. Only steps with messages of all these inputs count for it. Default: all inputs
+            with a path to the topic.
+        ratio: How many outputs answer how many inputs.
+        qos: The profile of the monitor's subscription; default: the profile that is offered. The
+            name of a ROS profile, or a map.
+        label: What reports call it.
+        taps: Whether the topics on the path to it are monitored, too, so that reports show the
+            latency of each hop. The additional subscriptions cost some time.
+        process: With 'harness: {placement: graph}': the node or the process that gets the monitor;
+            default: the one that publishes the topic.
+        truth: What its messages are compared with, in the ground truth of the recording: on one
+            more iteration, after the measurement. Requirements can then name the metrics
+            'accuracy.…'.
+    """
+
+    about = key({"topic": "tag_detections", "format": "geometry_msgs/msg/PoseArray"})
+
+    extends: ClassVar[Annotated[Sibling, key(description=sibling("monitor"))]]
+    repeat: ClassVar[Annotated[Repeat, key(description=repeated("monitor"))]]
+    topic: Annotated[names.Topic, key("tag_detections", "/tf")]
+    format: Annotated[names.MessageType, key("geometry_msgs/msg/PoseArray")]
+    match: Literal["stamp", "order"] = "stamp"
+    answers: Annotated[
+        tuple[Annotated[names.Topic, key("image", description="A playback input.")], ...],
+        key(["image"]),
+    ] = ()
+    ratio: Ratio = Ratio()
+    qos: QoS | None = None
+    label: Annotated[str, key("Tag detections")] = ""
+    taps: bool = False
+    process: Annotated[names.ProcessName, key("detector")] = msgspec.field(name="in", default="")
+    truth: Truth | None = None
+
+
+_Condition = Annotated[
+    Requirement,
+    key("drop_rate <= 5 %", description="A condition on one probe of a rate."),
+]
+
+
+class Search(Record, frozen=True, kw_only=True):
+    """Search for the highest sustained rate: the backlog of unanswered messages does not grow, and
+    the conditions in 'holds' are met.
+
+    Attributes:
+        min: The lowest rate of the search.
+        max: The highest rate of the search.
+        precision: The search ends when the peak is known to this relative precision.
+        holds: Further conditions for a rate to count as sustained: one requirement or several.
+        probe: The maximum duration of the probe of one rate; most probes end earlier.
+        confirm: How long the lower end of the result is played without a pause before it counts; a
+            graph that is fast for a short time only does not sustain it. 0 s: not at all.
+        confidence: The confidence at which a rate counts as sustained, or as not sustained.
+    """
+
+    about = key({"min": "5 Hz", "max": "200 Hz"})
+
+    min: Annotated[Rate, key("5 Hz", positive=True)]
+    max: Annotated[Rate, key("200 Hz", positive=True)]
+    precision: Annotated[Share, key("2 %", positive=True)] = Share(0.02)
+    holds: Annotated[
+        tuple[Requirement, ...],
+        Written(tuple[_Condition, ...] | _Condition),
+        key("drop_rate <= 5 %", ["drop_rate <= 5 %", "latency.p99 < 100 ms"]),
+    ] = ()
+    probe: Annotated[Duration, key(str(PROBE), positive=True)] = PROBE
+    confirm: Annotated[Duration, key(str(CONFIRM), "0 s")] = CONFIRM
+    confidence: Annotated[Share, key(str(Share(CONFIDENCE)), positive=True)] = Share(CONFIDENCE)
+
+    @classmethod
+    def from_keys(cls, keys: dict[str, Any]) -> "Search":
+        """One condition is a list of one."""
+        if isinstance(keys.get("holds"), Requirement):
+            keys["holds"] = (keys["holds"],)
+        return cls(**keys)
+
+
+_COLCON: Final = ["colcon", "build", "--symlink-install"]
+
+
+class GateBase(Record, frozen=True, kw_only=True):
+    """How the base of a comparison with a revision is built and set up.
+
+    Attributes:
+        build: The commands that build it, one after the other, in the top of its work tree.
+        setup: What its runs are set up with after that: a setup file to source, the folder of an
+            installation, or NAME=VALUE.
+        timeout: The maximum duration of each command; if it is exceeded, the build fails.
+    """
+
+    about = key({"build": [_COLCON], "setup": "install/setup.bash"})
+
+    build: Annotated[
+        tuple[
+            Annotated[
+                tuple[Annotated[str, key("colcon", description="An argument.")], ...],
+                key(
+                    _COLCON,
+                    description="A program with its arguments, one item each, run without a shell.",
+                    at_least=1,
+                ),
+            ],
+            ...,
+        ],
+        key([_COLCON]),
+    ] = ()
+    setup: Annotated[str, key("install/setup.bash")] = ""
+    timeout: Annotated[Duration, key("10 min", default="30 min", positive=True)] = Duration(
+        30 * 60 * 10**9
+    )
+
+
+class Gate(Record, frozen=True, kw_only=True):
+    """How verdicts are reached, and their consequences.
+
+    Attributes:
+        confidence: The confidence of a verdict, pass or fail, unless an objective sets its own.
+        inconclusive: The effect of an inconclusive verdict: report it with an exit status of its
+            own, pass, or fail.
+        confirm: Whether a failure counts only if a second run in new processes confirms it.
+        time_budget: The maximum duration of measuring. Additional iterations, repetitions of
+            affected iterations and probes, and the confirmation of a failure are skipped if they
+            would exceed it.
+        interference: The effect of other load on the machine: tolerate judges the run as it was
+            measured; note makes a failure inconclusive if the load can explain it; strict also
+            makes a pass inconclusive if it was measured under such load.
+        base: How the base of 'run --against REVISION' becomes what runs: its own version of this
+            key counts. Paths are relative to the top of the work tree.
+    """
+
+    about = key({"confidence": "99 %", "inconclusive": "fail"})
+
+    confidence: Annotated[Share, key("99 %", positive=True)] = Share(CONFIDENCE)
+    inconclusive: Literal["report", "pass", "fail"] = "report"
+    confirm: bool = True
+    time_budget: Annotated[Duration | None, key("10 min", positive=True)] = None
+    interference: Literal["tolerate", "note", "strict"] = "note"
+    base: GateBase = GateBase()
+
+
+class RateRange(Record, frozen=True, kw_only=True):
+    """Evenly spaced rates in place of a list of them.
+
+    Attributes:
+        first: The first rate.
+        last: The last rate.
+        count: The number of rates, evenly spaced.
+        step: The distance between two rates.
+    """
+
+    first: Annotated[Rate, key("10 Hz", positive=True)] = msgspec.field(name="from")
+    last: Annotated[Rate, key("60 Hz", positive=True)] = msgspec.field(name="to")
+    count: Annotated[int | None, key(6, minimum=2, maximum=MAX_RANGE_RATES)] = None
+    step: Annotated[Rate | None, key("10 Hz", positive=True)] = None
+
+    @classmethod
+    def from_keys(cls, keys: dict[str, Any]) -> tuple[Rate, ...]:
+        """The rates, in exact arithmetic; the last is `to` only if the step reaches it.
+
+        Ranges that are refused (`r2bspec.language.key_constraints`) are those without an end.
+        """
+        first, last = Decimal(repr(keys["first"].hz)), Decimal(repr(keys["last"].hz))
+        if "step" in keys:
+            step = Decimal(repr(keys["step"].hz))
+            count = int((last - first) / step) + 1
+        else:
+            count = keys.get("count", 2)
+            step = (last - first) / (count - 1)
+        rates = (first + step * index for index in range(min(count, MAX_RANGE_RATES)))
+        return tuple(Rate(float(rate)) for rate in rates)
+
+
+_Played = Annotated[Rate, key("30 Hz", positive=True, description="A rate of playing.")]
+
+
+class Pacing(Record, frozen=True, kw_only=True):
+    """How long a run waits: keys of `benchmark` that the plan has as they are.
+
+    A key that only the executor reads is one of these: what is declared here is a key of the
+    language and a field of `r2bspec.plan.plan.Plan` at once.
+
+    Attributes:
+        warm_up: How long is played after each start of the processes, before anything is counted;
+            at least until every monitor has received a message.
+        start_timeout: How long the graph may take from the start of its first process to its first
+            output. Readiness probes and 'after_ready' steps have timeouts of their own.
+        drain_timeout: How long the graph may publish nothing, after the last input of an iteration,
+            until the outputs that are still missing count as lost.
+    """
+
+    warm_up: Annotated[Duration, key("1 s", "0 s")] = Duration(10**9)
+    start_timeout: Annotated[Duration, key("30 s", "2 min", positive=True, changes="graph")] = (
+        Duration(30 * 10**9)
+    )
+    drain_timeout: Annotated[Duration, key("5 s", positive=True, changes="graph")] = Duration(
+        5 * 10**9
+    )
+
+    @property
+    def warm_up_ns(self) -> int:
+        """`warm_up` in nanoseconds."""
+        return self.warm_up.ns
+
+    @property
+    def start_timeout_ns(self) -> int:
+        """`start_timeout` in nanoseconds."""
+        return self.start_timeout.ns
+
+    @property
+    def drain_timeout_ns(self) -> int:
+        """`drain_timeout` in nanoseconds."""
+        return self.drain_timeout.ns
+
+
+class Benchmark(Pacing, frozen=True, kw_only=True):
+    """What is played: 'iterations' iterations of 'duration' at each of 'rates', in 'starts' starts
+    of all processes; and a search if there is one.
+
+    Attributes:
+        duration: The duration of one iteration.
+        iterations: The number of iterations at each rate, over all starts.
+        starts: The number of starts: how often all processes are started afresh, each time for a
+            part of the iterations. A verdict is about the graph, and not about one start of it, if
+            there are several. Default: 5, but each start has at least two iterations; 1 for graphs
+            with external nodes, which cannot be restarted.
+        max_iterations: The maximum number of iterations at each rate, played while a verdict is
+            inconclusive after 'iterations', in further starts if there are several; 0 means no
+            additional ones.
+        rates: The rates at which the inputs are played: a list, or a range with a 'step' or with
+            'count' rates.
+        search: Search for the highest sustained rate: the backlog of unanswered messages does not
+            grow, and the conditions in 'holds' are met.
+        gate: How verdicts are reached, and their consequences.
+    """
+
+    about = key({"duration": "10 s", "iterations": 10, "rates": ["10 Hz", "30 Hz"]})
+
+    duration: Annotated[Duration, key("10 s", positive=True)] = Duration(2_500_000_000)
+    iterations: Annotated[int, key(10, minimum=1)] = 10
+    starts: Annotated[int | None, key(5, 1, minimum=1, maximum=MAX_STARTS)] = None
+    max_iterations: Annotated[int, key(20, minimum=0)] = 0
+    rates: Annotated[
+        tuple[Rate, ...],
+        Written(tuple[_Played, ...] | RateRange),
+        key(["10 Hz", "30 Hz"], {"from": "10 Hz", "to": "60 Hz", "step": "10 Hz"}),
+    ] = ()
+    search: Search | None = None
+    gate: Annotated[Gate, key(changes="neither")] = Gate()
+
+
+class Objective(Record, frozen=True, kw_only=True):
+    """Requirements at one rate.
+
+    Attributes:
+        at: The rate at which the requirements apply; omit it for requirements on the whole search,
+            such as peak.rate. peak is the highest rate that the search finds.
+        level: The effect of a failure: error fails the run; warn and info only report it; off skips
+            the objective.
+        when: The objective applies only if these variables have these values.
+        confidence: The confidence of the verdict; default: that of benchmark.gate.
+        require: The requirements: 'metric op bound', such as latency.p99 < 50 ms; or sustained.
+            With 'in 99 % of 1 s windows' at the end, the requirement applies to windows of time.
+        at_peak: Whether `at` is the highest rate that the search finds.
+    """
+
+    about = key({"at": "30 Hz", "require": ["latency.p99 < 50 ms"]})
+
+    extends: ClassVar[Annotated[Sibling, key(description=sibling("objective"))]]
+    at: Annotated[
+        Rate | None,
+        Written(Rate | Literal["peak"]),
+        key("30 Hz", "peak", positive=True),
+    ] = None
+    level: Literal["error", "warn", "info", "off"] = "error"
+    when: Annotated[
+        dict[
+            names.VariableName,
+            Annotated[
+                Scalar, key(2, "30 Hz", description="The value that the variable must have.")
+            ],
+        ],
+        key({"threads": 2}),
+    ] = {}
+    confidence: Annotated[Share | None, key("99 %", positive=True)] = None
+    require: Annotated[
+        tuple[
+            Annotated[
+                Requirement,
+                key(
+                    *("latency.p99 < 50 ms", "drop_rate <= 0.5 %", "sustained"),
+                    description="One requirement.",
+                ),
+            ],
+            ...,
+        ],
+        key(["latency.p99 < 50 ms", "drop_rate <= 0.5 %"], at_least=1),
+    ]
+    at_peak: Annotated[bool, key(derived=True)] = False
+
+    @classmethod
+    def from_keys(cls, keys: dict[str, Any]) -> "Objective":
+        """`at: peak` is no rate yet."""
+        if keys.get("at") == "peak":
+            keys["at"], keys["at_peak"] = None, True
+        return cls(**keys)

@@ -1,0 +1,484 @@
+"""`graph` and what belongs to it: nodes, their containers, and the steps around their start.
+
+What a description says is shown to the authors of specs; see `r2bspec.language.declaration`.
+"""
+
+from typing import Annotated, Any, ClassVar, Final, Literal
+
+from r2bspec.language import names
+from r2bspec.language.declaration import Record, Written, key
+from r2bspec.language.node_kinds import NODE_KINDS, NodeKind, kind_of, kinds_text
+from r2bspec.language.quantities import Duration, Size
+from r2bspec.language.spec_data import MAX_ENTRIES, QoS
+
+MAX_PARAMETER_SOURCES: Final = 100
+"""Parameter files and maps of parameters that one node lists."""
+
+_REMOVES: Final = "Maps are merged, lists are replaced, and null removes a key."
+
+Scalar = bool | int | float | str
+ParameterValue = Scalar | list[Any]
+
+Sibling = Annotated[names.SomeText, key("left", loader=True)]
+Variables = Annotated[
+    dict[names.VariableName, Annotated[Scalar, key(2, "30 Hz", description="The value.")]],
+    key({"threads": 2}),
+]
+Repeat = Annotated[
+    dict[
+        Annotated[str, names.INSTANCE],
+        Annotated[
+            dict[
+                names.VariableName,
+                Annotated[Scalar, key(2, "30 Hz", description="The value of the variable.")],
+            ],
+            key({"threads": 2}, description="The variables of one instance."),
+        ],
+    ],
+    key({"left": {"side": "left"}, "right": {"side": "right"}}, at_least=1, loader=True),
+]
+"""The value of `repeat`."""
+
+
+def sibling(what: str) -> str:
+    """The description of `extends` in the entries of a map."""
+    return f"The name of another {what} of the same map that this one extends. {_REMOVES}"
+
+
+def repeated(what: str) -> str:
+    """The description of `repeat`."""
+    return (
+        f"Instances of the {what} by name, each with its own variables, which $(var NAME) in this "
+        "entry refers to first. The instance left of camera is named camera_left."
+    )
+
+
+Word = Annotated[str, key("--fast", description="An argument.", deferrable=True)]
+Environment = Annotated[
+    dict[
+        names.EnvironmentName,
+        Annotated[str, key("4", description="The value of the variable.", deferrable=True)],
+    ],
+    key({"OMP_NUM_THREADS": "4"}, description="Environment variables of the process."),
+]
+_Cpus = Annotated[
+    tuple[
+        Annotated[int, key(0, 2, description="The number of a CPU, counted from 0.", minimum=0)],
+        ...,
+    ],
+    key([2, 3], description="The CPUs on which the process may run; empty means all."),
+]
+_Nice = Annotated[
+    int,
+    key(
+        -5,
+        description="The niceness of the process; values below 0 raise its priority and need the "
+        "permission to do so.",
+        minimum=-20,
+        maximum=19,
+    ),
+]
+_Prefix = Annotated[
+    tuple[Annotated[Word, key("perf")], ...],
+    key(
+        ["perf", "record", "-g"],
+        description="Words before the command line, such as a profiler.",
+    ),
+]
+_MemoryLimit = Annotated[
+    Size | None,
+    key(
+        "2 GiB",
+        description="The maximum resident memory of the process; if it is exceeded, the run fails.",
+        positive=True,
+    ),
+]
+
+
+class Container(Record, frozen=True, kw_only=True):
+    """A process for several nodes.
+
+    Attributes:
+        executable: The kind of container: one of rclcpp_components for plugins, or python for
+            Python nodes.
+        executor: With python: whether callbacks run one after another or in parallel.
+        threads: The number of threads of the executor; 0 means its default.
+    """
+
+    about = key({"executable": "component_container_mt", "threads": 4})
+
+    extends: ClassVar[Annotated[Sibling, key(description=sibling("container"))]]
+    executable: Literal[
+        "component_container",
+        "component_container_mt",
+        "component_container_isolated",
+        "python",
+    ] = "component_container"
+    executor: Literal["single_threaded", "multi_threaded"] = "single_threaded"
+    threads: Annotated[int, key(4, minimum=0)] = 0
+    env: Environment = {}
+    cpus: _Cpus = ()
+    nice: _Nice = 0
+    prefix: _Prefix = ()
+    memory_limit: _MemoryLimit = None
+
+
+class Launch(Record, frozen=True, kw_only=True):
+    """A launch file: 'package' and 'file', or 'path'. The remappings and the namespace of the node
+    apply to everything that it starts.
+
+    Attributes:
+        package: The ROS package of the launch file.
+        file: The launch file, relative to the share folder of the package.
+        path: The launch file, relative to this file.
+        arguments: The arguments of the launch file.
+    """
+
+    about = key({"package": "image_proc", "file": "launch/image_proc.launch.py"})
+
+    package: Annotated[names.PackageName, key("image_proc")] = ""
+    file: Annotated[names.SomeText, key("launch/image_proc.launch.py")] = ""
+    path: Annotated[names.FilePath, key("./detector.launch.py", path=True)] = ""
+    arguments: Annotated[
+        dict[
+            names.ParameterName,
+            Annotated[
+                Scalar, key("false", description="The value of the argument.", deferrable=True)
+            ],
+        ],
+        key({"use_sim_time": "false"}),
+    ] = {}
+
+
+class ParameterSource(Record, frozen=True, kw_only=True):
+    """One part of a node's parameters: a parameter file, or values."""
+
+    file: str = ""
+    values: dict[str, ParameterValue] = {}
+
+
+_Value = Annotated[
+    Scalar
+    | list[
+        Annotated[Scalar, key(0.5, "left", description="An item of the list.", deferrable=True)]
+    ],
+    key(
+        *(1280, "36h11", [0.1, 0.2]),
+        description="A string, a number, a boolean, or a list of one of these.",
+        deferrable=True,
+    ),
+]
+_Values = Annotated[dict[names.ParameterName, _Value], key({"width": 1280, "height": 720})]
+_File = Annotated[str, key("./camera.yaml", path=True, not_empty=True)]
+_Parameters = Annotated[
+    dict[str, ParameterValue],
+    Written(
+        _Values
+        | _File
+        | tuple[
+            Annotated[
+                _Values | _File,
+                key(
+                    *("./camera.yaml", {"width": 1280}),
+                    description="Parameters by name, or the path of a parameter file.",
+                ),
+            ],
+            ...,
+        ]
+    ),
+    key(
+        *({"width": 1280, "height": 720}, "./camera.yaml", ["./camera.yaml", {"width": 1280}]),
+        snippets=(
+            {"label": "values", "body": {"${1:name}": "$2"}},
+            {"label": "a file and values", "body": ["./${1:parameters}.yaml", {"${2:name}": "$3"}]},
+        ),
+        at_most=MAX_PARAMETER_SOURCES,
+    ),
+]
+_Type = Annotated[
+    names.MessageType,
+    key(
+        "sensor_msgs/msg/Image",
+        description="The message type, as 'ros2 topic list -t' shows it.",
+    ),
+]
+
+
+class Node(Record, frozen=True, kw_only=True):
+    """A node of the graph or of the preprocessors.
+
+    The keys of exactly one kind are given (`r2bspec.language.node_kinds`).
+
+    Attributes:
+        description: What the node does.
+        python: A Python node, as module.Class, or ./file.py:Class relative to this file: a subclass
+            of rclpy's Node, or a function that returns one. If it takes no **kwargs to pass to
+            Node, it gets its own process, as with 'ros2 run'; so does a main() that calls
+            rclpy.init.
+        package: The ROS package of the plugin or the executable.
+        plugin: The C++ class of a composable node in the package.
+        executable: The executable of the package, as for 'ros2 run'.
+        command: Any program with its arguments, one item each, run without a shell. If the node has
+            a namespace, remappings, parameters, 'publishes' or 'subscribes', the namespace,
+            remappings and parameters are appended after --ros-args; otherwise it is run exactly as
+            written.
+        launch: A launch file: 'package' and 'file', or 'path'. The remappings and the namespace of
+            the node apply to everything that it starts.
+        external: Whether the node is already running, started by other means. The run waits for it
+            and does not stop it.
+        container: The container of the node; without one, graph.placement applies.
+        arguments: Arguments of an executable or a command.
+        namespace: The namespace of the node; a relative one is in the namespace of the benchmark.
+        parameters: ROS parameters of the node: a map, the path of a parameter file relative to this
+            file, or a list of both, in which later items have precedence. Nested names are written
+            with dots: camera.fx.
+        remappings: Remappings: the name in the code of the node, and the topic to use instead.
+        publishes: The topics that the node publishes, by their names in its code, with their types.
+            This lets 'validate' check the wiring of a node whose topics it does not know.
+        subscribes: The topics to which the node subscribes, by their names in its code, with their
+            types.
+        qos: The QoS profiles of its topics, by their names in its code.
+        parameter_sources: Files and values in the order in which they apply; empty if there is no
+            file, because `parameters` is then complete.
+    """
+
+    about = key(
+        {"python": "r2bspec.nodes.RelayNode", "remappings": {"input": "image"}},
+        description=f"A node: exactly one of {kinds_text()}.",
+        snippets=tuple(
+            dict(kind.snippet)
+            for kind in sorted(NODE_KINDS, key=lambda kind: kind.suggested)
+            if kind.snippet
+        ),
+    )
+
+    extends: ClassVar[Annotated[Sibling, key(description=sibling("node"))]]
+    repeat: ClassVar[Annotated[Repeat, key(description=repeated("node"))]]
+    description: Annotated[str, key("Finds tags in the left image.")] = ""
+    python: Annotated[
+        str,
+        names.PYTHON_NODE,
+        key("r2bspec.nodes.ResizeNode", "./my_nodes.py:Detector", path=True),
+    ] = ""
+    package: Annotated[names.PackageName, key("image_proc")] = ""
+    plugin: Annotated[str, names.PLUGIN, key("image_proc::ResizeNode")] = ""
+    executable: Annotated[str, names.FILE_NAME, key("rectify_node")] = ""
+    command: Annotated[
+        tuple[Annotated[Word, key("./build/detector")], ...],
+        key(["./build/detector", "--fast"], at_least=1),
+    ] = ()
+    launch: Launch | None = None
+    external: bool = False
+    container: Annotated[names.NodeName, key("vision")] = ""
+    arguments: Annotated[tuple[Word, ...], key(["--fast"])] = ()
+    namespace: Annotated[names.Namespace, key("left")] = ""
+    parameters: _Parameters = {}
+    remappings: Annotated[
+        dict[
+            names.Topic,
+            Annotated[names.Topic, key("tag_detections", description="The topic to use.")],
+        ],
+        key({"image": "camera/image_raw"}, topics=True),
+    ] = {}
+    publishes: Annotated[
+        dict[names.Topic, _Type],
+        key({"detections": "geometry_msgs/msg/PoseArray"}, topics=True),
+    ] = {}
+    subscribes: Annotated[
+        dict[names.Topic, _Type], key({"image": "sensor_msgs/msg/Image"}, topics=True)
+    ] = {}
+    qos: Annotated[
+        dict[
+            names.Topic,
+            Annotated[
+                QoS,
+                key(
+                    description="The QoS profile of the topic. The name of a ROS profile, or a map."
+                ),
+            ],
+        ],
+        key({"image": "sensor_data"}, topics=True),
+    ] = {}
+    env: Environment = {}
+    cpus: _Cpus = ()
+    nice: _Nice = 0
+    prefix: _Prefix = ()
+    memory_limit: _MemoryLimit = None
+    parameter_sources: Annotated[tuple[ParameterSource, ...], key(derived=True)] = ()
+
+    @classmethod
+    def from_keys(cls, keys: dict[str, Any]) -> "Node":
+        """Parameters of several maps are one map; files are kept beside it."""
+        written = keys.get("parameters")
+        if isinstance(written, str | tuple):
+            parts = written if isinstance(written, tuple) else (written,)
+            maps = [part for part in parts if isinstance(part, dict)]
+            keys["parameters"] = {name: value for part in maps for name, value in part.items()}
+            if len(maps) < len(parts):
+                keys["parameter_sources"] = tuple(
+                    ParameterSource(file=part)
+                    if isinstance(part, str)
+                    else ParameterSource(values=part)
+                    for part in parts
+                )
+        return cls(**keys)
+
+    @property
+    def kind(self) -> NodeKind:
+        """The kind of the node."""
+        return kind_of(self)
+
+    @property
+    def parameter_files(self) -> tuple[str, ...]:
+        """The parameter files, in the order in which they apply."""
+        return tuple(each.file for each in self.parameter_sources if each.file)
+
+
+Nodes = Annotated[
+    dict[names.NodeName, Node],
+    key(
+        {"resize": {"python": "r2bspec.nodes.ResizeNode"}},
+        at_most=MAX_ENTRIES,
+        snippets=(
+            {
+                "label": "a node",
+                "body": {
+                    "${1:name}": {
+                        "python": "${2:module.Class}",
+                        "remappings": {"${3:topic}": "${4:topic}"},
+                    }
+                },
+            },
+        ),
+    ),
+]
+
+
+class Graph(Record, frozen=True, kw_only=True):
+    """The graph under test.
+
+    Attributes:
+        placement: The processes of nodes without a container: separate runs each node in its own
+            process, shared runs nodes of the same kind in one process, harness runs them in the
+            process of the harness.
+        nodes: The nodes under test, by name.
+    """
+
+    about = key({"nodes": {"apriltag": {"python": "r2bspec.nodes.AprilTagNode"}}})
+
+    placement: Literal["separate", "shared", "harness"] = "separate"
+    nodes: Nodes
+
+
+_MODEL: Final = {
+    "command": ["trtexec", "--onnx=model.onnx", "--saveEngine=model.plan"],
+    "creates": "model.plan",
+}
+
+
+class SetupStep(Record, frozen=True, kw_only=True):
+    """A command that runs before anything else is started.
+
+    Attributes:
+        command: The program with its arguments, one item each, run without a shell.
+        creates: The file that the command creates. If it exists, the command is skipped; while it
+            is being created, other runs wait.
+        timeout: The maximum duration of the command; if it is exceeded, the run fails.
+        directory: The working directory; default: the folder of this file.
+    """
+
+    about = key(_MODEL)
+
+    command: Annotated[
+        tuple[Annotated[Word, key("./build_model.sh")], ...], key(["./build_model.sh"], at_least=1)
+    ]
+    creates: Annotated[str, key("model.plan", path=True)] = ""
+    timeout: Annotated[Duration, key("10 min", default="10 min", positive=True)] = Duration(
+        600 * 10**9
+    )
+    directory: Annotated[str, key("./models", path=True)] = ""
+    env: Environment = {}
+
+
+class LogLine(Record, frozen=True, kw_only=True):
+    """A line in the output of a process.
+
+    Attributes:
+        process: The node or the container whose output is read.
+        pattern: A regular expression to find in the line, in RE2 syntax.
+    """
+
+    about = key({"process": "detector", "pattern": "model loaded"})
+
+    process: Annotated[names.NodeName, key("detector")]
+    pattern: Annotated[names.SomeText, key("model loaded")]
+
+
+class ReadyProbe(Record, frozen=True, kw_only=True):
+    """A readiness probe: exactly one of 'file', 'service', 'log' and 'topic'.
+
+    Attributes:
+        file: A file that exists.
+        service: A service that is available.
+        log: A line in the output of a process.
+        topic: A topic that is published.
+        timeout: The maximum duration of the wait; if it is exceeded, the run fails.
+    """
+
+    about = key({"log": {"process": "detector", "pattern": "model loaded"}})
+
+    file: Annotated[str, key("model.plan", path=True)] = ""
+    service: Annotated[names.Topic, key("detector/set_parameters")] = ""
+    log: LogLine | None = None
+    topic: Annotated[names.Topic, key("detector/status")] = ""
+    timeout: Annotated[Duration, key("30 s", positive=True)] = Duration(30 * 10**9)
+
+
+class ServiceCall(Record, frozen=True, kw_only=True):
+    """A service call.
+
+    Attributes:
+        name: The service.
+        type: Its type, as 'ros2 service list -t' shows it.
+        request: The fields of the request; omitted fields have their defaults.
+    """
+
+    about = key(
+        {"name": "detector/enable", "type": "std_srvs/srv/SetBool", "request": {"data": True}}
+    )
+
+    name: Annotated[names.Topic, key("detector/enable")]
+    type: Annotated[names.ServiceType, key("std_srvs/srv/SetBool")]
+    request: Annotated[
+        dict[
+            names.ParameterName,
+            Annotated[
+                Any,
+                key(
+                    *(True, 1.5),
+                    description="The value of the field: a scalar, a list or a map.",
+                    deferrable=True,
+                ),
+            ],
+        ],
+        key({"data": True}),
+    ] = {}
+
+
+class AfterReadyStep(Record, frozen=True, kw_only=True):
+    """A step: exactly one of 'command' and 'service'.
+
+    Attributes:
+        command: The program with its arguments, one item each, run without a shell.
+        service: A service call.
+        timeout: The maximum duration of the step; if it is exceeded, the run fails.
+    """
+
+    about = key({"service": {"name": "detector/enable", "type": "std_srvs/srv/Trigger"}})
+
+    command: Annotated[
+        tuple[Annotated[Word, key("ros2")], ...],
+        key(["ros2", "lifecycle", "set", "/r2b/detector", "activate"], at_least=1),
+    ] = ()
+    service: ServiceCall | None = None
+    timeout: Annotated[Duration, key("30 s", positive=True)] = Duration(30 * 10**9)

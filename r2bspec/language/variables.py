@@ -1,0 +1,326 @@
+"""Variables: how they are declared, how a text refers to them, and entries that are repeated.
+
+    variables:
+      width: 1280                                  # a value
+      rate: {type: rate, value: 30 Hz, choices: [10 Hz, 30 Hz]}
+
+The value, whether from the file, ``--var`` or a case of the matrix, must be of the declared type
+and one of the choices. A text refers to it with ``$(var width)``, and to a variable of the
+environment with ``$(env NAME)``. `repeat` makes named instances of one entry, each with variables
+of its own. What becomes of references is in `r2bspec.language.substitution`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import Literal
+
+import msgspec
+from msgspec.structs import replace
+
+from r2bspec.diagnostics import Related, Span, did_you_mean
+from r2bspec.diagnostics.quote import quote
+from r2bspec.language.diagnostic_collector import DiagnosticCollector
+from r2bspec.language.located_tree import (
+    Entry,
+    ListNode,
+    MapNode,
+    ScalarNode,
+    TreeNode,
+    child,
+    replace_at,
+    without,
+)
+from r2bspec.language.names import INSTANCE, VARIABLE
+from r2bspec.language.quantities import QUANTITIES, QuantityError
+from r2bspec.language.yaml_scalars import ScalarValue
+
+OPENING = "$("
+
+_REFERENCE = re.compile(r"\$\(\s*(var|env)\s+([A-Za-z_][A-Za-z0-9_]*)\s*\)")
+_UNPARSED_REFERENCE = re.compile(r"\$\([^()\s]*(?:\s+[^()]*)?\)?")
+
+
+class Reference(msgspec.Struct, frozen=True):
+    """A reference, at ``text[start:end]``; its name begins at `name_start`."""
+
+    start: int
+    end: int
+    kind: Literal["var", "env"]
+    name: str
+    name_start: int
+
+
+class MalformedReference(msgspec.Struct, frozen=True):
+    """Text at ``text[start:end]`` that begins like a reference but is not one."""
+
+    start: int
+    end: int
+    message: str
+    help: str
+
+
+def references(text: str) -> Iterator[Reference | MalformedReference]:
+    """Everything in `text` that begins with ``$(``, from left to right."""
+    at = text.find(OPENING)
+    while at >= 0:
+        match = _REFERENCE.match(text, at)
+        if match is not None:
+            kind: Literal["var", "env"] = "var" if match[1] == "var" else "env"
+            yield Reference(at, match.end(), kind, match[2], match.start(2))
+            at = text.find(OPENING, match.end())
+        else:
+            broken = _malformed(text, at)
+            yield broken
+            at = text.find(OPENING, max(broken.end, at + 2))
+
+
+def _malformed(text: str, at: int) -> MalformedReference:
+    rough = _UNPARSED_REFERENCE.match(text, at)
+    end = rough.end() if rough is not None else at + 2
+    inside = text[at + 2 : end].removesuffix(")")
+    word, _, rest = inside.strip().partition(" ")
+    if not text[at:end].endswith(")"):
+        return MalformedReference(at, end, "unclosed '$('", "close it with ')'")
+    if word in ("var", "env"):
+        return MalformedReference(
+            at,
+            end,
+            f"$({word} ...) needs one name of letters, digits and underscores",
+            f"for example: $({word} rate)" if word == "var" else "for example: $(env HOME)",
+        )
+    if word in ("arg", "param") and rest:
+        return MalformedReference(
+            at, end, f"'$({word} ...)' is not supported", f"write $(var {rest.strip()})"
+        )
+    if word == "optenv" and rest:
+        return MalformedReference(
+            at, end, "'$(optenv ...)' is not supported", f"write $(env {rest.split()[0]})"
+        )
+    return MalformedReference(
+        at,
+        end,
+        "unknown reference; only $(var name) and $(env NAME) are supported",
+        "for computed values, let a script write the spec, or pass them with --var",
+    )
+
+
+_VALUE_KEYS = ("value", "default")
+_PLAIN_TYPES: dict[str, tuple[str, tuple[type, ...]]] = {
+    "string": ("a string", (str,)),
+    "integer": ("an integer", (int,)),
+    "number": ("a number", (int, float)),
+    "boolean": ("a boolean", (bool,)),
+}
+
+
+def listed_environment(root: TreeNode) -> dict[str, ScalarNode]:
+    """The environment variables that a document lists under `environment`, by name."""
+    listed = child(root, "environment")
+    items = listed.items if isinstance(listed, ListNode) else ()
+    return {
+        item.value: item
+        for item in items
+        if isinstance(item, ScalarNode) and isinstance(item.value, str)
+    }
+
+
+def declared_value(declared: TreeNode) -> TreeNode | None:
+    """The value of a variable, declared as a map or not; None if it has none."""
+    if not isinstance(declared, MapNode):
+        return declared
+    for key in _VALUE_KEYS:
+        if key in declared.entries:
+            return declared.entries[key].value
+    return None
+
+
+def with_value(declared: TreeNode, value: TreeNode) -> TreeNode:
+    """The same declaration with another value."""
+    if not isinstance(declared, MapNode):
+        return value
+    entries = {key: each for key, each in declared.entries.items() if key not in _VALUE_KEYS}
+    return MapNode({**entries, "value": Entry(value.span, value)}, declared.span)
+
+
+def with_variable(root: TreeNode, name: str, value: TreeNode) -> TreeNode:
+    """The document with another value for a variable that it declares."""
+    return with_variables(root, {name: value})
+
+
+def with_variables(root: TreeNode, values: Mapping[str, TreeNode]) -> TreeNode:
+    """The document with other values for those variables that it declares."""
+    declared = child(root, "variables")
+    if not isinstance(declared, MapNode):
+        return root
+    changed = {
+        name: replace(entry, value=with_value(entry.value, values[name]))
+        for name, entry in declared.entries.items()
+        if name in values
+    }
+    return replace_at(root, ("variables",), replace(declared, entries=declared.entries | changed))
+
+
+def is_declared_text(declared: TreeNode) -> bool:
+    """Whether a variable is declared as a string, so that a value such as 010 is a string."""
+    kind = child(declared, "type")
+    return isinstance(kind, ScalarNode) and kind.value == "string"
+
+
+def restricts_value(declared: MapNode) -> bool:
+    """Whether a declaration says more of the value than that it is text."""
+    return "choices" in declared.entries or (
+        "type" in declared.entries and not is_declared_text(declared)
+    )
+
+
+def check_declaration(
+    name: str, declared: MapNode, span: Span, problems: DiagnosticCollector
+) -> bool:
+    """Report problems of the value of a declared variable; `span` is that of its name.
+
+    Lists and maps, which are never valid, are reported by the schema.
+
+    Returns:
+        Whether the value is of the declared type.
+    """
+    given = [key for key in _VALUE_KEYS if key in declared.entries]
+    if len(given) == 2:
+        problems.error(
+            "R2B118",
+            f"'variables.{name}' has both 'value' and 'default'",
+            declared.entries[given[1]].key_span,
+            "keep one of them",
+            related=(Related("the other key", declared.entries[given[0]].key_span),),
+        )
+        return True
+    value = declared_value(declared)
+    if value is None:
+        message = f"variable {quote(name)} has no value"
+        help_text = f"add 'value: ...', or set it with --var {name}=..."
+        problems.error("R2B132", message, span, help_text)
+        return True
+    kind = child(declared, "type")
+    known = kind.value if isinstance(kind, ScalarNode) else None
+    choices = child(declared, "choices")
+    items = choices.items if isinstance(choices, ListNode) else ()
+    valid_choices = [one for one in items if isinstance(one, ScalarNode) and _has_value(one)]
+    ok = True
+    for one in (value, *valid_choices):
+        if isinstance(one, ScalarNode) and _has_value(one) and isinstance(known, str):
+            ok &= _check_type(name, one, known, kind, problems)
+    if ok and valid_choices and isinstance(value, ScalarNode) and _has_value(value):
+        _check_choice(name, value, valid_choices, problems)
+    return ok
+
+
+def _has_value(node: ScalarNode) -> bool:
+    return node.value is not None
+
+
+def _check_type(
+    name: str, node: ScalarNode, kind: str, declared: TreeNode | None, problems: DiagnosticCollector
+) -> bool:
+    message, help_text = _mismatch(node, kind)
+    if message and declared is not None:
+        related = (
+            Related("the declared type", declared.span),
+            *((node.origin,) if node.origin else ()),
+        )
+        message = f"variable {quote(name)}: {message}"
+        problems.error("R2B130", message, node.span, help_text, related=related)
+    return not message
+
+
+def _mismatch(node: ScalarNode, kind: str) -> tuple[str, str]:
+    """Why a value is not of a type, and the fix; two empty strings if it is."""
+    if kind in _PLAIN_TYPES:
+        wanted, types = _PLAIN_TYPES[kind]
+        if type(node.value) in types:
+            return "", ""
+        help_text = (
+            f'quote it: "{node.text}"'
+            if kind == "string"
+            else "change the value or the declared type"
+        )
+        return f"{quote(node.text)} is not {wanted}", help_text
+    quantity = QUANTITIES.get(kind)
+    if quantity is None:  # an unknown type, reported by the schema
+        return "", ""
+    if not isinstance(node.value, str):
+        unit = next(iter(quantity.units))
+        return f"{node.text} has no unit", f"write {node.text} {unit} if that is the meaning"
+    try:
+        quantity.parse(node.value)
+    except QuantityError as error:
+        return str(error), f"for example: {error.suggestion or quantity.example}"
+    return "", ""
+
+
+def _check_choice(
+    name: str, value: ScalarNode, choices: list[ScalarNode], problems: DiagnosticCollector
+) -> None:
+    if any(equal_values(value.value, one.value) for one in choices):
+        return
+    texts = [one.text for one in choices]
+    close = did_you_mean(value.text, texts)
+    known = "choices: " + ", ".join(texts[:12])
+    problems.error(
+        "R2B131",
+        f"variable {quote(name)}: {quote(value.text)} is not one of its choices",
+        value.span,
+        f"did you mean {close}? {known}" if close else known,
+        related=(Related("the choices", _enclosing_span(choices)),),
+    )
+
+
+def equal_values(one: ScalarValue, other: ScalarValue) -> bool:
+    """Whether two values are equal; unlike in Python, true is not 1."""
+    return one == other and isinstance(one, bool) == isinstance(other, bool)
+
+
+def _enclosing_span(nodes: list[ScalarNode]) -> Span:
+    first, last = nodes[0].span, nodes[-1].span
+    return replace(first, end_line=last.end_line, end_column=last.end_column)
+
+
+KEY = "repeat"
+
+
+class RepeatedEntry(msgspec.Struct, frozen=True):
+    """An entry without its `repeat`, and its instances."""
+
+    entry: MapNode
+    instances: dict[str, Instance]
+
+
+class Instance(msgspec.Struct, frozen=True):
+    """The place of an instance, and its variables."""
+
+    span: Span
+    variables: dict[str, ScalarNode]
+
+
+def parse_repeat(node: MapNode) -> RepeatedEntry | None:
+    """The instances of an entry; None without `repeat`, or if the schema refuses it."""
+    named = child(node, KEY)
+    if not isinstance(named, MapNode) or not named.entries:
+        return None
+    found = {name: _instance(name, entry) for name, entry in named.entries.items()}
+    instances = {name: each for name, each in found.items() if each is not None}
+    return RepeatedEntry(without(node, KEY), instances) if len(instances) == len(found) else None
+
+
+def _instance(name: str, entry: Entry) -> Instance | None:
+    if not INSTANCE.matches(name) or not entry.key_resolved or not isinstance(entry.value, MapNode):
+        return None
+    values: dict[str, ScalarNode] = {}
+    for variable, inner in entry.value.entries.items():
+        value = inner.value
+        if not VARIABLE.matches(variable) or not isinstance(value, ScalarNode):
+            return None
+        if value.value is None:
+            return None
+        values[variable] = value
+    return Instance(entry.key_span, values)
