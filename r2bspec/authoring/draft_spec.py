@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from r2bspec.authoring.draft_nodes import DraftNodes
-from r2bspec.bags.has_header import begins_with_header
+from r2bspec.bags.bag_writer import begins_with_header
 from r2bspec.bags.recording import BagIndex, TopicInfo
 from r2bspec.interop.script_import.spec_values import identifier, unique_name
 from r2bspec.interop.script_import.yaml_writer import Block, document

@@ -8,8 +8,7 @@ import msgspec
 
 from r2bspec.bags.errors import DATASET_UNKNOWN, TOPIC_NOT_IN_BAG, WINDOW_OUTSIDE_BAG, DataError
 from r2bspec.bags.recording import BagIndex, TopicInfo, Window, WritableStorage
-from r2bspec.datasets.scene.rig import HOPE_TOPICS, ROBOT_TOPICS, TopicSource
-from r2bspec.datasets.scene.sizes import message_bytes
+from r2bspec.datasets.scene.rig import HOPE_TOPICS, ROBOT_TOPICS, TopicSource, message_bytes
 from r2bspec.diagnostics.quote import quote
 
 DURATION_NS = 10_000_000_000

@@ -18,8 +18,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from r2bspec.datasets.ground_truth import GroundTruth
-from r2bspec.datasets.read_truth import read_disparity, read_ground_truth
+from r2bspec.datasets.ground_truth import GroundTruth, read_disparity, read_ground_truth
 from r2bspec.execute.measurement.message_recording import MessageRecording
 from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, SegmentPlayer
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
@@ -193,7 +192,7 @@ Outputs = Sequence[tuple[frozenset[int], Any]]
 
 
 def _decoded(kind: str, outputs: Sequence[tuple[frozenset[int], bytes]]) -> Outputs:
-    from r2bspec.datasets.scene.messages import typestore
+    from r2bspec.bags.bag_writer import typestore
 
     store = typestore()
     return [(stamps, store.deserialize_cdr(data, kind)) for stamps, data in outputs]

@@ -21,7 +21,7 @@ import cv2
 from data_bags import typestore
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.recording import Window
-from r2bspec.datasets.read_truth import read_disparity
+from r2bspec.datasets.ground_truth import read_disparity
 from r2bspec.datasets.synthesis import make
 from r2bspec.measure.disparity_accuracy import DisparityAccuracy
 from r2bspec.measure.truth_metrics import BAD_PIXELS, DENSITY
