@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+from pathlib import Path
 from typing import Final
 
 from r2bspec.diagnostics.quote import printable
@@ -38,7 +39,12 @@ class DataError(R2bspecError):
         super().__init__(printable(message), hint=printable(hint), code=code)
 
 
-_DAMAGED_HINT = "the file is damaged or incomplete; copy or record it again"
+_DAMAGED_HINT: Final = "the file is damaged or incomplete; copy or record it again"
+
+
+def unreadable(path: Path, reason: str, hint: str = _DAMAGED_HINT) -> DataError:
+    """The error for a storage file that cannot be read (R2B304)."""
+    return DataError(f"{path} cannot be read: {reason}", code=STORAGE_UNREADABLE, hint=hint)
 
 
 def error_text(error: Exception) -> str:

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.check.pages import all_pages
 from r2bspec.compare.gate_change import GateChange
+from r2bspec.diagnostics.code_pages import all_pages
 from r2bspec.diagnostics.diagnostic import Path, Span
 from r2bspec.diagnostics.waivers import Waiver, effective_waivers
 from r2bspec.language.load_spec import LoadedSpec

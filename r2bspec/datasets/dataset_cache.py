@@ -16,9 +16,9 @@ from pathlib import Path
 
 import msgspec
 
-from r2bspec.bags.dataset_record import DatasetRecord
-from r2bspec.bags.digest import hash_content
 from r2bspec.bags.errors import DATASET_NOT_WRITTEN, DataError
+from r2bspec.bags.integrity import hash_content
+from r2bspec.bags.recording import DatasetRecord
 
 _SCRATCH_PREFIX = ".making-"
 _LOCKS = ".locks"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import msgspec
 
-from r2bspec.bags.dataset_record import DISPARITY_NAME, GROUND_TRUTH_NAME
+from r2bspec.bags.recording import DISPARITY_NAME, GROUND_TRUTH_NAME
 from r2bspec.datasets.scene.cameras import Camera, camera_pose, project
 from r2bspec.datasets.scene.motion import Pose, quaternion
 from r2bspec.datasets.scene.rig import IMAGE, STEREO_PAIRS, TopicSource

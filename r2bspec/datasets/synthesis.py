@@ -15,16 +15,19 @@ import msgspec
 from msgspec.structs import replace
 
 from r2bspec.bags.bag_writer import write_bag
-from r2bspec.bags.dataset_record import (
+from r2bspec.bags.errors import TOPIC_NOT_IN_BAG, DataError
+from r2bspec.bags.integrity import ContentHash
+from r2bspec.bags.recording import (
     RECORD_NAME,
     DatasetRecord,
+    Message,
+    SyntheticDataset,
     TopicRecord,
+    Window,
+    WritableStorage,
     read_provenance,
     write_provenance,
 )
-from r2bspec.bags.digest import ContentHash
-from r2bspec.bags.errors import TOPIC_NOT_IN_BAG, DataError
-from r2bspec.bags.recording import Message, SyntheticDataset, Window, WritableStorage
 from r2bspec.datasets.dataset_cache import (
     datasets_dir,
     entry_lock,

@@ -17,7 +17,7 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.bags.digest import hash_files
+from r2bspec.bags.integrity import hash_files
 from r2bspec.errors import UsageError
 from r2bspec.fleet.host_messages import SentFile, SentRecording, Side
 from r2bspec.fleet.named_files import named_files, parts, plain_path, top_of, tops

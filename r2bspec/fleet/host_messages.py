@@ -49,7 +49,7 @@ class SentRecording(_Message, frozen=True, kw_only=True):
 
     Attributes:
         path: where it must be, relative to the root of the bundle, or absolute.
-        sha256: `r2bspec.bags.digest.hash_files` of it.
+        sha256: `r2bspec.bags.integrity.hash_files` of it.
         folder: whether it is a folder; else it is the one file.
     """
 

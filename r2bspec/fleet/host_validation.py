@@ -11,7 +11,7 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.bags.digest import hash_files
+from r2bspec.bags.integrity import hash_files
 from r2bspec.exit_status import ExitStatus
 from r2bspec.fleet.bundle import needs_of
 from r2bspec.fleet.errors import TransferError

@@ -11,24 +11,22 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from r2bspec.diagnostics import did_you_mean
-from r2bspec.measure.errors import MetricError
 from r2bspec.measure.metric_catalogue import (
+    BAD_PIXELS,
+    DENSITY,
     METRICS,
     PROCESS,
+    TAG_FALSE,
+    TAG_MISSED,
+    TAG_POSITION_ERROR,
     Dimension,
+    MetricError,
     MetricInfo,
     Scope,
     Statistic,
     available_live,
     names,
     resolve,
-)
-from r2bspec.measure.truth_metrics import (
-    BAD_PIXELS,
-    DENSITY,
-    TAG_FALSE,
-    TAG_MISSED,
-    TAG_POSITION_ERROR,
 )
 
 MODES = ("looping", "sweeping", "timeline", "live")

@@ -27,10 +27,8 @@ from r2bspec.ipc.buffers import read_index, read_stamps
 from r2bspec.ipc.message_log import read_messages
 from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
-from r2bspec.measure.disparity_accuracy import DisparityAccuracy
-from r2bspec.measure.expected_steps import select_expected_steps
-from r2bspec.measure.matching import NO_MATCH, match, ratio_of
-from r2bspec.measure.tag_accuracy import TagAccuracy, TagPose
+from r2bspec.measure.matching import NO_MATCH, match, ratio_of, select_expected_steps
+from r2bspec.measure.truth_accuracy import DisparityAccuracy, TagAccuracy, TagPose
 from r2bspec.plan.plan import MonitorPlan, Plan, TruthPlan
 from r2bspec.record.run_record import (
     MONITOR_FIELDS,

@@ -24,7 +24,7 @@ from r2bspec.interop.script_import.node_roles import (
     topic_in,
 )
 from r2bspec.interop.script_import.script_values import Construct, Foreign, Place, PlacedDict
-from r2bspec.wiring.known_packages import catalogue_nodes
+from r2bspec.wiring.node_interface import catalogue_nodes
 
 _WORDS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 _ABSOLUTE_NAMES = frozenset({"/tf", "/tf_static", "/clock", "/rosout", "/parameter_events"})

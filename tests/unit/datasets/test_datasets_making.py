@@ -17,10 +17,9 @@ import pytest
 
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.digest import hash_content
 from r2bspec.bags.errors import DataError
+from r2bspec.bags.integrity import hash_content, verify
 from r2bspec.bags.recording import SyntheticDataset, Window
-from r2bspec.bags.verification import verify
 from r2bspec.datasets import dataset_cache
 from r2bspec.datasets.synthesis import GENERATOR_VERSION, make
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.middleware.fast_dds_shm_files import (
+from r2bspec.middleware.fast_dds import (
     dead_shm_files,
     make_shm_files_private,
     readable_shm_files,
