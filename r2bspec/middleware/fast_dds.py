@@ -132,82 +132,6 @@ def shm_files(memory: Path = SHARED_MEMORY) -> list[str]:
     return sorted(each.name for pattern in _FILES for each in memory.glob(pattern))
 
 
-def dead_shm_files(
-    memory: Path = SHARED_MEMORY, proc: Path = PROC, since_s: float = 0.0
-) -> list[str]:
-    """The names of this user's segments that nobody uses; nothing is changed.
-
-    Args:
-        memory: the folder of shared memory.
-        proc: the folder of processes.
-        since_s: only what was made after this time counts (seconds since the epoch).
-    """
-    # A lock may be all that is left of a segment.
-    names = {each.name.removesuffix("_el") for each in memory.glob("fast*")}
-    mapped: set[str] | None = None
-    dead = []
-    for name in sorted(each for each in names if not each.endswith(_LOCKS)):
-        lock = _lock(memory, name)
-        with contextlib.suppress(OSError):
-            if lock.exists():
-                free = _ours(lock, since_s) and _is_free(lock)
-            elif _ours(memory / name, since_s):
-                mapped = _mapped(memory, proc) if mapped is None else mapped
-                free = name not in mapped
-            else:
-                free = False
-            if free:
-                dead.append(name)
-    return dead
-
-
-def remove_dead_shm_files(
-    memory: Path = SHARED_MEMORY, proc: Path = PROC, since_s: float = 0.0
-) -> list[str]:
-    """Remove the segments that `dead_shm_files` finds; returns their names."""
-    removed = []
-    for name in dead_shm_files(memory, proc, since_s):
-        with contextlib.suppress(OSError), contextlib.ExitStack() as held:
-            if _lock(memory, name).exists():
-                # Held until all is gone, so that nobody takes up what is being removed.
-                file = held.enter_context(_lock(memory, name).open("rb"))
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            for each in (memory / name, memory / f"sem.{name}_mutex", _lock(memory, name)):
-                each.unlink(missing_ok=True)
-            removed.append(name)
-    return removed
-
-
-def readable_shm_files(memory: Path = SHARED_MEMORY) -> list[str]:
-    """The names of this user's files that other users may read."""
-    found = []
-    for name in shm_files(memory):
-        with contextlib.suppress(OSError):
-            status = (memory / name).lstat()
-            readable = stat.S_ISREG(status.st_mode) and status.st_mode & _OTHERS
-            if readable and status.st_uid == os.geteuid():
-                found.append(name)
-    return found
-
-
-def make_shm_files_private(
-    pids: Iterable[int], memory: Path = SHARED_MEMORY, proc: Path = PROC
-) -> None:
-    """Take all rights to the segments of some processes from other users.
-
-    Fast DDS gives them the mode 0644 whatever the umask.
-    """
-    readable = set(readable_shm_files(memory))
-    if not readable:
-        return
-    pattern = _mapped_pattern(memory)
-    for pid in pids:
-        with contextlib.suppress(OSError):
-            maps = (proc / str(pid) / "maps").read_text(errors="replace")
-            for name in readable.intersection(pattern.findall(maps)):
-                _make_private(memory / name)
-
-
 def _make_private(file: Path) -> None:
     descriptor = os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
@@ -316,25 +240,77 @@ class FastDds(Middleware):
         number = int.from_bytes(gid[4:6], "little")
         return gid[:2] == _VENDOR_ID and any(pid & 0xFFFF == number for pid in pids)
 
-    def readable_shm_files(self) -> list[str]:
-        """Its files are there for as long as a participant is."""
-        return readable_shm_files()
+    def readable_shm_files(self, memory: Path = SHARED_MEMORY) -> list[str]:
+        """The names of this user's files that other users may read."""
+        found = []
+        for name in shm_files(memory):
+            with contextlib.suppress(OSError):
+                status = (memory / name).lstat()
+                readable = stat.S_ISREG(status.st_mode) and status.st_mode & _OTHERS
+                if readable and status.st_uid == os.geteuid():
+                    found.append(name)
+        return found
 
-    def make_shm_files_private(self, pids: Iterable[int]) -> None:
-        """The segments and ports that these processes map."""
-        make_shm_files_private(pids)
+    def make_shm_files_private(
+        self, pids: Iterable[int], memory: Path = SHARED_MEMORY, proc: Path = PROC
+    ) -> None:
+        """Take all rights to the segments of some processes from other users.
+
+        Fast DDS gives them the mode 0644 whatever the umask.
+        """
+        readable = set(self.readable_shm_files(memory))
+        if not readable:
+            return
+        pattern = _mapped_pattern(memory)
+        for pid in pids:
+            with contextlib.suppress(OSError):
+                maps = (proc / str(pid) / "maps").read_text(errors="replace")
+                for name in readable.intersection(pattern.findall(maps)):
+                    _make_private(memory / name)
 
     def dead_shm_files(
         self, memory: Path = SHARED_MEMORY, proc: Path = PROC, since_s: float = 0.0
     ) -> list[str]:
-        """The names of segments whose processes are dead."""
-        return dead_shm_files(memory, proc, since_s)
+        """The names of this user's segments that nobody uses; nothing is changed.
+
+        Args:
+            memory: the folder of shared memory.
+            proc: the folder of processes.
+            since_s: only what was made after this time counts (seconds since the epoch).
+        """
+        # A lock may be all that is left of a segment.
+        names = {each.name.removesuffix("_el") for each in memory.glob("fast*")}
+        mapped: set[str] | None = None
+        dead = []
+        for name in sorted(each for each in names if not each.endswith(_LOCKS)):
+            lock = _lock(memory, name)
+            with contextlib.suppress(OSError):
+                if lock.exists():
+                    free = _ours(lock, since_s) and _is_free(lock)
+                elif _ours(memory / name, since_s):
+                    mapped = _mapped(memory, proc) if mapped is None else mapped
+                    free = name not in mapped
+                else:
+                    free = False
+                if free:
+                    dead.append(name)
+        return dead
 
     def remove_dead_shm_files(
         self, memory: Path = SHARED_MEMORY, proc: Path = PROC, since_s: float = 0.0
     ) -> list[str]:
-        """Remove those segments, with their locks."""
-        return remove_dead_shm_files(memory, proc, since_s)
+        """Remove the segments that `dead_shm_files` finds; returns their names."""
+        removed = []
+        for name in self.dead_shm_files(memory, proc, since_s):
+            with contextlib.suppress(OSError), contextlib.ExitStack() as held:
+                if _lock(memory, name).exists():
+                    # Held until all is gone, so that nobody takes up what is being removed.
+                    file = held.enter_context(_lock(memory, name).open("rb"))
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                for each in (memory / name, memory / f"sem.{name}_mutex", _lock(memory, name)):
+                    each.unlink(missing_ok=True)
+                removed.append(name)
+        return removed
 
 
 MIDDLEWARE = FastDds()

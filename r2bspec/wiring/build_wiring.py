@@ -231,16 +231,16 @@ def _node_endpoints(nodes: tuple[NodeWiring, ...]) -> Iterator[Endpoint]:
     for node in nodes:
         interface = node.interface
         remapper = Remapper(node.node.remappings, node.key, node.namespace)
-        for own_name, kind in (interface.subscribes or {}).items():
-            declared = interface.subscribes_from == "spec"
-            yield _endpoint(
-                node, remapper, own_name, kind, "subscribes" if declared else "", is_publisher=False
-            )
-        for own_name, kind in (interface.publishes or {}).items():
-            declared = interface.publishes_from == "spec"
-            yield _endpoint(
-                node, remapper, own_name, kind, "publishes" if declared else "", is_publisher=True
-            )
+        for section, topics, origin in (
+            ("subscribes", interface.subscribes, interface.subscribes_from),
+            ("publishes", interface.publishes, interface.publishes_from),
+        ):
+            declared_under = section if origin == "spec" else ""
+            publishes = section == "publishes"
+            for own_name, kind in (topics or {}).items():
+                yield _endpoint(
+                    node, remapper, own_name, kind, declared_under, is_publisher=publishes
+                )
 
 
 def _endpoint(
