@@ -35,7 +35,7 @@ _SEGMENT_MAXIMUM = 4095 << 20
 
 # Processes that miss each other's first announcements meet at the next ones. By default there are
 # five of these in half a second, and then one every three seconds, for which every start waited;
-# player and monitor are older than the graph by as long as the floor takes.
+# player and monitor are older than the graph by as long as measuring the harness overhead takes.
 _PROFILE = """\
 <?xml version="1.0" encoding="UTF-8"?>
 <dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
