@@ -9,7 +9,6 @@ from typing import Literal, cast
 
 import msgspec
 
-from r2bspec.bags.dataset_record import read_provenance
 from r2bspec.bags.errors import (
     BAG_NOT_FOUND,
     METADATA_DISAGREES,
@@ -22,7 +21,7 @@ from r2bspec.bags.metadata import (
     TopicMetadata,
     read_metadata,
 )
-from r2bspec.bags.recording import BagIndex, TopicInfo
+from r2bspec.bags.recording import BagIndex, TopicInfo, read_provenance
 from r2bspec.bags.storage.storage import Storage, open_storages, storage_paths
 from r2bspec.language.bag_formats import (
     SUFFIXES_TEXT,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import heapq
 from collections import Counter
 from collections.abc import Collection, Iterator
@@ -13,9 +12,9 @@ from r2bspec.bags.errors import (
     METADATA_DISAGREES,
     SERIALIZATION_UNSUPPORTED,
     STORAGE_UNREADABLE,
-    TOPIC_NOT_IN_BAG,
     WINDOW_OUTSIDE_BAG,
     DataError,
+    topic_not_found,
 )
 from r2bspec.bags.metadata import FileSpan, read_metadata
 from r2bspec.bags.recording import BagIndex, Message, Window
@@ -58,14 +57,7 @@ def resolve_topics(path: Path, index: BagIndex, topics: Collection[str]) -> froz
     for topic in topics:
         info = index.find(topic)
         if info is None:
-            close = difflib.get_close_matches(topic, index.topics, n=1, cutoff=0.5)
-            raise DataError(
-                f"{path} has no topic {topic}",
-                code=TOPIC_NOT_IN_BAG,
-                hint=f"did you mean {close[0]}?"
-                if close
-                else f"its topics: {', '.join(index.topics) or 'none'}",
-            )
+            raise topic_not_found(str(path), topic, index.topics)
         if info.serialization != "cdr":
             raise DataError(
                 f"{path} has {info.name} serialised as {info.serialization!r}; only 'cdr' is"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import os
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Final
 
 from r2bspec.diagnostics.quote import printable
@@ -38,7 +40,27 @@ class DataError(R2bspecError):
         super().__init__(printable(message), hint=printable(hint), code=code)
 
 
-_DAMAGED_HINT = "the file is damaged or incomplete; copy or record it again"
+_DAMAGED_HINT: Final = "the file is damaged or incomplete; copy or record it again"
+
+
+def unreadable(path: Path, reason: str, hint: str = _DAMAGED_HINT) -> DataError:
+    """The error for a storage file that cannot be read (R2B304)."""
+    return DataError(f"{path} cannot be read: {reason}", code=STORAGE_UNREADABLE, hint=hint)
+
+
+def topic_not_found(owner: str, topic: str, topics: Iterable[str]) -> DataError:
+    """The error for a topic that a recording does not have (R2B308)."""
+    import difflib
+
+    names = list(topics)
+    close = difflib.get_close_matches(topic, names, n=1, cutoff=0.5)
+    return DataError(
+        f"{owner} has no topic {topic}",
+        code=TOPIC_NOT_IN_BAG,
+        hint=f"did you mean {close[0]}?"
+        if close
+        else f"its topics: {', '.join(sorted(names)) or 'none'}",
+    )
 
 
 def error_text(error: Exception) -> str:

@@ -1,11 +1,17 @@
-"""Frozen values that describe recorded data; indexes and windows serialise to JSON."""
+"""Frozen values that describe recorded data; indexes and windows serialise to JSON.
+
+Among them is dataset.json, the provenance of a synthetic dataset, in its bag folder.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
 import msgspec
+
+from r2bspec.untrusted.safe_json import read_json
 
 WritableStorage = Literal["sqlite3", "mcap"]
 """In which formats datasets are written."""
@@ -136,3 +142,121 @@ class SyntheticDataset(msgspec.Struct, frozen=True, kw_only=True):
     content_sha256: str
     made: bool
     damaged: bool = False
+
+
+RECORD_NAME = "dataset.json"
+GROUND_TRUTH_NAME = "ground_truth.json"
+DISPARITY_NAME = "disparity.npz"
+
+_MAX_RECORD_BYTES = 16_000_000
+
+
+class TopicRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """One topic of a synthetic dataset, with values that are not in its storage."""
+
+    type: str
+    count: int
+    rate_hz: float
+    max_message_bytes: int
+
+
+class DatasetRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """The provenance of a synthetic dataset.
+
+    Attributes:
+        format: distinguishes this file from any other dataset.json.
+        generator: version of the renderer.
+        dataset: sequence name.
+        window: part of the sequence that was rendered.
+        storage: storage format.
+        start_ns: start of the sequence, ns since the epoch: the origin of windows.
+        topics: that were rendered.
+        content_sha256: as `ContentHash` computes it for all topics.
+        file_bytes: size of each other file in the folder, for a fast check for damage.
+    """
+
+    format: Literal["r2bspec-dataset-v1"] = "r2bspec-dataset-v1"
+    generator: int
+    dataset: str
+    window: Window
+    storage: WritableStorage
+    start_ns: int
+    topics: dict[str, TopicRecord]
+    content_sha256: str
+    file_bytes: dict[str, int]
+
+    def complete_index(self, index: BagIndex) -> BagIndex:
+        """Add the nominal rates, the sizes and the origin of windows to an index."""
+        topics = {
+            name: (
+                info
+                if (record := self.topics.get(name)) is None
+                else msgspec.structs.replace(
+                    info, rate_hz=record.rate_hz, max_message_bytes=record.max_message_bytes
+                )
+            )
+            for name, info in index.topics.items()
+        }
+        return msgspec.structs.replace(
+            index, name=self.dataset, topics=topics, start_ns=self.start_ns, synthetic=True
+        )
+
+
+def read_provenance(folder: Path) -> DatasetRecord | None:
+    """The provenance of a bag folder; None if r2bspec did not synthesise it."""
+    try:
+        return read_json(folder / RECORD_NAME, DatasetRecord, max_bytes=_MAX_RECORD_BYTES)
+    except (OSError, msgspec.MsgspecError):
+        return None
+
+
+def write_provenance(folder: Path, record: DatasetRecord) -> None:
+    """Write dataset.json, formatted.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+    text = msgspec.json.format(msgspec.json.encode(record), indent=2)
+    (folder / RECORD_NAME).write_bytes(text + b"\n")
+
+
+def merge_indexes(indexes: Sequence[BagIndex]) -> BagIndex | None:
+    """The index of all recordings together, from the first message of any to the last of any.
+
+    The message counts of a topic in several recordings are added; its type is that of the first.
+    None without recordings.
+    """
+    if len(indexes) < 2:
+        return indexes[0] if indexes else None
+    filled = [index for index in indexes if index.message_count] or list(indexes)
+    start_ns = min(index.start_ns for index in filled)
+    end_ns = max(index.end_ns for index in filled)
+    topics: dict[str, TopicInfo] = {}
+    for index in indexes:
+        for name, info in index.topics.items():
+            before = topics.get(name)
+            topics[name] = (
+                info if before is None else _merge_topic_info(before, info, end_ns - start_ns)
+            )
+    return msgspec.structs.replace(
+        indexes[0],
+        name=" + ".join(index.name for index in indexes),
+        topics=dict(sorted(topics.items())),
+        start_ns=start_ns,
+        end_ns=end_ns,
+        message_count=sum(index.message_count for index in indexes),
+        files=tuple(file for index in indexes for file in index.files),
+        synthetic=all(index.synthetic for index in indexes),
+        notes=tuple(note for index in indexes for note in index.notes),
+    )
+
+
+def _merge_topic_info(one: TopicInfo, other: TopicInfo, duration_ns: int) -> TopicInfo:
+    count = one.count + other.count
+    sizes = (one.max_message_bytes, other.max_message_bytes)
+    return msgspec.structs.replace(
+        one,
+        count=count,
+        rate_hz=(count - 1) * 1e9 / duration_ns if count > 1 and duration_ns else 0.0,
+        max_message_bytes=None if None in sizes else max(size for size in sizes if size),
+    )

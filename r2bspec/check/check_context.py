@@ -7,6 +7,7 @@ from functools import cached_property
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, NamedTuple
 
+from r2bspec.bags.recording import merge_indexes
 from r2bspec.check.document_files import DocumentFiles
 from r2bspec.check.installed_packages import package_version
 from r2bspec.check.spec_requirements import LocatedRequirement, located_requirements
@@ -19,7 +20,6 @@ from r2bspec.record.calibration_file import CalibrationFile, calibration_path, r
 from r2bspec.record.errors import RecordError
 from r2bspec.wiring.build_wiring import build_wiring, harness_topic
 from r2bspec.wiring.companion_files import CompanionFiles
-from r2bspec.wiring.merge_bags import merge_indexes
 from r2bspec.wiring.wiring import NodeWiring, Wiring
 
 if TYPE_CHECKING:

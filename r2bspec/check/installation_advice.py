@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 
-from r2bspec.wiring.known_packages import catalogue_packages
+from r2bspec.wiring.node_interface import catalogue_packages
 
 _DEFAULT_DISTRIBUTION = "jazzy"
 

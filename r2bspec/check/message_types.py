@@ -54,9 +54,9 @@ def begins_with_header(name: str) -> bool | None:
         return True
     if name in WITHOUT_HEADER:
         return False
-    from r2bspec.bags import has_header
+    from r2bspec.bags.bag_writer import begins_with_header
 
-    return has_header.begins_with_header(name)
+    return begins_with_header(name)
 
 
 def types_of_same_package(name: str) -> frozenset[str]:

@@ -9,8 +9,7 @@ import msgspec
 
 from r2bspec.check.check_context import Context
 from r2bspec.check.spec_requirements import LocatedRequirement
-from r2bspec.measure.errors import MetricError
-from r2bspec.measure.metric_catalogue import MetricInfo, resolve
+from r2bspec.measure.metric_catalogue import MetricError, MetricInfo, resolve
 
 
 class KnownMetric(msgspec.Struct, frozen=True):

@@ -152,7 +152,7 @@ def info(bag: str, output: str) -> None:
 
     The sha256 of a bag on disk can be pinned in a spec; 'data make' prints that of a synthetic one.
     """
-    from r2bspec.bags.digest import hash_files
+    from r2bspec.bags.integrity import hash_files
     from r2bspec.datasets.locate_bag import index, locate
 
     location = locate(bag, Path.cwd())
@@ -176,7 +176,7 @@ def verify(context: click.Context, bag: str, output: str) -> None:
 
     A synthetic dataset that is not in the cache is created first.
     """
-    from r2bspec.bags.verification import verify as verify_bag
+    from r2bspec.bags.integrity import verify as verify_bag
 
     path = _bag_on_disk(bag)
     problems = verify_bag(path)

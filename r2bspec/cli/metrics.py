@@ -31,8 +31,7 @@ def command(names: tuple[str, ...], output_format: str) -> int:
     With METRIC, such as latency.p99, only these, with their definition.
     """
     from r2bspec.measure import metric_reference as reference
-    from r2bspec.measure.errors import MetricError
-    from r2bspec.measure.metric_catalogue import METRICS
+    from r2bspec.measure.metric_catalogue import METRICS, MetricError
 
     try:
         infos = [reference.find_metric(name) for name in names] or list(METRICS.values())
@@ -55,7 +54,7 @@ def command(names: tuple[str, ...], output_format: str) -> int:
 
 def explain_metric(name: str) -> list[str]:
     """The lines about a metric; none if there is no metric of this name."""
-    from r2bspec.measure.errors import MetricError
+    from r2bspec.measure.metric_catalogue import MetricError
 
     try:
         return list(_definition(name))

@@ -106,11 +106,11 @@ def _provenance(loaded: LoadedSpec, path: str) -> str:
 
 def _render(plan: Plan, graph: str | None) -> bytes:
     if graph == "mermaid":
-        from r2bspec.plan.mermaid import to_mermaid
+        from r2bspec.plan.drawing import to_mermaid
 
         return to_mermaid(plan).encode()
     if graph == "dot":
-        from r2bspec.plan.dot import to_dot
+        from r2bspec.plan.drawing import to_dot
 
         return to_dot(plan).encode()
     if graph == "html":

@@ -14,9 +14,9 @@ from r2bspec.compare.load_results import read_folder
 from r2bspec.errors import R2bspecError
 from r2bspec.judge.judge_run import from_json
 from r2bspec.judge.result import Result
-from r2bspec.measure.distribution_parts import MAIN_PERCENTILES, part_value, quantile
+from r2bspec.measure.distribution import MAIN_PERCENTILES, part_value, quantile
 from r2bspec.measure.metrics import MonitorMetrics, RateMetrics
-from r2bspec.measure.percentiles import rank
+from r2bspec.measure.times import rank
 from r2bspec.plan.plan import Plan
 from r2bspec.record.graph_identity import GraphIdentity
 from r2bspec.record.run_record import SearchRecord

@@ -17,9 +17,8 @@ from r2bspec.judge.baseline_requirements import iteration_values, run_value
 from r2bspec.judge.judge_requirement import iterations_at
 from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.prediction_interval import MAX_HISTORY_RUNS
-from r2bspec.measure.distribution_parts import HISTORY_PARTS
-from r2bspec.measure.errors import MetricError
-from r2bspec.measure.metric_catalogue import MetricInfo, resolve
+from r2bspec.measure.distribution import HISTORY_PARTS
+from r2bspec.measure.metric_catalogue import MetricError, MetricInfo, resolve
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples, starts_of
 from r2bspec.plan.canonical_json import plan_hash

@@ -11,7 +11,7 @@ from r2bspec.judge.pair_comparison import PairSet, judge_comparison
 from r2bspec.judge.pair_interference import InterleavedRuns
 from r2bspec.judge.result import PairsResult, Result
 from r2bspec.language.spec import Objective
-from r2bspec.measure.compute_metrics import summarise
+from r2bspec.measure.metrics import summarise
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples
 from r2bspec.plan.plan import GatePlan

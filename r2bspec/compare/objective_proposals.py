@@ -22,7 +22,7 @@ from r2bspec.judge.statistics.prediction_interval import predicted_ratio
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.spec import Objective, Spec
-from r2bspec.measure.distribution_parts import PROPOSED_PERCENTILES, part_value
+from r2bspec.measure.distribution import PROPOSED_PERCENTILES, part_value
 from r2bspec.measure.metrics import RateMetrics
 from r2bspec.record.calibration_file import Calibration
 

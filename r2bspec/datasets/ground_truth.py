@@ -1,4 +1,4 @@
-"""The ground truth of a synthetic dataset, in its bag folder, for tests of nodes."""
+"""The ground truth of a synthetic dataset: what is true, and its files in the bag folder."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ from typing import TYPE_CHECKING, Literal
 
 import msgspec
 
-from r2bspec.bags.dataset_record import DISPARITY_NAME, GROUND_TRUTH_NAME
-from r2bspec.datasets.scene.board import tag_pose
-from r2bspec.datasets.scene.geometry import Pose, quaternion
-from r2bspec.datasets.scene.render import camera_pose
-from r2bspec.datasets.scene.rig import IMAGE, STEREO_PAIRS, Camera, TopicSource
+from r2bspec.bags.recording import DISPARITY_NAME, GROUND_TRUTH_NAME
+from r2bspec.datasets.scene.cameras import Camera, camera_pose, project
+from r2bspec.datasets.scene.motion import Pose, quaternion
+from r2bspec.datasets.scene.rig import IMAGE, STEREO_PAIRS, TopicSource
 from r2bspec.datasets.scene.scenes import Scene
-from r2bspec.datasets.scene.tag import FAMILY, Tag
-from r2bspec.datasets.scene.view import project
+from r2bspec.datasets.scene.tag import FAMILY, Tag, tag_pose
+from r2bspec.untrusted.safe_json import read_json
+from r2bspec.untrusted.safe_npz import read_npz_array
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
 
 CONVENTIONS = (
     "Metres, pixels, ns since the epoch, quaternions x y z w. World: z up. Body: x forward, y"
@@ -253,3 +254,29 @@ def _tag_sighting(
         visible=all(z > 0 for _, _, z in corners)
         and all(0 <= u < camera.width and 0 <= v < camera.height for u, v in pixels),
     )
+
+
+def read_ground_truth(folder: Path) -> GroundTruth | None:
+    """The ground truth of a recording; None if its folder has none that can be read."""
+    try:
+        return read_json(folder / GROUND_TRUTH_NAME, GroundTruth)
+    except (OSError, msgspec.MsgspecError):
+        return None
+
+
+def read_disparity(folder: Path, pair: str, stamp_ns: int) -> NDArray[np.float32]:
+    """The true disparities of a stereo pair at a stamp.
+
+    Returns:
+        Pixels of the rectified left image, shape (height, width).
+
+    Raises:
+        KeyError: there are none of that pair and stamp.
+        RefusedDataError: the file is damaged.
+        OSError: it cannot be read.
+    """
+    import numpy as np
+
+    parts = read_npz_array(folder / DISPARITY_NAME, f"{pair}/{stamp_ns}")
+    disparity: NDArray[np.float32] = parts.astype(np.float32) / np.float32(DISPARITY_PARTS)
+    return disparity

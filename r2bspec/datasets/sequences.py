@@ -6,10 +6,9 @@ from collections.abc import Collection, Iterator
 
 import msgspec
 
-from r2bspec.bags.errors import DATASET_UNKNOWN, TOPIC_NOT_IN_BAG, WINDOW_OUTSIDE_BAG, DataError
+from r2bspec.bags.errors import DATASET_UNKNOWN, WINDOW_OUTSIDE_BAG, DataError, topic_not_found
 from r2bspec.bags.recording import BagIndex, TopicInfo, Window, WritableStorage
-from r2bspec.datasets.scene.rig import HOPE_TOPICS, ROBOT_TOPICS, TopicSource
-from r2bspec.datasets.scene.sizes import message_bytes
+from r2bspec.datasets.scene.rig import HOPE_TOPICS, ROBOT_TOPICS, TopicSource, message_bytes
 from r2bspec.diagnostics.quote import quote
 
 DURATION_NS = 10_000_000_000
@@ -104,16 +103,7 @@ def select_sources(name: str, topics: Collection[str] | None) -> tuple[TopicSour
         return tuple(sources[topic] for topic in sorted(sources))
     wanted = {topic if topic.startswith("/") else f"/{topic}" for topic in topics}
     for topic in sorted(wanted - sources.keys()):
-        import difflib
-
-        close = difflib.get_close_matches(topic, sources, n=1, cutoff=0.5)
-        raise DataError(
-            f"dataset {name} has no topic {topic}",
-            code=TOPIC_NOT_IN_BAG,
-            hint=f"did you mean {close[0]}?"
-            if close
-            else f"its topics: {', '.join(sorted(sources))}",
-        )
+        raise topic_not_found(f"dataset {name}", topic, sources)
     return tuple(sources[topic] for topic in sorted(wanted))
 
 

@@ -14,25 +14,28 @@ from typing import TYPE_CHECKING, TypeVar
 import msgspec
 from msgspec.structs import replace
 
-from r2bspec.bags.dataset_record import (
+from r2bspec.bags.bag_writer import write_bag
+from r2bspec.bags.errors import TOPIC_NOT_IN_BAG, DataError
+from r2bspec.bags.integrity import ContentHash
+from r2bspec.bags.recording import (
     RECORD_NAME,
     DatasetRecord,
+    Message,
+    SyntheticDataset,
     TopicRecord,
+    Window,
+    WritableStorage,
     read_provenance,
     write_provenance,
 )
-from r2bspec.bags.digest import ContentHash
-from r2bspec.bags.errors import TOPIC_NOT_IN_BAG, DataError
-from r2bspec.bags.recording import Message, SyntheticDataset, Window, WritableStorage
 from r2bspec.datasets.dataset_cache import (
     datasets_dir,
     entry_lock,
+    is_intact,
     new_entry,
     remove_stale_entries,
     write_errors,
 )
-from r2bspec.datasets.dataset_writer import write_bag
-from r2bspec.datasets.entry_check import is_intact
 from r2bspec.datasets.ground_truth import (
     DISPARITY_PARTS,
     GroundTruth,
@@ -40,11 +43,10 @@ from r2bspec.datasets.ground_truth import (
     write_disparities,
     write_ground_truth,
 )
-from r2bspec.datasets.scene.messages import render_message
-from r2bspec.datasets.scene.render import camera_pose, render_depth
-from r2bspec.datasets.scene.rig import TopicSource
+from r2bspec.datasets.scene.cameras import camera_pose
+from r2bspec.datasets.scene.rig import TopicSource, message_bytes
 from r2bspec.datasets.scene.scenes import Scene, find_scene
-from r2bspec.datasets.scene.sizes import message_bytes
+from r2bspec.datasets.scene.sensors import render_depth, render_message
 from r2bspec.datasets.sequences import (
     bounded_window,
     find_sequence,

@@ -18,7 +18,7 @@ Status = Literal["ok", "warn", "problem"]
 _WORST: tuple[Status, ...] = ("problem", "warn", "ok")
 
 
-class CheckResult(msgspec.Struct, frozen=True, kw_only=True):
+class CheckResult(msgspec.Struct, frozen=True):
     """The result of one check.
 
     `found` is the observation, `advice` what to do about it (empty if nothing), and `data` has the

@@ -1,21 +1,207 @@
-"""What dead runs have left behind, and its removal."""
+"""What dead runs have left behind, and its removal.
+
+Every process of a run has the id of the run in its environment. A run is active as long as its
+watchdog runs: it runs until it has ended all other processes. Processes are left only if both
+controller and watchdog were killed. Besides them, dead runs leave segments of shared memory,
+scratch folders, and datasets that were not completed.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import json
+import os
 import shutil
+import time
+from collections.abc import Iterator, Set
 from dataclasses import dataclass
 from pathlib import Path
 
+from r2bspec.datasets.dataset_cache import datasets_dir
 from r2bspec.doctor.checkup import CheckResult, System
-from r2bspec.doctor.dead_shm_files import DeadShmFile, dead_shm_files, remove_dead_shm_files
-from r2bspec.doctor.run_processes import Process, find_runs
-from r2bspec.doctor.scratch_folders import abandoned_scratch, unfinished_datasets
 from r2bspec.ipc.process_cleanup import end_run_processes
+from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.ipc.sessions import Session, now_ticks
 from r2bspec.measure.units import show
+from r2bspec.middleware.middleware import known_middlewares
 
-TOPIC = "runs"
+_WATCHDOG = "r2bspec.harness.watchdog"
+_START_FIELD = 19
+"""Where the start time is in /proc/PID/stat, counted from the field after the name."""
+
+_CONTROLLERS = ("python", "r2bspec", "pytest")
+"""Prefixes of the names of programs that can be a controller. A parent with another name, such as
+the first process of a system or container, has adopted an orphan."""
+
+
+@dataclass(frozen=True)
+class Process:
+    """A running process; `run_id` is empty if it does not belong to a run.
+
+    `started` is its start time, in clock ticks since boot.
+    """
+
+    pid: int
+    parent: int
+    session: int
+    name: str
+    argv: tuple[str, ...]
+    run_id: str
+    started: int
+
+    @property
+    def watched_run(self) -> str:
+        """The run of which this process is the watchdog; empty if it is none."""
+        if _WATCHDOG not in self.argv:
+            return ""
+        after = self.argv[self.argv.index(_WATCHDOG) + 1 :]
+        return after[0] if after else ""
+
+
+@dataclass(frozen=True)
+class RunProcesses:
+    """The ids of active runs, and the orphaned processes of others."""
+
+    living: frozenset[str]
+    orphans: tuple[Process, ...]
+
+
+def find_runs(system: System) -> RunProcesses:
+    """Find the runs of all processes that this user may inspect.
+
+    The run to which this process itself belongs counts as active.
+    """
+    processes = {each.pid: each for each in _processes(system.proc)}
+    living = {each.watched_run for each in processes.values()} - {""}
+    living |= {system.environ.get(RUN_ID_VARIABLE, "")} - {""}
+    for each in processes.values():
+        parent = processes.get(each.parent)
+        if each.run_id and parent and not parent.run_id and parent.name.startswith(_CONTROLLERS):
+            # Its watchdog was killed, but the controller still runs.
+            living.add(each.run_id)
+    orphans = [each for each in processes.values() if each.run_id and each.run_id not in living]
+    return RunProcesses(frozenset(living), tuple(sorted(orphans, key=lambda each: each.pid)))
+
+
+def _processes(proc: Path) -> Iterator[Process]:
+    for folder in proc.glob("[0-9]*"):
+        try:
+            status = (folder / "stat").read_text(errors="replace")
+            argv = (folder / "cmdline").read_bytes()
+        except OSError:
+            continue
+        # The name is in parentheses and may contain any character, including parentheses.
+        head, _, rest = status.rpartition(")")
+        fields = rest.split()
+        state, parent, _group, session = fields[:4]
+        if state in {"Z", "X"}:
+            continue
+        yield Process(
+            pid=int(folder.name),
+            parent=int(parent),
+            session=int(session),
+            name=head.partition("(")[2],
+            argv=tuple(argv.decode(errors="replace").rstrip("\0").split("\0")),
+            run_id=_run_of_process(folder),
+            started=int(fields[_START_FIELD]),
+        )
+
+
+def _run_of_process(folder: Path) -> str:
+    """The run of a process of this user; what others run is not ours to judge, nor to end."""
+    try:
+        if folder.stat().st_uid != os.geteuid():
+            return ""
+        variables = (folder / "environ").read_bytes().split(b"\0")
+    except OSError:
+        return ""
+    wanted = f"{RUN_ID_VARIABLE}=".encode()
+    values = [each.removeprefix(wanted) for each in variables if each.startswith(wanted)]
+    return values[0].decode(errors="replace") if values else ""
+
+
+@dataclass(frozen=True)
+class DeadShmFile:
+    """A segment, or what is left of one, with the bytes of memory that it takes."""
+
+    name: str
+    bytes: int
+
+
+def dead_shm_files(system: System) -> list[DeadShmFile]:
+    """This user's segments that no process uses, of any middleware; nothing is changed."""
+    memory = system.shared_memory
+    return [
+        DeadShmFile(name, _segment_bytes(memory / name))
+        for each in known_middlewares()
+        for name in each.dead_shm_files(memory, system.proc)
+    ]
+
+
+def remove_dead_shm_files(system: System) -> list[str]:
+    """Remove them; returns their names."""
+    return [
+        name
+        for each in known_middlewares()
+        for name in each.remove_dead_shm_files(system.shared_memory, system.proc)
+    ]
+
+
+def _segment_bytes(segment: Path) -> int:
+    """What it takes of the memory: its blocks, since a segment is sparse until it is written."""
+    try:
+        return segment.stat().st_blocks * 512
+    except OSError:
+        return 0
+
+
+_MIN_AGE_S = 10.0
+"""A run creates its folder shortly before the processes that mark it as active."""
+
+
+def abandoned_scratch(system: System, living: Set[str]) -> list[Path]:
+    """Scratch folders of ended runs; `system.runs` is a folder of runs or a run folder."""
+    folders = [*system.runs.glob("*/.scratch-*"), *system.runs.glob(".scratch-*")]
+    return sorted(
+        each for each in folders if _is_old(each) and _run_of_folder(each.parent) not in living
+    )
+
+
+def unfinished_datasets(cache: Path | None = None) -> list[Path]:
+    """Incomplete datasets in the cache whose process has exited.
+
+    A process holds the lock of the dataset that it creates, so a free lock means that it exited.
+    """
+    root = cache or datasets_dir()
+    return sorted(each for each in root.glob(".making-*") if _is_old(each) and _is_free(root, each))
+
+
+def _is_old(folder: Path) -> bool:
+    try:
+        return time.time() - folder.stat().st_mtime > _MIN_AGE_S
+    except OSError:
+        return False
+
+
+def _run_of_folder(folder: Path) -> str:
+    """The run of a folder; empty if its record cannot be read."""
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+        return str(json.loads((folder / "record.json").read_bytes())["run_id"])
+    return ""
+
+
+def _is_free(root: Path, folder: Path) -> bool:
+    from filelock import FileLock, Timeout
+
+    name = folder.name.removeprefix(".making-")
+    try:
+        with FileLock(root / ".locks" / f"{name}.lock", timeout=0):
+            return True
+    except (Timeout, OSError):
+        return False
+
+
+_RUNS = "runs"
 
 _CLEAN = "r2bspec doctor --clean"
 _GRACE_S = 2.0
@@ -72,10 +258,10 @@ def clean(system: System, cache: Path | None = None) -> list[str]:
 
 def _living(found: Leftovers) -> CheckResult:
     return CheckResult(
-        topic=TOPIC,
-        name="in progress",
-        status="warn" if found.living else "ok",
-        found=f"{found.living}" if found.living else "none",
+        _RUNS,
+        "in progress",
+        "warn" if found.living else "ok",
+        f"{found.living}" if found.living else "none",
         advice="runs at the same time disturb each other" if found.living else "",
         data={"living": found.living},
     )
@@ -84,10 +270,10 @@ def _living(found: Leftovers) -> CheckResult:
 def _orphans(found: Leftovers) -> CheckResult:
     shown = [f"{each.name} ({each.pid})" for each in found.orphans]
     return CheckResult(
-        topic=TOPIC,
-        name="lost processes",
-        status="problem" if shown else "ok",
-        found=_shortened(shown),
+        _RUNS,
+        "lost processes",
+        "problem" if shown else "ok",
+        _shortened(shown),
         advice=f"their runs are dead, yet they take processor time; {_CLEAN}" if shown else "",
         data={"pids": [each.pid for each in found.orphans]},
     )
@@ -97,10 +283,10 @@ def _segments(found: Leftovers) -> CheckResult:
     size = sum(each.bytes for each in found.segments)
     shown = [each.name for each in found.segments]
     return CheckResult(
-        topic=TOPIC,
-        name="dead segments",
-        status="warn" if shown else "ok",
-        found=f"{show(size, 'B')} in {len(shown)}" if shown else "none",
+        _RUNS,
+        "dead segments",
+        "warn" if shown else "ok",
+        f"{show(size, 'B')} in {len(shown)}" if shown else "none",
         advice=f"shared memory of ROS programs that were killed; {_CLEAN}" if shown else "",
         data={"bytes": size, "names": shown},
     )
@@ -109,10 +295,10 @@ def _segments(found: Leftovers) -> CheckResult:
 def _folders(found: Leftovers) -> CheckResult:
     shown = [str(each) for each in found.folders]
     return CheckResult(
-        topic=TOPIC,
-        name="scratch folders",
-        status="warn" if shown else "ok",
-        found=_shortened(shown),
+        _RUNS,
+        "scratch folders",
+        "warn" if shown else "ok",
+        _shortened(shown),
         advice=f"of runs that were killed; {_CLEAN}" if shown else "",
         data={"paths": shown},
     )

@@ -19,7 +19,7 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.bags.digest import hash_files
+from r2bspec.bags.integrity import hash_files
 from r2bspec.execute.processes.secret_references import texts
 from r2bspec.fleet.errors import BundleTooLargeError
 from r2bspec.language.quantities import Size

@@ -17,7 +17,7 @@ from typing import Any, Final, TypeVar
 import msgspec
 from distributed.diagnostics.plugin import WorkerPlugin
 
-from r2bspec.bags.digest import hash_files
+from r2bspec.bags.integrity import hash_files
 from r2bspec.check.this_machine import LABELS_VARIABLE
 from r2bspec.fleet.bundle import Job, SentFile, digest_of
 from r2bspec.fleet.errors import (

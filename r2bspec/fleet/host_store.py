@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Final
 
-from r2bspec.bags.digest import hash_files
+from r2bspec.bags.integrity import hash_files
 from r2bspec.fleet.bundle import Job, SentFile, digest_of
 from r2bspec.fleet.errors import HostFullError, TransferError
 

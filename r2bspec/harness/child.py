@@ -14,7 +14,7 @@ from r2bspec.exit_status import ExitStatus
 from r2bspec.harness.control_channel import Channel
 from r2bspec.harness.exit_timer import start_exit_timer
 from r2bspec.harness.roles import play_role
-from r2bspec.middleware.rmw_registry import middleware_of
+from r2bspec.middleware.middleware import middleware_of
 
 _MAX_EXIT_S = 8.0
 """How long the shutdown of ROS may take, including `destroy_node` of the nodes. Less than the

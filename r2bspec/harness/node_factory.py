@@ -20,7 +20,7 @@ from rclpy.parameter import Parameter
 
 from r2bspec.plan.command_lines import flow_yaml
 from r2bspec.plan.plan import NodePlan
-from r2bspec.wiring.node_start import KEYWORD_ARGUMENTS
+from r2bspec.wiring.python_source import KEYWORD_ARGUMENTS
 
 
 class NodeError(Exception):

@@ -18,8 +18,7 @@ import msgspec
 from rclpy.node import Node
 
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE, ForeignPublisher
-from r2bspec.middleware.middleware import PROC
-from r2bspec.middleware.rmw_registry import middleware_of
+from r2bspec.middleware.middleware import PROC, middleware_of
 
 LOOK_PERIOD_S = 0.2
 _UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"

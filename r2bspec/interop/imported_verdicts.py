@@ -34,8 +34,7 @@ from r2bspec.judge.statistics.effective_sample_size import EffectiveSample
 from r2bspec.judge.verdict import EXIT_CODES, RequirementVerdict, Verdict
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Objective
-from r2bspec.measure.errors import MetricError
-from r2bspec.measure.metric_catalogue import MetricInfo, resolve
+from r2bspec.measure.metric_catalogue import MetricError, MetricInfo, resolve
 from r2bspec.measure.units import show
 from r2bspec.plan.plan import GatePlan
 

@@ -17,7 +17,7 @@ import psutil
 
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.ipc.sessions import Session
-from r2bspec.middleware.rmw_registry import middleware_of
+from r2bspec.middleware.middleware import middleware_of
 
 _MAX_CLEANUP_S = 2.0
 _EMPTY_SCANS = 3

@@ -49,7 +49,7 @@ from r2bspec.judge.methods.method_registry import METHODS
 from r2bspec.judge.playback_validity import schedule_problem
 from r2bspec.judge.verdict import DisturbedIteration, RequirementVerdict
 from r2bspec.judge.waiting_bound import taken_share
-from r2bspec.measure.interference import Surroundings
+from r2bspec.measure.host_usage import Surroundings
 from r2bspec.measure.samples import RunSamples, SegmentSamples
 from r2bspec.measure.units import show
 

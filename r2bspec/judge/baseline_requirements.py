@@ -20,8 +20,7 @@ from r2bspec.judge.outcome import outcome_of
 from r2bspec.judge.verdict import EXIT_CODES, RequirementVerdict, Verdict
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Objective
-from r2bspec.measure.errors import MetricError
-from r2bspec.measure.metric_catalogue import MetricInfo, resolve
+from r2bspec.measure.metric_catalogue import MetricError, MetricInfo, resolve
 from r2bspec.measure.metric_values import metric_value
 from r2bspec.measure.samples import RunSamples
 

@@ -34,9 +34,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.judge.waiting_bound import MAX_SHARE, shortest_latencies, taken_share
-from r2bspec.measure.interference import Surroundings
-from r2bspec.measure.matched_monitor import match_monitor
-from r2bspec.measure.resource_usage import ResourceUse
+from r2bspec.measure.host_usage import ResourceUse, Surroundings
+from r2bspec.measure.matching import match_monitor
 from r2bspec.measure.samples import (
     MonitorSamples,
     PlaybackSamples,

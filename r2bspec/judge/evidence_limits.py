@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from r2bspec.judge.decision import Question
 from r2bspec.judge.run_limits import FEW_BURSTS, LONG_BURST
 from r2bspec.judge.verdict import Outcome
-from r2bspec.measure.latency import Seconds
+from r2bspec.measure.times import Seconds
 
 _FEW_INDEPENDENT: Final = 2.0
 _STALL_RATIO: Final = 1.5

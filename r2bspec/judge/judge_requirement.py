@@ -16,16 +16,20 @@ from r2bspec.judge.playback_validity import PlaybackValidity
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Objective
-from r2bspec.measure.errors import MetricError
-from r2bspec.measure.metric_catalogue import MetricInfo, available_live, resolve
-from r2bspec.measure.pooling import pool_monitor
+from r2bspec.measure.metric_catalogue import (
+    MetricError,
+    MetricInfo,
+    available_live,
+    kind_of,
+    resolve,
+)
+from r2bspec.measure.metrics import pool_monitor
 from r2bspec.measure.samples import (
     LOSS_SENSITIVE_FAMILIES,
     MonitorSamples,
     RunSamples,
     SegmentSamples,
 )
-from r2bspec.measure.truth_metrics import kind_of
 from r2bspec.measure.units import show
 
 OWN_RATE: Final = 0.0

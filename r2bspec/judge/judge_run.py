@@ -18,8 +18,7 @@ from r2bspec.judge.peak_refutation import with_refuted_peak
 from r2bspec.judge.result import BaselineResult, ObjectiveText, PairsResult, Result
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.spec import Objective
-from r2bspec.measure.compute_metrics import summarise
-from r2bspec.measure.metrics import RunMetrics
+from r2bspec.measure.metrics import RunMetrics, summarise
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.plan.plan import GatePlan
 from r2bspec.record.baseline_file import BaselineRecord, read_baseline, read_confirmation

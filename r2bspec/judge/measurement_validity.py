@@ -8,7 +8,7 @@ hundred is no reason to discard a run. By order, an early output means that it a
 input than the one it is matched to, and a surplus means that it is unknown which one it answers.
 By stamp, it means that the times or the stamps are wrong.
 
-Throughput cannot be more than offered times answered: see `r2bspec.measure.throughput`.
+Throughput cannot be more than offered times answered: see `r2bspec.measure.times`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from r2bspec.measure.pooling import pool_monitor
+from r2bspec.measure.metrics import pool_monitor
 from r2bspec.measure.samples import MonitorSamples, SegmentSamples
 from r2bspec.measure.units import show
 

@@ -29,9 +29,9 @@ from dataclasses import dataclass, field
 
 from r2bspec.judge.measurement_validity import impossible_result
 from r2bspec.measure.metric_catalogue import Statistic
-from r2bspec.measure.percentiles import percentile
-from r2bspec.measure.pooling import pool_playback
+from r2bspec.measure.metrics import pool_playback
 from r2bspec.measure.samples import RunSamples, SegmentSamples
+from r2bspec.measure.times import percentile
 from r2bspec.measure.units import show
 
 MIN_RATE_SHARE = 0.98

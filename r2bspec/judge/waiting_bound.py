@@ -37,7 +37,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.measure.interference import Surroundings
+from r2bspec.measure.host_usage import Surroundings
 from r2bspec.measure.samples import MonitorSamples
 
 MAX_SHARE = 0.75

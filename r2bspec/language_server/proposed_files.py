@@ -96,7 +96,7 @@ def python_classes(analysis: Analysis, context: CursorContext) -> Iterator[Propo
 
 def packages(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
     """The packages that are installed, and those of the catalogue."""
-    from r2bspec.wiring.known_packages import catalogue_packages
+    from r2bspec.wiring.node_interface import catalogue_packages
 
     del analysis, context
     installed = ament_packages()
@@ -108,7 +108,7 @@ def packages(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
 
 def plugins(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
     """The composable nodes of the package that the node names."""
-    from r2bspec.wiring.known_packages import catalogue_nodes
+    from r2bspec.wiring.node_interface import catalogue_nodes
 
     package = _package_beside(analysis, context)
     installed = package_plugins(package)
@@ -119,7 +119,7 @@ def plugins(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
 
 def executables(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
     """The executables of the package that the node names."""
-    from r2bspec.wiring.known_packages import catalogue_nodes
+    from r2bspec.wiring.node_interface import catalogue_nodes
 
     package = _package_beside(analysis, context)
     installed = package_executables(package)

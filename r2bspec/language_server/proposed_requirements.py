@@ -58,8 +58,7 @@ def requirements(analysis: Analysis, context: CursorContext) -> Iterator[Proposa
 
 
 def _metrics(analysis: Analysis) -> Iterator[Proposal]:
-    from r2bspec.measure.errors import MetricError
-    from r2bspec.measure.metric_catalogue import METRICS, names
+    from r2bspec.measure.metric_catalogue import METRICS, MetricError, names
     from r2bspec.measure.metric_reference import example_requirement, find_metric
 
     spec_context = analysis.known
@@ -94,7 +93,7 @@ def _metrics(analysis: Analysis) -> Iterator[Proposal]:
 
 
 def _dimension(metric: str) -> str:
-    from r2bspec.measure.errors import MetricError
+    from r2bspec.measure.metric_catalogue import MetricError
     from r2bspec.measure.metric_reference import find_metric
 
     for name in (metric, metric.partition(".")[2]):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.measure.matching import Matching
-from r2bspec.measure.percentiles import percentile
+from r2bspec.measure.times import percentile
 from r2bspec.record.sample_arrays import Rows
 
 _MAX_BATCHES = 10

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.measure.latency import Seconds, seconds
 from r2bspec.measure.matching import NO_MATCH, Matching, match
+from r2bspec.measure.times import Seconds, seconds
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.plan.taps import PLAYER, hops_to
 from r2bspec.record.sample_arrays import Rows

@@ -1,15 +1,34 @@
-"""Matches messages to the steps of the playback."""
+"""Matches what a monitor received to the steps of the playback that count for it.
+
+A monitor expects an output of each step with messages of all its inputs: inputs of a timeline have
+rates of their own, a step has messages of those that were recorded with one stamp, and a monitor of
+the camera expects no output of the steps of the IMU.
+
+In a live run the graph has its own source, and what that sent is unknown. What arrived is known,
+and when. A message with a header carries the time at which its source stamped it, in the clock of
+this machine, so that
+
+    latency = received - stamp
+
+This is known for an iteration only if the stamps are times of that clock: not if more than one in a
+hundred is after the reception of its message or more than an hour before it, as with stamps that
+were never set, or come from a simulation or a recording; and not if the clock was set meanwhile.
+What was sent, missed, duplicated or reordered is unknown, and no metric of it has a value.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.plan.plan import MonitorPlan
-from r2bspec.record.sample_arrays import Rows
+from r2bspec.plan.plan import InputPlan, MonitorPlan
+from r2bspec.record.run_folder import Run
+from r2bspec.record.run_record import Segment
+from r2bspec.record.sample_arrays import PLAYBACK_DTYPE, Rows
 
 NO_MATCH = -1
 """The step of a message that matches none."""
@@ -256,3 +275,111 @@ def _steps_by_stamp(sent: NDArray[np.int64], received: NDArray[np.int64]) -> NDA
     ordered = sent[order]
     place = np.minimum(np.searchsorted(ordered, received), sent.size - 1)
     return np.where(ordered[place] == received, order[place], NO_MATCH).astype(np.int64)
+
+
+_MAX_CLOCK_SKEW_NS = 1_000_000
+"""Two clock readings may be this far apart, if a process was interrupted between them."""
+
+_MAX_STAMP_AGE_NS = 3_600_000_000_000
+_MAX_IMPLAUSIBLE_SHARE = 0.01
+
+
+def source_times_ns(segment: Segment, rows: Rows) -> NDArray[np.int64] | None:
+    """When the source stamped each message, on the monotonic clock.
+
+    Args:
+        segment: of a live run.
+        rows: what a monitor received in it, of type `MONITOR_DTYPE`; the stamps are of the system
+            clock.
+
+    Returns:
+        Shape (messages,); None if that is not known.
+    """
+    offset_ns = segment.clock_offset_ns
+    if offset_ns is None or not rows.size:
+        return None
+    stamped: NDArray[np.int64] = rows["stamp_ns"] - offset_ns
+    age_ns = rows["received_ns"] - stamped
+    odd = np.count_nonzero((age_ns < -_MAX_CLOCK_SKEW_NS) | (age_ns > _MAX_STAMP_AGE_NS))
+    return None if odd > _MAX_IMPLAUSIBLE_SHARE * rows.size else stamped
+
+
+def select_expected_steps(
+    playback: Rows, inputs: Sequence[InputPlan], monitor: MonitorPlan
+) -> Rows:
+    """The steps that count for a monitor.
+
+    Args:
+        playback: rows of type `PLAYBACK_DTYPE`.
+        inputs: of the plan.
+        monitor: of the plan; without 'answers', every step counts.
+    """
+    wanted = np.int64(input_mask(inputs, monitor.answers))
+    found: Rows = playback[(playback["inputs"] & wanted) == wanted]
+    return found
+
+
+def input_mask(inputs: Sequence[InputPlan], topics: Sequence[str]) -> int:
+    """The set of the inputs on these topics, as bits."""
+    return sum(1 << number for number, each in enumerate(inputs) if each.topic in topics)
+
+
+def match_segment(run: Run, segment: Segment, monitor: MonitorPlan) -> tuple[Rows, Rows, Matching]:
+    """The steps of a segment that count for a monitor, what it received, and how they match.
+
+    In a live segment, in which nothing is played, each message is its own step, published when its
+    source stamped it; there are none if that is not known.
+
+    Raises:
+        RecordError: a file of the segment is missing or damaged.
+    """
+    rows = run.monitor(segment, monitor.name)
+    if not segment.live:
+        steps = select_expected_steps(run.playback(segment), run.plan.inputs, monitor)
+        ratio = ratio_of(monitor, segment.played_before)
+        return steps, rows, match(steps, rows, monitor.match, ratio)
+    stamped = source_times_ns(segment, rows)
+    steps = np.zeros(0 if stamped is None else rows.size, PLAYBACK_DTYPE)
+    if stamped is not None:
+        steps["stamp_ns"] = rows["stamp_ns"]
+        for name in ("due_ns", "published_ns", "done_ns"):
+            steps[name] = stamped
+    return steps, rows, match(steps, rows, "order")
+
+
+@dataclass(frozen=True)
+class MatchedMonitor:
+    """The match of one monitor. It is costly, and therefore computed once.
+
+    Attributes:
+        steps: rows of type `PLAYBACK_DTYPE`: the steps that count for the monitor.
+        rows: rows of type `MONITOR_DTYPE`: what it received.
+        ratio: of outputs to steps.
+        matching: how `rows` match `steps`.
+    """
+
+    steps: Rows
+    rows: Rows
+    ratio: Ratio
+    matching: Matching
+
+
+def match_monitor(
+    playback: Rows,
+    rows: Rows,
+    plan: MonitorPlan,
+    inputs: Sequence[InputPlan] = (),
+    played_before: int = 0,
+) -> MatchedMonitor:
+    """Match what a monitor received to what was played.
+
+    Args:
+        playback: rows of type `PLAYBACK_DTYPE`: all steps of the segment.
+        rows: rows of type `MONITOR_DTYPE`.
+        plan: the monitor.
+        inputs: of the plan.
+        played_before: see `Segment`.
+    """
+    steps = select_expected_steps(playback, inputs, plan)
+    ratio = ratio_of(plan, played_before)
+    return MatchedMonitor(steps, rows, ratio, match(steps, rows, plan.match, ratio))

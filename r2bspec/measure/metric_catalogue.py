@@ -5,28 +5,79 @@ Grammar of a metric's name, as a requirement writes it::
     metric = [monitor "."] name ["." part]          latency.p99, detections.latency.p99
            | ("cpu" | "memory") "." process "." part    cpu.apriltag.mean
 
-This module computes nothing and imports no NumPy, so that a spec can be checked with it.
+Also the kinds of truth that messages can be compared with, and the metrics of each. This module
+computes nothing and imports no NumPy, so that a spec can be checked with it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Literal
+from types import MappingProxyType
+from typing import Final, Literal
 
 import msgspec
 from msgspec.structs import replace
 
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.language.requirement_grammar import Bound
-from r2bspec.measure.distribution_parts import PERCENTILES, SHORT_PERCENTILES, quantile
-from r2bspec.measure.errors import MetricError
-from r2bspec.measure.truth_metrics import (
-    BAD_PIXELS,
-    DENSITY,
-    TAG_FALSE,
-    TAG_MISSED,
-    TAG_POSITION_ERROR,
+from r2bspec.language.spec import TruthKind
+from r2bspec.measure.distribution import PERCENTILES, SHORT_PERCENTILES, quantile
+
+
+class MetricError(ValueError):
+    """A dotted name that is not a metric of this run.
+
+    Attributes:
+        known: the valid names in its place.
+        suggestion: the known name most similar to the wrong one, or empty.
+    """
+
+    def __init__(self, message: str, known: tuple[str, ...] = (), suggestion: str = "") -> None:
+        super().__init__(message)
+        self.known = known
+        self.suggestion = suggestion
+
+
+class TruthTraits(msgspec.Struct, frozen=True):
+    """What a kind of truth says, and of what.
+
+    Attributes:
+        format: the type of the messages that can be compared.
+        metrics: their names.
+        named: what ``truth.name`` names in the ground truth.
+    """
+
+    format: str
+    metrics: tuple[str, ...]
+    named: str
+
+
+BAD_PIXELS: Final = "accuracy.disparity_bad_pixels"
+DENSITY: Final = "accuracy.disparity_density"
+TAG_MISSED: Final = "accuracy.tag_missed"
+TAG_FALSE: Final = "accuracy.tag_false"
+TAG_POSITION_ERROR: Final = "accuracy.tag_position_error"
+
+TRUTHS: Final[MappingProxyType[TruthKind, TruthTraits]] = MappingProxyType(
+    {
+        "disparity": TruthTraits(
+            format="stereo_msgs/msg/DisparityImage",
+            metrics=(BAD_PIXELS, DENSITY),
+            named="a stereo pair",
+        ),
+        "tag": TruthTraits(
+            format="geometry_msgs/msg/PoseArray",
+            metrics=(TAG_MISSED, TAG_FALSE, TAG_POSITION_ERROR),
+            named="an image topic",
+        ),
+    }
 )
+
+
+def kind_of(metric: str) -> TruthKind | None:
+    """The kind of truth that a metric needs; None if it needs none."""
+    return next((kind for kind, traits in TRUTHS.items() if metric in traits.metrics), None)
+
 
 Statistic = Literal["percentile", "share", "mean", "observation", "search", "sequential", "truth"]
 """How a bound on the metric is decided: by the exact binomial test on single messages
@@ -191,7 +242,7 @@ _CATALOGUE: tuple[MetricInfo, ...] = (
 
 METRICS: dict[str, MetricInfo] = {info.name: info for info in _CATALOGUE}
 """Every metric by name; ``<process>`` stands for any process, and more percentiles than those
-listed exist (see `r2bspec.measure.distribution_parts.quantile`)."""
+listed exist (see `r2bspec.measure.distribution.quantile`)."""
 
 
 _LIVE_FAMILIES = ("throughput", "latency", "interval", "jitter", "received", "cpu", "memory")

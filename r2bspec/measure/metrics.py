@@ -1,17 +1,36 @@
-"""The metrics of a run as frozen values that serialise to JSON.
+"""The metrics of a run: frozen values that serialise to JSON, and how they come from samples.
 
 Times are seconds, rates hertz, sizes bytes and shares fractions of one; of processor time, one
-core is 1. None is no value: nothing arrived, or nothing was sampled.
+core is 1. None is no value: nothing arrived, or nothing was sampled. Samples become metrics per
+iteration, pooled per rate, and as a range over the iterations. Pooled iterations are as one: counts
+added, messages pooled, rates averaged.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Literal
 
 import msgspec
+import numpy as np
 
-from r2bspec.measure.distribution_parts import Distribution
-from r2bspec.measure.interference import Surroundings
+from r2bspec.measure.distribution import (
+    MAIN_PERCENTILES,
+    PERCENTILES,
+    TAIL_PERCENTILE,
+    Distribution,
+    part_value,
+)
+from r2bspec.measure.hop_latency import HopSamples, pool_hops
+from r2bspec.measure.host_usage import ResourceUse, Surroundings
+from r2bspec.measure.samples import (
+    MonitorSamples,
+    PlaybackSamples,
+    RunSamples,
+    SegmentSamples,
+    StepTimes,
+)
+from r2bspec.measure.times import Seconds, percentile
 from r2bspec.record.run_record import Probe, SearchRecord
 
 
@@ -165,3 +184,234 @@ class RunMetrics(msgspec.Struct, frozen=True, kw_only=True):
     search: SearchRecord | None
     sustained: tuple[Probe, ...]
     incomplete: tuple[str, ...]
+
+
+def pool_monitor(samples: Sequence[MonitorSamples]) -> MonitorSamples:
+    """One monitor over several iterations, at least one.
+
+    Times are concatenated, so that each message weighs the same; no interval spans two
+    iterations. The throughput is the mean of the iterations' throughputs.
+    """
+
+    def total(count: Callable[[MonitorSamples], int]) -> int:
+        return sum(count(one) for one in samples)
+
+    return MonitorSamples(
+        steps=StepTimes(
+            due_ns=np.concatenate([one.steps.due_ns for one in samples]),
+            published_ns=np.concatenate([one.steps.published_ns for one in samples]),
+            received_ns=np.concatenate([one.steps.received_ns for one in samples]),
+        ),
+        times={
+            family: np.concatenate([one.times[family] for one in samples])
+            if all(one.knows(family) for one in samples)
+            else np.empty(0)
+            for family in samples[0].times
+        },
+        sent=total(lambda one: one.sent),
+        answered=total(lambda one: one.answered),
+        received=total(lambda one: one.received),
+        duplicates=total(lambda one: one.duplicates),
+        reordered=total(lambda one: one.reordered),
+        unmatched=total(lambda one: one.unmatched),
+        throughput_hz=sum(one.throughput_hz for one in samples) / len(samples),
+        late=total(lambda one: one.late),
+        early=total(lambda one: one.early),
+        overdue=total(lambda one: one.overdue),
+        surplus=total(lambda one: one.surplus),
+        by_order=samples[0].by_order,
+        untimed=total(lambda one: one.untimed),
+        per_step=samples[0].per_step,
+        hops=pool_hops([one.hops for one in samples]),
+        live=samples[0].live,
+    )
+
+
+def pool_playback(samples: Sequence[PlaybackSamples]) -> PlaybackSamples:
+    """The playback of several iterations, at least one; its rate is the mean of theirs."""
+    return PlaybackSamples(
+        sent=sum(one.sent for one in samples),
+        rate_hz=sum(one.rate_hz for one in samples) / len(samples),
+        lateness=np.concatenate([one.lateness for one in samples]),
+        planned_hz=sum(one.planned_hz for one in samples) / len(samples),
+        live=samples[0].live,
+    )
+
+
+def pool_resource_use(samples: Iterable[ResourceUse | None]) -> ResourceUse | None:
+    """The mean of the means, the largest of the maxima, the sum of the counts; None without any."""
+    known = [one for one in samples if one is not None]
+    if not known:
+        return None
+    means = [one.cpu_mean for one in known if one.cpu_mean is not None]
+    busiest = [one.cpu_max for one in known if one.cpu_max is not None]
+    memory = [one.memory_max_bytes for one in known if one.memory_max_bytes is not None]
+    faults = [one.minor_faults for one in known if one.minor_faults is not None]
+    return ResourceUse(
+        cpu_mean=sum(means) / len(means) if means else None,
+        cpu_max=max(busiest, default=None),
+        memory_max_bytes=max(memory, default=None),
+        minor_faults=sum(faults) if faults else None,
+    )
+
+
+def process_names(samples: Sequence[SegmentSamples]) -> tuple[str, ...]:
+    """The processes that were sampled in any of the segments, in order of appearance."""
+    return tuple(dict.fromkeys(name for one in samples for name in one.processes))
+
+
+def summarise(samples: RunSamples) -> RunMetrics:
+    """The metrics of samples that were read before."""
+    return RunMetrics(
+        rates=tuple(
+            _measure_rate(rate, iterations, samples.reruns, pace_of(samples.mode))
+            for rate, iterations in sorted(samples.iterations.items())
+        ),
+        search=samples.record.search,
+        sustained=samples.record.sustained,
+        incomplete=samples.incomplete,
+    )
+
+
+def measure_segment(samples: SegmentSamples) -> SegmentMetrics:
+    """The metrics of one segment."""
+    sent = 0 if samples.playback.live else samples.playback.sent
+    return SegmentMetrics(
+        segment=samples.segment.id,
+        index=samples.segment.index,
+        playback=_playback(samples.playback),
+        monitors={name: _monitor(seen) for name, seen in samples.monitors.items()},
+        processes={name: _use(used, sent) for name, used in samples.processes.items()},
+        machine=_use(samples.machine) if samples.machine is not None else None,
+        surroundings=samples.surroundings,
+        start=samples.segment.start,
+    )
+
+
+def _measure_rate(
+    rate_hz: float,
+    samples: Sequence[SegmentSamples],
+    reruns: Mapping[str, SegmentSamples],
+    pace: Pace,
+) -> RateMetrics:
+    iterations = tuple(measure_segment(one) for one in samples)
+    return RateMetrics(
+        offered_hz=rate_hz,
+        iterations=iterations,
+        pooled=_pooled(samples),
+        pace=pace,
+        spread={name: _spread(iterations, name) for name in samples[0].monitors},
+        reruns=tuple(
+            measure_segment(again)
+            for one in samples
+            if (again := reruns.get(one.segment.id)) is not None
+        ),
+    )
+
+
+def _pooled(samples: Sequence[SegmentSamples]) -> SegmentMetrics:
+    machine = pool_resource_use(one.machine for one in samples)
+    sent = sum(one.playback.sent for one in samples if not one.playback.live)
+    processes = {
+        name: pool_resource_use(one.processes.get(name) for one in samples)
+        for name in process_names(samples)
+    }
+    return SegmentMetrics(
+        segment="",
+        index=None,
+        playback=_playback(pool_playback([one.playback for one in samples])),
+        monitors={
+            name: _monitor(pool_monitor([one.monitors[name] for one in samples]))
+            for name in samples[0].monitors
+        },
+        processes={name: _use(used, sent) for name, used in processes.items() if used is not None},
+        machine=_use(machine) if machine is not None else None,
+    )
+
+
+def _spread(iterations: Sequence[SegmentMetrics], monitor: str) -> dict[str, Spread]:
+    """The range over the iterations of the main metrics."""
+    seen = [one.monitors[monitor] for one in iterations]
+    columns: dict[str, list[float | None]] = {
+        "throughput.mean": [one.throughput_hz for one in seen],
+        **{
+            f"latency.{part}": [part_value(one.latency, part) for one in seen]
+            for part in ("mean", *MAIN_PERCENTILES, "max")
+        },
+        f"jitter.{TAIL_PERCENTILE}": [part_value(one.jitter, TAIL_PERCENTILE) for one in seen],
+        "drop_rate": [one.drop_rate for one in seen],
+    }
+    known = {
+        name: [value for value in values if value is not None] for name, values in columns.items()
+    }
+    return {
+        name: Spread(low=min(values), high=max(values)) for name, values in known.items() if values
+    }
+
+
+def _monitor(seen: MonitorSamples) -> MonitorMetrics:
+    def known(count: int) -> int | None:
+        return None if seen.live else count
+
+    return MonitorMetrics(
+        sent=known(seen.sent),
+        answered=known(seen.answered),
+        missed=known(seen.missed),
+        drop_rate=seen.missed / seen.expected if seen.expected and not seen.live else None,
+        received=seen.received,
+        duplicates=known(seen.duplicates),
+        reordered=known(seen.reordered),
+        unmatched=known(seen.unmatched),
+        throughput_hz=seen.throughput_hz,
+        latency=distribution(seen.times["latency"]),
+        latency_from_due=distribution(seen.times["latency_from_due"]),
+        interval=distribution(seen.times["interval"]),
+        jitter=distribution(seen.times["jitter"]),
+        late=known(seen.late),
+        early=known(seen.early),
+        overdue=known(seen.overdue),
+        surplus=known(seen.surplus),
+        untimed=seen.untimed,
+        unknown_latency=seen.unknown_latency,
+        hops=tuple(map(_hop, seen.hops)),
+    )
+
+
+def _hop(hop: HopSamples) -> HopMetrics:
+    return HopMetrics(
+        source=hop.source,
+        target=hop.target,
+        matched=int(hop.times.size),
+        missed=hop.missed,
+        latency=distribution(hop.times),
+    )
+
+
+def _playback(played: PlaybackSamples) -> PlaybackMetrics:
+    return PlaybackMetrics(
+        sent=None if played.live else played.sent,
+        rate_hz=None if played.live else played.rate_hz,
+        lateness=distribution(played.lateness),
+    )
+
+
+def _use(used: ResourceUse, sent: int = 0) -> UseMetrics:
+    """The use of a process while this number of steps was played."""
+    known = used.minor_faults is not None and sent > 0
+    return UseMetrics(
+        cpu_mean=used.cpu_mean,
+        cpu_max=used.cpu_max,
+        memory_max_bytes=used.memory_max_bytes,
+        faults_per_message=(used.minor_faults or 0.0) / sent if known else None,
+    )
+
+
+def distribution(times: Seconds) -> Distribution:
+    """Summarise times in seconds; every part is None if there are none."""
+    return Distribution(
+        n=int(times.size),
+        min=percentile(times, 0.0),
+        mean=float(times.mean()) if times.size else None,
+        max=percentile(times, 1.0),
+        **{part: percentile(times, q) for part, q in PERCENTILES.items()},
+    )

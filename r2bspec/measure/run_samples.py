@@ -10,10 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.measure.hop_latency import hop_samples
-from r2bspec.measure.interference import Surroundings, harness_slowdown, host_interference
-from r2bspec.measure.matched_monitor import MatchedMonitor, match_monitor
-from r2bspec.measure.matching import NO_MATCH
-from r2bspec.measure.resource_usage import MACHINE_INDEX, ORPHANS_INDEX, resource_use
+from r2bspec.measure.host_usage import (
+    MACHINE_INDEX,
+    ORPHANS_INDEX,
+    Surroundings,
+    harness_slowdown,
+    host_interference,
+    resource_use,
+)
+from r2bspec.measure.matching import NO_MATCH, MatchedMonitor, match_monitor
 from r2bspec.measure.samples import (
     MonitorSamples,
     RunSamples,

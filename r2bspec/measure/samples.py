@@ -9,21 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.measure.hop_latency import HopSamples
-from r2bspec.measure.interference import Surroundings
-from r2bspec.measure.latency import (
+from r2bspec.measure.host_usage import ResourceUse, Surroundings
+from r2bspec.measure.matching import NO_MATCH, MatchedMonitor, Matching, source_times_ns
+from r2bspec.measure.times import (
     Seconds,
     arrivals,
+    edge_gaps,
     intervals,
     jitter,
     latencies,
     latencies_from_due,
+    mean_rate,
     seconds,
+    throughput,
 )
-from r2bspec.measure.live_segments import source_times_ns
-from r2bspec.measure.matched_monitor import MatchedMonitor
-from r2bspec.measure.matching import NO_MATCH, Matching
-from r2bspec.measure.resource_usage import ResourceUse
-from r2bspec.measure.throughput import EdgeGaps, edge_gaps, mean_rate, throughput
 from r2bspec.record.run_record import RunRecord, Segment
 from r2bspec.record.sample_arrays import Rows
 
@@ -72,7 +71,7 @@ class MonitorSamples:
         per_step: expected outputs per step, on average.
         hops: the path to the monitor, where it is tapped.
         live: whether nothing was played. Each message then counts as a step, and what was sent or
-            missed is unknown, whatever the counts say (`r2bspec.measure.live_segments`).
+            missed is unknown, whatever the counts say (`r2bspec.measure.matching`).
     """
 
     steps: StepTimes
@@ -80,10 +79,10 @@ class MonitorSamples:
     sent: int
     answered: int
     received: int
-    duplicates: int
-    reordered: int
-    unmatched: int
     throughput_hz: float
+    duplicates: int = 0
+    reordered: int = 0
+    unmatched: int = 0
     late: int = 0
     early: int = 0
     overdue: int = 0
@@ -239,10 +238,10 @@ def monitor_samples(segment: Segment, matched_monitor: MatchedMonitor) -> Monito
     matched = matched_monitor.matching
     latency = latencies(playback, monitor, matched)
     arrived = arrivals(monitor, matched)
-    gaps, rate_hz = EdgeGaps(0, 0), 0.0
+    between, rate_hz = np.empty(0), 0.0
     if arrived.size:
         soonest = int(playback["published_ns"][0]) + round(float(latency.min()) * 1e9)
-        gaps = edge_gaps(arrived, soonest, segment.ended_ns)
+        between = intervals_with_edge_gaps(arrived, soonest, segment.ended_ns)
         period_ns = output_period_ns(segment, int(playback.size), matched.per_step)
         due_ns = matched.trigger_steps.size * period_ns
         rate_hz = throughput(arrived, soonest, due_ns, period_ns)
@@ -253,7 +252,7 @@ def monitor_samples(segment: Segment, matched_monitor: MatchedMonitor) -> Monito
             "latency_from_due": latencies_from_due(playback, monitor, matched)
             if matched.pairs_known
             else np.empty(0),
-            "interval": _intervals_with_edge_gaps(arrived, gaps),
+            "interval": between,
             "jitter": jitter(arrived),
         },
         sent=int(playback.size),
@@ -288,7 +287,11 @@ def _step_times(playback: Rows, monitor: Rows, matched: Matching) -> StepTimes:
     return StepTimes(playback["due_ns"][steps], playback["published_ns"][steps], received)
 
 
-def _intervals_with_edge_gaps(arrived: NDArray[np.int64], gaps: EdgeGaps) -> Seconds:
+def intervals_with_edge_gaps(arrived: NDArray[np.int64], soonest_ns: int, ended_ns: int) -> Seconds:
+    """The intervals between outputs, and the gaps at the ends that count (see `edge_gaps`)."""
+    if not arrived.size:
+        return np.empty(0)
+    gaps = edge_gaps(arrived, soonest_ns, ended_ns)
     ends = [gap for gap in (gaps.before_ns, gaps.after_ns) if gap]
     return np.concatenate((intervals(arrived), seconds(np.array(ends, dtype=np.int64))))
 
@@ -309,9 +312,6 @@ def live_samples(segment: Segment, monitor: Rows) -> MonitorSamples:
     stamped = source_times_ns(segment, monitor)
     published = received if stamped is None else stamped
     arrived = np.sort(received)
-    gaps = EdgeGaps(0, 0)
-    if arrived.size:
-        gaps = edge_gaps(arrived, segment.began_ns, segment.ended_ns)
     nothing = np.empty(0)
     return MonitorSamples(
         # Nothing was due: a message is placed at the time of its reception.
@@ -319,15 +319,12 @@ def live_samples(segment: Segment, monitor: Rows) -> MonitorSamples:
         times={
             "latency": nothing if stamped is None else seconds(received - stamped),
             "latency_from_due": nothing,
-            "interval": _intervals_with_edge_gaps(arrived, gaps),
+            "interval": intervals_with_edge_gaps(arrived, segment.began_ns, segment.ended_ns),
             "jitter": jitter(arrived),
         },
         sent=int(arrived.size),
         answered=int(arrived.size),
         received=int(arrived.size),
-        duplicates=0,
-        reordered=0,
-        unmatched=0,
         throughput_hz=throughput(arrived, segment.began_ns, segment.ended_ns - segment.began_ns),
         untimed=_untimed(monitor),
         live=True,

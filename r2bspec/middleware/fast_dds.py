@@ -1,16 +1,21 @@
-"""Fast DDS, which rmw_fastrtps_cpp and its dynamic variant use."""
+"""Fast DDS, which rmw_fastrtps_cpp and its dynamic variant use.
+
+Its XML profile configures a transport and the size of the segments in shared memory. Fast DDS holds
+a lock on ``NAME_el`` as long as a participant uses the segment NAME; if the lock can be taken, no
+participant does. A segment that has lost its lock file is dead if no process maps it. Segments of
+the living, and those of other users, are never touched.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
+import os
+import re
+import stat
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 
-from r2bspec.middleware import fast_dds_shm_files
-from r2bspec.middleware.fast_dds_profile import (
-    SOCKET_BUFFER_BYTES,
-    default_segment_bytes,
-    transport_profile,
-)
 from r2bspec.middleware.middleware import (
     HOST_ONLY,
     PROC,
@@ -19,6 +24,156 @@ from r2bspec.middleware.middleware import (
     SocketBuffers,
     Transport,
 )
+
+_SEGMENT_MESSAGES = 24
+"""How many of the largest message a shared-memory segment holds: a writer's queue of ten, the
+same again on its way through readers, and room for small ones."""
+
+_SEGMENT_MINIMUM = 8 << 20
+_SEGMENT_MAXIMUM = 4095 << 20
+"""The middleware keeps the size in 32 bits."""
+
+# Processes that miss each other's first announcements meet at the next ones. By default there are
+# five of these in half a second, and then one every three seconds, for which every start waited;
+# player and monitor are older than the graph by as long as measuring the harness overhead takes.
+_PROFILE = """\
+<?xml version="1.0" encoding="UTF-8"?>
+<dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <profiles>
+    <transport_descriptors>
+{transports}
+    </transport_descriptors>
+    <participant profile_name="r2bspec" is_default_profile="true">
+      <rtps>
+        <userTransports>{names}</userTransports>
+        <useBuiltinTransports>false</useBuiltinTransports>
+        <builtin>
+          <discovery_config>
+            <leaseAnnouncement><nanosec>500000000</nanosec></leaseAnnouncement>
+            <initialAnnouncements>
+              <count>30</count>
+              <period><nanosec>100000000</nanosec></period>
+            </initialAnnouncements>
+          </discovery_config>
+          <metatrafficUnicastLocatorList><locator/></metatrafficUnicastLocatorList>
+          <initialPeersList>
+            <locator><udpv4><address>127.0.0.1</address></udpv4></locator>
+          </initialPeersList>
+        </builtin>
+      </rtps>
+    </participant>
+  </profiles>
+</dds>
+"""
+
+SOCKET_BUFFER_BYTES = 16 << 20
+"""What each UDP socket asks the kernel for: the fragments of an image of 1920x1200 come as one
+burst, and the kernel counts more than their bytes. It grants no more than net.core.rmem_max and
+wmem_max; with 4 MiB a twentieth of those fragments was lost and sent again."""
+
+_MAX_PARTICIPANTS = 64
+"""How many processes of a domain find each other without multicast; each is asked by its port."""
+
+_UDP = f"""\
+      <transport_descriptor>
+        <transport_id>udp</transport_id>
+        <type>UDPv4</type>
+        <sendBufferSize>{SOCKET_BUFFER_BYTES}</sendBufferSize>
+        <receiveBufferSize>{SOCKET_BUFFER_BYTES}</receiveBufferSize>
+        <maxInitialPeersRange>{_MAX_PARTICIPANTS}</maxInitialPeersRange>
+        <interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList>
+      </transport_descriptor>"""
+
+_SHARED_MEMORY = """\
+      <transport_descriptor>
+        <transport_id>shm</transport_id>
+        <type>SHM</type>
+        <segment_size>{segment}</segment_size>
+        <maxMessageSize>{message}</maxMessageSize>
+      </transport_descriptor>"""
+
+
+def default_segment_bytes(largest_message_bytes: int) -> int:
+    """The size of a shared-memory segment for messages up to this size, in bytes."""
+    wanted = _SEGMENT_MESSAGES * (largest_message_bytes + 4096)
+    return min(max(_SEGMENT_MINIMUM, wanted), _SEGMENT_MAXIMUM)
+
+
+def transport_profile(transport: str, largest_message_bytes: int, segment: int = 0) -> str:
+    """The Fast DDS profile of a transport, as XML.
+
+    Discovery needs UDP, and knows this host only: it asks ports of the loopback device instead of
+    a multicast group. Messages then take shared memory where both sides have it. With the default
+    segment of 512 KiB an image would travel in fragments, at ten times the latency.
+
+    Args:
+        transport: ``shared_memory`` or ``udp``.
+        largest_message_bytes: what a segment is sized by.
+        segment: its size in bytes, where the spec asks for one; 0 otherwise.
+    """
+    if transport == "udp":
+        return _PROFILE.format(transports=_UDP, names="<transport_id>udp</transport_id>")
+    segment = segment or default_segment_bytes(largest_message_bytes)
+    shared = _SHARED_MEMORY.format(segment=segment, message=segment // 2)
+    return _PROFILE.format(
+        transports=f"{shared}\n{_UDP}",
+        names="<transport_id>shm</transport_id><transport_id>udp</transport_id>",
+    )
+
+
+_OTHERS = 0o077
+
+_LOCKS = ("_el", "_sl")
+_FILES = ("fastrtps_*", "fastdds_*", "sem.fastrtps_*", "sem.fastdds_*")
+
+
+def shm_files(memory: Path = SHARED_MEMORY) -> list[str]:
+    """The names of the middleware's files in shared memory, whoever owns them."""
+    return sorted(each.name for pattern in _FILES for each in memory.glob(pattern))
+
+
+def _make_private(file: Path) -> None:
+    descriptor = os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:
+        if os.fstat(descriptor).st_uid == os.geteuid():
+            os.fchmod(descriptor, 0o600)
+    finally:
+        os.close(descriptor)
+
+
+def _lock(memory: Path, name: str) -> Path:
+    return memory / f"{name}_el"
+
+
+def _ours(file: Path, since_s: float) -> bool:
+    status = file.stat()
+    return status.st_uid == os.getuid() and status.st_mtime >= since_s
+
+
+def _is_free(lock: Path) -> bool:
+    with lock.open("rb") as file:
+        try:
+            # Shared, so that two who look at the same time do not see each other.
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+    return True
+
+
+def _mapped(memory: Path, proc: Path) -> set[str]:
+    """The names of segments that some process maps."""
+    found: set[str] = set()
+    pattern = _mapped_pattern(memory)
+    for maps in proc.glob("[0-9]*/maps"):
+        with contextlib.suppress(OSError):
+            found.update(pattern.findall(maps.read_text(errors="replace")))
+    return found
+
+
+def _mapped_pattern(memory: Path) -> re.Pattern[str]:
+    # A line that goes on with "(deleted)" is about an earlier segment of that name.
+    return re.compile(rf"{re.escape(str(memory))}/((?:sem\.)?fast\S+)$", re.MULTILINE)
+
 
 _PORTS_BYTES = 1 << 20
 """What a process takes in addition to its segment: ports, discovery, locks. 0.7 MB were seen."""
@@ -85,25 +240,77 @@ class FastDds(Middleware):
         number = int.from_bytes(gid[4:6], "little")
         return gid[:2] == _VENDOR_ID and any(pid & 0xFFFF == number for pid in pids)
 
-    def readable_shm_files(self) -> list[str]:
-        """Its files are there for as long as a participant is."""
-        return fast_dds_shm_files.readable_shm_files()
+    def readable_shm_files(self, memory: Path = SHARED_MEMORY) -> list[str]:
+        """The names of this user's files that other users may read."""
+        found = []
+        for name in shm_files(memory):
+            with contextlib.suppress(OSError):
+                status = (memory / name).lstat()
+                readable = stat.S_ISREG(status.st_mode) and status.st_mode & _OTHERS
+                if readable and status.st_uid == os.geteuid():
+                    found.append(name)
+        return found
 
-    def make_shm_files_private(self, pids: Iterable[int]) -> None:
-        """The segments and ports that these processes map."""
-        fast_dds_shm_files.make_shm_files_private(pids)
+    def make_shm_files_private(
+        self, pids: Iterable[int], memory: Path = SHARED_MEMORY, proc: Path = PROC
+    ) -> None:
+        """Take all rights to the segments of some processes from other users.
+
+        Fast DDS gives them the mode 0644 whatever the umask.
+        """
+        readable = set(self.readable_shm_files(memory))
+        if not readable:
+            return
+        pattern = _mapped_pattern(memory)
+        for pid in pids:
+            with contextlib.suppress(OSError):
+                maps = (proc / str(pid) / "maps").read_text(errors="replace")
+                for name in readable.intersection(pattern.findall(maps)):
+                    _make_private(memory / name)
 
     def dead_shm_files(
         self, memory: Path = SHARED_MEMORY, proc: Path = PROC, since_s: float = 0.0
     ) -> list[str]:
-        """The names of segments whose processes are dead."""
-        return fast_dds_shm_files.dead_shm_files(memory, proc, since_s)
+        """The names of this user's segments that nobody uses; nothing is changed.
+
+        Args:
+            memory: the folder of shared memory.
+            proc: the folder of processes.
+            since_s: only what was made after this time counts (seconds since the epoch).
+        """
+        # A lock may be all that is left of a segment.
+        names = {each.name.removesuffix("_el") for each in memory.glob("fast*")}
+        mapped: set[str] | None = None
+        dead = []
+        for name in sorted(each for each in names if not each.endswith(_LOCKS)):
+            lock = _lock(memory, name)
+            with contextlib.suppress(OSError):
+                if lock.exists():
+                    free = _ours(lock, since_s) and _is_free(lock)
+                elif _ours(memory / name, since_s):
+                    mapped = _mapped(memory, proc) if mapped is None else mapped
+                    free = name not in mapped
+                else:
+                    free = False
+                if free:
+                    dead.append(name)
+        return dead
 
     def remove_dead_shm_files(
         self, memory: Path = SHARED_MEMORY, proc: Path = PROC, since_s: float = 0.0
     ) -> list[str]:
-        """Remove those segments, with their locks."""
-        return fast_dds_shm_files.remove_dead_shm_files(memory, proc, since_s)
+        """Remove the segments that `dead_shm_files` finds; returns their names."""
+        removed = []
+        for name in self.dead_shm_files(memory, proc, since_s):
+            with contextlib.suppress(OSError), contextlib.ExitStack() as held:
+                if _lock(memory, name).exists():
+                    # Held until all is gone, so that nobody takes up what is being removed.
+                    file = held.enter_context(_lock(memory, name).open("rb"))
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                for each in (memory / name, memory / f"sem.{name}_mutex", _lock(memory, name)):
+                    each.unlink(missing_ok=True)
+                removed.append(name)
+        return removed
 
 
 MIDDLEWARE = FastDds()

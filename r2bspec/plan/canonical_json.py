@@ -17,7 +17,6 @@ from r2bspec.language import value_codec
 from r2bspec.language.default_starts import MAX_STARTS
 from r2bspec.plan.errors import PLAN_BROKEN, PLAN_FOREIGN, PLAN_UNREADABLE, PlanError
 from r2bspec.plan.plan import Plan, PlayPlan
-from r2bspec.plan.retired_fields import without_retired_fields
 from r2bspec.untrusted.safe_file import read_bytes
 from r2bspec.untrusted.safe_json import MAX_JSON_BYTES, decode_json
 
@@ -67,14 +66,11 @@ def parse_plan(data: bytes, name: str) -> Plan:
     """Read a plan from its JSON; `name` is its name in messages.
 
     Raises:
-        PlanError: as for `read_plan`, except R2B610; or the plan needs what this version no longer
-            has (R2B619).
+        PlanError: as for `read_plan`, except R2B610.
     """
     _check_header(data, name)
     try:
-        plan = decode_json(
-            without_retired_fields(data, name), Plan, dec_hook=_decode, free=_PASSED_ON
-        )
+        plan = decode_json(data, Plan, dec_hook=_decode, free=_PASSED_ON)
         _check_ranges(plan)
     except (msgspec.DecodeError, ValueError) as error:
         raise PlanError(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from r2bspec._version import __version__
+from r2bspec.bags.recording import merge_indexes
 from r2bspec.language.spec import BagSource, Objective, Pacing, Spec
 from r2bspec.plan.monitor_plans import plan_monitors
 from r2bspec.plan.plan import (
@@ -25,7 +26,6 @@ from r2bspec.plan.step_plans import plan_after_ready, plan_ready, plan_setup
 from r2bspec.plan.topic_plans import plan_inputs, plan_topics
 from r2bspec.wiring.build_wiring import build_wiring, harness_topic
 from r2bspec.wiring.companion_files import NO_COMPANION_FILES, CompanionFiles
-from r2bspec.wiring.merge_bags import merge_indexes
 from r2bspec.wiring.node_interface import InterfaceTable
 from r2bspec.wiring.wiring import Wiring
 

@@ -10,7 +10,6 @@ from r2bspec.exit_status import ExitStatus
 PLAN_UNREADABLE: Final = "R2B610"
 PLAN_FOREIGN: Final = "R2B611"
 PLAN_BROKEN: Final = "R2B612"
-PLAN_UNSUPPORTED: Final = "R2B619"
 
 
 class PlanError(R2bspecError):

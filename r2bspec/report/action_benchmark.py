@@ -8,7 +8,7 @@ from typing import Any
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics.plain_text import escaped_json
-from r2bspec.measure.distribution_parts import MAIN_PERCENTILES, part_value
+from r2bspec.measure.distribution import MAIN_PERCENTILES, part_value
 from r2bspec.measure.metrics import MonitorMetrics, RateMetrics
 from r2bspec.measure.units import at_rate, show_range
 from r2bspec.report.report_wording import peak_text

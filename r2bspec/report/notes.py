@@ -19,7 +19,7 @@ from r2bspec.judge.run_limits import FIRST_START_ALONE, WITHOUT_BURST, particula
 from r2bspec.judge.verdict import DisturbedIteration, RequirementVerdict
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import at_rate, show
-from r2bspec.middleware.rmw_registry import middleware_named
+from r2bspec.middleware.middleware import middleware_named
 from r2bspec.record.run_record import Probe, ProfileRecord, StartRecord
 from r2bspec.report.harness_wording import joined_notes, overhead_notes
 from r2bspec.report.headline import headline

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict
-from r2bspec.measure.distribution_parts import PARTS, Distribution, part_value
+from r2bspec.measure.distribution import PARTS, Distribution, part_value
 from r2bspec.measure.metrics import MonitorMetrics, SegmentMetrics, UseMetrics
 from r2bspec.record.run_record import FloorRecord
 

@@ -16,7 +16,7 @@ from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics.plain_text import harmless
 from r2bspec.diagnostics.quote import printable, printable_lines
 from r2bspec.judge.result import Result
-from r2bspec.measure.distribution_parts import SHORT_PERCENTILES, part_title
+from r2bspec.measure.distribution import SHORT_PERCENTILES, part_title
 from r2bspec.measure.units import show, show_rate
 from r2bspec.report.report_wording import OUTCOME_WORDS
 from r2bspec.report.suite_summary import SuiteRow, SuiteRun, SuiteSummary

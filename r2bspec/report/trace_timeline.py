@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from r2bspec.measure.expected_steps import match_segment
-from r2bspec.measure.resource_usage import MACHINE_INDEX, spaced_indices
+from r2bspec.measure.host_usage import MACHINE_INDEX, spaced_indices
+from r2bspec.measure.matching import match_segment
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import Segment
 

@@ -1,7 +1,7 @@
 """Reading a node's topics and parameters from its Python source, without running it.
 
 A class is supported if its only base class is `Node`, and if no other code can create topics or
-parameters of the node (`r2bspec.wiring.self_references`). Every call of `create_publisher`,
+parameters of the node (`r2bspec.wiring.python_source`). Every call of `create_publisher`,
 `create_subscription` and `declare_parameter` on `self` must have literal arguments, and be a
 statement of the constructor outside of loops and branches. Otherwise the publishers, subscriptions
 or parameters of the node are unknown.
@@ -19,8 +19,13 @@ from typing import Literal
 from r2bspec.language.spec import QoS
 from r2bspec.untrusted.safe_file import ByteBudget, read_bytes
 from r2bspec.wiring.node_interface import InterfaceEntry, ParameterInfo, ParameterType
-from r2bspec.wiring.self_references import PARAMETER_METHODS, method_of_self, self_references
-from r2bspec.wiring.source_names import SourceNames
+from r2bspec.wiring.python_source import (
+    PARAMETER_METHODS,
+    SourceNames,
+    is_name,
+    method_of_self,
+    self_references,
+)
 
 _MAX_FILE_BYTES = 300_000
 """The parser needs up to 700 bytes of memory for each byte."""
@@ -63,21 +68,6 @@ class _PartialInterface:
     )
     parameters: dict[str, ParameterInfo] | None = field(default_factory=dict)
     qos: dict[str, QoS] = field(default_factory=dict)
-
-
-def read_node_source(
-    source: Path, name: str, folder: Path | None = None, budget: ByteBudget | None = None
-) -> InterfaceEntry | None:
-    """The interface of the class `name` in a file, or None if it is unknown.
-
-    Args:
-        source: the file.
-        name: the class.
-        folder: where the file must be; by default anywhere.
-        budget: what this file and others may have together.
-    """
-    tree = read_python_file(source, folder, budget)
-    return None if tree is None else read_node_class(tree, name)
 
 
 def read_python_file(
@@ -150,7 +140,7 @@ def _passes_keywords_unchanged(found: ast.ClassDef) -> bool:
         if any(
             isinstance(each, ast.Call)
             and method_of_self(each) == "__init__"
-            and any(one.arg is None and not _is_name(one.value, own) for one in each.keywords)
+            and any(one.arg is None and not is_name(one.value, own) for one in each.keywords)
             for each in ast.walk(method)
         ):
             return False
@@ -161,19 +151,15 @@ def _harmless_uses(node: ast.AST, name: str) -> int:
     """How often a node directly uses a map without changing it or giving it another name."""
     match node:
         case ast.keyword(arg=None, value=value) | ast.If(test=value):
-            return _is_name(value, name)
+            return is_name(value, name)
         case (
             ast.Call(func=ast.Attribute(value=value, attr="get" | "pop"))
             | ast.Subscript(value=value, ctx=ast.Load())
         ):
-            return _is_name(value, name)
+            return is_name(value, name)
         case ast.Compare():
-            return sum(_is_name(each, name) for each in (node.left, *node.comparators))
+            return sum(is_name(each, name) for each in (node.left, *node.comparators))
     return 0
-
-
-def _is_name(node: ast.AST, name: str) -> bool:
-    return isinstance(node, ast.Name) and node.id == name
 
 
 def _forget(method: str, found: _PartialInterface) -> None:

@@ -14,18 +14,18 @@ from collections.abc import Iterator, Mapping
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.spec import Node, QoS, Spec
 from r2bspec.wiring.companion_files import NO_COMPANION_FILES, CompanionFiles
-from r2bspec.wiring.known_packages import catalogue_entry
 from r2bspec.wiring.name_resolution import Remapper, expand, join_namespaces, node_name
 from r2bspec.wiring.node_interface import (
     Interface,
     InterfaceEntry,
     InterfaceTable,
     NamingContext,
+    catalogue_entry,
     interface_of,
     reference_node_interfaces,
 )
-from r2bspec.wiring.node_start import KEYWORDS
 from r2bspec.wiring.parameter_files import merged_parameters
+from r2bspec.wiring.python_source import KEYWORDS
 from r2bspec.wiring.wiring import Endpoint, NodeWiring, PhaseWiring, Wiring
 
 TF_MESSAGE_TYPE = "tf2_msgs/msg/TFMessage"
@@ -231,16 +231,16 @@ def _node_endpoints(nodes: tuple[NodeWiring, ...]) -> Iterator[Endpoint]:
     for node in nodes:
         interface = node.interface
         remapper = Remapper(node.node.remappings, node.key, node.namespace)
-        for own_name, kind in (interface.subscribes or {}).items():
-            declared = interface.subscribes_from == "spec"
-            yield _endpoint(
-                node, remapper, own_name, kind, "subscribes" if declared else "", is_publisher=False
-            )
-        for own_name, kind in (interface.publishes or {}).items():
-            declared = interface.publishes_from == "spec"
-            yield _endpoint(
-                node, remapper, own_name, kind, "publishes" if declared else "", is_publisher=True
-            )
+        for section, topics, origin in (
+            ("subscribes", interface.subscribes, interface.subscribes_from),
+            ("publishes", interface.publishes, interface.publishes_from),
+        ):
+            declared_under = section if origin == "spec" else ""
+            publishes = section == "publishes"
+            for own_name, kind in (topics or {}).items():
+                yield _endpoint(
+                    node, remapper, own_name, kind, declared_under, is_publisher=publishes
+                )
 
 
 def _endpoint(

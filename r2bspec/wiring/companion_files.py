@@ -22,14 +22,13 @@ from r2bspec.untrusted import safe_file
 from r2bspec.untrusted.git import find_work_tree
 from r2bspec.untrusted.safe_yaml import load_values
 from r2bspec.wiring.ast_reader import read_node_class, read_python_file
-from r2bspec.wiring.node_interface import InterfaceEntry, parse_interface_entry
-from r2bspec.wiring.node_start import NodeStart, read_node_start
+from r2bspec.wiring.node_interface import InterfaceEntry, origin_difference, parse_interface_entry
 from r2bspec.wiring.parameter_files import (
     ParameterEffort,
     ParameterFile,
     read_parameter_file,
 )
-from r2bspec.wiring.record_origin import difference
+from r2bspec.wiring.python_source import NodeStart, read_node_start
 
 INTERFACES_FOLDER = "interfaces"
 """The folder next to a spec with recorded interfaces, one file for each node."""
@@ -125,7 +124,7 @@ class CompanionReader:
         found = self._interface(key)
         if not isinstance(found, InterfaceEntry) or found.recorded_from is None:
             return found
-        return difference(found.recorded_from, node, self._base_dir) or found
+        return origin_difference(found.recorded_from, node, self._base_dir) or found
 
     def _interface(self, key: str) -> InterfaceEntry | str | None:
         if key not in self._interfaces:

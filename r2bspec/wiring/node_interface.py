@@ -3,13 +3,15 @@
 The sources, in order of precedence: ``publishes:`` and ``subscribes:`` in the spec, the node's file
 in the folder `interfaces` next to the spec if it was recorded from this node, the catalogue of
 known packages, the table of the reference nodes, and the source of a Python node next to the spec.
-Nothing is guessed: what no source describes is None.
+Nothing is guessed: what no source describes is None. A recorded interface is used for nothing else
+than what it was recorded from: a node of another spec may have the same key, and a node may change
+after it was recorded.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
@@ -18,9 +20,73 @@ import msgspec
 
 from r2bspec.language import value_codec
 from r2bspec.language.spec import Node, ParameterValue, QoS
+from r2bspec.untrusted import safe_file
 from r2bspec.untrusted.safe_yaml import load_values
 from r2bspec.wiring.name_resolution import expand, remap
-from r2bspec.wiring.record_origin import RecordOrigin
+
+_MAX_FILE_BYTES = 64_000_000
+
+
+class RecordOrigin(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """What an interface was recorded from.
+
+    Attributes:
+        target: the node as the spec names it: its class, its package and plugin, or its command.
+        sha256: of its files in the folder of the spec; empty if there are none.
+        version: of its ROS package; empty if unknown.
+    """
+
+    target: str = ""
+    sha256: str = ""
+    version: str = ""
+
+
+def node_target(node: Node) -> str:
+    """A node as the spec names it."""
+    if node.package:
+        return f"{node.package} {node.plugin or node.executable}"
+    import shlex
+
+    return node.python or shlex.join(node.command)
+
+
+def files_digest(node: Node, base_dir: Path) -> str:
+    """SHA-256 of the files of a node in the folder of its spec; empty if there are none."""
+    import hashlib
+
+    digest = hashlib.sha256()
+    found = False
+    for name in _files(node):
+        try:
+            data = safe_file.read_bytes(
+                base_dir / name, max_bytes=_MAX_FILE_BYTES, folders=(base_dir,)
+            )
+        except (OSError, ValueError):
+            continue
+        found = True
+        digest.update(hashlib.sha256(data).digest())
+    return digest.hexdigest() if found else ""
+
+
+def _files(node: Node) -> Iterator[str]:
+    place, colon, _ = node.python.rpartition(":")
+    if colon:
+        yield place
+    yield from (word for word in node.command if "/" in word or word.endswith(".py"))
+
+
+def origin_difference(origin: RecordOrigin, node: Node, base_dir: Path) -> str:
+    """Why a recorded interface is not that of a node; empty if it may be.
+
+    The version of a package is not compared here: it differs between machines.
+    """
+    target = node_target(node)
+    if origin.target != target:
+        return f"it was recorded from {origin.target!r}, and the node is {target!r}"
+    if origin.sha256 and origin.sha256 != files_digest(node, base_dir):
+        return f"{target!r} has changed since it was recorded"
+    return ""
+
 
 _TABLE = Path(__file__).parents[1] / "nodes" / "interfaces.yaml"
 _PARAMETER = re.compile(r"\$\(parameter ([^)]*)\)")
@@ -43,7 +109,7 @@ InterfaceSource = Literal["spec", "file", "catalogue", "table", "source", ""]
 """The source of a part of an interface; empty if it is unknown."""
 
 
-class ParameterInfo(msgspec.Struct, frozen=True):
+class ParameterInfo(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A declared parameter: its ROS type, empty if unknown, and its default, if any."""
 
     type: ParameterType | Literal[""]
@@ -139,18 +205,11 @@ class _InterfaceRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     subscribes: dict[str, str] | None = None
     publishes: dict[str, str] | None = None
-    parameters: dict[str, _Parameter] | None = None
+    parameters: dict[str, ParameterInfo] | None = None
     services: dict[str, str] | None = None
     qos: dict[str, QoS] | None = None
     executable: str = ""
     recorded_from: RecordOrigin | None = None
-
-
-class _Parameter(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A declared parameter in an interface file."""
-
-    type: ParameterType | Literal[""]
-    default: ParameterValue | None = None
 
 
 def parse_interface_entry(
@@ -162,11 +221,10 @@ def parse_interface_entry(
         msgspec.ValidationError: the row is invalid.
     """
     read = msgspec.convert(row, _InterfaceRow, dec_hook=value_codec.decode)
-    parameters = (read.parameters or {}).items()
     return InterfaceEntry(
         subscribes=read.subscribes or {},
         publishes=read.publishes or {},
-        parameters={name: ParameterInfo(each.type, each.default) for name, each in parameters},
+        parameters=read.parameters or {},
         services=read.services or {},
         qos=read.qos or {},
         executable=read.executable,
@@ -195,26 +253,18 @@ def interface_of(
         naming = NamingContext(remappings=node.remappings, parameters=node.parameters)
     entry = table.get(node.python) if node.python else None
     entries = (*sources, *((entry,) if entry is not None else ()))
-    subscribes_entry = next((each for each in entries if each.subscribes is not None), None)
-    publishes_entry = next((each for each in entries if each.publishes is not None), None)
-    parameters_entry = next((each for each in entries if each.parameters is not None), None)
+    unknown = InterfaceEntry(None, None, None, origin="")
+    subscribes_entry = next((row for row in entries if row.subscribes is not None), unknown)
+    publishes_entry = next((row for row in entries if row.publishes is not None), unknown)
+    parameters_entry = next((row for row in entries if row.parameters is not None), unknown)
     return Interface(
         subscribes=node.subscribes
-        or _topics(subscribes_entry, subscribes_entry and subscribes_entry.subscribes, naming),
-        publishes=node.publishes
-        or _topics(publishes_entry, publishes_entry and publishes_entry.publishes, naming),
-        parameters=None if parameters_entry is None else parameters_entry.parameters,
-        subscribes_from="spec"
-        if node.subscribes
-        else subscribes_entry.origin
-        if subscribes_entry
-        else "",
-        publishes_from="spec"
-        if node.publishes
-        else publishes_entry.origin
-        if publishes_entry
-        else "",
-        parameters_from=parameters_entry.origin if parameters_entry else "",
+        or _topics(subscribes_entry, subscribes_entry.subscribes, naming),
+        publishes=node.publishes or _topics(publishes_entry, publishes_entry.publishes, naming),
+        parameters=parameters_entry.parameters,
+        subscribes_from="spec" if node.subscribes else subscribes_entry.origin,
+        publishes_from="spec" if node.publishes else publishes_entry.origin,
+        parameters_from=parameters_entry.origin,
         type_parameters=_type_parameters(entries, naming),
         qos={name: qos for each in reversed(entries) for name, qos in each.qos.items()},
         other_remappable_names=tuple(
@@ -227,9 +277,9 @@ def interface_of(
 
 
 def _topics(
-    entry: InterfaceEntry | None, topics: Mapping[str, str] | None, naming: NamingContext
+    entry: InterfaceEntry, topics: Mapping[str, str] | None, naming: NamingContext
 ) -> dict[str, str] | None:
-    if entry is None or topics is None:
+    if topics is None:
         return None
     return {
         _substitute_parameters(_derived_topic(name, naming), naming, entry): _substitute_parameters(
@@ -280,3 +330,35 @@ def _substitute_parameters(text: str, naming: NamingContext, entry: InterfaceEnt
         return "" if declared is None or declared.default is None else str(declared.default)
 
     return _PARAMETER.sub(value, text)
+
+
+_FOLDER = Path(__file__).parent / "catalogue"
+ROS_DISTRIBUTION = "ROS 2 Jazzy"
+"""The distribution whose packages the catalogue describes."""
+
+
+@cache
+def catalogue_packages() -> frozenset[str]:
+    """The packages in the catalogue."""
+    return frozenset(file.stem for file in _FOLDER.glob("*.yaml"))
+
+
+@cache
+def catalogue_nodes(package: str) -> InterfaceTable:
+    """The nodes of a package by plugin; empty if the catalogue does not have the package."""
+    if package not in catalogue_packages():
+        return {}
+    described_package = f"{package} of {ROS_DISTRIBUTION}"
+    return read_interface_table(
+        _FOLDER / f"{package}.yaml", origin="catalogue", described_package=described_package
+    )
+
+
+def catalogue_entry(node: Node) -> InterfaceEntry | None:
+    """The catalogue entry of a node, if there is one."""
+    if not node.package:
+        return None
+    known = catalogue_nodes(node.package)
+    if node.plugin:
+        return known.get(node.plugin)
+    return next((each for each in known.values() if each.executable == node.executable), None)

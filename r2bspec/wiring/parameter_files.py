@@ -135,17 +135,6 @@ def read_parameter_file(
     return ParameterFile(nodes)
 
 
-def limited(file: ParameterFile, number_of_nodes: int) -> ParameterFile:
-    """The file, or why it cannot be used by that many nodes: each gets values of its own."""
-    total = file.number_of_values * number_of_nodes
-    if total <= MAX_VALUES_OF_NODES:
-        return file
-    return ParameterFile(
-        problem=f"has {file.number_of_values:,} values for {number_of_nodes:,} nodes; "
-        f"the limit is {MAX_VALUES_OF_NODES:,} together"
-    )
-
-
 class ParameterEffort:
     """What the parameter files of a spec cost, over all of its files and cases."""
 
@@ -153,8 +142,15 @@ class ParameterEffort:
         self._left = MAX_VALUES_OF_CASES
 
     def limited(self, file: ParameterFile, number_of_nodes: int) -> ParameterFile:
-        """The file, or why it cannot be used by that many nodes of one more case."""
-        file = limited(file, number_of_nodes)
+        """The file, or why it cannot be used by that many nodes of one more case.
+
+        Each node gets values of its own.
+        """
+        if file.number_of_values * number_of_nodes > MAX_VALUES_OF_NODES:
+            return ParameterFile(
+                problem=f"has {file.number_of_values:,} values for {number_of_nodes:,} nodes; "
+                f"the limit is {MAX_VALUES_OF_NODES:,} together"
+            )
         total = (file.number_of_values + file.number_of_wildcards) * number_of_nodes
         if total > self._left:
             return ParameterFile(

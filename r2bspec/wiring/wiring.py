@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -12,7 +12,7 @@ import msgspec
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.spec import Node, ParameterValue, QoS
 from r2bspec.wiring.node_interface import Interface
-from r2bspec.wiring.node_start import KEYWORDS, NodeStart
+from r2bspec.wiring.python_source import KEYWORDS, NodeStart
 
 Phase = Literal["preprocess", "measure"]
 ProcessRole = Literal["host", "container", "command"]
@@ -160,36 +160,30 @@ class PhaseWiring:
 
     def downstream_of(self, topics: Iterable[str]) -> frozenset[str]:
         """The topics reachable from `topics` through nodes, including themselves."""
+        return self._reachable(topics, self.subscriptions)
+
+    def upstream_of(self, topic: str) -> frozenset[str]:
+        """The topics from which `topic` is reachable through nodes, including itself."""
+        return self._reachable([topic], self.publishers)
+
+    def _reachable(
+        self, topics: Iterable[str], entered_by: Callable[[str], tuple[Endpoint, ...]]
+    ) -> frozenset[str]:
+        """Walk through the nodes that own an endpoint of a topic, to their opposite endpoints."""
         visited: set[str] = set()
         pending = list(topics)
         while pending:
             topic = pending.pop()
-            if topic not in visited:
-                visited.add(topic)
-                owners = {each.owner for each in self.subscriptions(topic) if each.is_node}
-                pending += [
-                    each.topic
-                    for owner in owners
-                    for each in self.endpoints_of(owner)
-                    if each.is_publisher
-                ]
-        return frozenset(visited)
-
-    def upstream_of(self, topic: str) -> frozenset[str]:
-        """The topics from which `topic` is reachable through nodes, including itself."""
-        visited: set[str] = set()
-        pending = [topic]
-        while pending:
-            name = pending.pop()
-            if name not in visited:
-                visited.add(name)
-                owners = {each.owner for each in self.publishers(name) if each.is_node}
-                pending += [
-                    each.topic
-                    for owner in owners
-                    for each in self.endpoints_of(owner)
-                    if not each.is_publisher
-                ]
+            if topic in visited:
+                continue
+            visited.add(topic)
+            entries = [entry for entry in entered_by(topic) if entry.is_node]
+            pending += [
+                endpoint.topic
+                for entry in entries
+                for endpoint in self.endpoints_of(entry.owner)
+                if endpoint.is_publisher != entry.is_publisher
+            ]
         return frozenset(visited)
 
 

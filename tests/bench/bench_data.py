@@ -61,7 +61,7 @@ def sha256sum(bag: Path) -> int:
 
 
 def hash_of_r2bspec(bag: Path) -> int:
-    from r2bspec.bags.digest import hash_files
+    from r2bspec.bags.integrity import hash_files
 
     hash_files(bag)
     return size(bag)

@@ -17,7 +17,7 @@ pytest.importorskip("rclpy")
 from r2bspec import api
 from r2bspec.execute.errors import ProcessFailedError
 from r2bspec.execute.progress import NullProgress
-from r2bspec.middleware.fast_dds_shm_files import shm_files
+from r2bspec.middleware.fast_dds import shm_files
 from ros_runs import Bench, left_behind, note_segments, relay_spec
 from ros_runs import nothing_left as nothing_left
 

@@ -10,7 +10,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("distributed")
 
 from fleet_hosts import HANG_S, Client, Fleet, fleet
-from r2bspec.bags.digest import hash_files
+from r2bspec.bags.integrity import hash_files
 from r2bspec.fleet.transfer import PIECE_BYTES
 from ros_runs import Bench, relay_spec
 from ros_runs import nothing_left as nothing_left

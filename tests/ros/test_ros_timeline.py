@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from r2bspec.measure.expected_steps import match_segment
+from r2bspec.measure.matching import match_segment
 from r2bspec.measure.run_samples import read_samples
 from ros_runs import (
     IMAGE,

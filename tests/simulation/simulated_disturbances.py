@@ -22,7 +22,7 @@ from simulated_worlds import bursts
 
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.judge_samples import judge
-from r2bspec.measure.interference import Surroundings
+from r2bspec.measure.host_usage import Surroundings
 from r2bspec.measure.samples import RunSamples
 from run_simulation import objective
 

@@ -24,7 +24,7 @@ from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.interference_policy import InterferencePolicy
 from r2bspec.judge.pair_comparison import PairSet, confirmation_terms, judge_pair_set
 from r2bspec.judge.pair_interference import InterleavedRuns
-from r2bspec.measure.interference import Surroundings
+from r2bspec.measure.host_usage import Surroundings
 from r2bspec.measure.samples import RunSamples
 from r2bspec.record.comparison_folder import Side
 from run_simulation import objective

@@ -22,7 +22,7 @@ from r2bspec.judge.statistics.effective_sample_size import SampleDesign, effecti
 from r2bspec.judge.statistics.hierarchical_interval import hierarchical_interval
 from r2bspec.judge.statistics.order_statistics import RankedMessages, percentile_interval
 from r2bspec.language.confidence import CONFIRMATION_CONFIDENCE
-from r2bspec.measure.percentiles import rank
+from r2bspec.measure.times import rank
 
 Values = NDArray[np.float64]
 Parts = tuple[tuple[float, float, float], ...]

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.bags.dataset_record import DISPARITY_NAME, GROUND_TRUTH_NAME
+from r2bspec.bags.recording import DISPARITY_NAME, GROUND_TRUTH_NAME
 from r2bspec.datasets.ground_truth import DISPARITY_PARTS, GroundTruth
 
 

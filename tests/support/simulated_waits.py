@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.measure.interference import Surroundings
-from r2bspec.measure.matched_monitor import match_monitor
+from r2bspec.measure.host_usage import Surroundings
+from r2bspec.measure.matching import match_monitor
 from r2bspec.measure.samples import MonitorSamples, monitor_samples
 from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE

@@ -17,11 +17,9 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from r2bspec.bags.compression import decompress_message
-from r2bspec.bags.errors import STORAGE_UNREADABLE, DataError
-from r2bspec.bags.metadata import normalise_type
+from r2bspec.bags.errors import STORAGE_UNREADABLE, DataError, unreadable
 from r2bspec.bags.recording import Message
-from r2bspec.bags.storage.storage import StoredTopic
+from r2bspec.bags.storage.storage import decompress_message, stored_topic
 from r2bspec.untrusted.decompression_budget import (
     DecompressionBudget,
     check_piece,
@@ -69,13 +67,8 @@ class McapStorage:
         statistics = file.statistics
         self._connections: list[Connection] = reader.connections
         self.topics = tuple(
-            StoredTopic(
-                each.topic,
-                normalise_type(each.msgtype),
-                str(getattr(each.ext, "serialization_format", "cdr")),
-                statistics.channel_message_counts.get(each.id, 0),
-            )
-            for each in self._connections
+            stored_topic(connection, statistics.channel_message_counts.get(connection.id, 0))
+            for connection in self._connections
         )
         self.message_count = statistics.message_count
         self.start_ns = statistics.start_time
@@ -159,11 +152,10 @@ def _is_indexed(file: Any) -> bool:
 def _check_counts(stated: Counter[int], found: Counter[int], display_path: Path) -> None:
     # A file may be written without statistics.
     if +stated and +stated != +found:
-        raise DataError(
-            f"{display_path} cannot be read: its summary states {stated.total():,} messages, but"
-            f" it has {found.total():,}",
-            code=STORAGE_UNREADABLE,
-            hint="the file is damaged; 'mcap recover' writes its readable messages to a new one",
+        raise unreadable(
+            display_path,
+            f"its summary states {stated.total():,} messages, but it has {found.total():,}",
+            "the file is damaged; 'mcap recover' writes its readable messages to a new one",
         )
 
 
@@ -176,11 +168,7 @@ def _check_profile(path: Path, display_path: Path) -> None:
     with open_regular(path) as stream:
         head = stream.read(len(_MAGIC) + 13)
         if len(head) < len(_MAGIC) + 13 or not head.startswith(_MAGIC) or head[8] != _HEADER_RECORD:
-            raise DataError(
-                f"{display_path} cannot be read: it does not begin like an MCAP file",
-                code=STORAGE_UNREADABLE,
-                hint="the file is damaged or incomplete; copy or record it again",
-            )
+            raise unreadable(display_path, "it does not begin like an MCAP file")
         (length,) = struct.unpack_from("<I", head, 17)
         profile = stream.read(min(length, 64)).decode(errors="replace")
     if profile != "ros2":

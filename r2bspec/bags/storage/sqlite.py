@@ -9,11 +9,9 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from r2bspec.bags.compression import decompress_ahead
-from r2bspec.bags.errors import RECORDING_NOT_CLOSED, STORAGE_UNREADABLE, DataError
-from r2bspec.bags.metadata import normalise_type
+from r2bspec.bags.errors import RECORDING_NOT_CLOSED, DataError, unreadable
 from r2bspec.bags.recording import Message
-from r2bspec.bags.storage.storage import StoredTopic, check_topics
+from r2bspec.bags.storage.storage import check_topics, decompress_ahead, stored_topic
 from r2bspec.untrusted.decompression_budget import DecompressionBudget
 from r2bspec.untrusted.errors import RefusedDataError
 from r2bspec.untrusted.safe_file import is_regular, open_regular
@@ -51,13 +49,7 @@ class SqliteStorage:
             _restrict(self._reader.storage)
             self._stack = stack.pop_all()
         self.topics = tuple(
-            StoredTopic(
-                each.topic,
-                normalise_type(each.msgtype),
-                str(getattr(each.ext, "serialization_format", "cdr")),
-                each.msgcount,
-            )
-            for each in self._reader.connections
+            stored_topic(connection, connection.msgcount) for connection in self._reader.connections
         )
         self.message_count = self._reader.message_count
         self.start_ns = self._reader.start_time
@@ -66,11 +58,11 @@ class SqliteStorage:
         topic_total = sum(each.count for each in self.topics)
         if topic_total != self.message_count:
             self.close()
-            raise DataError(
-                f"{display_path} cannot be read: it has {self.message_count:,} messages "
-                f"by its index, but {topic_total:,} by its topics",
-                code=STORAGE_UNREADABLE,
-                hint="the file is damaged; copy or record it again",
+            raise unreadable(
+                display_path,
+                f"it has {self.message_count:,} messages by its index, but {topic_total:,} by its "
+                "topics",
+                "the file is damaged; copy or record it again",
             )
 
     def messages(
@@ -181,11 +173,7 @@ def _check_complete(path: Path, display_path: Path) -> None:
     with open_regular(path) as stream:
         head = stream.read(_HEADER_BYTES)
     if len(head) < _HEADER_BYTES or not head.startswith(_MAGIC):
-        raise DataError(
-            f"{display_path} cannot be read: it is not a sqlite3 database",
-            code=STORAGE_UNREADABLE,
-            hint="the file is damaged or incomplete; copy or record it again",
-        )
+        raise unreadable(display_path, "it is not a sqlite3 database")
     (page_bytes,) = struct.unpack_from(">H", head, 16)
     changed, pages = struct.unpack_from(">II", head, 24)
     (valid_for,) = struct.unpack_from(">I", head, 92)
@@ -193,10 +181,10 @@ def _check_complete(path: Path, display_path: Path) -> None:
     expected = pages * (65_536 if page_bytes == 1 else page_bytes)
     found = path.stat().st_size
     if changed == valid_for and found < expected:
-        raise DataError(
-            f"{display_path} cannot be read: it has {found:,} bytes of {expected:,}",
-            code=STORAGE_UNREADABLE,
-            hint="the file is incomplete; copy or record it again",
+        raise unreadable(
+            display_path,
+            f"it has {found:,} bytes of {expected:,}",
+            "the file is incomplete; copy or record it again",
         )
     for suffix, magics in _JOURNALS.items():
         journal = path.with_name(path.name + suffix)

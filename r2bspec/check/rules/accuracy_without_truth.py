@@ -10,7 +10,7 @@ from r2bspec.check.rule_api import (
     known_metrics,
     quote,
 )
-from r2bspec.measure.truth_metrics import TRUTHS, kind_of
+from r2bspec.measure.metric_catalogue import TRUTHS, kind_of
 
 
 def _find(context: Context) -> Findings:

@@ -18,7 +18,7 @@ from r2bspec.check.rule_api import (
     quote,
     value_key,
 )
-from r2bspec.wiring.known_packages import catalogue_packages
+from r2bspec.wiring.node_interface import catalogue_packages
 
 _MAX_RELATED = 5
 """How many further places of a package a finding shows."""

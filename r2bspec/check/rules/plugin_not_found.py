@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote, suggestion, value_key
 from r2bspec.language.node_kinds import PLUGIN
-from r2bspec.wiring.known_packages import ROS_DISTRIBUTION, catalogue_nodes
+from r2bspec.wiring.node_interface import ROS_DISTRIBUTION, catalogue_nodes
 
 
 def _find(context: Context) -> Findings:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 from r2bspec.check.rule_api import Context, Finding, Findings, Rule
-from r2bspec.middleware.rmw_registry import RMW_VARIABLE, refuse_transport, selected_rmw
+from r2bspec.middleware.middleware import RMW_VARIABLE, refuse_transport, selected_rmw
 
 
 def _find(context: Context) -> Findings:

@@ -1,15 +1,48 @@
-"""The rooms of the sequences and the way the rig moves in each."""
+"""The rooms of the sequences, and the way the rig moves in each."""
 
 from __future__ import annotations
 
 import random
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
-from r2bspec.datasets.scene.geometry import Vector
-from r2bspec.datasets.scene.motion import Motion, Track
-from r2bspec.datasets.scene.room import Box, Room
+from r2bspec.datasets.scene.motion import Motion, Track, Vector
 from r2bspec.datasets.scene.tag import Tag
+
+FACES_PER_BOX = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """An axis-aligned box, metres."""
+
+    low_m: Vector
+    high_m: Vector
+
+    @property
+    def corners(self) -> tuple[Vector, ...]:
+        """Its eight corners."""
+        pairs = tuple(zip(self.low_m, self.high_m, strict=True))
+        return tuple((x, y, z) for x in pairs[0] for y in pairs[1] for z in pairs[2])
+
+
+@dataclass(frozen=True)
+class Room:
+    """The world: the inside of one box and the outsides of others.
+
+    Surfaces are numbered: box * 6 + axis * 2 + side; the shell is box 0. `side` is 1 where the
+    ray that hits runs along the axis, 0 where it runs against it.
+    """
+
+    shell: Box
+    boxes: tuple[Box, ...]
+    seed: int
+
+    @cached_property
+    def surface_count(self) -> int:
+        """How many numbers surfaces have."""
+        return FACES_PER_BOX * (1 + len(self.boxes))
+
 
 # The minimum distance of all objects from the path of the rig.
 _CLEARANCE_M = 1.0

@@ -15,7 +15,7 @@ import msgspec
 
 from r2bspec.execute.host.resource_sampler import ResourceSampler
 from r2bspec.judge.affected_iterations import interference_reasons, largest_taken_share
-from r2bspec.measure.interference import Surroundings, host_interference
+from r2bspec.measure.host_usage import Surroundings, host_interference
 from r2bspec.record.sample_arrays import Rows
 
 _OWN_PRESSURE: Final = 1.0

@@ -12,7 +12,7 @@ from typing import Any
 import psutil
 
 from r2bspec._version import __version__
-from r2bspec.middleware.rmw_registry import middleware_of, selected_rmw
+from r2bspec.middleware.middleware import middleware_of, selected_rmw
 
 
 def describe_machine() -> dict[str, Any]:

@@ -22,7 +22,7 @@ from r2bspec.execute.host.interference_counters import InterferenceReader, busy_
 from r2bspec.execute.host.orphaned_processes import OrphanFinder
 from r2bspec.execute.host.page_faults import minor_faults
 from r2bspec.execute.host.run_queue_waits import RunQueueWaits
-from r2bspec.measure.resource_usage import CONTROLLER_INDEX, MACHINE_INDEX, ORPHANS_INDEX
+from r2bspec.measure.host_usage import CONTROLLER_INDEX, MACHINE_INDEX, ORPHANS_INDEX
 
 if TYPE_CHECKING:
     from r2bspec.record.sample_arrays import Rows

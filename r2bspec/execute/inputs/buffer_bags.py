@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.has_header import begins_with_header
+from r2bspec.bags.bag_writer import begins_with_header
 from r2bspec.bags.recording import Message, Window
 from r2bspec.execute.inputs.transform_schedule import merge_static
 from r2bspec.execute.progress import Progress

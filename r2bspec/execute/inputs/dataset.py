@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from r2bspec.bags.digest import hash_files
+from r2bspec.bags.integrity import hash_files
 from r2bspec.bags.recording import Window
 from r2bspec.datasets.locate_bag import locate
 from r2bspec.datasets.synthesis import make

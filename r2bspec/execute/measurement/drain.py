@@ -11,8 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Literal
 
-from r2bspec.measure.matched_monitor import MatchedMonitor
-from r2bspec.measure.matching import NO_MATCH
+from r2bspec.measure.matching import NO_MATCH, MatchedMonitor
 
 DRAIN_POLL_S = 0.01
 _MIN_DRAIN_QUIET_S = 0.3

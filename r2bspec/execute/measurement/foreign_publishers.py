@@ -10,7 +10,7 @@ import os
 
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
-from r2bspec.middleware.rmw_registry import RMW_VARIABLE, middleware_of
+from r2bspec.middleware.middleware import RMW_VARIABLE, middleware_of
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.taps import all_taps
 

@@ -23,10 +23,9 @@ from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import RowReader
 from r2bspec.ipc.schedule import Schedule
-from r2bspec.measure.expected_steps import select_expected_steps
-from r2bspec.measure.matching import match
-from r2bspec.measure.percentiles import percentile
+from r2bspec.measure.matching import match, select_expected_steps
 from r2bspec.measure.step_stamps import StepStamps
+from r2bspec.measure.times import percentile
 from r2bspec.plan.plan import InputPlan, MonitorPlan, Plan
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS, FloorRecord
 from r2bspec.record.sample_arrays import Rows

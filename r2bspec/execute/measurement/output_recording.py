@@ -14,19 +14,18 @@ from pathlib import Path
 
 import numpy as np
 
-from r2bspec.bags.output_bag import (
+from r2bspec.bags.bag_writer import (
     LATENCY_TYPE,
-    OutputMessage,
     latency_message,
     write_output_bag,
 )
+from r2bspec.bags.recording import Message
 from r2bspec.execute.measurement.message_recording import MessageRecording
 from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.message_log import read_messages
-from r2bspec.measure.expected_steps import select_expected_steps
-from r2bspec.measure.matching import NO_MATCH, match, ratio_of
+from r2bspec.measure.matching import NO_MATCH, match, ratio_of, select_expected_steps
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import MONITOR_FIELDS, Segment
@@ -135,7 +134,7 @@ def _messages(
     *,
     began_ns: int,
     offset_ns: int,
-) -> Iterator[OutputMessage]:
+) -> Iterator[Message]:
     """The messages of a topic from `began_ns` on, each followed by its latency."""
     for received_ns, latency_ns, data in zip(
         rows["received_ns"].tolist(), latencies.tolist(), read_messages(content), strict=False
@@ -143,6 +142,6 @@ def _messages(
         if received_ns < began_ns:
             continue
         time_ns = received_ns + offset_ns
-        yield OutputMessage(topic, time_ns, data)
+        yield Message(topic=topic, time_ns=time_ns, data=data)
         if latency_topic and latency_ns != NO_MATCH:
-            yield OutputMessage(latency_topic, time_ns, latency_message(latency_ns))
+            yield Message(topic=latency_topic, time_ns=time_ns, data=latency_message(latency_ns))

@@ -59,7 +59,7 @@ class ProgressView:
 
         A message that is still under way is not in it, nor one that was lost.
         """
-        from r2bspec.measure.percentiles import percentile
+        from r2bspec.measure.times import percentile
 
         # Monitors first: a step that is in the monitors' rows must be in the player's.
         received = [(by_stamp, *rows.latest()) for by_stamp, rows in self._monitors]

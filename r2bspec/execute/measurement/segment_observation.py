@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from r2bspec.measure.matched_monitor import MatchedMonitor, match_monitor
+from r2bspec.measure.matching import MatchedMonitor, match_monitor
 from r2bspec.measure.samples import SegmentSamples, monitor_samples, playback_samples
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_record import Segment

@@ -18,8 +18,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from r2bspec.datasets.ground_truth import GroundTruth
-from r2bspec.datasets.read_truth import read_disparity, read_ground_truth
+from r2bspec.datasets.ground_truth import GroundTruth, read_disparity, read_ground_truth
 from r2bspec.execute.measurement.message_recording import MessageRecording
 from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, SegmentPlayer
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
@@ -28,10 +27,8 @@ from r2bspec.ipc.buffers import read_index, read_stamps
 from r2bspec.ipc.message_log import read_messages
 from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
-from r2bspec.measure.disparity_accuracy import DisparityAccuracy
-from r2bspec.measure.expected_steps import select_expected_steps
-from r2bspec.measure.matching import NO_MATCH, match, ratio_of
-from r2bspec.measure.tag_accuracy import TagAccuracy, TagPose
+from r2bspec.measure.matching import NO_MATCH, match, ratio_of, select_expected_steps
+from r2bspec.measure.truth_accuracy import DisparityAccuracy, TagAccuracy, TagPose
 from r2bspec.plan.plan import MonitorPlan, Plan, TruthPlan
 from r2bspec.record.run_record import (
     MONITOR_FIELDS,
@@ -193,7 +190,7 @@ Outputs = Sequence[tuple[frozenset[int], Any]]
 
 
 def _decoded(kind: str, outputs: Sequence[tuple[frozenset[int], bytes]]) -> Outputs:
-    from r2bspec.datasets.scene.messages import typestore
+    from r2bspec.bags.bag_writer import typestore
 
     store = typestore()
     return [(stamps, store.deserialize_cdr(data, kind)) for stamps, data in outputs]

@@ -14,8 +14,7 @@ from types import MappingProxyType
 
 from r2bspec.execute.processes.secret_references import SecretReferences
 from r2bspec.ipc.protocol import MODULES_FOLDER_VARIABLE, RUN_ID_VARIABLE
-from r2bspec.middleware.middleware import Transport
-from r2bspec.middleware.rmw_registry import inherited_variables, middleware_of
+from r2bspec.middleware.middleware import Transport, inherited_variables, middleware_of
 from r2bspec.plan.plan import Plan
 
 _INHERITED_PATTERNS = (

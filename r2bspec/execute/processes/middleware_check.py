@@ -9,8 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from r2bspec.execute.errors import MiddlewareError
-from r2bspec.middleware.middleware import TransportKind
-from r2bspec.middleware.rmw_registry import RMW_VARIABLE, refuse_transport, selected_rmw
+from r2bspec.middleware.middleware import (
+    RMW_VARIABLE,
+    TransportKind,
+    refuse_transport,
+    selected_rmw,
+)
 from r2bspec.plan.plan import Plan
 
 

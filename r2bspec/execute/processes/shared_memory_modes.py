@@ -6,7 +6,7 @@ import os
 import time
 from collections.abc import Callable, Iterable
 
-from r2bspec.middleware.rmw_registry import middleware_of
+from r2bspec.middleware.middleware import middleware_of
 
 _PERIOD_S = 0.1
 _ATTEMPTS = 20

@@ -27,7 +27,7 @@ from r2bspec.ipc import protocol
 from r2bspec.ipc.disk_errors import is_refusal
 from r2bspec.ipc.process_cleanup import clean_up, run_processes
 from r2bspec.ipc.sessions import SessionLeader
-from r2bspec.middleware.rmw_registry import middleware_of
+from r2bspec.middleware.middleware import middleware_of
 from r2bspec.private_files import PRIVATE_UMASK
 from r2bspec.record.run_record import ProcessRecord
 

@@ -7,7 +7,7 @@ the value is not a sample of anything, and has no interval: it is compared with 
 from __future__ import annotations
 
 from r2bspec.judge.decision import Answer, Decider, Question
-from r2bspec.measure.truth_metrics import kind_of
+from r2bspec.measure.metric_catalogue import kind_of
 from r2bspec.measure.units import show
 from r2bspec.record.run_record import AccuracyRecord, RunRecord
 

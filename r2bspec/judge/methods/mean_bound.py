@@ -22,10 +22,10 @@ from r2bspec.judge.statistics.hierarchical_interval import (
 )
 from r2bspec.judge.statistics.t_interval import iterations_to_settle
 from r2bspec.judge.verdict import Outcome
-from r2bspec.measure.latency import Seconds
 from r2bspec.measure.metric_catalogue import MetricInfo
 from r2bspec.measure.metric_values import metric_value
 from r2bspec.measure.samples import LOSS_SENSITIVE_FAMILIES, SegmentSamples, starts_of
+from r2bspec.measure.times import Seconds
 from r2bspec.measure.units import show
 
 _MAX_ITERATIONS = 200

@@ -14,9 +14,9 @@ from r2bspec.judge.decision import Answer, Decider, Question
 from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.verdict_wording import counted_noun
 from r2bspec.measure.metric_values import metric_value
-from r2bspec.measure.percentiles import percentile
-from r2bspec.measure.pooling import pool_monitor
+from r2bspec.measure.metrics import pool_monitor
 from r2bspec.measure.samples import LOSS_SENSITIVE_FAMILIES, MonitorSamples
+from r2bspec.measure.times import percentile
 from r2bspec.measure.units import show
 
 _COUNT_METRICS = ("sent", "received", "missed", "duplicates", "reordered", "unmatched")

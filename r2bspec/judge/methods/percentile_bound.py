@@ -27,8 +27,8 @@ from r2bspec.judge.statistics.order_statistics import (
 )
 from r2bspec.judge.verdict import Outcome, ShareTest
 from r2bspec.judge.verdict_wording import level_sentence, share_sentence
-from r2bspec.measure.latency import Seconds
 from r2bspec.measure.samples import LOSS_SENSITIVE_FAMILIES
+from r2bspec.measure.times import Seconds
 
 
 def judge_percentile(question: Question) -> Answer:

@@ -1,7 +1,7 @@
 """``latency.p99 < 50 ms in 99 % of 1 s windows``: the exact binomial test over windows.
 
-Each complete window of each iteration (`r2bspec.measure.windows`) has a value of the metric, and
-either meets the bound or does not. At most a share 1 - SHARE of all windows may not. That is a
+Each complete window of each iteration (`r2bspec.measure.metric_values`) has a value of the metric,
+and either meets the bound or does not. At most a share 1 - SHARE of all windows may not. That is a
 bound on a percentile of the windows' values, and is judged as one: with the effective number of
 windows, for bad windows come in bursts as bad messages do. For a lower limit the values are
 negated.
@@ -32,10 +32,10 @@ from r2bspec.judge.statistics.order_statistics import (
 )
 from r2bspec.judge.verdict import Outcome, ShareTest
 from r2bspec.judge.verdict_wording import counted_noun, share_sentence
-from r2bspec.measure.latency import Seconds
+from r2bspec.measure.metric_values import WindowValues, has_windows, window_values
 from r2bspec.measure.samples import LOSS_SENSITIVE_FAMILIES
+from r2bspec.measure.times import Seconds
 from r2bspec.measure.units import show
-from r2bspec.measure.windows import WindowValues, has_windows, window_values
 
 
 def judge_windows(question: Question) -> Answer:

@@ -41,7 +41,7 @@ from r2bspec.judge.statistics.effective_sample_size import (
     pad_rows,
 )
 from r2bspec.judge.statistics.level_interval import LevelMargin, level_margin
-from r2bspec.measure.percentiles import rank
+from r2bspec.measure.times import rank
 
 _EXACT_LEVELS = 16
 _LEVEL_GROWTH = 1.2

@@ -10,7 +10,7 @@ import json
 from typing import Any
 
 from r2bspec.compare.report_input import ReportInput
-from r2bspec.measure.distribution_parts import MAIN_PERCENTILES, part_value
+from r2bspec.measure.distribution import MAIN_PERCENTILES, part_value
 from r2bspec.measure.metrics import RateMetrics
 from r2bspec.measure.units import rate_name
 

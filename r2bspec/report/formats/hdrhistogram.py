@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.compare.report_input import ReportInput
-from r2bspec.measure.percentiles import rank
 from r2bspec.measure.samples import known_latencies
+from r2bspec.measure.times import rank
 from r2bspec.report.errors import ReportError
 
 _TICKS_PER_HALF = 5

@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import Verdict
-from r2bspec.measure.distribution_parts import (
+from r2bspec.measure.distribution import (
     MAIN_PERCENTILES,
     SHORT_PERCENTILES,
     part_title,

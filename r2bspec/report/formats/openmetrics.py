@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.verdict import EXIT_CODES
-from r2bspec.measure.distribution_parts import PERCENTILES, Distribution, part_value
+from r2bspec.measure.distribution import PERCENTILES, Distribution, part_value
 from r2bspec.measure.metrics import RateMetrics
 from r2bspec.measure.units import rate_name
 from r2bspec.record.run_record import FloorRecord

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from r2bspec.diagnostics.quote import printable
 from r2bspec.judge.result import Result
-from r2bspec.measure.distribution_parts import PERCENTILES, part_value
+from r2bspec.measure.distribution import PERCENTILES, part_value
 from r2bspec.measure.metrics import MonitorMetrics, RateMetrics
 from r2bspec.measure.units import show_rate
 from r2bspec.report.html.canvas import (

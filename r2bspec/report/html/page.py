@@ -10,7 +10,7 @@ import msgspec
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.verdict import RequirementVerdict
-from r2bspec.measure.distribution_parts import (
+from r2bspec.measure.distribution import (
     MAIN_PERCENTILES,
     PARTS,
     SHORT_PERCENTILES,

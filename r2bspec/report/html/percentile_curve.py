@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from r2bspec.diagnostics.quote import printable
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
-from r2bspec.measure.distribution_parts import quantile
+from r2bspec.measure.distribution import quantile
 from r2bspec.measure.metrics import pace_of
 from r2bspec.measure.samples import RunSamples, SegmentSamples, known_latencies
 from r2bspec.measure.units import at_rate, show, show_rate

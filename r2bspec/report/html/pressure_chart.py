@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from r2bspec.measure.resource_usage import spaced_indices
+from r2bspec.measure.host_usage import spaced_indices
 from r2bspec.record.sample_arrays import Rows
 from r2bspec.report.html.canvas import ChartBuilder, colour, line_style
 from r2bspec.report.html.svg import PALETTE

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.measure.expected_steps import match_segment
+from r2bspec.measure.matching import match_segment
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import Segment
 

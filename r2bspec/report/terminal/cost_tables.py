@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rich.console import Group, RenderableType
 
-from r2bspec.measure.distribution_parts import TAIL_PERCENTILE, part_title, part_value
+from r2bspec.measure.distribution import TAIL_PERCENTILE, part_title, part_value
 from r2bspec.measure.metrics import RateMetrics, RunMetrics, UseMetrics
 from r2bspec.measure.units import show, show_rate, significant
 from r2bspec.record.run_record import FloorRecord

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from rich.console import Group, RenderableType
 
-from r2bspec.measure.distribution_parts import SHORT_PERCENTILES, part_title, part_value
+from r2bspec.measure.distribution import SHORT_PERCENTILES, part_title, part_value
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import at_rate, show
 from r2bspec.report.terminal.style import heading, table

@@ -9,7 +9,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from r2bspec.judge.result import Result
-from r2bspec.measure.distribution_parts import (
+from r2bspec.measure.distribution import (
     MAIN_PERCENTILES,
     SHORT_PERCENTILES,
     TAIL_PERCENTILE,

@@ -17,8 +17,7 @@ from r2bspec.datasets.sequences import describe
 from r2bspec.language.load_spec import load_spec
 from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.compile_plan import compile_plan
-from r2bspec.plan.dot import to_dot
-from r2bspec.plan.mermaid import to_mermaid
+from r2bspec.plan.drawing import to_dot, to_mermaid
 from r2bspec.plan.plan import Plan
 
 HERE = Path(__file__).parent

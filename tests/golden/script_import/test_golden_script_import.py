@@ -21,7 +21,7 @@ from r2bspec.interop.script_import.script_mistakes import find_mistakes
 from r2bspec.interop.script_import.spec_builder import build_spec
 from r2bspec.language.load_spec import load_spec
 from r2bspec.plan.compile_plan import compile_plan
-from r2bspec.plan.mermaid import to_mermaid
+from r2bspec.plan.drawing import to_mermaid
 from r2bspec.report.findings import text
 
 HERE = Path(__file__).parent / "scripts"

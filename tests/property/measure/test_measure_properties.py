@@ -6,11 +6,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.measure.latency import arrivals, intervals, jitter, latencies
-from r2bspec.measure.matched_monitor import MatchedMonitor
-from r2bspec.measure.matching import Ratio, match
-from r2bspec.measure.percentiles import percentile
+from r2bspec.measure.matching import MatchedMonitor, Ratio, match
 from r2bspec.measure.samples import monitor_samples
+from r2bspec.measure.times import arrivals, intervals, jitter, latencies, percentile
 from r2bspec.measure.units import show
 from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE, Rows

@@ -27,7 +27,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from r2bspec.wiring.ast_reader import read_node_source
+from r2bspec.wiring.ast_reader import read_node_class, read_python_file
 from r2bspec.wiring.name_resolution import expand
 from r2bspec.wiring.node_interface import InterfaceEntry
 
@@ -326,6 +326,12 @@ def test_what_is_read_is_what_runs(context: Context, tmp_path: Path) -> None:
     assert known["runs"] > 5 * known["does not run"], known
     for part in ("publishes", "subscribes", "parameters"):
         assert known[part] > known["runs"] / 5, known
+
+
+def read_node_source(file: Path, name: str) -> InterfaceEntry | None:
+    """The interface of the class of a file."""
+    tree = read_python_file(file)
+    return None if tree is None else read_node_class(tree, name)
 
 
 def compared(read: InterfaceEntry | None, node: Node) -> list[str]:

@@ -8,8 +8,8 @@ from typing import Literal
 import pytest
 
 from data_bags import chatter, text, write_bag
-from r2bspec.bags.digest import hash_content, hash_files
 from r2bspec.bags.errors import DataError
+from r2bspec.bags.integrity import hash_content, hash_files
 from r2bspec.bags.recording import Window
 
 

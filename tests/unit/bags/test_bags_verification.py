@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from data_bags import chatter, storage_file, write_bag
+from r2bspec.bags.integrity import verify
 from r2bspec.bags.recording import SyntheticDataset
-from r2bspec.bags.verification import verify
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from r2bspec.bags import has_header
+from r2bspec.bags.bag_writer import begins_with_header
 from r2bspec.check import message_types
 from r2bspec.check.message_text import pluralize, quoted_list, suggestion
 from r2bspec.check.parameter_types import parameter_type
@@ -14,7 +14,7 @@ from r2bspec.check.parameter_types import parameter_type
 
 def test_the_frequent_types_are_what_rosbags_says() -> None:
     for name in message_types.WITH_HEADER | message_types.WITHOUT_HEADER:
-        assert has_header.begins_with_header(name) is (name in message_types.WITH_HEADER)
+        assert begins_with_header(name) is (name in message_types.WITH_HEADER)
     assert message_types.begins_with_header("geometry_msgs/msg/WrenchStamped") is True
     assert message_types.begins_with_header("geometry_msgs/msg/Wrench") is False
     assert message_types.begins_with_header("my_msgs/msg/Thing") is None

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.middleware.rmw_registry import RMW_VARIABLE
+from r2bspec.middleware.middleware import RMW_VARIABLE
 
 ROOT = Path(__file__).parents[3]
 SPEC = ROOT / "specs" / "relay.r2b.yaml"

@@ -13,11 +13,18 @@ from data_bags import decoded, pixels, stamp_ns
 from ground_truth_files import read_disparity, read_ground_truth
 from r2bspec.bags.recording import SyntheticDataset
 from r2bspec.datasets.scene import rig
-from r2bspec.datasets.scene.geometry import BODY_FROM_OPTICAL, Pose, quaternion, transpose
-from r2bspec.datasets.scene.lidar import cloud_dtype
-from r2bspec.datasets.scene.motion import GRAVITY_M_S2, Motion, Track
-from r2bspec.datasets.scene.render import camera_pose, render_depth
+from r2bspec.datasets.scene.cameras import camera_pose
+from r2bspec.datasets.scene.motion import (
+    BODY_FROM_OPTICAL,
+    GRAVITY_M_S2,
+    Motion,
+    Pose,
+    Track,
+    quaternion,
+    transpose,
+)
 from r2bspec.datasets.scene.scenes import find_scene
+from r2bspec.datasets.scene.sensors import cloud_dtype, render_depth
 from r2bspec.datasets.sequences import SEQUENCES
 
 START_NS = SEQUENCES["r2b_storage"].start_ns

@@ -8,26 +8,32 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from r2bspec.datasets.scene import rig
-from r2bspec.datasets.scene.lens import Lens
-from r2bspec.datasets.scene.render import camera_pose, render_depth, render_image
+from r2bspec.datasets.scene.cameras import (
+    Camera,
+    Lens,
+    camera_pose,
+    image_bounds,
+    project,
+    undistorted,
+)
 from r2bspec.datasets.scene.scenes import find_scene
-from r2bspec.datasets.scene.view import image_bounds, project, undistorted
+from r2bspec.datasets.scene.sensors import render_depth, render_image
 
 HAWK = (rig.LEFT_HAWK, rig.RIGHT_HAWK)
 
 
-def lens_of(camera: rig.Camera) -> Lens:
+def lens_of(camera: Camera) -> Lens:
     assert camera.lens is not None
     return camera.lens
 
 
-def matrix_of(camera: rig.Camera) -> NDArray[np.float64]:
+def matrix_of(camera: Camera) -> NDArray[np.float64]:
     (cx, cy), focal = camera.center_px, camera.focal_px
     return np.array([[focal, 0.0, cx], [0.0, focal, cy], [0.0, 0.0, 1.0]])
 
 
 @pytest.mark.parametrize("camera", HAWK)
-def test_points_appear_where_opencv_projects_them(camera: rig.Camera) -> None:
+def test_points_appear_where_opencv_projects_them(camera: Camera) -> None:
     cv2 = pytest.importorskip("cv2")
     rng = np.random.default_rng(1)
     points = np.column_stack([rng.uniform(-4, 4, (50, 2)), rng.uniform(4, 9, 50)])
@@ -40,7 +46,7 @@ def test_points_appear_where_opencv_projects_them(camera: rig.Camera) -> None:
 
 
 @pytest.mark.parametrize("camera", HAWK)
-def test_the_inverse_is_one_up_to_the_corners(camera: rig.Camera) -> None:
+def test_the_inverse_is_one_up_to_the_corners(camera: Camera) -> None:
     columns, rows = np.linspace(0, camera.width - 1, 40), np.linspace(0, camera.height - 1, 30)
     x, y = undistorted(camera, columns, rows)
     for row, line in enumerate(rows):
@@ -60,7 +66,7 @@ def test_the_lens_moves_points_by_more_than_a_matcher_tolerates() -> None:
 
 @pytest.mark.parametrize("camera", HAWK)
 def test_what_the_camera_shows_becomes_the_ideal_image_by_rectification(
-    camera: rig.Camera,
+    camera: Camera,
 ) -> None:
     cv2 = pytest.importorskip("cv2")
     scene = find_scene("r2b_storage")
@@ -76,7 +82,7 @@ def test_what_the_camera_shows_becomes_the_ideal_image_by_rectification(
 
 
 @pytest.mark.parametrize("camera", HAWK)
-def test_bounds_contain_every_pixel_of_every_box(camera: rig.Camera) -> None:
+def test_bounds_contain_every_pixel_of_every_box(camera: Camera) -> None:
     """Boxes are looked for inside their bounds only: the depth must be that of the whole search."""
     scene = find_scene("r2b_datacenter")
     pose = camera_pose(scene.motion.pose(2.0), camera)

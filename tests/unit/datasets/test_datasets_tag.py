@@ -15,12 +15,11 @@ from ground_truth_files import read_ground_truth
 from r2bspec.bags.recording import SyntheticDataset
 from r2bspec.datasets.ground_truth import CameraTruth, TagSighting
 from r2bspec.datasets.scene import rig
-from r2bspec.datasets.scene.board import tag_pose
-from r2bspec.datasets.scene.geometry import BODY_FROM_OPTICAL, Pose
-from r2bspec.datasets.scene.lens import Lens
-from r2bspec.datasets.scene.render import camera_pose, render_image
+from r2bspec.datasets.scene.cameras import Lens, camera_pose
+from r2bspec.datasets.scene.motion import BODY_FROM_OPTICAL, Pose
 from r2bspec.datasets.scene.scenes import find_scene
-from r2bspec.datasets.scene.tag import board_cells
+from r2bspec.datasets.scene.sensors import render_image
+from r2bspec.datasets.scene.tag import board_cells, tag_pose
 
 IMAGE_TOPICS = [
     "/d455_1_rgb_image",

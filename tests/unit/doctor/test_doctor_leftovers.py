@@ -15,10 +15,15 @@ from pathlib import Path
 import pytest
 
 from r2bspec.doctor.checkup import System
-from r2bspec.doctor.dead_shm_files import dead_shm_files
-from r2bspec.doctor.leftovers import check_leftovers, clean, find_leftovers
-from r2bspec.doctor.run_processes import find_runs
-from r2bspec.doctor.scratch_folders import abandoned_scratch, unfinished_datasets
+from r2bspec.doctor.leftovers import (
+    abandoned_scratch,
+    check_leftovers,
+    clean,
+    dead_shm_files,
+    find_leftovers,
+    find_runs,
+    unfinished_datasets,
+)
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 
 WATCHDOG = "r2bspec.harness.watchdog"
@@ -222,7 +227,7 @@ def test_a_dataset_that_nobody_makes_any_more_is_unfinished(tmp_path: Path) -> N
     with FileLock(tmp_path / ".locks" / "alive.lock"):
         program = (
             "import sys; from pathlib import Path\n"
-            "from r2bspec.doctor.scratch_folders import unfinished_datasets\n"
+            "from r2bspec.doctor.leftovers import unfinished_datasets\n"
             "print([each.name for each in unfinished_datasets(Path(sys.argv[1]))])"
         )
         said = subprocess.run(

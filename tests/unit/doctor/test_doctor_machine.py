@@ -10,11 +10,13 @@ from pathlib import Path
 import pytest
 
 from r2bspec.doctor.checkup import CheckResult, System, worst_status
-from r2bspec.doctor.dataset_disk import check_datasets
-from r2bspec.doctor.processor import check_processor
-from r2bspec.doctor.shared_memory import check_shared_memory
-from r2bspec.doctor.socket_buffers import check_sockets
-from r2bspec.middleware.fast_dds_profile import SOCKET_BUFFER_BYTES
+from r2bspec.doctor.machine import (
+    check_datasets,
+    check_processor,
+    check_shared_memory,
+    check_sockets,
+)
+from r2bspec.middleware.fast_dds import SOCKET_BUFFER_BYTES
 
 Usage = namedtuple("Usage", "total used free")
 

@@ -13,11 +13,9 @@ from typing import Any
 
 import pytest
 
-from r2bspec.doctor import opencv_check, ros_installation
+from r2bspec.doctor import installation
 from r2bspec.doctor.checkup import CheckResult, System
-from r2bspec.doctor.import_check import probe_imports
-from r2bspec.doctor.opencv_check import check_vision
-from r2bspec.doctor.ros_installation import check_ros
+from r2bspec.doctor.installation import check_ros, check_vision, probe_imports
 
 MISSING = {"error": "ModuleNotFoundError: No module named 'rclpy'"}
 
@@ -34,8 +32,7 @@ def here(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
         def answer(_system: System, *names: str) -> dict[str, dict[str, Any]]:
             return {name: known.get(name, imported()) for name in names}
 
-        monkeypatch.setattr(ros_installation, "probe_imports", answer)
-        monkeypatch.setattr(opencv_check, "probe_imports", answer)
+        monkeypatch.setattr(installation, "probe_imports", answer)
         monkeypatch.setattr(
             importlib.metadata,
             "distributions",
@@ -46,7 +43,7 @@ def here(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
 
 def rclpy(rmw: str = "rmw_fastrtps_cpp") -> dict[str, dict[str, Any]]:
-    return {ros_installation._MIDDLEWARE: imported(rmw)}
+    return {installation._MIDDLEWARE: imported(rmw)}
 
 
 def by_name(checks: list[CheckResult]) -> dict[str, CheckResult]:
@@ -54,7 +51,7 @@ def by_name(checks: list[CheckResult]) -> dict[str, CheckResult]:
 
 
 def test_without_rclpy_there_is_a_problem_and_a_way_out(here: Callable[..., None]) -> None:
-    here({ros_installation._MIDDLEWARE: MISSING})
+    here({installation._MIDDLEWARE: MISSING})
     checks = by_name(check_ros(System(environ={})))
     assert checks["rclpy"].status == "problem"
     assert "r2bspec[ros]" in checks["rclpy"].advice

@@ -23,7 +23,7 @@ from r2bspec.execute.measurement.peak_search import (
 )
 from r2bspec.execute.measurement.time_budget import TimeBudget
 from r2bspec.judge.capacity_estimate import Departures
-from r2bspec.measure.interference import Surroundings
+from r2bspec.measure.host_usage import Surroundings
 from r2bspec.record.run_record import FloorRecord, Probe, SearchRecord, Segment
 
 QUIET = Interference()

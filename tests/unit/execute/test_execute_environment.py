@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from r2bspec.execute.processes.environment import RunEnvironment, inherited_environment
-from r2bspec.middleware.fast_dds_profile import transport_profile
+from r2bspec.middleware.fast_dds import transport_profile
 from r2bspec.plan.plan import Plan
 from run_simulation import Simulation
 

@@ -31,7 +31,7 @@ from r2bspec.ipc import protocol
 from r2bspec.ipc.process_cleanup import run_processes
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.ipc.schedule import CyclicSchedule
-from r2bspec.middleware.rmw_registry import middleware_of
+from r2bspec.middleware.middleware import middleware_of
 
 HANG_S = 60.0
 """Guards against hanging only; nothing that passes takes so long."""

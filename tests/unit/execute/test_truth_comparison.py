@@ -13,13 +13,16 @@ import pytest
 from numpy.typing import NDArray
 
 from data_bags import typestore
-from r2bspec.bags.dataset_record import DISPARITY_NAME, GROUND_TRUTH_NAME
-from r2bspec.bags.recording import Window
-from r2bspec.datasets.ground_truth import GroundTruth, TagSighting
-from r2bspec.datasets.read_truth import read_disparity, read_ground_truth
+from r2bspec.bags.recording import DISPARITY_NAME, GROUND_TRUTH_NAME, Window
+from r2bspec.datasets.ground_truth import (
+    GroundTruth,
+    TagSighting,
+    read_disparity,
+    read_ground_truth,
+)
 from r2bspec.datasets.synthesis import make
 from r2bspec.execute.measurement.truth_comparison import compare_outputs
-from r2bspec.measure.truth_metrics import (
+from r2bspec.measure.metric_catalogue import (
     BAD_PIXELS,
     DENSITY,
     TAG_FALSE,

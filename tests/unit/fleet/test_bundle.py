@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from r2bspec import api
-from r2bspec.bags.digest import hash_files
+from r2bspec.bags.integrity import hash_files
 from r2bspec.exit_status import ExitStatus
 from r2bspec.fleet.bundle import Bundle, Job, SentFile, SentSide, Side, make_bundle
 from r2bspec.fleet.errors import HostFullError, HostLostError, NotAllowedError, TransferError

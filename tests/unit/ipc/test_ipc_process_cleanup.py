@@ -22,7 +22,7 @@ from r2bspec.ipc.process_cleanup import (
 )
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.ipc.sessions import Session, SessionLeader, now_ticks, start_ticks
-from r2bspec.middleware import fast_dds_shm_files
+from r2bspec.middleware import fast_dds
 
 
 @pytest.fixture
@@ -182,12 +182,12 @@ def test_what_the_runs_middleware_left_in_shared_memory_is_removed(
 ) -> None:
     for name in ("fastrtps_0123", "fastrtps_0123_el"):
         (tmp_path / name).touch()
-    remove = fast_dds_shm_files.remove_dead_shm_files
+    remove = fast_dds.MIDDLEWARE.remove_dead_shm_files
 
     def elsewhere(_memory: Path, proc: Path, since_s: float) -> list[str]:
         return remove(tmp_path, proc, since_s)
 
-    monkeypatch.setattr(fast_dds_shm_files, "remove_dead_shm_files", elsewhere)
+    monkeypatch.setattr(fast_dds.MIDDLEWARE, "remove_dead_shm_files", elsewhere)
     monkeypatch.setenv("RMW_IMPLEMENTATION", rmw)
     assert clean_up(run_id, (), grace_s=0.1, since_s=0.0) == []
     assert {each.name for each in tmp_path.iterdir()} == left

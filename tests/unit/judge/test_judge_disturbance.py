@@ -15,7 +15,7 @@ from r2bspec.judge.affected_iterations import find_affected_iterations, interfer
 from r2bspec.judge.best_case import best_case_iteration, waiting_share
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.verdict import Outcome, Verdict
-from r2bspec.measure.interference import Surroundings
+from r2bspec.measure.host_usage import Surroundings
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples
 from run_simulation import Played, Simulation, objective

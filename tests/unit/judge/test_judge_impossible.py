@@ -19,7 +19,7 @@ from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.playback_validity import lateness_limit_s
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
-from r2bspec.measure.compute_metrics import summarise
+from r2bspec.measure.metrics import summarise
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_folder import Run, RunFolder, open_run

@@ -13,7 +13,7 @@ from r2bspec.judge.decision_policy import DecisionPolicy, decision_policy
 from r2bspec.judge.interference_policy import InterferencePolicy
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.verdict import Outcome, RequirementVerdict, Verdict
-from r2bspec.measure.interference import Surroundings
+from r2bspec.measure.host_usage import Surroundings
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples
 from r2bspec.record.run_record import Probe, SearchRecord

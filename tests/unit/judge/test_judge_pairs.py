@@ -19,7 +19,7 @@ from r2bspec.judge.outcome import InconclusivePolicy
 from r2bspec.judge.pair_comparison import judge_pair_set, reruns_can_decide
 from r2bspec.judge.pair_interference import InterleavedRuns, pair_excess, taken_shares
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
-from r2bspec.measure.interference import Surroundings
+from r2bspec.measure.host_usage import Surroundings
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples
 from r2bspec.record.comparison_folder import open_comparison

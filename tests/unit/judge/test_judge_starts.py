@@ -22,7 +22,7 @@ from r2bspec.judge.statistics.hierarchical_interval import hierarchical_interval
 from r2bspec.judge.statistics.level_interval import level_margin
 from r2bspec.judge.statistics.prediction_interval import predicted_ratio
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
-from r2bspec.measure.interference import Surroundings
+from r2bspec.measure.host_usage import Surroundings
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples
 from run_simulation import Played, Simulation, objective

@@ -8,9 +8,8 @@ import sys
 import pytest
 
 from r2bspec.language.requirement_grammar import parse_requirement
-from r2bspec.measure.distribution_parts import quantile
-from r2bspec.measure.errors import MetricError
-from r2bspec.measure.metric_catalogue import METRICS, names, resolve
+from r2bspec.measure.distribution import quantile
+from r2bspec.measure.metric_catalogue import METRICS, MetricError, names, resolve
 
 
 @pytest.mark.parametrize(

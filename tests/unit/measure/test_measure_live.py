@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from r2bspec.judge.judge_samples import judge
-from r2bspec.measure.compute_metrics import summarise
-from r2bspec.measure.expected_steps import match_segment
+from r2bspec.measure.matching import match_segment
 from r2bspec.measure.metric_catalogue import METRICS, available_live
 from r2bspec.measure.metric_values import metric_value
+from r2bspec.measure.metrics import summarise
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.record.run_folder import Run, RunFolder, open_run

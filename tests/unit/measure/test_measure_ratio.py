@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.rate_decision import Criterion, estimate_probe, judge_final, plan_interim_looks
-from r2bspec.measure.compute_metrics import measure_segment
-from r2bspec.measure.latency import latencies
 from r2bspec.measure.matching import NO_MATCH, Ratio, match, ratio_of
+from r2bspec.measure.metrics import measure_segment
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import MonitorSamples
+from r2bspec.measure.times import latencies
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, Rows
 from run_simulation import EPOCH_NS, Played, Simulation, objective, playback_rows

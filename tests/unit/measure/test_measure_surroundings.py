@@ -6,11 +6,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.measure.interference import harness_slowdown, host_interference
-from r2bspec.measure.resource_usage import (
+from r2bspec.measure.host_usage import (
     CONTROLLER_INDEX,
     MACHINE_INDEX,
     MIN_SPACING_NS,
+    harness_slowdown,
+    host_interference,
     spaced_indices,
 )
 from r2bspec.record.run_record import FloorRecord

@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from r2bspec.measure.metric_catalogue import METRICS
+from r2bspec.measure.metric_values import window_values
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import MonitorSamples, SegmentSamples
-from r2bspec.measure.throughput import throughput
-from r2bspec.measure.windows import window_values
+from r2bspec.measure.times import throughput
 from run_simulation import EPOCH_NS, Played, Simulation
 
 SECOND = 10**9

@@ -5,11 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from r2bspec.measure.latency import arrivals, intervals, jitter, latencies, latencies_from_due
+from r2bspec.measure.host_usage import resource_use
 from r2bspec.measure.matching import match
-from r2bspec.measure.percentiles import percentile, rank
-from r2bspec.measure.resource_usage import resource_use
-from r2bspec.measure.throughput import edge_gaps, mean_rate
+from r2bspec.measure.times import (
+    arrivals,
+    edge_gaps,
+    intervals,
+    jitter,
+    latencies,
+    latencies_from_due,
+    mean_rate,
+    percentile,
+    rank,
+)
 from r2bspec.record.sample_arrays import RESOURCE_DTYPE, Rows
 from run_simulation import EPOCH_NS, Played, monitor_rows, playback_rows
 

@@ -16,8 +16,8 @@ from r2bspec.measure.metric_catalogue import METRICS, PROCESS
 
 
 def test_every_metric_has_a_definition_and_every_definition_a_metric() -> None:
-    assert {reference.stem(info) for info in METRICS.values()} == set(reference.DEFINITIONS)
-    assert all(each.text and each.formula for each in reference.DEFINITIONS.values())
+    assert {reference.stem(info) for info in METRICS.values()} == set(reference.definitions())
+    assert all(each.text and each.formula for each in reference.definitions().values())
 
 
 @pytest.mark.parametrize("name", list(METRICS))

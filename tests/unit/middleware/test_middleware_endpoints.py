@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from r2bspec.middleware.rmw_registry import middleware_named
+from r2bspec.middleware.middleware import middleware_named
 
 # As rmw_fastrtps_cpp gave it in process 27027 (0x6993).
 GID = bytes.fromhex("010f78fd9369c5870000000000001303")

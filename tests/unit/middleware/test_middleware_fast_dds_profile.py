@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.middleware.fast_dds_profile import default_segment_bytes, transport_profile
+from r2bspec.middleware.fast_dds import default_segment_bytes, transport_profile
 
 NAMESPACE = {"dds": "http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"}
 

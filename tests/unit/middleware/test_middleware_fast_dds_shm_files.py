@@ -13,13 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.middleware.fast_dds_shm_files import (
-    dead_shm_files,
-    make_shm_files_private,
-    readable_shm_files,
-    remove_dead_shm_files,
-    shm_files,
-)
+from r2bspec.middleware.fast_dds import MIDDLEWARE, shm_files
 
 
 @pytest.fixture
@@ -52,7 +46,7 @@ def test_a_segment_whose_owner_is_dead_is_removed_with_all_that_belongs_to_it(
 ) -> None:
     make(memory, "fastrtps_0123")
     make(memory, "fastdds_port7001")
-    assert sorted(remove_dead_shm_files(memory)) == ["fastdds_port7001", "fastrtps_0123"]
+    assert sorted(MIDDLEWARE.remove_dead_shm_files(memory)) == ["fastdds_port7001", "fastrtps_0123"]
     assert names(memory) == set()
 
 
@@ -60,16 +54,16 @@ def test_a_segment_in_use_stays(memory: Path) -> None:
     make(memory, "fastrtps_0123")
     before = names(memory)
     with owner(memory, "fastrtps_0123"):
-        assert remove_dead_shm_files(memory) == []
+        assert MIDDLEWARE.remove_dead_shm_files(memory) == []
         assert names(memory) == before
-    assert remove_dead_shm_files(memory) == ["fastrtps_0123"]
+    assert MIDDLEWARE.remove_dead_shm_files(memory) == ["fastrtps_0123"]
 
 
 def test_a_segment_without_a_lock_is_removed_unless_it_is_mapped(memory: Path) -> None:
     make(memory, "fastrtps_mapped", lock=False)
     make(memory, "fastrtps_dead", lock=False)
     with (memory / "fastrtps_mapped").open("r+b") as file, mmap.mmap(file.fileno(), 0):
-        assert remove_dead_shm_files(memory) == ["fastrtps_dead"]
+        assert MIDDLEWARE.remove_dead_shm_files(memory) == ["fastrtps_dead"]
     assert names(memory) == {"fastrtps_mapped", "sem.fastrtps_mapped_mutex"}
 
 
@@ -80,7 +74,7 @@ def test_a_mapping_of_a_segment_that_is_gone_is_none_of_a_new_one_of_its_name(
     with (memory / "fastrtps_port7411").open("r+b") as file, mmap.mmap(file.fileno(), 0):
         (memory / "fastrtps_port7411").unlink()
         make(memory, "fastrtps_port7411", lock=False)
-        assert remove_dead_shm_files(memory) == ["fastrtps_port7411"]
+        assert MIDDLEWARE.remove_dead_shm_files(memory) == ["fastrtps_port7411"]
 
 
 def test_what_is_found_dead_is_what_is_removed_and_looking_changes_nothing(memory: Path) -> None:
@@ -90,16 +84,16 @@ def test_what_is_found_dead_is_what_is_removed_and_looking_changes_nothing(memor
     (memory / "fastrtps_d_el").touch()
     before = names(memory)
     with owner(memory, "fastrtps_b"):
-        found = dead_shm_files(memory)
+        found = MIDDLEWARE.dead_shm_files(memory)
         assert names(memory) == before
-        assert remove_dead_shm_files(memory) == found
+        assert MIDDLEWARE.remove_dead_shm_files(memory) == found
     assert found == ["fastdds_port7000", "fastrtps_a", "fastrtps_c", "fastrtps_d"]
 
 
 def test_a_shared_lock_is_no_segment(memory: Path) -> None:
     # Readers that share a port hold NAME_sl; they map NAME and never NAME_sl.
     (memory / "fastrtps_port7000_sl").touch()
-    assert remove_dead_shm_files(memory) == []
+    assert MIDDLEWARE.remove_dead_shm_files(memory) == []
     assert names(memory) == {"fastrtps_port7000_sl"}
 
 
@@ -109,7 +103,7 @@ def test_what_is_older_than_the_run_stays(memory: Path) -> None:
     for each in memory.iterdir():
         os.utime(each, (1_000.0, 1_000.0))
     make(memory, "fastrtps_new")
-    assert remove_dead_shm_files(memory, since_s=time.time() - 3600) == ["fastrtps_new"]
+    assert MIDDLEWARE.remove_dead_shm_files(memory, since_s=time.time() - 3600) == ["fastrtps_new"]
     assert "fastrtps_old" in names(memory)
     assert "fastrtps_older" in names(memory)
 
@@ -118,7 +112,7 @@ def test_what_is_not_the_middlewares_stays(memory: Path) -> None:
     for name in ("lttng-ust-wait-6", "sem.mine", "psm_1234", "my_fastrtps_el"):
         (memory / name).touch()
     before = names(memory)
-    assert remove_dead_shm_files(memory) == []
+    assert MIDDLEWARE.remove_dead_shm_files(memory) == []
     assert names(memory) == before
 
 
@@ -127,12 +121,12 @@ def test_files_of_another_user_stay(memory: Path, monkeypatch: pytest.MonkeyPatc
     make(memory, "fastrtps_4567", lock=False)
     before = names(memory)
     monkeypatch.setattr(os, "getuid", lambda: os.geteuid() + 1)
-    assert remove_dead_shm_files(memory) == []
+    assert MIDDLEWARE.remove_dead_shm_files(memory) == []
     assert names(memory) == before
 
 
 def test_a_machine_without_shared_memory_has_no_segments(tmp_path: Path) -> None:
-    assert remove_dead_shm_files(tmp_path / "none") == []
+    assert MIDDLEWARE.remove_dead_shm_files(tmp_path / "none") == []
     assert shm_files(tmp_path / "none") == []
 
 
@@ -155,9 +149,9 @@ def test_only_segments_that_these_processes_map_are_made_private(tmp_path: Path)
     (proc / "7" / "maps").write_text(
         "".join(f"7f00-7f10 rw-s 0 00:1 42   {memory}/fastrtps_{each}\n" for each in names)
     )
-    assert readable_shm_files(memory) == ["fastrtps_mine", "fastrtps_other"]
-    make_shm_files_private([7, 8], memory, proc)
+    assert MIDDLEWARE.readable_shm_files(memory) == ["fastrtps_mine", "fastrtps_other"]
+    MIDDLEWARE.make_shm_files_private([7, 8], memory, proc)
     assert stat.S_IMODE((memory / "fastrtps_mine").stat().st_mode) == 0o600
     assert stat.S_IMODE((memory / "fastrtps_other").stat().st_mode) == 0o644
     assert stat.S_IMODE(elsewhere.stat().st_mode) == 0o644
-    assert readable_shm_files(memory) == ["fastrtps_other"]
+    assert MIDDLEWARE.readable_shm_files(memory) == ["fastrtps_other"]

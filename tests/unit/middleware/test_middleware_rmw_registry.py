@@ -11,8 +11,10 @@ from pathlib import Path
 import pytest
 
 import r2bspec.middleware
-from r2bspec.middleware.middleware import Middleware, Transport, TransportKind
-from r2bspec.middleware.rmw_registry import (
+from r2bspec.middleware.middleware import (
+    Middleware,
+    Transport,
+    TransportKind,
     inherited_variables,
     known_middlewares,
     middleware_named,

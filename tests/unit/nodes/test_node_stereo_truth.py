@@ -21,10 +21,10 @@ import cv2
 from data_bags import typestore
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.recording import Window
-from r2bspec.datasets.read_truth import read_disparity
+from r2bspec.datasets.ground_truth import read_disparity
 from r2bspec.datasets.synthesis import make
-from r2bspec.measure.disparity_accuracy import DisparityAccuracy
-from r2bspec.measure.truth_metrics import BAD_PIXELS, DENSITY
+from r2bspec.measure.metric_catalogue import BAD_PIXELS, DENSITY
+from r2bspec.measure.truth_accuracy import DisparityAccuracy
 from r2bspec.nodes import camera, images, rectification, stereo_matching
 
 WIDTH, HEIGHT = 960, 540

@@ -161,22 +161,3 @@ def test_a_plan_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(PlanError) as caught:
         read_plan(tmp_path / "nowhere.json")
     assert caught.value.code == "R2B610"
-
-
-def _as_written_before(harness: dict[str, object]) -> bytes:
-    """A plan with the fields that earlier versions wrote."""
-    plain = json.loads(canonical_json(plan()))
-    plain["harness"] |= {"kind": "r2bspec", "data_loader": None} | harness
-    for monitor in plain["monitors"]:
-        monitor["parameters"] = {}
-    return json.dumps(plain).encode()
-
-
-def test_a_plan_of_a_version_with_two_harnesses_is_read() -> None:
-    assert parse_plan(_as_written_before({}), "old") == plan()
-
-
-def test_a_plan_that_needs_the_other_harness_says_so() -> None:
-    with pytest.raises(PlanError, match="needs the harness 'ros2_benchmark'") as raised:
-        parse_plan(_as_written_before({"kind": "ros2_benchmark"}), "old")
-    assert raised.value.code == "R2B619"

@@ -9,7 +9,7 @@ from plan_specs import BAG, IMAGE, PREPROCESSED, STRAIGHT, plan, spec
 
 from r2bspec.plan.command_lines import INCLUDED_LAUNCH
 from r2bspec.plan.compile_plan import compile_plan
-from r2bspec.plan.dot import to_dot
+from r2bspec.plan.drawing import to_dot
 from r2bspec.plan.plan import Plan, ProcessPlan, TapPlan
 from r2bspec.wiring.companion_files import CompanionFiles
 from r2bspec.wiring.parameter_files import ParameterFile

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.measure.distribution_parts import (
+from r2bspec.measure.distribution import (
     HISTORY_PARTS,
     MAIN_PERCENTILES,
     PARTS,

@@ -13,7 +13,7 @@ import pytest
 
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.result import Result
-from r2bspec.measure.distribution_parts import PARTS, part_value
+from r2bspec.measure.distribution import PARTS, part_value
 from r2bspec.measure.metrics import MonitorMetrics
 from r2bspec.report.suite_formats import to_html
 from r2bspec.report.suite_summary import SuiteRun, SuiteSummary, run_with_result

@@ -10,7 +10,7 @@ import pytest
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import from_json, result_of, to_json
 from r2bspec.judge.result import Result
-from r2bspec.measure.distribution_parts import Distribution
+from r2bspec.measure.distribution import Distribution
 from r2bspec.measure.metrics import HopMetrics
 from r2bspec.record.run_record import Difference, SilenceRecord
 from r2bspec.report.format_registry import renderer

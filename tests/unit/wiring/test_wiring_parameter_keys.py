@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from r2bspec.untrusted.safe_yaml import load_values
 from r2bspec.wiring.parameter_files import (
     MAX_VALUES_OF_NODES,
+    ParameterEffort,
     ParameterFile,
-    limited,
     node_key_matches,
     read_parameter_file,
 )
@@ -68,8 +68,8 @@ def test_too_many_wildcards_and_too_many_values_are_named(tmp_path: Path) -> Non
     path.write_text("".join(f"/**/n{i}: {{ros__parameters: {{a: 1}}}}\n" for i in range(101)))
     assert "100 keys with wildcards" in read_parameter_file(path).problem
     file = ParameterFile((("/**", {f"p{i}": i for i in range(1000)}),))
-    assert limited(file, MAX_VALUES_OF_NODES // 1000) is file
-    assert "together" in limited(file, MAX_VALUES_OF_NODES // 1000 + 1).problem
+    assert ParameterEffort().limited(file, MAX_VALUES_OF_NODES // 1000) is file
+    assert "together" in ParameterEffort().limited(file, MAX_VALUES_OF_NODES // 1000 + 1).problem
 
 
 def test_a_number_to_base_60_of_any_length_is_answered_in_linear_time() -> None:

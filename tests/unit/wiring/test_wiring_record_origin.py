@@ -15,7 +15,7 @@ from r2bspec.diagnostics import Diagnostic
 from r2bspec.language import value_codec
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.spec import Node
-from r2bspec.wiring.record_origin import RecordOrigin, difference, files_digest, node_target
+from r2bspec.wiring.node_interface import RecordOrigin, files_digest, node_target, origin_difference
 
 IMAGE, FLOAT = "sensor_msgs/msg/Image", "std_msgs/msg/Float32"
 # Nothing in it is literal: what is known of it is what was recorded.
@@ -151,4 +151,4 @@ def test_a_target_is_what_the_spec_names(folder: Path) -> None:
     assert node_target(command) == "python3 ./node.py '--fast run'"
     assert files_digest(command, folder) == files_digest(node(python="./node.py:make"), folder)
     assert files_digest(node(python="a.B"), folder) == ""
-    assert difference(RecordOrigin(target="a.B"), node(python="a.B"), folder) == ""
+    assert origin_difference(RecordOrigin(target="a.B"), node(python="a.B"), folder) == ""

@@ -10,15 +10,26 @@ import pytest
 
 from r2bspec.language import value_codec
 from r2bspec.language.spec import Node, ParameterSource, Spec
-from r2bspec.wiring.ast_reader import read_node_source
+from r2bspec.wiring.ast_reader import read_node_class, read_python_file
 from r2bspec.wiring.build_wiring import build_wiring
 from r2bspec.wiring.companion_files import interface_file, read_companion_files
-from r2bspec.wiring.known_packages import catalogue_entry, catalogue_nodes, catalogue_packages
+from r2bspec.wiring.node_interface import (
+    InterfaceEntry,
+    catalogue_entry,
+    catalogue_nodes,
+    catalogue_packages,
+)
 from r2bspec.wiring.parameter_files import merged_parameters, node_key_matches, read_parameter_file
 from r2bspec.wiring.wiring import NodeWiring
 
 IMAGE = "sensor_msgs/msg/Image"
 INFO = "sensor_msgs/msg/CameraInfo"
+
+
+def read_node_source(file: Path, name: str) -> InterfaceEntry | None:
+    """The interface of the class of a file."""
+    tree = read_python_file(file)
+    return None if tree is None else read_node_class(tree, name)
 
 
 def node(**fields: Any) -> Node:

@@ -1,4 +1,10 @@
-"""Whether other code than its class can create topics or parameters of a node.
+"""What the source of a Python file says of its classes and functions, without running it.
+
+Names mean what the text alone determines. How a node can be started: a constructor that passes its
+``**kwargs`` to `Node` receives name, namespace, remappings and parameters as keyword arguments. One
+that takes none receives them as the global ROS arguments of a process, as by ``ros2 run``, so that
+its process can hold no other node. A function that calls ``rclpy.init`` itself, such as the
+``main`` of an ordinary node, is a program of its own.
 
 What a class says of its node is complete only if `self`, and the methods of `Node` that create
 publishers, subscriptions and parameters, are used in no other way than in direct calls, such as
@@ -9,8 +15,195 @@ use it, and the text of the class no longer determines the interface of the node
 from __future__ import annotations
 
 import ast
+from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from typing import Literal
+
+import msgspec
+
+
+class SourceNames:
+    """The names that a file binds, anywhere.
+
+    A name means what an import says only if nothing else in the file binds it.
+    """
+
+    def __init__(self, tree: ast.Module) -> None:
+        self._tree = tree
+        self._imported: dict[str, set[str]] = defaultdict(set)
+        self._bound: dict[str, list[ast.AST]] = defaultdict(list)
+        self._has_star_import = False
+        for node in ast.walk(tree):
+            for name in _bound_names(node):
+                self._bound[name].append(node)
+            if isinstance(node, ast.Import | ast.ImportFrom):
+                self._add_import(node)
+
+    def _add_import(self, node: ast.Import | ast.ImportFrom) -> None:
+        for alias in node.names:
+            if isinstance(node, ast.Import):
+                first = alias.name.partition(".")[0]
+                self._imported[alias.asname or first].add(alias.name if alias.asname else first)
+            elif alias.name == "*":
+                self._has_star_import = True
+            else:
+                module = "" if node.level or not node.module else node.module
+                self._imported[alias.asname or alias.name].add(f"{module}.{alias.name}")
+
+    def definition(self, name: str) -> ast.FunctionDef | ast.ClassDef | None:
+        """The function or class at the top level, if nothing else in the file binds its name."""
+        if name in self._imported or self._has_star_import:
+            return None
+        match self._bound.get(name):
+            case [ast.FunctionDef() | ast.ClassDef() as only] if only in self._tree.body:
+                return only
+        return None
+
+    def full_name(self, node: ast.expr) -> str:
+        """The full name of an imported object, such as ``rclpy.node.Node``; empty if unknown."""
+        if isinstance(node, ast.Attribute):
+            above = self.full_name(node.value)
+            return f"{above}.{node.attr}" if above else ""
+        if not isinstance(node, ast.Name) or node.id in self._bound or self._has_star_import:
+            return ""
+        found = self._imported.get(node.id, set())
+        full = next(iter(found)) if len(found) == 1 else ""
+        return "" if full.startswith(".") else full
+
+
+def _bound_names(node: ast.AST) -> Iterator[str]:
+    """The names that a node binds, other than by an import."""
+    match node:
+        case ast.Name(id=name, ctx=ast.Store() | ast.Del()):
+            yield name
+        case ast.FunctionDef() | ast.AsyncFunctionDef() | ast.ClassDef():
+            yield node.name
+        case ast.arg():
+            yield node.arg
+        case ast.ExceptHandler(name=str(name)) | ast.MatchAs(name=str(name)):
+            yield name
+        case ast.MatchStar(name=str(name)) | ast.MatchMapping(rest=str(name)):
+            yield name
+
+
+KEYWORD_ARGUMENTS = ("namespace", "cli_args", "use_global_arguments", "parameter_overrides")
+"""The keyword arguments of `Node` that r2bspec sets."""
+
+_MAX_BASES = 100
+"""Classes may name each other as their bases, although they cannot then be defined."""
+
+StartStyle = Literal["keywords", "ros_arguments", "main"]
+
+
+class NodeStart(msgspec.Struct, frozen=True):
+    """How a Python node is started.
+
+    Attributes:
+        style: ``keywords`` for keyword arguments of its constructor, ``ros_arguments`` for global
+            ROS arguments of its own process, ``main`` for a function that is a program.
+        required: parameters without a default, for which r2bspec has no value.
+    """
+
+    style: StartStyle = "keywords"
+    required: tuple[str, ...] = ()
+
+    @property
+    def needs_own_process(self) -> bool:
+        """Whether its process can hold no other node."""
+        return self.style != "keywords"
+
+
+KEYWORDS = NodeStart()
+"""How a node is started about whose constructor nothing is known."""
+
+
+def read_node_start(tree: ast.Module, name: str) -> NodeStart | None:
+    """How the class or function `name` of a file is started; None if the file does not say."""
+    names = SourceNames(tree)
+    found = names.definition(name)
+    match found:
+        case ast.FunctionDef():
+            if found.decorator_list:
+                return None
+            if _is_program(found):
+                return NodeStart("main", _required(found.args, 0))
+            return _start(found.args, 0)
+        case ast.ClassDef():
+            constructor = _constructor(names, found)
+            return None if constructor is None else _start(constructor.args, 1)
+    return None
+
+
+def _constructor(names: SourceNames, found: ast.ClassDef) -> ast.FunctionDef | None:
+    """The ``__init__`` of a class or of its base classes in the same file."""
+    for _ in range(_MAX_BASES):
+        if found.decorator_list or found.keywords:
+            return None
+        named = {each.name: each for each in found.body if isinstance(each, ast.FunctionDef)}
+        if "__new__" in named:
+            return None
+        if "__init__" in named:
+            made = named["__init__"]
+            return None if made.decorator_list else made
+        base = found.bases[0] if len(found.bases) == 1 else None
+        above = names.definition(base.id) if isinstance(base, ast.Name) else None
+        if not isinstance(above, ast.ClassDef):
+            return None
+        found = above
+    return None
+
+
+def _start(arguments: ast.arguments, bound: int) -> NodeStart:
+    """The start of a callable; its first `bound` parameters are not the caller's."""
+    named = {each.arg for each in (*arguments.args[bound:], *arguments.kwonlyargs)}
+    takes_all = arguments.kwarg is not None or named.issuperset(KEYWORD_ARGUMENTS)
+    required = _required(arguments, bound)
+    if takes_all:
+        missing = tuple(each for each in required if each not in KEYWORD_ARGUMENTS)
+        return NodeStart("keywords", missing)
+    return NodeStart("ros_arguments", required)
+
+
+def _required(arguments: ast.arguments, bound: int) -> tuple[str, ...]:
+    """The names of the parameters without defaults."""
+    positional = [*arguments.posonlyargs, *arguments.args]
+    without_default = positional[bound : len(positional) - len(arguments.defaults)]
+    keyword_only = [
+        each
+        for each, default in zip(arguments.kwonlyargs, arguments.kw_defaults, strict=True)
+        if default is None
+    ]
+    return tuple(each.arg for each in (*without_default, *keyword_only))
+
+
+def _is_program(function: ast.FunctionDef) -> bool:
+    """Whether a function initialises ROS itself and returns no node."""
+    calls = False
+    waiting: list[ast.AST] = list(function.body)
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda | ast.ClassDef):
+            continue
+        if isinstance(node, ast.Return) and not _is_exit_status(node.value):
+            return False
+        calls = calls or (isinstance(node, ast.Call) and _calls_init(node.func))
+        waiting.extend(ast.iter_child_nodes(node))
+    return calls
+
+
+def _is_exit_status(value: ast.expr | None) -> bool:
+    return value is None or (isinstance(value, ast.Constant) and not isinstance(value.value, str))
+
+
+def _calls_init(called: ast.expr) -> bool:
+    return (
+        isinstance(called, ast.Attribute)
+        and called.attr == "init"
+        and isinstance(called.value, ast.Name)
+        and called.value.id == "rclpy"
+    )
+
 
 TOPIC_METHODS = frozenset({"create_publisher", "create_subscription"})
 PARAMETER_METHODS = frozenset({"declare_parameter", "declare_parameters", "undeclare_parameter"})
@@ -62,10 +255,11 @@ def is_self(node: ast.AST) -> bool:
     """Whether an expression is `self`, or a call of `super`."""
     if isinstance(node, ast.Name):
         return node.id == "self"
-    return isinstance(node, ast.Call) and _is_name(node.func, "super") and not node.keywords
+    return isinstance(node, ast.Call) and is_name(node.func, "super") and not node.keywords
 
 
-def _is_name(node: ast.AST, name: str) -> bool:
+def is_name(node: ast.AST, name: str) -> bool:
+    """Whether an expression is a name, and this one."""
     return isinstance(node, ast.Name) and node.id == name
 
 
@@ -94,19 +288,19 @@ def _is_changed_elsewhere(tree: ast.Module, found: ast.ClassDef) -> bool:
 def _passes(call: ast.Call, name: str) -> bool:
     """Whether a call has this name among its arguments."""
     arguments = (*call.args, *(each.value for each in call.keywords))
-    return any(_is_name(each, name) for argument in arguments for each in ast.walk(argument)) and (
+    return any(is_name(each, name) for argument in arguments for each in ast.walk(argument)) and (
         not _is_constructor_argument(arguments, name)
     )
 
 
 def _is_constructor_argument(arguments: Iterable[ast.expr], name: str) -> bool:
     """Whether the name occurs in arguments only as what is called, as in ``spin(Detector())``."""
-    uses = [each for argument in arguments for each in ast.walk(argument) if _is_name(each, name)]
+    uses = [each for argument in arguments for each in ast.walk(argument) if is_name(each, name)]
     called = [
         each.func
         for argument in arguments
         for each in ast.walk(argument)
-        if isinstance(each, ast.Call) and _is_name(each.func, name)
+        if isinstance(each, ast.Call) and is_name(each.func, name)
     ]
     return len(uses) == len(called)
 

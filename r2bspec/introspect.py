@@ -35,7 +35,7 @@ from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
 from r2bspec.wiring.build_wiring import build_wiring
 from r2bspec.wiring.companion_files import read_companion_files
-from r2bspec.wiring.record_origin import RecordOrigin, files_digest, node_target
+from r2bspec.wiring.node_interface import RecordOrigin, files_digest, node_target
 from r2bspec.wiring.wiring import NodeWiring
 
 NAMESPACE = "/r2bspec_interfaces"

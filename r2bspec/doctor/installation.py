@@ -1,23 +1,30 @@
-"""ROS 2: where it comes from, its middleware, and its message packages."""
+"""What is installed: ROS 2, its middleware and message packages, OpenCV, and a compiler.
+
+Modules are imported in a new interpreter (`r2bspec.doctor.import_probe`).
+"""
 
 from __future__ import annotations
 
 import importlib.metadata
+import json
 import re
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from r2bspec.doctor.checkup import CheckResult, System
-from r2bspec.doctor.import_check import probe_imports
 from r2bspec.measure.units import show
-from r2bspec.middleware.rmw_registry import (
+from r2bspec.middleware.middleware import (
     RMW_VARIABLE,
     middleware_named,
     refuse_transport,
     selected_rmw,
 )
+from r2bspec.native.errors import BuildError
+from r2bspec.native.harness_library import harness_program
 
-TOPIC = "ROS 2"
+_ROS = "ROS 2"
 
 _MIDDLEWARE = "rclpy:get_rmw_implementation_identifier"
 _MAX_IMPORT_S = 2.0
@@ -35,9 +42,7 @@ def check_ros(system: System) -> list[CheckResult]:
     if "error" in found:
         advice = _advice(system, found["error"])
         said = _RCL_PLACE.sub("", _RCL_PREFIX.sub("", found["error"]))
-        checks.append(
-            CheckResult(topic=TOPIC, name="rclpy", status="problem", found=said, advice=advice)
-        )
+        checks.append(CheckResult(_ROS, "rclpy", "problem", said, advice=advice))
         return checks
     return [
         *checks,
@@ -77,10 +82,10 @@ def _distributions(system: System) -> CheckResult:
     # The metapackage of the wheels names the same rclpy again; only a sourced one competes.
     mixed = bool(sourced) and any(not each.startswith(sourced) for each in named)
     return CheckResult(
-        topic=TOPIC,
-        name="distributions",
-        status="warn" if mixed or not parts else "ok",
-        found=", ".join(parts) or "none that is sourced or installed as wheels",
+        _ROS,
+        "distributions",
+        "warn" if mixed or not parts else "ok",
+        ", ".join(parts) or "none that is sourced or installed as wheels",
         advice="two distributions are mixed: source none, or leave the wheels out"
         if mixed
         else ("" if parts else _INSTALL),
@@ -91,10 +96,10 @@ def _distributions(system: System) -> CheckResult:
 def _client_library(seconds: float, file: str) -> CheckResult:
     slow = seconds > _MAX_IMPORT_S
     return CheckResult(
-        topic=TOPIC,
-        name="rclpy",
-        status="warn" if slow else "ok",
-        found=f"imported in {show(seconds, 's')} from {Path(file).parent}",
+        _ROS,
+        "rclpy",
+        "warn" if slow else "ok",
+        f"imported in {show(seconds, 's')} from {Path(file).parent}",
         advice="every process of a run waits for this; a network file system?" if slow else "",
         data={"import_s": seconds, "file": file},
     )
@@ -112,10 +117,10 @@ def _middleware(system: System, used: str) -> CheckResult:
     others = [each for each in here if each != used]
     advice = [*_refused_transport(system, used), *_overridden_discovery(system, used)]
     return CheckResult(
-        topic=TOPIC,
-        name="middleware",
-        status="warn" if advice else "ok",
-        found=used + (f" (also here: {', '.join(others)})" if others else ""),
+        _ROS,
+        "middleware",
+        "warn" if advice else "ok",
+        used + (f" (also here: {', '.join(others)})" if others else ""),
         advice="; ".join(advice),
         data={"used": used, "here": here},
     )
@@ -142,10 +147,10 @@ def _messages(system: System) -> CheckResult:
     missing = [name for name in _MESSAGES if "error" in found[f"{name}.msg"]]
     there = [name for name in _MESSAGES if name not in missing]
     return CheckResult(
-        topic=TOPIC,
-        name="messages",
-        status="warn" if missing else "ok",
-        found=", ".join(there) + (f"; not here: {', '.join(missing)}" if missing else ""),
+        _ROS,
+        "messages",
+        "warn" if missing else "ok",
+        ", ".join(there) + (f"; not here: {', '.join(missing)}" if missing else ""),
         advice=f"specs that use them cannot run; {_INSTALL}" if missing else "",
         data={"missing": missing},
     )
@@ -153,3 +158,66 @@ def _messages(system: System) -> CheckResult:
 
 def _paths(text: str) -> list[str]:
     return [each for each in text.split(":") if each]
+
+
+_TIMEOUT_S = 60.0
+
+
+def probe_imports(system: System, *names: str) -> dict[str, dict[str, Any]]:
+    """The results of `r2bspec.doctor.import_probe` for these modules; a timeout is an error."""
+    command = [system.python, "-P", "-m", "r2bspec.doctor.import_probe", *names]
+    try:
+        done = subprocess.run(
+            command,
+            env=dict(system.environ),
+            capture_output=True,
+            text=True,
+            timeout=_TIMEOUT_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return {name: {"error": f"not imported within {_TIMEOUT_S:g} s"} for name in names}
+    except OSError as error:
+        return {name: {"error": str(error)} for name in names}
+    try:
+        found: dict[str, dict[str, Any]] = json.loads(done.stdout)
+    except ValueError:
+        # A module can end the interpreter, as rclpy does where its middleware is not installed.
+        said = done.stderr.strip().splitlines() or [f"it ended with status {done.returncode}"]
+        return {name: {"error": said[-1]} for name in names}
+    return found
+
+
+_OPENCV = "OpenCV"
+
+
+def check_vision(system: System) -> list[CheckResult]:
+    """Check whether it can be imported. Other nodes than the reference nodes may not need it."""
+    found = probe_imports(system, "cv2")["cv2"]
+    if "error" in found:
+        return [
+            CheckResult(
+                _OPENCV,
+                "version",
+                "warn",
+                found["error"],
+                advice="the reference nodes for images need it: pip install 'r2bspec[vision]'",
+            )
+        ]
+    return [
+        CheckResult(_OPENCV, "version", "ok", found["version"], data=found),
+    ]
+
+
+_NATIVE = "native harness"
+
+
+def check_native(system: System) -> list[CheckResult]:
+    """Build the program, unless it has been; takes a second."""
+    try:
+        program = harness_program(system.environ)
+    except BuildError as error:
+        found = str(error).splitlines()[0]
+        return [CheckResult(_NATIVE, "build", "problem", found, advice=error.hint)]
+    data = {"program": str(program)}
+    return [CheckResult(_NATIVE, "build", "ok", str(program), data=data)]

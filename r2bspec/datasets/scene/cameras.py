@@ -1,18 +1,106 @@
-"""Where in an image things lie."""
+"""Cameras: where in an image things lie, with and without the distortion of a lens.
+
+The distortion is the model that ROS calls plumb_bob. With (x, y) where an ideal camera would see a
+point, on the plane one focal length away, and r^2 = x^2 + y^2, the lens shows it at
+
+    x' = x s + 2 p1 x y + p2 (r^2 + 2 x^2)
+    y' = y s + p1 (r^2 + 2 y^2) + 2 p2 x y      with s = 1 + k1 r^2 + k2 r^4 + k3 r^6
+
+(Brown, 1966; OpenCV's `calib3d` and image_geometry use the same). Sums and products only, in a
+fixed order, so that every machine gets the same bytes.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from r2bspec.datasets.scene.geometry import Vector
-from r2bspec.datasets.scene.rig import Camera
+import msgspec
+
+from r2bspec.datasets.scene.motion import BODY_FROM_OPTICAL, Pose, Vector
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+
+# Each step divides the error by three or more where the lenses of the rig distort most.
+_INVERSION_STEPS = 16
+
+
+class Lens(msgspec.Struct, frozen=True):
+    """Five coefficients, named as in OpenCV."""
+
+    k1: float
+    k2: float
+    p1: float
+    p2: float
+    k3: float
+
+    @property
+    def coefficients(self) -> tuple[float, float, float, float, float]:
+        """In the order of CameraInfo.d."""
+        return (self.k1, self.k2, self.p1, self.p2, self.k3)
+
+    def distort(self, x: float, y: float) -> tuple[float, float]:
+        """Where the lens shows what an ideal camera sees at (x, y)."""
+        square = x * x + y * y
+        scale = 1 + square * (self.k1 + square * (self.k2 + square * self.k3))
+        return (
+            x * scale + 2 * self.p1 * x * y + self.p2 * (square + 2 * x * x),
+            y * scale + self.p1 * (square + 2 * y * y) + 2 * self.p2 * x * y,
+        )
+
+    def undistort(
+        self, x: NDArray[np.float64], y: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Where an ideal camera sees what the lens shows at (x, y), to 1e-6; arrays of one shape.
+
+        By fixed-point iteration, which converges where the distortion is less than half of what
+        would fold the image.
+        """
+        ideal_x, ideal_y = x, y
+        for _ in range(_INVERSION_STEPS):
+            square = ideal_x * ideal_x + ideal_y * ideal_y
+            scale = 1 + square * (self.k1 + square * (self.k2 + square * self.k3))
+            across = 2 * self.p1 * ideal_x * ideal_y + self.p2 * (square + 2 * ideal_x * ideal_x)
+            down = self.p1 * (square + 2 * ideal_y * ideal_y) + 2 * self.p2 * ideal_x * ideal_y
+            ideal_x, ideal_y = (x - across) / scale, (y - down) / scale
+        return ideal_x, ideal_y
+
+
+_CHANNELS = {"rgb8": 3, "mono8": 1, "16UC1": 2}
+
+
+class Camera(msgspec.Struct, frozen=True):
+    """A pinhole camera, with a lens that distorts or none.
+
+    Attributes:
+        frame_id: its optical frame.
+        encoding: of its images.
+        focal_px: the same in x and y.
+        center_px: principal point (cx, cy).
+        position_m: of its optical centre in the body frame.
+        baseline_m: distance to the left camera of the pair; zero for any other camera.
+        lens: what distorts its images; None for images that its driver has rectified.
+    """
+
+    frame_id: str
+    width: int
+    height: int
+    encoding: str
+    focal_px: float
+    center_px: tuple[float, float]
+    position_m: tuple[float, float, float]
+    baseline_m: float = 0.0
+    lens: Lens | None = None
+
+    @property
+    def bytes_per_pixel(self) -> int:
+        """Size of one pixel in its encoding."""
+        return _CHANNELS[self.encoding]
+
 
 # What tangential distortion may add to what `_Reach` says, in pixels.
 _MARGIN_PX = 4
@@ -21,8 +109,7 @@ _MARGIN_PX = 4
 MIN_DEPTH_M = 0.05
 
 
-@dataclass(frozen=True, slots=True)
-class Bounds:
+class Bounds(msgspec.Struct, frozen=True):
     """A rectangle of pixels, past-last at the bottom and right."""
 
     top: int
@@ -36,8 +123,7 @@ class Bounds:
         return slice(self.left, self.right)
 
 
-@dataclass(frozen=True, slots=True)
-class _Reach:
+class _Reach(msgspec.Struct, frozen=True):
     """How far an ideal camera would see what a lens shows, and how much that lens scales.
 
     Attributes:
@@ -49,6 +135,11 @@ class _Reach:
     across: float
     down: float
     scales: tuple[float, float]
+
+
+def camera_pose(body: Pose, camera: Camera) -> Pose:
+    """World from the camera's optical frame, given world from body."""
+    return body.compose(Pose(camera.position_m, BODY_FROM_OPTICAL))
 
 
 def project(camera: Camera, point_m: Vector) -> tuple[float, float]:

@@ -1,7 +1,11 @@
-"""The content of a drawing of a plan, independent of its format."""
+"""The drawing of a plan: its content, as a Mermaid flowchart, and in the DOT language of Graphviz.
+
+GitHub and GitLab render Mermaid in Markdown. The HTML page draws the same figure.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -11,7 +15,7 @@ BoxKind = Literal["node", "opaque", "harness", "bag", "topic"]
 
 
 @dataclass(frozen=True, slots=True)
-class Box:
+class FigureBox:
     """A box in the drawing.
 
     Attributes:
@@ -40,7 +44,7 @@ class Group:
 
     id: str
     title: str
-    boxes: tuple[Box, ...]
+    boxes: tuple[FigureBox, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +52,7 @@ class Figure:
     """A drawing: groups of boxes, boxes outside of any, and arrows."""
 
     title: str
-    boxes: tuple[Box, ...]
+    boxes: tuple[FigureBox, ...]
     groups: tuple[Group, ...]
     arrows: tuple[Arrow, ...]
 
@@ -73,7 +77,7 @@ def figure(plan: Plan) -> Figure:
     sketch = _FigureBuilder(plan)
     sources = tuple(each.source for each in plan.datasets) or (plan.dataset.source,)
     played = any(sources)
-    bag = Box(sketch.id_of("", "bag", ""), "bag", sources)
+    bag = FigureBox(sketch.id_of("", "bag", ""), "bag", sources)
     phases = [
         phase
         for phase in ("preprocess", "measure")
@@ -95,14 +99,16 @@ def _group(sketch: _FigureBuilder, phase: str) -> Group:
         for node in process.nodes if process.phase == phase else ():
             kind: BoxKind = "node" if node.name in seen else "opaque"
             what = node.target or node.plugin or _program(process.argv[0])
-            boxes.append(Box(sketch.id_of(phase, "owner", node.name), kind, (node.name, what)))
+            boxes.append(
+                FigureBox(sketch.id_of(phase, "owner", node.name), kind, (node.name, what))
+            )
     for external in plan.external:
         if external.phase == phase:
             kind = "node" if external.name in seen else "opaque"
             place = sketch.id_of(phase, "owner", external.name)
-            boxes.append(Box(place, kind, (external.name, "already runs")))
+            boxes.append(FigureBox(place, kind, (external.name, "already runs")))
     for topic in topics:
-        box = Box(sketch.id_of(phase, "topic", topic.name), "topic", (topic.name, topic.type))
+        box = FigureBox(sketch.id_of(phase, "topic", topic.name), "topic", (topic.name, topic.type))
         boxes.append(box)
         for publisher in topic.writers:
             sketch.arrows.append(Arrow(sketch.id_of(phase, "owner", publisher), box.id))
@@ -112,7 +118,7 @@ def _group(sketch: _FigureBuilder, phase: str) -> Group:
     return Group(phase, _PHASE_TITLES[phase], tuple(boxes))
 
 
-def _harness_boxes(sketch: _FigureBuilder, phase: str, seen: set[str]) -> list[Box]:
+def _harness_boxes(sketch: _FigureBuilder, phase: str, seen: set[str]) -> list[FigureBox]:
     """The boxes of the harness: one for each role and monitor, even if they share a process."""
     plan = sketch.plan
     if phase == "preprocess":
@@ -122,7 +128,7 @@ def _harness_boxes(sketch: _FigureBuilder, phase: str, seen: set[str]) -> list[B
     else:
         player = ["player"] if plan.inputs or "player" in seen else []
         names = [*player, *(f"monitor {each.name}" for each in plan.monitors)]
-    return [Box(sketch.id_of(phase, "owner", name), "harness", (name,)) for name in names]
+    return [FigureBox(sketch.id_of(phase, "owner", name), "harness", (name,)) for name in names]
 
 
 def _program(called: str) -> str:
@@ -149,3 +155,96 @@ def _join_phases(sketch: _FigureBuilder, bag: str) -> None:
     if ("preprocess", "owner", "recorder") in sketch.ids:
         recorder = sketch.id_of("preprocess", "owner", "recorder")
         sketch.arrows.append(Arrow(recorder, player, stored=True))
+
+
+_DOT_SHAPES = {
+    "node": "shape=box",
+    "opaque": 'shape=box, style="rounded,dashed"',
+    "harness": 'shape=component, style=filled, fillcolor="#e8eef7"',
+    "bag": 'shape=cylinder, style=filled, fillcolor="#f3ead7"',
+    "topic": 'shape=ellipse, color="#999999", fontsize=10',
+}
+
+
+def to_dot(plan: Plan) -> str:
+    """The digraph, with a newline at its end."""
+    return "\n".join(_dot_lines(plan)) + "\n"
+
+
+def _dot_lines(plan: Plan) -> Iterator[str]:
+    drawing = figure(plan)
+    yield f"digraph {_dot_quoted(plan.name)} {{"
+    yield f"  label={_dot_quoted(drawing.title)}; labelloc=t; rankdir=LR;"
+    yield '  node [fontname="sans-serif"];'
+    for box in drawing.boxes:
+        yield f"  {_dot_box(box)}"
+    for group in drawing.groups:
+        yield f"  subgraph cluster_{group.id} {{"
+        yield f"    label={_dot_quoted(group.title)}; style=rounded;"
+        for box in group.boxes:
+            yield f"    {_dot_box(box)}"
+        yield "  }"
+    for arrow in drawing.arrows:
+        style = " [style=dashed]" if arrow.stored else ""
+        yield f"  {arrow.tail} -> {arrow.head}{style};"
+    yield "}"
+
+
+def _dot_box(box: FigureBox) -> str:
+    label = _dot_quoted("\n".join(line for line in box.lines if line))
+    return f"{box.id} [{_DOT_SHAPES[box.kind]}, label={label}];"
+
+
+def _dot_quoted(text: str) -> str:
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
+    return f'"{escaped}"'
+
+
+_MERMAID_SHAPES = {
+    "node": ('["', '"]'),
+    "opaque": ('["', '"]'),
+    "harness": ('[["', '"]]'),
+    "bag": ('[("', '")]'),
+    "topic": ('(["', '"])'),
+}
+
+_MERMAID_STYLES = (
+    "classDef harness fill:#e8eef7,stroke:#4a6fa5,color:#1b2a41",
+    "classDef bag fill:#f3ead7,stroke:#a5803a,color:#41331b",
+    "classDef topic fill:#ffffff,stroke:#999999,color:#333333",
+    "classDef opaque stroke-dasharray:5 4",
+)
+
+
+def to_mermaid(plan: Plan) -> str:
+    """The flowchart, with a newline at its end."""
+    return "\n".join(_mermaid_lines(plan)) + "\n"
+
+
+def _mermaid_lines(plan: Plan) -> Iterator[str]:
+    drawing = figure(plan)
+    yield "flowchart LR"
+    for box in drawing.boxes:
+        yield f"  {_mermaid_box(box)}"
+    for group in drawing.groups:
+        yield f'  subgraph {group.id}["{_mermaid_escaped(group.title)}"]'
+        for box in group.boxes:
+            yield f"    {_mermaid_box(box)}"
+        yield "  end"
+    for arrow in drawing.arrows:
+        yield f"  {arrow.tail} {'-.->' if arrow.stored else '-->'} {arrow.head}"
+    for style in _MERMAID_STYLES:
+        yield f"  {style}"
+
+
+def _mermaid_box(box: FigureBox) -> str:
+    left, right = _MERMAID_SHAPES[box.kind]
+    label = "<br/>".join(_mermaid_escaped(line) for line in box.lines if line)
+    style = "" if box.kind == "node" else f":::{box.kind}"
+    return f"{box.id}{left}{label}{right}{style}"
+
+
+def _mermaid_escaped(text: str) -> str:
+    """Mermaid has no escape character; special characters of labels are entities."""
+    entities = {"#": "#35;", '"': "#quot;", "<": "#lt;", ">": "#gt;", "&": "#amp;"}
+    return "".join(entities.get(letter, letter) for letter in text)

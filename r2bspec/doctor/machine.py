@@ -1,0 +1,322 @@
+"""The machine: processor, shared memory, socket buffers, and the disk of datasets.
+
+Of the processor: cores, frequency governor, clock source and load. Of shared memory: whether there
+is room for the segments of a run. Of the network: what messages over UDP need. Of the cache of
+datasets: its size, and the free space of its disk.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from r2bspec.datasets.dataset_cache import datasets_dir
+from r2bspec.doctor.checkup import CheckResult, Status, System, read_int, read_text
+from r2bspec.measure.units import show
+from r2bspec.middleware.middleware import Middleware, Transport, middleware_of
+
+_PROCESSOR = "processor"
+
+_MIN_CORES = 4
+_LOAD_SAMPLE_S = 0.5
+_MAX_BUSY_SHARE = 0.1
+_MAX_STEAL_SHARE = 0.01
+_FAST_CLOCKS = frozenset({"tsc", "kvm-clock", "arch_sys_counter", "hyperv_clocksource_tsc_page"})
+
+
+def check_processor(
+    system: System, sleep: Callable[[float], object] = time.sleep
+) -> list[CheckResult]:
+    """Cores, quota, governor, clock source and load; takes half a second."""
+    found = [_cores(system), _governor(system), _clock(system), _load(system, sleep)]
+    return [check for check in found if check is not None]
+
+
+def _cores(system: System) -> CheckResult:
+    cores = len(os.sched_getaffinity(0))
+    quota = _quota(system)
+    data = {"cores": cores, "quota": quota}
+    if quota is not None and quota < cores:
+        return CheckResult(
+            _PROCESSOR,
+            "cores",
+            "warn",
+            f"{cores}, limited to the CPU time of {quota:g} by a control group",
+            advice="processes are throttled when the quota of a period is used up; increase the "
+            "quota of the container, or assign cores instead",
+            data=data,
+        )
+    if cores < _MIN_CORES:
+        return CheckResult(
+            _PROCESSOR,
+            "cores",
+            "warn",
+            f"{cores}",
+            advice="player, monitor and graph share the cores; compare results of this machine "
+            "only with each other",
+            data=data,
+        )
+    return CheckResult(_PROCESSOR, "cores", "ok", f"{cores}", data=data)
+
+
+def _quota(system: System) -> float | None:
+    """The CPU time that the control group allows, in cores; None for no limit."""
+    text = read_text(system.sys / "fs/cgroup/cpu.max")
+    words = text.split() if text else []
+    if len(words) != 2 or not all(word.isdigit() for word in words):
+        return None
+    return int(words[0]) / int(words[1])
+
+
+def _governor(system: System) -> CheckResult:
+    files = (system.sys / "devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
+    governors = sorted({text for file in files if (text := read_text(file))})
+    data = {"governors": governors}
+    if not governors:
+        found = "unknown (usual for virtual machines)"
+        return CheckResult(_PROCESSOR, "governor", "ok", found, data=data)
+    if governors == ["performance"]:
+        return CheckResult(_PROCESSOR, "governor", "ok", "performance", data=data)
+    return CheckResult(
+        _PROCESSOR,
+        "governor",
+        "warn",
+        ", ".join(governors),
+        advice="at low rates, latencies include the wake-up of the cores: "
+        "sudo cpupower frequency-set -g performance",
+        data=data,
+    )
+
+
+def _clock(system: System) -> CheckResult | None:
+    folder = system.sys / "devices/system/clocksource/clocksource0"
+    source = read_text(folder / "current_clocksource")
+    if source is None:
+        return None
+    fast = source in _FAST_CLOCKS
+    return CheckResult(
+        _PROCESSOR,
+        "clock",
+        "ok" if fast else "warn",
+        source,
+        advice="" if fast else "reading it is a system call that takes a microsecond or more",
+        data={"clocksource": source},
+    )
+
+
+def _load(system: System, sleep: Callable[[float], object]) -> CheckResult | None:
+    before = _ticks(system)
+    sleep(_LOAD_SAMPLE_S)
+    after = _ticks(system)
+    if before is None or after is None:
+        return None
+    spent = [late - early for early, late in zip(before, after, strict=True)]
+    total = max(sum(spent), 1)
+    # user nice system idle iowait irq softirq steal
+    busy, stolen = 1 - (spent[3] + spent[4]) / total, spent[7] / total
+    data = {"busy": round(busy, 4), "stolen": round(stolen, 4)}
+    found = f"{busy:.0%} busy"
+    if stolen > _MAX_STEAL_SHARE:
+        return CheckResult(
+            _PROCESSOR,
+            "idle load",
+            "warn",
+            f"{found}, {stolen:.1%} taken by the host of this virtual machine (steal)",
+            advice="the virtual machine does not run during this time; use a dedicated host",
+            data=data,
+        )
+    return CheckResult(
+        _PROCESSOR,
+        "idle load",
+        "warn" if busy > _MAX_BUSY_SHARE else "ok",
+        found,
+        advice="stop other programs, which affect the results" if busy > _MAX_BUSY_SHARE else "",
+        data=data,
+    )
+
+
+def _ticks(system: System) -> list[int] | None:
+    """The total time of all cores in ticks: the first eight fields of ``cpu``."""
+    text = read_text(system.proc / "stat")
+    words = text.splitlines()[0].split() if text else []
+    if len(words) < 9 or words[0] != "cpu":
+        return None
+    return [int(word) for word in words[1:9]]
+
+
+_SHARED_MEMORY = "shared memory"
+
+_PARTICIPANTS = 4
+"""Player, monitor and two nodes: each has a segment of its own."""
+
+_SIZES = (("1280x720 rgb8", 1280 * 720 * 3), ("1920x1200 rgb8", 1920 * 1200 * 3))
+
+
+def check_shared_memory(system: System) -> list[CheckResult]:
+    """How much is free, and how many processes that exchange images it holds."""
+    middleware = middleware_of(system.environ)
+    if not middleware.uses_shared_memory:
+        found = f"not used by a run with {middleware.name}"
+        return [CheckResult(_SHARED_MEMORY, "size", "ok", found)]
+    try:
+        usage = shutil.disk_usage(system.shared_memory)
+    except OSError as error:
+        return [
+            CheckResult(
+                _SHARED_MEMORY,
+                "size",
+                "problem",
+                f"{system.shared_memory}: {error.strerror or error}",
+                advice="mount a tmpfs there, or state transport: udp",
+            )
+        ]
+    room = {name: usage.free // _segment_bytes(middleware, size) for name, size in _SIZES}
+    status = _status(usage.free, _PARTICIPANTS * _segment_bytes(middleware, 0), room)
+    return [
+        CheckResult(
+            _SHARED_MEMORY,
+            "size",
+            status,
+            f"{show(usage.free, 'B')} free of {show(usage.total, 'B')}: room for "
+            + ", ".join(f"{_processes(count)} at {name}" for name, count in room.items()),
+            advice=""
+            if status == "ok"
+            else f"sudo mount -o remount,size=2G {system.shared_memory} (in a container: "
+            "--shm-size=2g), or state transport: udp",
+            data={"free_bytes": usage.free, "total_bytes": usage.total, "processes": room},
+        )
+    ]
+
+
+def _segment_bytes(middleware: Middleware, message_bytes: int) -> int:
+    return middleware.segment_bytes(Transport("shared_memory", message_bytes))
+
+
+def _status(free: int, required: int, room: dict[str, int]) -> Status:
+    if free < required:
+        return "problem"
+    return "ok" if min(room.values()) >= _PARTICIPANTS else "warn"
+
+
+def _processes(count: int) -> str:
+    return "1 process" if count == 1 else f"{count} processes"
+
+
+_NETWORK = "network"
+
+_IFF_UP = 0x1
+
+
+def check_sockets(system: System) -> list[CheckResult]:
+    """The largest socket buffers that the kernel grants, and whether loopback is up."""
+    middleware = middleware_of(system.environ)
+    requested = middleware.socket_buffers
+    return [
+        _buffer(system, middleware.name, "receive", "rmem_max", requested.receive),
+        _buffer(system, middleware.name, "send", "wmem_max", requested.send),
+        *_loopback(system),
+    ]
+
+
+def _buffer(
+    system: System, middleware: str, direction: str, name: str, requested: int
+) -> CheckResult:
+    limit = read_int(system.proc / "sys/net/core" / name)
+    title = f"{direction} buffers"
+    if limit is None:
+        return CheckResult(_NETWORK, title, "ok", "not told by this kernel")
+    data = {f"net.core.{name}": limit, "wanted": requested}
+    if limit >= requested:
+        return CheckResult(_NETWORK, title, "ok", f"up to {show(limit, 'B')}", data=data)
+    return CheckResult(
+        _NETWORK,
+        title,
+        "warn",
+        f"at most {show(limit, 'B')}, while {middleware} asks for {show(requested, 'B')}",
+        advice="large messages over UDP will be lost and sent again; "
+        f"sudo sysctl -w net.core.{name}={requested}",
+        data=data,
+    )
+
+
+def _loopback(system: System) -> list[CheckResult]:
+    flags = read_text(system.sys / "class/net/lo/flags")
+    if flags is None or int(flags, 16) & _IFF_UP:
+        return []
+    return [
+        CheckResult(
+            _NETWORK,
+            "loopback",
+            "problem",
+            "the device lo is down",
+            advice="discovery runs over it; sudo ip link set lo up",
+        )
+    ]
+
+
+_DATASETS = "datasets"
+
+_MIN_FREE_BYTES = 4 << 30
+"""The size of a few seconds of all topics of the largest synthetic dataset."""
+
+
+def check_datasets(system: System, cache: Path | None = None) -> list[CheckResult]:
+    """Check the cache, and the folder of recorded datasets if R2B_DATASETS is set."""
+    checks = [_cache(cache or datasets_dir())]
+    named = system.environ.get("R2B_DATASETS")
+    if named and not Path(named).is_dir():
+        checks.append(
+            CheckResult(
+                _DATASETS,
+                "recorded",
+                "problem",
+                f"R2B_DATASETS is {named}, which is not a folder",
+                advice="correct it, or unset it to use synthetic datasets",
+            )
+        )
+    return checks
+
+
+def _cache(folder: Path) -> CheckResult:
+    entries = [each for each in _entries(folder) if not each.name.startswith(".")]
+    size = sum(_size(each) for each in entries)
+    free = shutil.disk_usage(_nearest_existing_folder(folder)).free
+    data = {"path": str(folder), "entries": len(entries), "bytes": size, "free_bytes": free}
+    used = f"{show(size, 'B')} in {len(entries)} datasets" if entries else "empty"
+    too_little = free < _MIN_FREE_BYTES
+    return CheckResult(
+        _DATASETS,
+        "cache",
+        "warn" if too_little else "ok",
+        f"{used}, {show(free, 'B')} free; {folder}",
+        advice="remove synthetic datasets, which are created again when needed, "
+        "or select another disk with XDG_CACHE_HOME"
+        if too_little
+        else "",
+        data=data,
+    )
+
+
+def _entries(folder: Path) -> list[Path]:
+    try:
+        return sorted(folder.iterdir())
+    except OSError:
+        return []
+
+
+def _size(path: Path) -> int:
+    """The bytes of a file, or of all files in a folder; files that disappear count 0."""
+    total = 0
+    for each in (path, *path.rglob("*")):
+        with contextlib.suppress(OSError):
+            total += each.stat().st_size if each.is_file() else 0
+    return total
+
+
+def _nearest_existing_folder(folder: Path) -> Path:
+    """The nearest existing parent, which is on the same disk."""
+    return next(each for each in (folder, *folder.parents) if each.exists())

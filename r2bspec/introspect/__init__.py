@@ -1,1 +1,0 @@
-"""Starting nodes once to record their topics, services and parameters."""

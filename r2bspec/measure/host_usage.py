@@ -1,0 +1,260 @@
+"""What was used of the machine during an interval: by the processes of the run, and by others.
+
+Processor time and memory of a process are its resource usage; what else happened on the machine is
+host interference.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from r2bspec.record.run_record import FloorRecord
+from r2bspec.record.sample_arrays import Rows
+
+
+@dataclass(frozen=True)
+class ResourceUse:
+    """What a process, or the machine, used in a window.
+
+    Attributes:
+        cpu_mean: processor time per time; 1 is one core. None if too little was sampled.
+        cpu_max: the largest of the same between two samples at least `MIN_SPACING_NS` apart.
+        memory_max_bytes: the largest resident set at a sample, or None without one.
+        waited: the run-queue wait of all its threads per time; it exceeds 1 if several wait at
+            once. None if the kernel counts none, or too little was sampled.
+        minor_faults: the page faults without reading from disk in the window; None likewise.
+    """
+
+    cpu_mean: float | None
+    cpu_max: float | None
+    memory_max_bytes: int | None
+    waited: float | None = None
+    minor_faults: float | None = None
+
+
+MACHINE_INDEX = -1
+"""The process index of the whole machine."""
+
+CONTROLLER_INDEX = -2
+"""The process index of the controller itself, which is not a process of the run's plan."""
+
+ORPHANS_INDEX = -3
+"""The process index of processes of the run that are known to descend from none of its plan."""
+
+
+MIN_SPACING_NS = 100_000_000
+"""Processor time is counted in ticks of 10 ms: a rate needs several of them."""
+
+
+def spaced_indices(times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The indices of ascending times at least `MIN_SPACING_NS` apart; the last one is kept."""
+    kept: list[int] = []
+    for index, time_ns in enumerate(times_ns.tolist()):
+        if not kept or time_ns - times_ns[kept[-1]] >= MIN_SPACING_NS:
+            kept.append(index)
+    if kept and kept[-1] != times_ns.size - 1:
+        kept[-1:] = [times_ns.size - 1] if len(kept) > 1 else [kept[-1], times_ns.size - 1]
+    return np.array(kept, dtype=np.int64)
+
+
+def resource_use(
+    resources: Rows, processes: frozenset[int], began_ns: int, ended_ns: int
+) -> ResourceUse | None:
+    """What some processes together used between two times, or None if nothing was sampled then.
+
+    With C(t) the processor time used up to t, interpolated linearly between samples,
+
+        cpu_mean = (C(ended) - C(began)) / (ended - began)
+
+    so that time outside the window does not count, whatever the sampling period. Samples must
+    cover at least half of the window; the rest is left out of both differences.
+
+    Args:
+        resources: rows of type `RESOURCE_DTYPE`, in any order.
+        processes: the indices to add up; several where a name was started more than once.
+        began_ns: the beginning of the window.
+        ended_ns: its end.
+    """
+    found = [
+        one
+        for index in sorted(processes)
+        if (one := _process_use(resources, index, began_ns, ended_ns)) is not None
+    ]
+    if not found:
+        return None
+    if len(found) == 1:
+        return found[0]
+    return ResourceUse(
+        cpu_mean=_sum([one.cpu_mean for one in found]),
+        # The busiest moments need not coincide: their sum is an upper bound.
+        cpu_max=_sum([one.cpu_max for one in found]),
+        memory_max_bytes=sum(one.memory_max_bytes or 0 for one in found),
+        waited=_sum([one.waited for one in found]),
+        minor_faults=_sum([one.minor_faults for one in found]),
+    )
+
+
+def _process_use(resources: Rows, index: int, began_ns: int, ended_ns: int) -> ResourceUse | None:
+    rows = resources[resources["process"] == index]
+    rows = rows[np.argsort(rows["time_ns"], kind="stable")]
+    inside = (rows["time_ns"] >= began_ns) & (rows["time_ns"] <= ended_ns)
+    if rows.size < 2 or rows["time_ns"][-1] <= began_ns or rows["time_ns"][0] >= ended_ns:
+        return None
+    memory = rows["memory_bytes"][inside]
+    memory_max = int(memory.max()) if memory.size else None
+    times = rows["time_ns"]
+    start, end = max(began_ns, int(times[0])), min(ended_ns, int(times[-1]))
+    if end <= start or 2 * (end - start) < ended_ns - began_ns:
+        return ResourceUse(None, None, memory_max)
+    edges = np.concatenate(([start], times[(times > start) & (times < end)], [end]))
+    # Relative to the start of the window, because float64 cannot represent nanoseconds since boot.
+    used = np.interp((edges - start) / 1e9, (times - start) / 1e9, rows["cpu_s"])
+    apart = spaced_indices(edges)
+    busiest = float(np.max(np.diff(used[apart]) / (np.diff(edges[apart]) / 1e9)))
+    mean = float(used[-1] - used[0]) / ((end - start) / 1e9)
+    waited_s = _growth_of_process(rows, "waited_s", start, end)
+    return ResourceUse(
+        mean,
+        max(busiest, mean),
+        memory_max,
+        None if waited_s is None else waited_s / ((end - start) / 1e9),
+        _growth_of_process(rows, "minor_faults", start, end),
+    )
+
+
+def _growth_of_process(rows: Rows, field: str, start: int, end: int) -> float | None:
+    """By how much a cumulative value has grown; None if it is unknown at some sample."""
+    values = rows[field]
+    # -1 in files of versions that did not record it.
+    if not np.all(values >= 0):
+        return None
+    times_s = (rows["time_ns"] - start) / 1e9
+    first, last = np.interp([0.0, (end - start) / 1e9], times_s, values)
+    return float(last - first)
+
+
+def _sum(values: list[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return sum(known) if known else None
+
+
+_MIN_LATENCY_DIFFERENCE_NS = 100_000
+
+
+class Surroundings(msgspec.Struct, frozen=True, kw_only=True):
+    """Host interference during one iteration; None is unknown.
+
+    Attributes:
+        seconds: how long the iteration lasted.
+        cores: processors that the run may use.
+        steal: the share of their time that other virtual machines got.
+        foreign_cores: processor time per time that processes outside the run used on them.
+        pressure: share of the time in which some task waited for a processor (PSI, ``some``).
+        throttled_s: time for which a processor or the control group was throttled.
+        calibration: latency of the harness alone, relative to its usual latency here.
+        own_cores: processor time per time that the run used itself.
+        own_waited: run-queue wait of all threads of the run per time; over 1 if several wait.
+    """
+
+    seconds: float = 0.0
+    cores: int | None = None
+    steal: float | None = None
+    foreign_cores: float | None = None
+    pressure: float | None = None
+    throttled_s: float | None = None
+    calibration: float | None = None
+    own_cores: float | None = None
+    own_waited: float | None = None
+
+
+def host_interference(
+    rows: Rows,
+    resources: Rows,
+    processes: frozenset[int],
+    cores: int | None,
+    began_ns: int,
+    ended_ns: int,
+) -> Surroundings | None:
+    """The interference between two times, interpolated linearly between samples.
+
+    Args:
+        rows: of type `INTERFERENCE_DTYPE`, in order of time.
+        resources: of type `RESOURCE_DTYPE`.
+        processes: the indices of all processes of the run.
+        cores: how many processors the run may use, where that is known.
+        began_ns: the beginning of the window.
+        ended_ns: its end.
+
+    Returns:
+        None if the samples do not cover the window.
+    """
+    seconds = (ended_ns - began_ns) / 1e9
+    if seconds <= 0 or not _covers(rows, began_ns, ended_ns):
+        return None
+    stolen_s = _growth_on_host(rows, "stolen_s", began_ns, ended_ns)
+    waited_s = _growth_on_host(rows, "waited_s", began_ns, ended_ns)
+    busy_s = _growth_on_host(rows, "busy_s", began_ns, ended_ns)
+    # Without orphans there are no rows of them.
+    own = resource_use(resources, processes | {ORPHANS_INDEX}, began_ns, ended_ns)
+    return Surroundings(
+        seconds=seconds,
+        cores=cores,
+        steal=None if stolen_s is None or not cores else min(1.0, stolen_s / (seconds * cores)),
+        foreign_cores=_foreign_cores(busy_s, own, resources, began_ns, ended_ns),
+        pressure=None if waited_s is None else min(1.0, waited_s / seconds),
+        throttled_s=_growth_on_host(rows, "throttled_s", began_ns, ended_ns),
+        own_cores=own.cpu_mean if own is not None else None,
+        own_waited=own.waited if own is not None else None,
+    )
+
+
+def _covers(rows: Rows, began_ns: int, ended_ns: int) -> bool:
+    """Whether samples cover at least half of a window."""
+    if rows.size < 2:
+        return False
+    inside = min(ended_ns, int(rows["time_ns"][-1])) - max(began_ns, int(rows["time_ns"][0]))
+    return 2 * inside >= ended_ns - began_ns
+
+
+def _growth_on_host(rows: Rows, field: str, began_ns: int, ended_ns: int) -> float | None:
+    """By how much a sum grew; None if the system does not report it."""
+    # Relative to the start of the window, because float64 cannot represent nanoseconds since boot.
+    times = (rows["time_ns"] - began_ns) / 1e9
+    first, last = np.interp([0.0, (ended_ns - began_ns) / 1e9], times, rows[field])
+    grown = float(last - first)
+    return max(0.0, grown) if math.isfinite(grown) else None
+
+
+def _foreign_cores(
+    busy_s: float | None, own: ResourceUse | None, resources: Rows, began_ns: int, ended_ns: int
+) -> float | None:
+    if busy_s is None or own is None or own.cpu_mean is None:
+        return None
+    controller = resource_use(resources, frozenset({CONTROLLER_INDEX}), began_ns, ended_ns)
+    known = own.cpu_mean + ((controller.cpu_mean or 0.0) if controller is not None else 0.0)
+    return max(0.0, busy_s / ((ended_ns - began_ns) / 1e9) - known)
+
+
+def harness_slowdown(usual: tuple[FloorRecord, ...], now: tuple[FloorRecord, ...]) -> float | None:
+    """The latency of the harness alone over its usual one: the largest ratio of the inputs.
+
+    Medians of the same input are compared. A difference below `_MIN_LATENCY_DIFFERENCE_NS` is
+    caused by the timer and the scheduler, whatever the ratio.
+
+    Returns:
+        None if the harness overhead of no input is in both.
+    """
+    before = {(each.topic, each.rate_hz): each.latency_p50_ns for each in usual}
+    ratios = [
+        each.latency_p50_ns / known
+        if each.latency_p50_ns - known > _MIN_LATENCY_DIFFERENCE_NS
+        else 1.0
+        for each in now
+        if each.latency_p50_ns and (known := before.get((each.topic, each.rate_hz)))
+    ]
+    return max(ratios, default=None)

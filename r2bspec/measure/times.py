@@ -1,0 +1,183 @@
+"""Times of single messages and what they add up to: latency, intervals, jitter, rates, percentiles.
+
+All inputs are whole nanoseconds; they become seconds only after the subtraction, when the numbers
+are small enough for floating point to keep every nanosecond.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from r2bspec.measure.matching import Matching
+from r2bspec.record.sample_arrays import Rows
+
+Seconds = NDArray[np.float64]
+
+
+def latencies(playback: Rows, monitor: Rows, match: Matching) -> Seconds:
+    """Received - published of each output, in seconds, in the order of the steps.
+
+    Published is when publishing of the step's first input began; received is when the
+    middleware received the first output. Where several steps lead to one output, the last of
+    them counts: the graph could not respond before.
+
+    Returns:
+        Shape (answered,).
+    """
+    return _elapsed_since(playback["published_ns"], monitor, match)
+
+
+def latencies_from_due(playback: Rows, monitor: Rows, match: Matching) -> Seconds:
+    """Received - due of each output, in seconds, in the order of the steps.
+
+    Free of coordinated omission: delays of the playback count.
+
+    Returns:
+        Shape (answered,).
+    """
+    return _elapsed_since(playback["due_ns"], monitor, match)
+
+
+def _elapsed_since(start_ns: NDArray[np.int64], monitor: Rows, match: Matching) -> Seconds:
+    answered = match.answered
+    received = monitor["received_ns"][match.first_row[answered]]
+    return seconds(received - start_ns[match.trigger_steps[answered]])
+
+
+def arrivals(monitor: Rows, match: Matching) -> NDArray[np.int64]:
+    """When each first output was received, in ascending nanoseconds; shape (answered,).
+
+    Duplicates and messages that match no step are left out: they are counted elsewhere, and
+    would make a graph look faster than it is.
+    """
+    return np.sort(monitor["received_ns"][match.first_row[match.answered]])
+
+
+def intervals(arrived_ns: NDArray[np.int64]) -> Seconds:
+    """t[i+1] - t[i] in seconds; shape (n - 1,)."""
+    return seconds(np.diff(arrived_ns))
+
+
+def jitter(arrived_ns: NDArray[np.int64]) -> Seconds:
+    """|(t[i+2] - t[i+1]) - (t[i+1] - t[i])| in seconds; shape (n - 2,)."""
+    if arrived_ns.size < 3:
+        return np.empty(0)
+    return seconds(np.abs(np.diff(arrived_ns, 2)))
+
+
+def seconds(ns: NDArray[np.int64]) -> Seconds:
+    """Differences of nanoseconds as seconds."""
+    return ns.astype(np.float64) / 1e9
+
+
+def mean_rate(times_ns: NDArray[np.int64]) -> float:
+    """(n - 1) / (t_last - t_first) in Hz; 0 for fewer than two events.
+
+    n events bound n - 1 periods: dividing n by the same time would give 10.2 Hz for 10 Hz.
+    """
+    return _rate(times_ns.size, int(times_ns[-1] - times_ns[0])) if times_ns.size else 0.0
+
+
+@dataclass(frozen=True)
+class EdgeGaps:
+    """Gaps at the ends of a sending window, in ns; 0 for an ordinary one."""
+
+    before_ns: int
+    after_ns: int
+
+
+def edge_gaps(arrived_ns: NDArray[np.int64], soonest_ns: int, ended_ns: int) -> EdgeGaps:
+    """The gaps before the first and after the last output that are part of the measurement.
+
+    A graph that dies in the middle has perfect intervals up to then. So a gap at an end counts if
+    it is longer than every gap between two outputs; an ordinary one is only the phase between the
+    playback's clock and the outputs, and does not count.
+
+    Args:
+        arrived_ns: when outputs were received, ascending, at least one.
+        soonest_ns: when the first output could have come: publication of the first step plus
+            the shortest latency.
+        ended_ns: the end of the sending window.
+    """
+    longest = int(np.max(np.diff(arrived_ns))) if arrived_ns.size > 1 else 0
+    before = int(arrived_ns[0]) - soonest_ns
+    after = ended_ns - int(arrived_ns[-1])
+    return EdgeGaps(before if before > longest else 0, after if after > longest else 0)
+
+
+def throughput(
+    arrived_ns: NDArray[np.int64], soonest_ns: int, window_ns: float, period_ns: float = 0.0
+) -> float:
+    """Outputs per window of time, in Hz.
+
+    With n outputs, output k of them (from 1 on) received t_k after the first one could come, a
+    window of length w and a period p::
+
+        throughput = n / w                            if t_n <= w
+                     max over k of k / max(w, t_k + p)   otherwise
+
+    n steps at rate r take w = n / r, so a graph that answers all of them in that time gets r,
+    whatever its latency and however its outputs are bunched. The outputs of a graph that is slower
+    than the player go on after the window; they extend the time, to that of the most favourable
+    output, so that one straggler does not count against the others. The last output of that time
+    has a period of its own: n outputs bound n - 1 periods. Throughput is never more than the
+    answered share of the offered rate.
+
+    Args:
+        arrived_ns: when outputs were received, ascending.
+        soonest_ns: when the first output could have come: publication of the first step plus the
+            shortest latency; in a live run, the beginning of the window.
+        window_ns: the time in which as many outputs as expected are due, if each is due one
+            period after the one before.
+        period_ns: that period; 0 where outputs have none.
+    """
+    if not arrived_ns.size or window_ns <= 0:
+        return 0.0
+    elapsed_ns = arrived_ns - soonest_ns
+    if elapsed_ns[-1] <= window_ns:
+        return arrived_ns.size / (window_ns / 1e9)
+    counts = np.arange(1, arrived_ns.size + 1)
+    return float(np.max(counts / np.maximum(elapsed_ns + period_ns, window_ns))) * 1e9
+
+
+def _rate(n: int, span_ns: int) -> float:
+    return (n - 1) / (span_ns / 1e9) if n > 1 and span_ns > 0 else 0.0
+
+
+def percentile(values: NDArray[np.float64], q: float, lost: int = 0) -> float | None:
+    """The value at or below which a fraction `q` of all messages lies.
+
+    Nearest rank, which is the inverse of the empirical distribution function: with the n values
+    in ascending order, followed by `lost` times infinity, it is the k-th, where
+
+        k = max(1, ceil(q (n + lost)))
+
+    It is always an observed value, never an interpolated one.
+
+    Args:
+        values: shape (n,), in any order, finite.
+        q: 0 < q <= 1.
+        lost: messages that never arrived; they count as later than every other.
+
+    Returns:
+        None if there are no messages; infinity if the k-th was lost.
+    """
+    total = values.size + lost
+    if total == 0:
+        return None
+    k = rank(q, total)
+    if k > values.size:
+        return math.inf
+    return float(np.partition(values, k - 1)[k - 1])
+
+
+def rank(q: float, n: int) -> int:
+    """The smallest k of 1..n with k / n >= q, without rounding errors.
+
+    0.07 x 100 is 7.000000000000001 in binary floating point; the tolerance keeps it 7.
+    """
+    return min(n, max(1, math.ceil(q * n - 1e-9 * n)))
