@@ -16,10 +16,10 @@ spec=${1:?"usage: gate.sh SPEC [BASE]"}
 base=${2:-origin/main}
 if [ -n "${R2BSPEC_OUTPUT:-}" ]; then
   folder=$R2BSPEC_OUTPUT
-  mkdir -p "$folder" || exit 2
 else
   folder=$(mktemp -d "${TMPDIR:-/tmp}/r2bspec.XXXXXXXXXX") || exit 2
 fi
+mkdir -p "$folder/reports" || exit 2
 
 set -- --require-slos --output "$folder/run" \
   --report "html=$folder/reports/report.html" \

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ JOB: dict[str, Any] = yaml.safe_load(TEMPLATE.read_text())[".r2bspec"]
 
 _STAND_IN = """#!/bin/bash
 # Stands for Python with r2bspec: keeps the arguments and writes the reports that were asked for.
+[ "$1 $2" = "-I -c" ] && exec "$PYTHON" "$@"
 [ "$1 $2 $3" = "-I -m r2bspec" ] || exit 99
 shift 3
 [ "$1" = --version ] && exit "${BROKEN:-0}"
@@ -46,7 +48,7 @@ def stand_in(folder: Path) -> Path:
     It ends with ``$STATUS``, and keeps its arguments and its environment in the current folder.
     """
     program = folder / "fake python"
-    program.write_text(_STAND_IN)
+    program.write_text(_STAND_IN.replace("$PYTHON", sys.executable))
     program.chmod(0o755)
     return program
 
