@@ -26,7 +26,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-import r2bspec
 from r2bspec.compare.base_tree import BaseRevisionError, BaseTree
 from r2bspec.untrusted.safe_file import names_in
 
@@ -101,7 +100,7 @@ def _mapped(entry: str, tree: BaseTree) -> Iterator[str]:
 
 def _is_tool(path: Path) -> bool:
     """Whether a path is of the virtual environment, or of r2bspec, which may lie in that tree."""
-    package = Path(r2bspec.__file__).resolve().parent
+    package = Path(__file__).resolve().parents[1]
     # The folder of the package is in a search path where r2bspec is installed as editable.
     in_tools = _is_in_any(path, (Path(sys.prefix), Path(sys.prefix).resolve(), package))
     return in_tools or path == package.parent

@@ -119,6 +119,8 @@ def open_base_tree(reference: BaseReference, spec: Path) -> Iterator[BaseTree]:
         with (place / _LOCK).open("wb") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             (place / _TREE).mkdir()
+            # What looks for the top of a work tree finds it, although git finds no repository.
+            (place / _TREE / ".git").mkdir()
             notes = _TreeWriter(head_top, commit, place / _TREE).write()
             yield BaseTree(
                 # As `resolve` names it: files that processes load are compared with it.

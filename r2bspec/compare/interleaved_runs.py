@@ -311,9 +311,11 @@ class _PairRunner:
             pairs=tuple(self._pairs),
             differences=comparison.differences,
             gate=comparison.gate,
+            # That of a work tree leads to its code, and is no difference that matters.
             environment={
                 name: shown_value(name, value)
                 for name, value in comparison.base.environment.items()
+                if comparison.check_run is None
             },
             notes=tuple(self._notes),
         )

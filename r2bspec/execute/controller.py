@@ -37,6 +37,7 @@ from r2bspec.execute.host.host_watch import HostWatch
 from r2bspec.execute.host.machine import describe_machine, describe_versions
 from r2bspec.execute.host.resource_sampler import ResourceSampler
 from r2bspec.execute.identity import graph_identity
+from r2bspec.execute.identity.mapped_files import modules_of_programs
 from r2bspec.execute.inputs.buffer_bags import buffer_bags
 from r2bspec.execute.inputs.dataset import ResolvedDataset, obtain_dataset
 from r2bspec.execute.inputs.preprocess import preprocess
@@ -44,7 +45,7 @@ from r2bspec.execute.measurement.measurement import Measurement
 from r2bspec.execute.measurement.run_reporter import RunReporter
 from r2bspec.execute.measurement.time_budget import TimeBudget
 from r2bspec.execute.phase_clock import PhaseClock
-from r2bspec.execute.processes.environment import RunEnvironment
+from r2bspec.execute.processes.environment import MODULES_FOLDER, RunEnvironment
 from r2bspec.execute.processes.executables import resolve_argv
 from r2bspec.execute.processes.joinable import require_joinable
 from r2bspec.execute.processes.middleware_check import check_middleware
@@ -95,6 +96,7 @@ def run_plan(
     profile: str = "",
     profile_node: str = "",
     identity: GraphIdentity | None = None,
+    gate: tuple[str, ...] = (),
 ) -> RunRecord:
     """Execute a plan; the run folder is written completely when this returns or raises.
 
@@ -110,6 +112,7 @@ def run_plan(
         profile: a profiler for one more iteration; empty for none (`find_profiler`).
         profile_node: the node, or process, that it observes; all nodes if empty.
         identity: what the graph is made of; looked up if None, after the setup steps.
+        gate: what reports say of the merge gate, one sentence each.
 
     Raises:
         UsageError: the profiler, or its node, does not exist.
@@ -130,7 +133,7 @@ def run_plan(
         controller.abort_on_fail = abort_on_fail
         controller.record_outputs = record_outputs
         controller.profile, controller.profile_node = profile, profile_node
-        controller.identity = identity
+        controller.identity, controller.gate = identity, gate
         return controller.run()
 
 
@@ -142,6 +145,7 @@ class _Controller:
     profile = ""
     profile_node = ""
     identity: GraphIdentity | None = None
+    gate: tuple[str, ...] = ()
 
     def __init__(
         self,
@@ -228,10 +232,20 @@ class _Controller:
             self._resources.stop()
             self._write_resource_samples()
             if self._starts is not None:
-                write_loaded_files(self._folder.path, self._starts.loaded_files())
+                write_loaded_files(self._folder.path, self._loaded_files(record))
         with contextlib.suppress(RecordError) if failure else contextlib.nullcontext():
             self._folder.write_record(record)
         return record
+
+    def _loaded_files(self, record: RunRecord) -> dict[str, frozenset[str]]:
+        """The files that each process of the graph has loaded, by its name."""
+        assert self._starts is not None  # noqa: S101 - see the caller
+        files = self._starts.loaded_files()
+        modules = modules_of_programs(self._scratch / MODULES_FOLDER)
+        for process in record.processes:
+            if process.pid in modules:
+                files[process.name] = files.get(process.name, frozenset()) | modules[process.pid]
+        return files
 
     def _execute(self) -> None:
         _require_rclpy()
@@ -593,6 +607,7 @@ class _Controller:
             accuracy=self._accuracy,
             phases=self._clock.phases(),
             identity=self.identity,
+            gate=self.gate,
         )
 
 

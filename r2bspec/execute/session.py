@@ -45,7 +45,7 @@ from r2bspec.execute.diagnosis.observe_graph import (
     find_faults,
 )
 from r2bspec.execute.errors import NoOutputError, ProcessFailedError, RunError
-from r2bspec.execute.identity.loaded_files import loaded_by_graph, mapped_files
+from r2bspec.execute.identity.mapped_files import loaded_by_graph, mapped_files
 from r2bspec.execute.inputs.build_schedule import build_schedule
 from r2bspec.execute.measurement.foreign_publishers import foreign_publishers, guarded_topics
 from r2bspec.execute.measurement.harness_overhead import (

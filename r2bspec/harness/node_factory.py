@@ -32,6 +32,12 @@ class NodeError(Exception):
         self.hint = hint
 
 
+def module_files() -> tuple[str, ...]:
+    """The files of all modules that are imported; a node may have put anything into the table."""
+    files = (getattr(module, "__file__", None) for module in list(sys.modules.values()))
+    return tuple(sorted({str(Path(file).absolute()) for file in files if isinstance(file, str)}))
+
+
 def find_factory(target: str, base_dir: Path) -> Any:
     """The class or function that ``module.Class`` or ``./file.py:Class`` names.
 

@@ -8,7 +8,6 @@ depend on r2bspec.
 from __future__ import annotations
 
 import contextlib
-import sys
 import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -28,6 +27,7 @@ from r2bspec.harness.node_factory import (
     NodeError,
     find_factory,
     make_node,
+    module_files,
     ros_arguments,
     takes_keywords,
 )
@@ -109,12 +109,6 @@ def _init(plans: Sequence[NodePlan], factories: Sequence[Any]) -> None:
     rclpy_tools.init()
 
 
-def _module_files() -> tuple[str, ...]:
-    """The files of all modules that are imported; a node may have put anything into the table."""
-    files = (getattr(module, "__file__", None) for module in list(sys.modules.values()))
-    return tuple(sorted({str(Path(file).absolute()) for file in files if isinstance(file, str)}))
-
-
 class NodeHost:
     """Creates the nodes and spins them until told to shut down."""
 
@@ -165,7 +159,7 @@ class NodeHost:
         with contextlib.suppress(ChannelClosedError):
             while not isinstance(command := self._channel.receive(), protocol.Shutdown):
                 if isinstance(command, protocol.ListModules):
-                    self._channel.send(protocol.Modules(files=_module_files()))
+                    self._channel.send(protocol.Modules(files=module_files()))
                 if isinstance(command, protocol.CountMatches):
                     self._channel.send(
                         protocol.Matched(

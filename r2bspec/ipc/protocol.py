@@ -22,6 +22,7 @@ NATIVE_LIBRARY_VARIABLE = "R2BSPEC_NATIVE_LIBRARY"
 """Has the path of the library of players and monitors, for a process of Python nodes."""
 
 RUN_ID_VARIABLE = "R2BSPEC_RUN_ID"
+MODULES_FOLDER_VARIABLE = "R2BSPEC_MODULES_FOLDER"
 
 
 class _Message(msgspec.Struct, frozen=True, kw_only=True, tag_field="say"):

@@ -78,7 +78,6 @@ def build_result(
     pairs: PairsResult | None = None,
     baseline: BaselineResult | None = None,
     base_identity: GraphIdentity | None = None,
-    gate: tuple[str, ...] = (),
 ) -> Result:
     """The result of a run, or of several as one, that has been measured and judged."""
     record, plan = run.record, run.plan
@@ -118,7 +117,7 @@ def build_result(
         identity=record.identity,
         base_identity=base_identity,
         changes=changes,
-        gate=gate,
+        gate=record.gate,
     )
 
 

@@ -190,7 +190,7 @@ def _examine_pairs(
         if not _is_on_pairs(one) or one.outcome == "inconclusive":
             requirements.append(one)
             continue
-        taken = taken_shares(pair_set.played, _EXPLAINED_BY[one.outcome], one.at_hz, one.confidence)
+        taken = taken_shares(pair_set.played, _EXPLAINED_BY[one.outcome], one.at_hz)
         examine = examined_failure if one.outcome == "fail" else examined_pass
         found = examine(one, calm[place], without[one.outcome][place], taken, text)
         requirements.append(_strict_pairs(found, calm[place], pair_set, policy))

@@ -202,6 +202,7 @@ class PairedComparison:
             sustained=(),
             events=(),
             identity=one.identity if one else None,
+            gate=record.gate,
         )
 
 

@@ -130,6 +130,7 @@ def merge_runs(
         # Every run compares the same images; the first one that did so speaks for all.
         accuracy=next((record.accuracy for record in records if record.accuracy), ()),
         identity=common_identity(record.identity for record in records or [whole]),
+        gate=whole.gate,
     )
     return MergedRun(folder=folder, record=merged, plan=plan, runs=tuple(runs), spec=spec)
 

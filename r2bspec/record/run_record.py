@@ -512,7 +512,8 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     `profiles` are those of an iteration that counts for nothing.
     `accuracy` has one entry for each monitor that is compared with the truth, unless the run ended
     before that. `phases` say where the time went, and are empty in older records.
-    `identity` is what the graph was made of; None if that was not looked up.
+    `identity` is what the graph was made of; None if that was not looked up. `gate` is what reports
+    say of the merge gate, one sentence each.
     """
 
     r2bspec_record: Literal[1] = 1
@@ -542,3 +543,4 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     accuracy: tuple[AccuracyRecord, ...] = ()
     phases: tuple[PhaseTime, ...] = ()
     identity: GraphIdentity | None = None
+    gate: tuple[str, ...] = ()

@@ -21,15 +21,14 @@ from r2bspec.language.requirement_grammar import (
     parse_requirement,
 )
 from r2bspec.measure.units import at_rate, show
+from r2bspec.record.graph_identity import revision_text
 from r2bspec.report.report_wording import (
+    NAMED_CHANGES,
     OUTCOME_WORDS,
     own_pace,
     requirement_text,
     several_monitors,
 )
-
-_MOST_CHANGES: Final = 3
-"""Changes that are named; the others are counted."""
 
 _MOST_DIGITS: Final = 6
 """Digits of a value that looks like its limit with fewer."""
@@ -45,8 +44,7 @@ def headline(result: Result) -> str:
     """The first line of the reports of a run."""
     base = base_name(result)
     text = verdict_headline(result.name, result.verdict, base, own_pace(result.metrics))
-    changes = changes_text(result.changes, base)
-    return f"{text}; {changes}" if changes else text
+    return _with_changes(text, result, base)
 
 
 def verdict_headline(name: str, verdict: Verdict, base: str = "", pace: str = "") -> str:
@@ -70,8 +68,13 @@ def requirement_headline(
     base = base_name(result)
     value = _value(verdict, base, own_pace(result.metrics), name_monitor=name_monitor)
     text = f"{OUTCOME_WORDS[verdict.outcome]} {result.name}: {value}"
-    changes = changes_text(result.changes, base)
-    return " ".join(f"{text}; {changes}".split()) if changes else " ".join(text.split())
+    return _with_changes(" ".join(text.split()), result, base)
+
+
+def _with_changes(line: str, result: Result, base: str) -> str:
+    """The line with what changed; the base is named once."""
+    changes = changes_text(result.changes, "" if base in line else base)
+    return f"{line}; {changes}" if changes else line
 
 
 def reason_after(line: str, verdict: Verdict) -> str:
@@ -83,8 +86,12 @@ def reason_after(line: str, verdict: Verdict) -> str:
 def base_name(result: Result) -> str:
     """What a run was compared with, in few words; empty where it was not compared."""
     pairs, earlier = result.pairs, result.baseline
+    base = result.base_identity.revision if result.base_identity is not None else None
     if pairs is not None:
-        return "itself" if pairs.control else pairs.against
+        if pairs.control:
+            return "itself"
+        # Without a name the user gave a spec or a folder, which says more than its commit.
+        return revision_text(base) if base is not None and base.name else pairs.against
     if earlier is None:
         return ""
     if earlier.kind == "stored":
@@ -96,8 +103,8 @@ def changes_text(changes: Sequence[str], base: str) -> str:
     """What differs from the base, such as ``blur.py changed against origin/main@9b1e44f``."""
     if not changes:
         return ""
-    named = ", ".join(changes[:_MOST_CHANGES])
-    more = len(changes) - _MOST_CHANGES
+    named = ", ".join(changes[:NAMED_CHANGES])
+    more = len(changes) - NAMED_CHANGES
     others = f" and {more} more" if more > 0 else ""
     return f"{named}{others}{f' against {base}' if base else ''}"
 
@@ -120,7 +127,9 @@ def _decisive(verdict: Verdict, base: str, pace: str) -> str:
     if undecided:
         first = undecided[0]
         number = f"{len(undecided)} of {len(counted)} open, " if len(counted) > 1 else "open is "
-        settle = f"{first.settle[:1].lower()}{first.settle[1:].rstrip('.')}"
+        # What would decide it is the last sentence; the table has the others.
+        settle = first.settle.rstrip(".").rpartition(". ")[2]
+        settle = f"{settle[:1].lower()}{settle[1:]}"
         return f"{number}{value(first)}{f'; {settle}' if settle else ''}"
     nearest = max(counted, key=_used)
     place = f", the nearest of {len(counted)} to its limit" if len(counted) > 1 else ""
@@ -143,7 +152,7 @@ def _value(verdict: RequirementVerdict, base: str, pace: str, *, name_monitor: b
     if verdict.compared is not None:
         of = f" of {base}" if base else " of the base"
         return (
-            f"{name} {show(verdict.estimate, 'share')}{_interval(verdict)}{of}{at}, limit {limit}"
+            f"{name} {show(verdict.estimate, 'share')}{_interval(verdict)}{of}, limit {limit}{at}"
         )
     windows = ""
     if requirement.windows_share is not None:

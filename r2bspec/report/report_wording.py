@@ -24,15 +24,16 @@ OUTCOME_WORDS: dict[OverallOutcome, str] = {
 """Each outcome with its mark: never shown by colour alone."""
 
 
+NAMED_CHANGES = 3
+"""Changes of the code that the first line of a report names; it counts the others."""
+
 _MAX_CHANGES = 12
-"""Changes of the code that are listed one by one."""
+"""Changes of the code that are listed one by one where the first line does not name them all."""
 
 
 def verdict_word(one: RequirementVerdict) -> str:
     """The outcome of a requirement, and its level where it does not fail the run."""
     word = OUTCOME_WORDS[one.outcome]
-    if one.learning:
-        return f"? learning, {one.learning}"
     if one.outcome == "pass" or one.level == "error":
         return word
     return f"{word} ({'warning' if one.level == 'warn' else 'information'})"
@@ -150,8 +151,9 @@ def undecided_rates_text(search: SearchRecord) -> str:
 
 
 def comparison(result: Result) -> Iterator[str]:
-    """The baseline of a result and the gate, a sentence each; nothing without them."""
+    """The gate and the baseline of a result, a sentence each; nothing without them."""
     yield from (f"{text[:1].upper()}{text[1:]}" for text in result.gate)
+    yield from _all_changes(result)
     pairs, earlier = result.pairs, result.baseline
     if pairs is not None:
         played = f"{pairs.used} of {pairs.planned} pairs" if pairs.used < pairs.planned else ""
@@ -172,23 +174,37 @@ def comparison(result: Result) -> Iterator[str]:
         yield from (f"Difference: {each}" for each in earlier.differences)
 
 
-def code_lines(result: Result) -> Iterator[str]:
-    """What was run: the revisions, and what changed between them."""
+def code_text(result: Result) -> str:
+    """The revisions that were run; empty where they are not known."""
     head, base = (
         revision_text(identity.revision) if identity is not None else ""
         for identity in (result.identity, result.base_identity)
     )
-    if head and base:
-        yield f"head {head} · base {base}"
-    elif head:
-        yield f"revision {head}"
-    if result.changes:
-        yield f"Changed since the base: {', '.join(_shortened(result.changes))}."
+    if head and base and head != base:
+        return f"head {head}, base {base}"
+    return f"revision {head}" if head else ""
 
 
-def _shortened(texts: Sequence[str]) -> Sequence[str]:
-    more = len(texts) - _MAX_CHANGES
-    return (*texts[:_MAX_CHANGES], f"{more} more") if more > 0 else texts
+def code_facts(result: Result) -> dict[str, str]:
+    """What is known of the code: the revision, each node, and each package; empty if nothing is."""
+    if result.identity is None:
+        return {}
+    nodes = {
+        f"node {name}": " ".join(
+            filter(None, (node.package, node.version, node.digest[:12], node.unknown))
+        )
+        for name, node in result.identity.nodes.items()
+    }
+    packages = {f"package {name}": text for name, text in result.identity.packages.items()}
+    return {"revision": revision_text(result.identity.revision), **nodes, **packages}
+
+
+def _all_changes(result: Result) -> Iterator[str]:
+    """What changed since the base, where the first line of a report names only some of it."""
+    if len(result.changes) > NAMED_CHANGES:
+        more = len(result.changes) - _MAX_CHANGES
+        others = f", {more} more" if more > 0 else ""
+        yield f"Changed since the base: {', '.join(result.changes[:_MAX_CHANGES])}{others}."
 
 
 def own_pace(metrics: RunMetrics) -> str:

@@ -21,6 +21,8 @@ from r2bspec.untrusted.unsaved_files import unsaved_content
 KERNEL_FOLDERS: Final = (Path("/proc"), Path("/sys"))
 """Their regular files have no size, may block, and tell about this machine."""
 
+_KERNEL_PATHS: Final = tuple(f"{folder}/" for folder in KERNEL_FOLDERS)
+
 _KINDS: Final = (
     (stat.S_ISDIR, "it is a folder, not a file"),
     (stat.S_ISFIFO, "it is a pipe, not a regular file"),
@@ -182,10 +184,12 @@ def _check_kind(place: int) -> None:
 
 
 def _check_place(place: int, folders: Iterable[Path] | None) -> None:
-    real = Path(f"/proc/self/fd/{place}").readlink()
-    if any(real.is_relative_to(each) for each in KERNEL_FOLDERS):
+    real = os.readlink(f"/proc/self/fd/{place}")  # noqa: PTH115 - many files are opened
+    if real.startswith(_KERNEL_PATHS):
         raise OutsideFolderError("it is a file of the kernel, not of a disk")
-    if folders is not None and not any(real.is_relative_to(real_path(each)) for each in folders):
+    if folders is not None and not any(
+        Path(real).is_relative_to(real_path(each)) for each in folders
+    ):
         raise OutsideFolderError("it is a link out of its folder")
 
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from simulated_comparisons import RUN_WORLDS, history_errors, pairs_errors, stored_errors
 from simulated_gates import mean_gate
+from simulated_pair_load import LOAD_WORLDS, LoadWorld, PairGate
 from simulated_starts import QUANTITIES, WINDOWS, WORLDS, Errors, Shape, errors
 from simulated_words import SAID, said
 
@@ -200,4 +202,65 @@ def words() -> None:
     )
 
 
-START_TABLES = (starts, shapes, looked_starts, comparisons, care, windows, stored, words)
+def pair_load() -> None:
+    """Pairs on a machine that others use, too."""
+
+    def cell(world: LoadWorld, **others: Any) -> str:
+        return str(PairGate(world, **others).outcomes(runs=200))
+
+    show(
+        "10 pairs, latency.p50 <= limit: passes / fails / confirmed fails, in % of 200",
+        [
+            "world",
+            "on the limit, A B B A, as played",
+            "on the limit",
+            "unchanged, limit 105 %",
+            "15 % slower, limit 105 %",
+        ],
+        (
+            [
+                name,
+                cell(world, limit=100.0, fixed_order=True, interference="tolerate"),
+                cell(world, limit=100.0),
+                cell(world),
+                cell(world, slower=1.15),
+            ]
+            for name, world in LOAD_WORLDS.items()
+        ),
+    )
+
+
+def pair_numbers() -> None:
+    """How many pairs it takes, by how much starts differ, under load that both sides had alike."""
+    world = LOAD_WORLDS["a third is taken from both sides"]
+    numbers = (3, 5, 10, 20, 40)
+
+    def cell(starts: float, pairs: int) -> str:
+        same, slower = (
+            PairGate(world, pairs=pairs, starts=starts, slower=slower).outcomes(runs=200).percent[2]
+            for slower in (1.0, 1.15)
+        )
+        return f"{same:.1f} / {slower:.0f}"
+
+    show(
+        "A third taken from both sides, limit 105 %: confirmed fails, same / 15 % slower, in %",
+        ["starts differ by", *(f"{pairs} pairs" for pairs in numbers)],
+        (
+            [f"{100 * starts:g} %", *(cell(starts, pairs) for pairs in numbers)]
+            for starts in (0.027, 0.05, 0.1)
+        ),
+    )
+
+
+START_TABLES = (
+    starts,
+    shapes,
+    looked_starts,
+    comparisons,
+    care,
+    windows,
+    stored,
+    words,
+    pair_load,
+    pair_numbers,
+)

@@ -1,142 +1,222 @@
-"""A repository as colcon has it, with pull requests, and GitHub's program for its API."""
+"""A repository in colcon's layout with a benchmark, and pull requests that change it.
+
+The node takes a fixed time for each message by sleeping, so that how much slower a change makes it
+is known, whatever else the machine does.
+"""
 
 from __future__ import annotations
 
-import json
+import os
+import shutil
+import subprocess
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
-from git_repositories import commit, git
-from github_runner import Event
+import yaml
 
+from git_repositories import commit, git, write_files
+from ros_runs import IMAGE, quick_input, write_bag
 
-@dataclass(frozen=True)
-class Upstream:
-    """The repository that pull requests are made to, with a branch ``main``."""
+PACKAGE = "src/blur/blur"
+SPEC = "bench/blur.r2b.yaml"
+PARAMETERS = "src/blur/config/blur.yaml"
+DEPENDENCY = "site/kernels"
 
-    folder: Path
+_NODE = """\
+import rclpy
+from kernels import smooth
+from rclpy.node import Node
+from sensor_msgs.msg import Image
 
-    @classmethod
-    def create(cls, folder: Path, files: Mapping[str, str | bytes]) -> Upstream:
-        """A repository with one commit; as a service does, it gives any commit that it has."""
-        commit(folder, files)
-        git(folder, "config", "uploadpack.allowAnySHA1InWant", "true")
-        return cls(folder)
-
-    @property
-    def main(self) -> str:
-        """The commit of ``main``."""
-        return git(self.folder, "rev-parse", "main")
-
-    def pull_request(
-        self, files: Mapping[str, str | bytes], deleted: Sequence[str] = (), number: int = 1
-    ) -> Event:
-        """A pull request with these files; what a runner checks out is its merge with ``main``."""
-        git(self.folder, "switch", "--quiet", "--create", f"change-{number}", "main")
-        for path in deleted:
-            (self.folder / path).unlink()
-        head = commit(self.folder, files)
-        git(self.folder, "switch", "--quiet", "--detach", "main")
-        git(self.folder, "merge", "--quiet", "--no-ff", "--message", "merge", head)
-        git(self.folder, "update-ref", f"refs/pull/{number}/merge", "HEAD")
-        git(self.folder, "update-ref", f"refs/pull/{number}/head", head)
-        git(self.folder, "switch", "--quiet", "main")
-        payload = {
-            "pull_request": {
-                "number": number,
-                "base": {"sha": self.main, "ref": "main"},
-                "head": {"sha": head, "repo": {"full_name": "owner/robot"}},
-            }
-        }
-        return Event("pull_request", f"refs/pull/{number}/merge", payload)
-
-    def clone(self, folder: Path, reference: str, *options: str) -> Path:
-        """A clone in which a reference is checked out, and no branch is known."""
-        git(self.folder, "init", "--quiet", str(folder))
-        git(folder, "remote", "add", "origin", self.folder.as_uri())
-        git(folder, "fetch", "--quiet", "--no-tags", *options, "origin", reference)
-        git(folder, "checkout", "--quiet", "--detach", "FETCH_HEAD")
-        return folder
+from blur.cost import seconds
 
 
-_CURL = '''#!{python} -I
-"""Stands for curl and the API of GitHub behind it: the comments of one pull request."""
-import json, os, pathlib, sys
+class Blur(Node):
+    def __init__(self):
+        super().__init__("blur")
+        self.cost_s = seconds(self.declare_parameter("cost_ms", 20.0).value)
+        self.publisher = self.create_publisher(Image, "blurred", 100)
+        self.create_subscription(Image, "image", self.on_image, 100)
 
-place = pathlib.Path({state!r})
-state = json.loads(place.read_text())
-words = sys.argv[1:]
-assert words[0] == "-q", words
-options = {{"--request": "", "--header": "", "--data-binary": "", "--output": "", "--max-time": ""}}
-url = words[-1]
-for number, word in enumerate(words[:-1]):
-    if word in options:
-        options[word] = words[number + 1]
-header = pathlib.Path(options["--header"].removeprefix("@")).read_text()
-call = {{"words": words, "method": options["--request"], "url": url, "header": header}}
-if options["--data-binary"]:
-    call["body"] = json.loads(pathlib.Path(options["--data-binary"].removeprefix("@")).read_text())
-state["calls"].append(call)
-status = 0
-if call["method"] in state["fails"]:
-    print("curl: (22) The requested URL returned error: 403", file=sys.stderr)
-    status = 22
-elif call["method"] == "GET":
-    page = int(url.rpartition("page=")[2])
-    print(json.dumps(state["comments"][100 * (page - 1) : 100 * page]))
-elif call["method"] == "POST":
-    state["comments"].append(
-        {{
-            "id": 1000 + len(state["comments"]),
-            "body": call["body"]["body"],
-            "user": {{"type": "Bot"}},
-            "author_association": "NONE",
-        }}
-    )
-else:
-    number = int(url.rpartition("/")[2])
-    (comment,) = [one for one in state["comments"] if one["id"] == number]
-    comment["body"] = call["body"]["body"]
-place.write_text(json.dumps(state))
-sys.exit(status)
+    def on_image(self, image):
+        smooth(self.cost_s)
+        self.publisher.publish(image)
+
+
+def main():
+    rclpy.init()
+    rclpy.spin(Blur())
+
+
+if __name__ == "__main__":
+    main()
+"""
+_COST = '''\
+"""How long a message takes."""
+
+FACTOR = 1.0
+
+
+def seconds(cost_ms):
+    return FACTOR * cost_ms / 1e3
 '''
+_KERNELS = """\
+import time
+
+
+def smooth(cost_s):
+    time.sleep(cost_s)
+"""
+
+
+def spec(**changes: object) -> str:
+    """The spec of the benchmark; `changes` replace whole sections."""
+    sections: dict[str, object] = {
+        "r2bspec": 1,
+        "name": "blur",
+        "data_loader": {"bag": "./drive", "topics": {"/camera": "loaded"}},
+        "playback": {"buffer": 5, "inputs": {"image": quick_input("loaded")}},
+        "graph": {
+            "nodes": {
+                "blur": {
+                    "python": "../src/blur/blur/node.py:Blur",
+                    "parameters": "../src/blur/config/blur.yaml",
+                }
+            }
+        },
+        "monitors": {"blurred": {"topic": "blurred", "format": IMAGE}},
+        "benchmark": {
+            "duration": "1 s",
+            "iterations": 3,
+            "rates": ["20 Hz"],
+            "warm_up": "100 ms",
+            "start_timeout": "60 s",
+        },
+        "slos": {
+            "arrives": {"at": "20 Hz", "require": ["received > 0"]},
+            "fast": {"at": "20 Hz", "require": ["latency.p50 <= 107 % of baseline"]},
+        },
+    }
+    return yaml.safe_dump(sections | changes, sort_keys=False)
+
+
+@dataclass
+class Workspace:
+    """A repository whose branch ``main`` is the base, and what is checked out the pull request.
+
+    Attributes:
+        top: of the work tree.
+        site: where the packages are installed that the node depends on.
+    """
+
+    top: Path
+    site: Path
+    runs: int = field(default=0)
+
+    @classmethod
+    def create(cls, folder: Path) -> Workspace:
+        """A repository with one commit, on the branch ``change``; ``main`` stays at it."""
+        top = folder / "workspace"
+        workspace = cls(top, folder / "site")
+        workspace.install_dependency("1.0")
+        bag = top / "bench/drive"
+        bag.parent.mkdir(parents=True)
+        write_bag(bag, {"/camera": [50 * number for number in range(20)]})
+        files = {
+            f"{PACKAGE}/__init__.py": "",
+            f"{PACKAGE}/node.py": _NODE,
+            f"{PACKAGE}/cost.py": _COST,
+            "src/blur/package.xml": "<package><name>blur</name><version>1.0.0</version></package>",
+            PARAMETERS: "/**:\n  ros__parameters:\n    cost_ms: 20.0\n",
+            SPEC: spec(),
+            ".gitignore": "runs/\n",
+        }
+        commit(top, files)
+        git(top, "checkout", "--quiet", "-b", "change")
+        return workspace
+
+    def install_dependency(self, version: str, factor: float = 1.0) -> None:
+        """Install a version of the package that the node imports."""
+        shutil.rmtree(self.site, ignore_errors=True)
+        write_files(
+            self.site,
+            {
+                "kernels.py": _KERNELS.replace("cost_s)\n", f"{factor} * cost_s)\n")
+                if factor != 1.0
+                else _KERNELS,
+                f"kernels-{version}.dist-info/METADATA": f"Name: kernels\nVersion: {version}\n",
+                f"kernels-{version}.dist-info/RECORD": "kernels.py,,\n",
+                f"kernels-{version}.dist-info/top_level.txt": "kernels\n",
+            },
+        )
+
+    def change(self, files: Mapping[str, str] | None = None, *, on_main: bool = False) -> None:
+        """Commit files on the pull request, or on its base, too."""
+        commit(self.top, files)
+        if on_main:
+            git(self.top, "branch", "--force", "main", "HEAD")
+
+    def set_cost(self, cost_ms: float, *, on_main: bool = False) -> None:
+        """Let each message take so long."""
+        source = _COST.replace("FACTOR = 1.0", f"FACTOR = {cost_ms / 20.0!r}")
+        self.change({f"{PACKAGE}/cost.py": source}, on_main=on_main)
+
+    def environment(self) -> dict[str, str]:
+        """The environment of a pipeline: the package of the work tree and its dependency."""
+        path = (str(self.top / "src/blur"), str(self.site))
+        return {**os.environ, "PYTHONPATH": os.pathsep.join(path)}
+
+    def gate(self, *arguments: str, against: str = "main") -> Gated:
+        """Run the gate as a pipeline does."""
+        self.runs += 1
+        folder = self.top.parent / f"gated-{self.runs}"
+        base = ("--against", against) if against else ()
+        command = (sys.executable, "-m", "r2bspec", "run", "--require-slos", *base)
+        options = ("--no-lock", "--output", str(folder))
+        named = arguments if any(map(_is_spec, arguments)) else (SPEC, *arguments)
+        done = subprocess.run(
+            [*command, *options, *named],
+            cwd=self.top,
+            env=self.environment(),
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=250,
+            check=False,
+        )
+        return Gated(done.returncode, done.stdout, done.stderr, folder)
 
 
 @dataclass(frozen=True)
-class CommentService:
-    """A program ``curl`` in a folder for PATH, which keeps the comments of a pull request."""
+class Gated:
+    """What a gate said."""
 
+    status: int
+    stdout: str
+    stderr: str
     folder: Path
 
-    @classmethod
-    def create(
-        cls, folder: Path, comments: Sequence[Mapping[str, Any]] = (), fails: Sequence[str] = ()
-    ) -> CommentService:
-        """A service with these comments; requests of the methods in `fails` fail."""
-        folder.mkdir()
-        service = cls(folder)
-        state = {"comments": list(comments), "calls": [], "fails": list(fails)}
-        service._state.write_text(json.dumps(state))
-        program = folder / "curl"
-        program.write_text(_CURL.format(python=sys.executable, state=str(service._state)))
-        program.chmod(0o755)
-        return service
-
     @property
-    def _state(self) -> Path:
-        return self.folder / "state.json"
+    def said(self) -> str:
+        """Everything that it printed."""
+        return f"{self.stdout}\n{self.stderr}"
 
-    @property
-    def comments(self) -> list[dict[str, Any]]:
-        """What the pull request shows."""
-        comments: list[dict[str, Any]] = json.loads(self._state.read_text())["comments"]
-        return comments
+    def assert_status(self, *statuses: int) -> None:
+        """See that it ended with one of these; what it said otherwise."""
+        assert self.status in statuses, self.said
 
-    @property
-    def calls(self) -> list[dict[str, Any]]:
-        """Every request."""
-        calls: list[dict[str, Any]] = json.loads(self._state.read_text())["calls"]
-        return calls
+
+def _is_spec(argument: str) -> bool:
+    return argument.startswith("bench") or argument.endswith(".yaml")
+
+
+def without_sections(*names: str, changes: Sequence[tuple[str, str]] = ()) -> str:
+    """The spec without some sections, and with some texts replaced."""
+    sections = yaml.safe_load(spec())
+    text = yaml.safe_dump({key: sections[key] for key in sections if key not in names})
+    for before, after in changes:
+        assert before in text
+        text = text.replace(before, after)
+    return text

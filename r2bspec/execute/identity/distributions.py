@@ -100,6 +100,7 @@ class ModuleSearch:
         inherited = [path for path in sys.path if path and path not in self._gone]
         self.folders = tuple(dict.fromkeys([*self._current, *inherited]))
         self._found: dict[tuple[str, str], ModuleSpec | None] = {}
+        self._records: dict[Distribution, bytes] = {}
 
     def find(self, name: str, folder: str = "") -> ModuleSpec | None:
         """A module by its dotted name; no parent package is imported.
@@ -147,7 +148,21 @@ class ModuleSearch:
             self._by_folder.get(str(folder), ()),
             key=lambda each: (each.plain != plain, plain not in each.plain),
         )
-        return next((each for each in installed if _owns(each, spec.name, inside)), None)
+        return next((each for each in installed if self._owns(each, spec.name, inside)), None)
+
+    def _owns(self, distribution: Distribution, module: str, inside: str) -> bool:
+        """Whether a distribution has installed a file or a folder, by its path below the folder."""
+        if distribution.kind == "dist-info" and distribution not in self._records:
+            self._records[distribution] = distribution.read("RECORD")
+        record = self._records.get(distribution, b"")
+        if not record:
+            named = distribution.read("top_level.txt").decode(errors="replace").split()
+            return module in named or (not named and _plain(module) == distribution.plain)
+        needle = inside.encode()
+        return any(
+            record.startswith(needle + end) or b"\n" + needle + end in record
+            for end in (b",", b"/")
+        )
 
     def distribution(self, name: str) -> Distribution | None:
         """An installed distribution by its name."""
@@ -240,21 +255,6 @@ def _root(spec: ModuleSpec) -> Path | None:
 
 def _plain(name: str) -> str:
     return name.translate(_SEPARATORS).lower()
-
-
-def _owns(distribution: Distribution, module: str, inside: str) -> bool:
-    """Whether a distribution has installed a file or a folder, by its path below the folder."""
-    if distribution.kind == "egg-info":
-        named = distribution.read("top_level.txt").decode(errors="replace").split()
-        return module in named or (not named and _plain(module) == distribution.plain)
-    needle = inside.encode()
-    record = distribution.read("RECORD")
-    if not record:
-        named = distribution.read("top_level.txt").decode(errors="replace").split()
-        return module in named or _plain(module) == distribution.plain
-    return any(
-        record.startswith(needle + end) or b"\n" + needle + end in record for end in (b",", b"/")
-    )
 
 
 def _version_inside(metadata: Path) -> str:

@@ -21,16 +21,10 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.check.installed_packages import (
-    ament_packages,
-    ament_prefixes,
-    package_share,
-    package_version,
-)
 from r2bspec.execute.identity.distributions import ModuleSearch
 from r2bspec.execute.identity.file_digests import FileDigests, build_id, is_elf
 from r2bspec.execute.identity.python_sources import PythonSources, Sources
-from r2bspec.execute.identity.workspace_packages import WorkspacePackages
+from r2bspec.execute.identity.workspace_packages import InstalledPackages, WorkspacePackages
 from r2bspec.plan.command_lines import INCLUDED_LAUNCH
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
 from r2bspec.record.graph_identity import (
@@ -42,7 +36,6 @@ from r2bspec.record.graph_identity import (
     node_digest,
 )
 from r2bspec.untrusted.git import find_work_tree, inspect_work_tree
-from r2bspec.untrusted.looked_up_files import shared_lookups
 from r2bspec.untrusted.safe_file import is_regular, read_bytes
 
 _MAX_TEXT_BYTES: Final = 4_000_000
@@ -55,7 +48,6 @@ _ENTRY_SCRIPT: Final = re.compile(
 )
 """What a program that was installed with an entry point says of it: distribution, group, name."""
 _QUOTED: Final = re.compile(r"""["']([^"'\n]{1,300})["']""")
-_COMPONENTS: Final = "share/ament_index/resource_index/rclcpp_components"
 _PODMAN_FILE: Final = Path("/run/.containerenv")
 _PODMAN_IMAGE: Final = re.compile(rb'(?m)^imageid="([^"\n]+)"')
 _IMAGE_VARIABLES: Final = ("CI_JOB_IMAGE", "DEVCONTAINER_IMAGE")
@@ -74,7 +66,7 @@ def graph_identity(
             `base_dir` where there is no repository.
     """
     work_tree = find_work_tree(base_dir)
-    with ThreadPoolExecutor(max_workers=1) as git, shared_lookups():
+    with ThreadPoolExecutor(max_workers=1) as git:
         asked = git.submit(_revision_of, work_tree) if revision is None else None
         identify = _GraphIdentifier(base_dir, top or work_tree or base_dir)
         nodes = dict(identify.nodes(plan))
@@ -108,6 +100,7 @@ class _GraphIdentifier:
         self._base_dir = base_dir
         self._digests = FileDigests(top)
         self._workspace = WorkspacePackages(top)
+        self._installed = InstalledPackages()
         self._search = ModuleSearch()
         self._python = PythonSources(self._search)
         self._distributions: set[str] = set()
@@ -149,7 +142,7 @@ class _GraphIdentifier:
             digest="",
             files=tuple(parts.files[path] for path in sorted(parts.files)),
             package=parts.package,
-            version=package_version(parts.package),
+            version=self._installed.version(parts.package),
             build_id=" ".join(dict.fromkeys(parts.build_ids)),
             unknown="; ".join(dict.fromkeys(parts.unknown)),
         )
@@ -200,7 +193,7 @@ class _GraphIdentifier:
         if owner is not None:
             self._distributions.add(owner.name)
             if owner.kind == "egg-info" and not parts.package:
-                parts.package = owner.name if owner.name in ament_packages() else ""
+                parts.package = owner.name if self._installed.prefix(owner.name) else ""
         self._add_sources(parts, sources)
 
     def _add_sources(self, parts: _Parts, sources: Sources) -> None:
@@ -234,7 +227,7 @@ class _GraphIdentifier:
 
     def _add_plugin(self, parts: _Parts, package: str, plugin: str) -> None:
         parts.package = package
-        library = _plugin_library(package, plugin)
+        library = self._installed.component_library(package, plugin)
         if library is None:
             parts.unknown.append(f"{package} registers no component {plugin}")
         else:
@@ -248,14 +241,7 @@ class _GraphIdentifier:
 
     def _add_executable(self, parts: _Parts, package: str, name: str) -> None:
         parts.package = parts.package or package
-        program = next(
-            (
-                prefix / "lib" / package / name
-                for prefix in ament_prefixes()
-                if is_regular(prefix / "lib" / package / name)
-            ),
-            None,
-        )
+        program = self._installed.executable(package, name)
         if program is None:
             parts.unknown.append(f"package {package} has no executable {name} here")
             self._add_package(parts, package)
@@ -348,7 +334,7 @@ class _GraphIdentifier:
         """
         places = dict(word.split(":=", 1) for word in argv if ":=" in word)
         name, package = places.get("file", ""), places.get("package", "")
-        share = package_share(package) if package else self._base_dir
+        share = self._installed.share(package) if package else self._base_dir
         parts.package = package
         file = share / name if share is not None else None
         if file is None or not is_regular(file):
@@ -358,7 +344,7 @@ class _GraphIdentifier:
         if package:
             self._add_package(parts, package)
         text = _read(file).decode(errors="replace")
-        installed = ament_packages() | self._workspace.folders.keys()
+        installed = self._installed.names | self._workspace.folders.keys()
         for quoted in dict.fromkeys(_QUOTED.findall(text)):
             if quoted in installed:
                 self._add_package(parts, quoted)
@@ -376,16 +362,6 @@ def container_image() -> str:
     if match is not None:
         return match[1].decode(errors="replace")
     return next((os.environ[name] for name in _IMAGE_VARIABLES if os.environ.get(name)), "")
-
-
-def _plugin_library(package: str, plugin: str) -> Path | None:
-    """The library that the ament index names for a component."""
-    for prefix in ament_prefixes():
-        for line in _read(prefix / _COMPONENTS / package).decode(errors="replace").splitlines():
-            name, _, library = line.partition(";")
-            if name.strip() == plugin and library.strip():
-                return prefix / library.strip()
-    return None
 
 
 def _read(path: Path) -> bytes:

@@ -1,4 +1,4 @@
-"""The ROS packages whose sources lie in a work tree, found by their ``package.xml``.
+"""ROS packages: those that are installed, and those whose sources lie in a work tree.
 
 A program of such a package is known by its sources rather than by what was built of them: these
 change with every path that a compiler wrote into a file, and a build may be older than the sources.
@@ -6,6 +6,7 @@ change with every path that a compiler wrote into a file, and a build may be old
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 from collections.abc import Iterator
@@ -13,7 +14,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Final
 
-from r2bspec.untrusted.safe_file import is_regular, read_bytes
+from r2bspec.untrusted.safe_file import is_regular, names_in, read_bytes
 
 MANIFEST: Final = "package.xml"
 
@@ -21,6 +22,8 @@ _MAX_MANIFEST_BYTES: Final = 1_000_000
 _MAX_DEPTH: Final = 6
 _MAX_FOLDERS: Final = 5_000
 _MAX_FILES: Final = 5_000
+_INDEX: Final = "share/ament_index/resource_index"
+_VERSION: Final = re.compile(rb"<version[^>]*>([^<]{1,100})</version>")
 _NAME: Final = re.compile(rb"<name>\s*([A-Za-z0-9_-]+)\s*</name>")
 _DEPENDENCY: Final = re.compile(
     rb"<(?:build_|exec_|run_|build_export_)?depend[^>]*>\s*([A-Za-z0-9_-]+)\s*<"
@@ -29,6 +32,70 @@ _MARKERS: Final = frozenset({"COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE"})
 _NO_SOURCES: Final = frozenset({"build", "install", "log", "node_modules", "__pycache__"})
 _NOT_RUN: Final = frozenset({"test", "tests", "doc", "docs", "__pycache__"})
 _NOT_RUN_FILES: Final = re.compile(r"(?i)(readme|changelog|license|contributing).*|.*\.py[co]|\..*")
+
+
+class InstalledPackages:
+    """The ROS packages of ``AMENT_PREFIX_PATH``, each looked up once.
+
+    Attributes:
+        prefixes: where packages are installed, in the order in which they are searched.
+    """
+
+    def __init__(self) -> None:
+        listed = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+        self.prefixes = tuple(prefix for prefix in listed if prefix)
+        self._found: dict[str, str] = {}
+
+    def prefix(self, package: str) -> str:
+        """Where a package is installed; empty if it is not."""
+        if package not in self._found:
+            self._found[package] = self.first_with(f"{_INDEX}/packages/{package}")
+        return self._found[package]
+
+    def first_with(self, inside: str) -> str:
+        """The first prefix that has a file, by its path below the prefix; empty if none has."""
+        # Without objects for paths: colcon gives each package of a workspace a prefix of its own.
+        return next((each for each in self.prefixes if os.path.exists(f"{each}/{inside}")), "")  # noqa: PTH110
+
+    @cached_property
+    def names(self) -> frozenset[str]:
+        """The names of all packages."""
+        names: set[str] = set()
+        for prefix in self.prefixes:
+            with contextlib.suppress(OSError):
+                names.update(names_in(Path(prefix, _INDEX, "packages")))
+        return frozenset(names)
+
+    def share(self, package: str) -> Path | None:
+        """The share folder of a package; None if it is not installed."""
+        prefix = self.prefix(package)
+        return Path(prefix, "share", package) if prefix else None
+
+    def version(self, package: str) -> str:
+        """The version of a package; empty if it is not known."""
+        share = self.share(package) if package else None
+        match = _VERSION.search(_manifest(share)) if share is not None else None
+        return match[1].decode(errors="replace").strip() if match is not None else ""
+
+    def executable(self, package: str, name: str) -> Path | None:
+        """The file of an executable; None if the package has none of that name."""
+        inside = f"lib/{package}/{name}"
+        prefix = self.first_with(inside)
+        return Path(prefix, inside) if prefix else None
+
+    def component_library(self, package: str, plugin: str) -> Path | None:
+        """The library that the index names for a component; None if it names none."""
+        prefix = self.first_with(f"{_INDEX}/rclcpp_components/{package}")
+        index = Path(prefix, _INDEX, "rclcpp_components", package)
+        try:
+            text = read_bytes(index, max_bytes=_MAX_MANIFEST_BYTES) if prefix else b""
+        except (OSError, ValueError):
+            text = b""
+        for line in text.decode(errors="replace").splitlines():
+            name, _, library = line.partition(";")
+            if name.strip() == plugin and library.strip():
+                return Path(prefix, library.strip())
+        return None
 
 
 class WorkspacePackages:

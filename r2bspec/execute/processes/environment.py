@@ -13,7 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from r2bspec.execute.processes.secret_references import SecretReferences
-from r2bspec.ipc.protocol import RUN_ID_VARIABLE
+from r2bspec.ipc.protocol import MODULES_FOLDER_VARIABLE, RUN_ID_VARIABLE
 from r2bspec.middleware.middleware import Transport
 from r2bspec.middleware.rmw_registry import inherited_variables, middleware_of
 from r2bspec.plan.plan import Plan
@@ -27,6 +27,9 @@ _INHERITED_PATTERNS = (
     *("OMP_*", "KMP_*", "MKL_*", "OPENBLAS_*", "OPENCV_*", "TBB_*", "MALLOC_*", "GLIBC_TUNABLES"),
     *("DISPLAY", "WAYLAND_DISPLAY", "XAUTHORITY", "QT_*", "GZ_*", "COVERAGE_*"),
 )
+
+MODULES_FOLDER = "modules"
+"""In the scratch folder of a run: what programs of Python nodes have imported, by process."""
 
 _HARNESS_ALLOCATOR = {
     # glibc gives every large buffer back to the kernel and faults it in again for the next
@@ -83,6 +86,7 @@ class RunEnvironment:
             self._common["PYTHONPATH"] = os.pathsep.join(folders)
         self._common |= {
             RUN_ID_VARIABLE: run_id,
+            MODULES_FOLDER_VARIABLE: str(scratch / MODULES_FOLDER),
             "ROS_DOMAIN_ID": str(domain),
             "PYTHONUNBUFFERED": "1",
             # Otherwise ROS leaves a file for each process in the user's home.

@@ -21,6 +21,7 @@ from r2bspec.report.headline import headline, reason_after, requirement_headline
 from r2bspec.report.notes import notes
 from r2bspec.report.report_wording import (
     bounds_text,
+    code_text,
     comparison,
     estimate_text,
     requirement_text,
@@ -60,6 +61,8 @@ def to_suite(report_input: ReportInput, *, lenient: bool) -> TestSuite:
     suite.timestamp = printable(result.started_at)
     suite.add_property("plan_hash", printable(result.plan_hash))
     suite.add_property("run_id", printable(result.run_id))
+    if code := code_text(result):
+        suite.add_property("code", printable(code))
     for key, value in result.labels.items():
         suite.add_property(printable(f"label.{key}"), printable(str(value)))
     suite.add_testcase(_run_case(report_input, name))
@@ -79,8 +82,9 @@ def _run_case(report_input: ReportInput, name: str) -> TestCase:
     case = TestCase("run", name)
     if verdict.outcome in {"invalid", "incomplete"}:
         error = Error(printable_lines(line), verdict.outcome)
-        # In the text as well: readers of XML turn the line breaks of an attribute into spaces.
-        error.text = printable_lines(verdict.reason)
+        if "\n" in verdict.reason:
+            # Once more: readers of XML turn the line breaks of an attribute into spaces.
+            error.text = printable_lines(verdict.reason)
         case.result = [error]
     # The verdict of requirements does not say of how many starts it is.
     judged = not case.result and verdict.requirements

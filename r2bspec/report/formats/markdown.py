@@ -25,7 +25,8 @@ from r2bspec.report.headline import headline, reason_after
 from r2bspec.report.notes import notes
 from r2bspec.report.report_wording import (
     bounds_text,
-    code_lines,
+    code_facts,
+    code_text,
     comparison,
     estimate_text,
     loaded_rmw,
@@ -63,10 +64,10 @@ def _lines(report_input: ReportInput) -> Iterator[str]:
     if result.title and result.title != result.name:
         yield escaped(result.title)
         yield ""
-    if rmw := loaded_rmw(result):
-        yield code(rmw)
+    if facts := [*filter(None, (loaded_rmw(result), code_text(result)))]:
+        yield " · ".join(map(code, facts))
         yield ""
-    if compared := [*code_lines(result), *comparison(result)]:
+    if compared := [*comparison(result)]:
         yield from (f"{escaped(each)}  " for each in compared)
         yield ""
     if verdict.requirements:
@@ -172,6 +173,7 @@ def _provenance(report_input: ReportInput) -> Iterator[str]:
         **{f"dataset {key}": value for key, value in result.dataset.items()},
         **{f"machine {key}": value for key, value in result.machine.items()},
         **{f"version of {key}": value for key, value in result.versions.items()},
+        **code_facts(result),
     }
     yield from table(
         ("what", "value"),

@@ -15,7 +15,7 @@ from r2bspec.record.run_record import SearchRecord
 from r2bspec.report.headline import reason_after
 from r2bspec.report.notes import Notes
 from r2bspec.report.report_wording import (
-    code_lines,
+    code_text,
     comparison,
     loaded_rmw,
     peak_text,
@@ -35,6 +35,7 @@ def header(result: Result) -> RenderableType:
         f"{_known(result.machine, 'cores')} cores" if "cores" in result.machine else "",
         loaded_rmw(result),
         _known(result.dataset, "source"),
+        code_text(result),
         starts_text(result.starts),
         f"r2bspec {result.versions['r2bspec']}" if "r2bspec" in result.versions else "",
     ]
@@ -43,7 +44,6 @@ def header(result: Result) -> RenderableType:
         lines.append(
             Text(f"judged by the objectives and the gate of {result.judged_by}", style=DIM_STYLE)
         )
-    lines += [Text(each, style=DIM_STYLE) for each in code_lines(result)]
     lines += [Text(each, style=DIM_STYLE) for each in comparison(result)]
     return Group(*(line for line in lines if line.plain))
 

@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 
 import pytest
-from r2bspec.check.example_spec import example
 
+from example_spec import example
 from r2bspec import api
 from r2bspec.cli.main import main
 from r2bspec.plan.canonical_json import canonical_json

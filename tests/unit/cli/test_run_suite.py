@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import click
 import msgspec
@@ -193,6 +195,40 @@ def test_a_folder_is_run_to_its_end_with_the_worst_status(
         "slow_c.csv",
         "t.csv",
     ]
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_the_page_of_a_suite_leads_to_its_runs_and_each_of_them_back(
+    tmp_path: Path, played: list[str], own: bool
+) -> None:
+    for name in ("a", "slow_b"):
+        write_spec(tmp_path / "specs", name)
+    (tmp_path / "specs" / "u.r2b.yaml").write_text("r2bspec: 1\n")
+    page = tmp_path / "all pages" / "100 %.html"
+    reports = [f"html={page}", *([f"html={tmp_path}/of runs/{{name}}.html"] if own else [])]
+    options = [part for report in reports for part in ("--report", report)]
+    call(tmp_path / "specs", "-o", tmp_path / "out", *options)
+    assert len(played) == 2
+    links = re.findall(r'<a href="([^"]+)">([^<]+)</a>', page.read_text())
+    assert [name for _, name in links] == ["a", "slow_b"]
+    for link, _ in links:
+        run_page = (page.parent / unquote(link)).resolve()
+        folder = "of runs" if own else "out"
+        assert run_page.is_relative_to(tmp_path / folder)
+        (back,) = re.findall(r'<a href="([^"#]+)">', run_page.read_text())
+        assert (run_page.parent / unquote(back)).resolve() == page.resolve()
+    runs = suite(tmp_path / "out").runs
+    assert [bool(run.report) for run in runs] == [True, True, False]
+    assert runs[0].line.startswith("✔ PASS ")
+
+
+def test_without_a_page_of_the_suite_there_are_none_of_the_runs(
+    tmp_path: Path, played: list[str]
+) -> None:
+    write_spec(tmp_path / "specs", "a")
+    call(tmp_path / "specs", "-o", tmp_path / "out")
+    assert played == ["a"]
+    assert not [*tmp_path.rglob("*.html")]
 
 
 def test_fail_fast_ends_after_the_first_failure(tmp_path: Path, played: list[str]) -> None:

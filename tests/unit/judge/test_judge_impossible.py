@@ -10,7 +10,6 @@ import msgspec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from r2bspec.report.report.notes import all_notes
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.baseline_requirements import BaselineQuestion, judge_baseline_requirements
@@ -26,6 +25,7 @@ from r2bspec.plan.plan import Plan
 from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.record.sample_arrays import Rows
 from r2bspec.report.format_registry import FORMATS, renderer
+from r2bspec.report.notes import all_notes
 from r2bspec.report.terminal import to_text
 from r2bspec.report.trace_timeline import expected_answers
 from run_simulation import Played, Simulation, objective

@@ -554,7 +554,9 @@ async def test_the_last_result_is_a_lens(document: OpenDocument) -> None:
     while len(document.client.shown_documents) == before:
         await asyncio.sleep(0.02)
     report = Path(document.client.shown_documents[-1].uri.removeprefix("file://"))
-    assert "A simulated run" in report.read_text().split("\n")[0]
+    text = report.read_text()
+    assert " simulated: " in text.split("\n")[0]
+    assert "A simulated run" in text
 
 
 @in_module

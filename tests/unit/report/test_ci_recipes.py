@@ -20,9 +20,9 @@ import yaml
 
 from git_repositories import git, write_files
 from github_runner import Event, ExpressionError, Job, Runner, evaluate, expand
+from github_service import CommentService, Upstream
 from page_blocks import ROOT, page_blocks, page_file
 from pipelines import TEMPLATE, Workplace, stand_in
-from pull_requests import CommentService, Upstream
 from r2bspec.compare.base_reference import parse_base_reference
 from r2bspec.compare.base_tree import open_base_tree
 
@@ -35,7 +35,7 @@ NODE = "src/blur/blur/blur.py"
 SPEC = """\
 r2bspec: 1
 name: blur
-data_loader: {dataset: r2b_storage, topics: {/d455_1_rgb_image: image}}
+data_loader: {bag: r2b_storage, topics: {/d455_1_rgb_image: image}}
 playback: {inputs: {input: {from: image, format: sensor_msgs/msg/Image}}}
 graph:
   nodes:
@@ -224,7 +224,8 @@ WEAKER = SPEC.replace("< 1 s", "< 2 s")
     [
         ({"bench/blur.r2b.yaml": WEAKER}, (), "objective fast"),
         ({"bench/blur.r2b.yaml": SPEC.partition("slos:")[0]}, (), "R2B693"),
-        ({"bench/other.r2b.yaml": SPEC.replace("blur", "o")}, ("bench/blur.r2b.yaml",), "R2B692"),
+        # The other spec is broken, so that nothing runs.
+        ({"bench/a.r2b.yaml": "r2bspec: 1\n"}, ("bench/blur.r2b.yaml",), "bench/blur.r2b.yaml is"),
     ],
     ids=["weaker", "without objectives", "deleted"],
 )

@@ -2,7 +2,8 @@
 
 These are the files that it has mapped, and those of all processes that it has started: a launch
 file is a process of its own. Sources of Python are read and not mapped; processes of Python nodes
-name theirs themselves (`r2bspec.harness.node_host`).
+name theirs themselves, hosts when they are asked (`r2bspec.harness.node_host`), and programs when
+they exit (`r2bspec.harness.node_main`).
 """
 
 from __future__ import annotations
@@ -13,13 +14,15 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final
 
+import msgspec
 import psutil
 
-import r2bspec
+from r2bspec.untrusted.safe_json import read_json
 
+_TOOL: Final = f"{Path(__file__).parents[2]}/"
 _DELETED: Final = " (deleted)"
 _NO_FILES: Final = ("/dev/", "/memfd:", "/SYSV", "/proc/", "/sys/", "/anon_hugepage")
-_OWN_NODES: Final = "nodes"
+_TOOL_NODES: Final = f"{_TOOL}nodes/"
 _INSTALLED: Final = ("/site-packages/", "/dist-packages/")
 
 
@@ -31,13 +34,25 @@ def mapped_files(pid: int) -> frozenset[str]:
     return frozenset(loaded_by_graph(files))
 
 
+def modules_of_programs(folder: Path) -> dict[int, frozenset[str]]:
+    """The modules that programs of Python nodes have imported, by process, from their folder."""
+    modules = {}
+    for file in folder.glob("*.json"):
+        try:
+            paths = read_json(file, list[str])
+        except (OSError, ValueError, msgspec.DecodeError):
+            # One that was killed while it wrote.
+            continue
+        modules[int(file.stem)] = frozenset(loaded_by_graph(paths))
+    return modules
+
+
 def loaded_by_graph(files: Iterable[str]) -> Iterator[str]:
     """Of some files those that are neither of the standard library nor of r2bspec itself."""
-    own = f"{Path(r2bspec.__file__).parent}/"
     paths = sysconfig.get_paths()
     library = tuple({f"{os.path.realpath(paths[name])}/" for name in ("stdlib", "platstdlib")})
     for file in files:
-        is_of_tool = file.startswith(own) and not file.startswith(f"{own}{_OWN_NODES}/")
+        is_of_tool = file.startswith(_TOOL) and not file.startswith(_TOOL_NODES)
         is_standard = file.startswith(library) and not any(name in file for name in _INSTALLED)
         if not is_of_tool and not is_standard:
             yield file

@@ -1,0 +1,214 @@
+"""Comparisons in interleaved pairs on machines that others use, too.
+
+Each run of a pair is a whole one: 60 messages, of which each takes about 20 ms. A start is faster
+or slower by a normal deviation, and while others take a share w of the time, everything takes
+1 / (1 - w) times as long. The record of each run says how long its processes waited, and a head
+that computes longer waits longer under the same load. Worlds say what share is taken in which run.
+The verdicts are those of `judge_comparison`, with fresh pairs in the same world to confirm a FAIL.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from simulated_gates import heads
+from simulated_runs import RATE_HZ, run_of
+
+from r2bspec.judge.confirmation import confirm_run, needs_confirmation
+from r2bspec.judge.decision_policy import DecisionPolicy
+from r2bspec.judge.interference_policy import InterferencePolicy
+from r2bspec.judge.pair_comparison import PairSet, confirmation_terms, judge_pair_set
+from r2bspec.judge.pair_interference import InterleavedRuns
+from r2bspec.measure.interference import Surroundings
+from r2bspec.measure.samples import RunSamples
+from r2bspec.record.comparison_folder import Side
+from run_simulation import objective
+
+Shares = NDArray[np.float64]
+LoadWorld = Callable[[np.random.Generator, NDArray[np.bool_]], Shares]
+"""The share of the time that others take from each of successive runs, some of them the head's."""
+
+MESSAGES = 60
+_LOADED, _CALM = 0.4, 0.02
+LATENCY_S = 0.02
+_CORES = 2
+_OWN_CORES = 0.4
+_LEAST_FOREIGN_CORES = 0.5
+"""Above this, an iteration counts as affected."""
+
+
+def _idle(_: np.random.Generator, is_head: NDArray[np.bool_]) -> Shares:
+    return np.zeros(is_head.size)
+
+
+def _between(low: float, high: float) -> LoadWorld:
+    return lambda random, is_head: random.uniform(low, high, is_head.size)
+
+
+def _by_chance(random: np.random.Generator, is_head: NDArray[np.bool_]) -> Shares:
+    return np.where(random.random(is_head.size) < 0.3, _LOADED, _CALM)
+
+
+def _rising(random: np.random.Generator, is_head: NDArray[np.bool_]) -> Shares:
+    return np.linspace(0, 0.5, is_head.size) + random.uniform(0, 0.02, is_head.size)
+
+
+def _every(period: int) -> LoadWorld:
+    def world(random: np.random.Generator, is_head: NDArray[np.bool_]) -> Shares:
+        first = int(random.integers(period))
+        return np.where(np.arange(is_head.size) % period == first, _LOADED, _CALM)
+
+    return world
+
+
+def _only(*, head: bool) -> LoadWorld:
+    return lambda _, is_head: np.where(is_head == head, _LOADED, _CALM)
+
+
+LOAD_WORLDS: dict[str, LoadWorld] = {
+    "idle machine": _idle,
+    "a third is taken from both sides": _between(0.32, 0.34),
+    "from 10 to 50 % is taken": _between(0.1, 0.5),
+    "3 runs in 10 are loaded": _by_chance,
+    "load rises from 0 to a half": _rising,
+    "every 2nd run is loaded": _every(2),
+    "every 3rd run is loaded": _every(3),
+    "every 4th run is loaded": _every(4),
+    "all runs of the head, by bad luck": _only(head=True),
+    "all runs of the base, by bad luck": _only(head=False),
+}
+
+
+@dataclass(frozen=True)
+class PairGate:
+    """A comparison to be made many times.
+
+    Attributes:
+        world: what others take.
+        slower: how long the head takes, relative to the base.
+        limit: of ``latency.p50 <= limit of baseline``, in %.
+        pairs: how many.
+        starts: by how much two starts of one graph differ: a standard deviation.
+        interference: what it does to a verdict.
+        fixed_order: whether runs are played in the order A B B A instead of by a coin.
+    """
+
+    world: LoadWorld
+    slower: float = 1.0
+    limit: float = 105.0
+    pairs: int = 10
+    starts: float = 0.027
+    interference: InterferencePolicy = "note"
+    fixed_order: bool = False
+
+    def outcomes(self, *, runs: int, seed: int = 1) -> Outcomes:
+        """Make it so many times."""
+        random = np.random.default_rng(seed)
+        counted = Outcomes(runs)
+        objectives = {"slo": objective(f"latency.p50 <= {self.limit:g} % of baseline")}
+        policy = DecisionPolicy(interference=self.interference)
+        new_objectives, new_policy = confirmation_terms(objectives, policy)
+        for _ in range(runs):
+            verdict = judge_pair_set(objectives, self._play(random), policy)
+            counted.passed += verdict.outcome == "pass"
+            counted.failed += verdict.outcome == "fail"
+            if needs_confirmation(verdict):
+                again = judge_pair_set(new_objectives, self._play(random), new_policy)
+                counted.confirmed += confirm_run(verdict, again).outcome == "fail"
+        return counted
+
+    def _play(self, random: np.random.Generator) -> PairSet:
+        is_head = heads(self.pairs, int(random.integers(2**32)))
+        if self.fixed_order:
+            is_head = np.resize([False, True, True, False], 2 * self.pairs)
+        taken = self.world(random, is_head)
+        level = np.exp(random.normal(0, self.starts / math.sqrt(2), 2 * self.pairs))
+        slower = np.where(is_head, self.slower, 1.0)
+        runs = [
+            _run(random, *each)
+            for each in zip(level.tolist(), slower.tolist(), taken.tolist(), strict=True)
+        ]
+        sides: dict[Side, list[RunSamples]] = {
+            "base": [run for run, head in zip(runs, is_head, strict=True) if not head],
+            "head": [run for run, head in zip(runs, is_head, strict=True) if head],
+        }
+        calm = [
+            pair
+            for pair in range(self.pairs)
+            if not any(_is_affected(sides[side][pair]) for side in sides)
+        ]
+        unaffected = None
+        if len(calm) < self.pairs:
+            unaffected = _interleaved(
+                [sides["base"][pair] for pair in calm], [sides["head"][pair] for pair in calm]
+            )
+        return PairSet(
+            _interleaved(sides["base"], sides["head"]),
+            self.pairs,
+            unaffected,
+            "Host interference in some pairs",
+        )
+
+
+@dataclass
+class Outcomes:
+    """How many of so many comparisons passed, failed, and failed again with fresh pairs."""
+
+    runs: int
+    passed: int = 0
+    failed: int = 0
+    confirmed: int = 0
+
+    @property
+    def percent(self) -> tuple[float, float, float]:
+        """Passed, failed and confirmed, in %."""
+        passed, failed, confirmed = (
+            100 * count / self.runs for count in (self.passed, self.failed, self.confirmed)
+        )
+        return passed, failed, confirmed
+
+    def __str__(self) -> str:
+        return " / ".join(f"{share:.1f}" for share in self.percent)
+
+
+def _run(random: np.random.Generator, level: float, slower: float, taken: float) -> RunSamples:
+    """One run: 2 s at 30 Hz."""
+    noise = np.exp(random.normal(0, 0.05, (1, MESSAGES)))
+    samples = run_of(LATENCY_S * level * slower / (1 - taken) * noise)
+    around = Surroundings(
+        seconds=MESSAGES / RATE_HZ,
+        cores=_CORES,
+        foreign_cores=_CORES * taken,
+        pressure=min(1.0, 2 * taken),
+        own_cores=_OWN_CORES * slower,
+        own_waited=taken * slower,
+    )
+    (one,) = samples.iterations[RATE_HZ]
+    return replace(samples, iterations={RATE_HZ: (replace(one, surroundings=around),)})
+
+
+def _is_affected(run: RunSamples) -> bool:
+    (one,) = run.iterations[RATE_HZ]
+    return one.surroundings is not None and (
+        (one.surroundings.foreign_cores or 0.0) > _LEAST_FOREIGN_CORES
+    )
+
+
+def _interleaved(base: list[RunSamples], head: list[RunSamples]) -> InterleavedRuns:
+    """Pairs, and the head's runs as one."""
+    merged = tuple(
+        replace(
+            one, segment=msgspec.structs.replace(one.segment, id=f"pair-{number}", index=number)
+        )
+        for number, run in enumerate(head, start=1)
+        for one in run.iterations[RATE_HZ]
+    )
+    nothing = run_of(np.empty((0, MESSAGES)))
+    return InterleavedRuns(
+        base, head, replace(nothing, iterations={RATE_HZ: merged} if merged else {})
+    )

@@ -1,0 +1,276 @@
+"""The first line of a report: the verdict, the one number that decided it, and what changed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from pair_simulation import Comparison
+from r2bspec.compare.load_results import read_folder
+from r2bspec.compare.report_input import ReportInput
+from r2bspec.judge.judge_run import result_of
+from r2bspec.judge.result import BaselineResult, Result
+from r2bspec.judge.verdict import Unusable
+from r2bspec.language.spec import Objective
+from r2bspec.record.graph_identity import GraphIdentity, Revision
+from r2bspec.record.run_record import SearchRecord
+from r2bspec.report.format_registry import renderer
+from r2bspec.report.headline import base_name, changes_text, headline
+from run_simulation import Played, Simulation, objective, probe
+
+NOISE = np.exp([0.004, -0.006, 0.003, -0.002, 0.005, -0.004])
+SEARCH = SearchRecord(
+    probes=(probe(5, holds=True), probe(200, holds=False), probe(25.5, holds=True)),
+    holds_hz=25.5,
+    fails_hz=200,
+    limited_by="graph",
+)
+
+
+def ramp(low_ms: float, high_ms: float, number: int = 600) -> np.ndarray:
+    """Latencies that are spread evenly, and alike in each third."""
+    return np.tile(np.linspace(low_ms, high_ms, number // 3) / 1e3, 3)
+
+
+def result(
+    folder: Path,
+    requirements: Sequence[str] | Mapping[str, Objective],
+    simulation: Simulation | None = None,
+    *,
+    starts: int = 3,
+) -> Result:
+    """The result of a run at 30 Hz, judged; of several starts, so that the line is short."""
+    template = simulation or Simulation(segments=[Played(30, ramp(20, 31)) for _ in range(6)])
+    objectives = (
+        requirements if isinstance(requirements, Mapping) else {"fast": objective(*requirements)}
+    )
+    run = replace(template, objectives=objectives).write(folder)
+    segments = tuple(
+        msgspec.structs.replace(segment, start=1 + number % starts)
+        for number, segment in enumerate(run.record.segments)
+    )
+    return result_of(replace(run, record=msgspec.structs.replace(run.record, segments=segments)))
+
+
+@pytest.mark.parametrize(
+    ("requirement", "line"),
+    [
+        ("latency.p99 < 40 ms", "✔ PASS simulated: latency.p99 30.9 ms < 40 ms at 30 Hz"),
+        ("latency.p99 < 25 ms", "✘ FAIL simulated: latency.p99 30.9 ms > 25 ms at 30 Hz"),
+        ("latency.mean < 40 ms", "✔ PASS simulated: latency.mean 25.5 ms < 40 ms at 30 Hz"),
+        ("latency.mean < 20 ms", "✘ FAIL simulated: latency.mean 25.5 ms > 20 ms at 30 Hz"),
+        ("drop_rate <= 2 %", "✔ PASS simulated: drop_rate 0 % < 2 % at 30 Hz"),
+        (
+            "throughput.mean >= 95 % of offered",
+            "✔ PASS simulated: throughput.mean 30 Hz > 28.5 Hz at 30 Hz",
+        ),
+        ("throughput.mean > 60 Hz", "✘ FAIL simulated: throughput.mean 30 Hz < 60 Hz at 30 Hz"),
+        ("received > 0", "✔ PASS simulated: received 3,600 > 0 at 30 Hz"),
+        ("received == 7", "✘ FAIL simulated: received 3,600 > 7 at 30 Hz"),
+        (
+            "latency.p50 < 40 ms in 90 % of 1 s windows",
+            "✔ PASS simulated: latency.p50 29.6 ms < 40 ms in 90 % of 1 s windows at 30 Hz",
+        ),
+    ],
+)
+def test_the_number_next_to_its_limit(tmp_path: Path, requirement: str, line: str) -> None:
+    assert headline(result(tmp_path / "run", [requirement])) == line
+
+
+def test_a_metric_that_is_none(tmp_path: Path) -> None:
+    assert headline(result(tmp_path / "run", ["latncy.p50 < 40 ms"])) == (
+        "✘ FAIL simulated: latncy.p50 < 40 ms at 30 Hz: there is no metric 'latncy.p50'; did you "
+        "mean latency.p50?"
+    )
+
+
+def test_a_pass_names_the_requirement_nearest_to_its_limit(tmp_path: Path) -> None:
+    near = result(tmp_path / "run", ["latency.p99 < 1 s", "latency.p50 < 31 ms", "received > 0"])
+    assert headline(near) == (
+        "✔ PASS simulated: latency.p50 25.5 ms < 31 ms at 30 Hz, the nearest of 3 to its limit"
+    )
+    # The rate that is delivered cannot exceed the offered one, so it is not near to 95 % of it.
+    played = result(
+        tmp_path / "rate", ["throughput.mean >= 95 % of offered", "latency.p50 < 60 ms"]
+    )
+    assert "latency.p50" in headline(played)
+
+
+def test_a_fail_names_the_requirement_furthest_beyond_its_limit(tmp_path: Path) -> None:
+    far = result(tmp_path / "run", ["latency.p99 < 25 ms", "latency.p50 < 10 ms", "received > 0"])
+    assert headline(far) == (
+        "✘ FAIL simulated: latency.p50 25.5 ms > 10 ms at 30 Hz, and 1 more failed"
+    )
+
+
+def test_what_received_nothing_decides_before_any_number(tmp_path: Path) -> None:
+    silent = Simulation(segments=[Played(30, ramp(20, 31), silent=("extra",)) for _ in range(3)])
+    found = result(
+        tmp_path / "run",
+        ["detections.latency.p50 < 1 ms", "extra.latency.p50 < 1 s"],
+        replace(silent, monitors=("detections", "extra")),
+    )
+    assert headline(found) == (
+        "✘ FAIL simulated: extra.latency.p50 < 1 s at 30 Hz: monitor 'extra' received nothing for "
+        "1,800 inputs, and 1 more failed"
+    )
+
+
+def test_an_inconclusive_says_what_is_open_and_what_would_decide_it(tmp_path: Path) -> None:
+    few = Simulation(segments=[Played(30, ramp(20, 31, 30)) for _ in range(3)])
+    found = result(tmp_path / "run", ["latency.p99 < 40 ms", "latency.p50 < 40 ms"], few)
+    line = headline(found)
+    assert line.startswith("? INCONCLUSIVE simulated: 1 of 2 open, latency.p99 ")
+    (verdict,) = (each for each in found.verdict.requirements if each.settle)
+    assert "limit 40 ms" in line
+    settle = verdict.settle.rpartition(". ")[2].rstrip(".")
+    assert line.endswith(f"; {settle[:1].lower()}{settle[1:]}")
+    alone = headline(result(tmp_path / "alone", ["latency.p99 < 40 ms"], few))
+    assert "open is latency.p99 " in alone
+
+
+@pytest.mark.parametrize(
+    ("requirement", "line"),
+    [
+        ("peak.rate >= 10 Hz", "✔ PASS simulated: peak.rate 25.5 Hz > 10 Hz"),
+        ("peak.rate >= 300 Hz", "✘ FAIL simulated: peak.rate 25.5 Hz < 300 Hz"),
+    ],
+)
+def test_a_peak(tmp_path: Path, requirement: str, line: str) -> None:
+    searched = Simulation(segments=[Played(30, ramp(20, 31))], search=SEARCH)
+    objectives = {"peak": objective(requirement, at="")}
+    assert headline(result(tmp_path / "run", objectives, searched)).startswith(
+        line.replace("simulated", "of this start of simulated")
+    )
+
+
+@pytest.mark.parametrize(
+    ("holds", "line"),
+    [
+        (True, "✔ PASS of this start of simulated: 35 Hz was sustained"),
+        (False, "✘ FAIL of this start of simulated: 35 Hz was not sustained"),
+    ],
+)
+def test_a_sustained_rate(tmp_path: Path, holds: bool, line: str) -> None:
+    sustained = Simulation(segments=[Played(30, ramp(20, 31))], sustained=(probe(35, holds=holds),))
+    objectives = {"rate": objective("sustained", at="35 Hz")}
+    assert headline(result(tmp_path / "run", objectives, sustained)) == line
+
+
+def test_a_run_that_was_cut_short_or_cannot_be_judged_says_why(tmp_path: Path) -> None:
+    killed = Simulation(
+        segments=[Played(30, ramp(20, 31))],
+        status="incomplete",
+        reason="process apriltag ended\nwith signal 9",
+    )
+    assert headline(result(tmp_path / "killed", ["latency.p50 < 1 s"], killed)) == (
+        "! INCOMPLETE simulated: process apriltag ended with signal 9"
+    )
+    late = Simulation(segments=[Played(60, ramp(20, 31), late=np.linspace(0, 3, 600))])
+    objectives = {"fast": objective("latency.p50 < 1 s", at="60 Hz")}
+    invalid = result(tmp_path / "late", objectives, late)
+    assert invalid.verdict.outcome == "invalid"
+    assert headline(invalid).startswith("! INVALID simulated: ")
+    assert headline(invalid).endswith(" ".join(invalid.verdict.reason.rstrip(".").split()))
+    assert isinstance(invalid.verdict.unusable[0], Unusable)
+
+
+def test_without_objectives_nothing_decided(tmp_path: Path) -> None:
+    assert headline(result(tmp_path / "run", {})) == (
+        "✔ PASS simulated: The spec has no objective to judge"
+    )
+
+
+class TestComparison:
+    def pairs(self, folder: Path, factor: float, *, control: bool = False) -> Result:
+        level = 0.020 * NOISE
+        compared = Comparison(level.tolist(), (level[::-1] * factor).tolist(), control=control)
+        return read_folder(compared.write(folder).folder).result
+
+    def test_a_ratio_has_its_interval_and_its_base(self, tmp_path: Path) -> None:
+        found = self.pairs(tmp_path / "pairs", 1.16)
+        assert headline(found) == (
+            "✘ FAIL simulated: latency.p50 116 % [115, 117] of other.r2b.yaml, limit 105 % at 30 Hz"
+        )
+        fine = self.pairs(tmp_path / "fine", 1.0)
+        assert headline(fine).startswith("✔ PASS simulated: latency.p50 ")
+        control = self.pairs(tmp_path / "control", 1.0, control=True)
+        assert base_name(control) == "itself"
+
+    def test_what_changed_ends_the_line(self, tmp_path: Path) -> None:
+        found = self.pairs(tmp_path / "pairs", 1.16)
+        changed = msgspec.structs.replace(found, changes=("blur.py changed", "numpy 2.1 → 2.2"))
+        end = "; blur.py changed, numpy 2.1 → 2.2"
+        assert headline(changed) == headline(found) + end
+        folder = tmp_path / "pairs"
+        shown = ReportInput(result=changed, run=read_folder(folder).run)
+        firsts = {
+            "text": renderer("text")(shown).decode().splitlines()[0],
+            "markdown": renderer("markdown")(shown).decode().splitlines()[0],
+            "github": renderer("github")(shown).decode().splitlines()[0],
+            "junit": renderer("junit")(shown).decode().partition("<failure")[2].splitlines()[0],
+            "html": renderer("html")(shown).decode().partition("<h1")[2].partition("</h1>")[0],
+        }
+        for name, first in firsts.items():
+            assert "FAIL" in first, name
+            assert end[2:] in first, name
+
+    def test_a_base_that_is_a_revision_has_its_name_and_commit(self, tmp_path: Path) -> None:
+        found = self.pairs(tmp_path / "pairs", 1.16)
+        revisions = [
+            Revision(commit="3f2a1c4d" + "0" * 32, dirty=True),
+            Revision(commit="9b1e44f0" + "0" * 32, dirty=False, name="origin/main"),
+        ]
+        head, base = (
+            GraphIdentity(digest=revision.commit, nodes={}, packages={}, revision=revision)
+            for revision in revisions
+        )
+        changes = ("blur.py changed",)
+        named = msgspec.structs.replace(found, identity=head, base_identity=base, changes=changes)
+        assert headline(named) == (
+            "✘ FAIL simulated: latency.p50 116 % [115, 117] of origin/main@9b1e44f, "
+            "limit 105 % at 30 Hz; blur.py changed"
+        )
+        for name in ("text", "markdown", "html", "junit"):
+            text = renderer(name)(ReportInput(result=named)).decode().replace("&#64;", "@")
+            assert "head 3f2a1c4+dirty, base origin/main@9b1e44f" in " ".join(text.split()), name
+
+    def test_the_gate_is_spoken_of_in_every_report(self, tmp_path: Path) -> None:
+        found = self.pairs(tmp_path / "pairs", 1.0)
+        told = msgspec.structs.replace(found, gate=("allowed: objective fast",))
+        for name in ("text", "markdown", "html", "junit"):
+            assert "Allowed: objective fast" in renderer(name)(ReportInput(result=told)).decode()
+
+    def test_a_limit_of_its_own_is_not_met_against_the_base(self, tmp_path: Path) -> None:
+        found = self.pairs(tmp_path / "pairs", 1.16)
+        (plain,) = (one for one in found.verdict.requirements if one.compared is None)
+        failed = msgspec.structs.replace(plain, outcome="fail", limit=0.02)
+        verdict = msgspec.structs.replace(found.verdict, requirements=(failed,))
+        changed = msgspec.structs.replace(found, verdict=verdict, changes=("blur.py changed",))
+        assert headline(changed) == (
+            "✘ FAIL simulated: latency.p50 23.3 ms > 20 ms at 30 Hz; blur.py changed against "
+            "other.r2b.yaml"
+        )
+
+    def test_many_changes_are_counted(self) -> None:
+        changes = tuple(f"{name}.py changed" for name in "abcde")
+        assert changes_text(changes, "main") == (
+            "a.py changed, b.py changed, c.py changed and 2 more against main"
+        )
+        assert changes_text((), "main") == ""
+
+    def test_a_history_is_so_many_runs(self, tmp_path: Path) -> None:
+        found = result(tmp_path / "run", ["latency.p50 < 1 s"])
+        earlier = BaselineResult(
+            kind="history", source="h.jsonl", run_ids=("a", "b"), differences=(), confirmed=False
+        )
+        assert base_name(msgspec.structs.replace(found, baseline=earlier)) == "2 earlier runs"
+        stored = msgspec.structs.replace(earlier, kind="stored", source="runs/a")
+        assert base_name(msgspec.structs.replace(found, baseline=stored)) == (
+            "the stored run runs/a"
+        )

@@ -1,0 +1,152 @@
+"""The notes of a report: five at most, the most important first, and none twice."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from r2bspec.cli.judge import command as judge
+from r2bspec.cli.report import command as report
+from r2bspec.compare.report_input import ReportInput
+from r2bspec.judge.judge_run import result_of
+from r2bspec.judge.result import Result
+from r2bspec.judge.verdict import DisturbedIteration
+from r2bspec.record.run_folder import Run
+from r2bspec.record.run_record import SilenceRecord, StartRecord
+from r2bspec.report.format_registry import renderer
+from r2bspec.report.notes import MOST_NOTES, Weight, all_notes, notes
+from report_runs import SIMULATIONS, USUAL
+
+WORDS = ("text", "markdown", "html", "junit", "github")
+"""The formats that people read."""
+
+CAVEATS = ("another hour may differ", "of a kind not met", "resembles the one before")
+"""Of sentences that every run would have alike."""
+
+
+def noted(folder: Path) -> tuple[Run, Result]:
+    """A run about which there is more to say than a report says."""
+    run = USUAL.write(folder)
+    result = result_of(run)
+    silence = SilenceRecord(segment="iteration-001", topic="/r2b/out", way=(), reason="It crashed.")
+    first = result.verdict.requirements[0]
+    about = msgspec.structs.replace(first, notes=("A note about one requirement.",))
+    verdict = msgspec.structs.replace(
+        result.verdict,
+        requirements=(about, *result.verdict.requirements[1:]),
+        disturbed=tuple(
+            DisturbedIteration(
+                segment=f"iteration-{number:03d}",
+                rate_hz=30.0,
+                reasons=("other processes used 1.5 of 2 cores",),
+            )
+            for number in (1, 2)
+        ),
+    )
+    starts = (
+        StartRecord(number=1, began_ns=0, ready_ns=1, disturbed=("the disk was busy",), taken=0.5),
+    )
+    left_out = tuple(f"Planned part {number} was not played." for number in range(6))
+    return run, msgspec.structs.replace(
+        result, silences=(silence,), verdict=verdict, starts=starts, left_out=left_out
+    )
+
+
+def test_at_most_five_the_most_important_first(tmp_path: Path) -> None:
+    _, result = noted(tmp_path / "run")
+    found = notes(result)
+    assert len(found.shown) == MOST_NOTES == 5
+    assert found.shown[0].startswith("No more messages on /r2b/out")
+    assert "A note about one requirement." in found.shown[1]
+    assert found.shown[2].startswith("Host interference in 2 of ")
+    assert found.shown[3:] == ("Planned part 0 was not played.", "Planned part 1 was not played.")
+    weights = [note.weight for note in all_notes(result)]
+    assert weights == sorted(weights)
+    assert found == notes(result)
+
+
+def test_verbose_has_all_of_them(tmp_path: Path) -> None:
+    _, result = noted(tmp_path / "run")
+    short, whole = notes(result), notes(result, verbose=True)
+    assert (*short.shown, *short.others) == whole.shown
+    assert (whole.others, whole.more) == ((), "")
+    assert short.more == f"{len(short.others)} more notes: with --verbose, or in the HTML report"
+
+
+def test_interference_is_told_in_a_line_and_in_full_where_all_is_told(tmp_path: Path) -> None:
+    _, result = noted(tmp_path / "run")
+    (line,) = [text for text in notes(result).shown if "interference" in text]
+    assert line.endswith("and 1 of 1 starts; for example, other processes used 1.5 of 2 cores")
+    details = {note.text for note in all_notes(result) if note.weight == Weight.DETAIL}
+    assert any(text.startswith("Host interference while 1 of 1 starts") for text in details)
+    # What happened in one way is told in that way.
+    alone = msgspec.structs.replace(result, starts=())
+    (line,) = [text for text in notes(alone).shown if "interference" in text]
+    assert line.startswith("Host interference at 30 Hz: iteration-001 (")
+
+
+def test_a_note_of_several_requirements_is_told_once(tmp_path: Path) -> None:
+    _, result = noted(tmp_path / "run")
+    failed = [
+        msgspec.structs.replace(verdict, outcome="fail", notes=("Confirmed by 5 new starts.",))
+        for verdict in result.verdict.requirements[:3]
+    ]
+    verdict = msgspec.structs.replace(result.verdict, requirements=tuple(failed))
+    told = [
+        note.text
+        for note in all_notes(msgspec.structs.replace(result, verdict=verdict))
+        if "Confirmed" in note.text
+    ]
+    assert told == ["latency.p99 < 60 ms at 30 Hz and 2 more: Confirmed by 5 new starts."]
+
+
+@pytest.mark.parametrize("name", WORDS)
+@pytest.mark.parametrize("verbose", [False, True])
+def test_no_report_says_what_every_run_would_say(tmp_path: Path, name: str, verbose: bool) -> None:
+    run, result = noted(tmp_path / "run")
+    shown = ReportInput(result=result, run=run, verbose=verbose)
+    text = " ".join(renderer(name)(shown).decode().split())
+    assert not [words for words in CAVEATS if words in text]
+
+
+@pytest.mark.parametrize("name", ["text", "markdown", "html", "junit"])
+@pytest.mark.parametrize("verbose", [False, True])
+@pytest.mark.parametrize("simulation", ["usual", "two monitors", "silent", "empty"])
+def test_no_sentence_is_said_twice(
+    tmp_path: Path, name: str, simulation: str, verbose: bool
+) -> None:
+    run = SIMULATIONS[simulation].write(tmp_path / "run")
+    result = result_of(run)
+    text = renderer(name)(ReportInput(result=result, run=run, verbose=verbose)).decode()
+    if name == "html":
+        text = text.partition("<main>")[2]
+    flat = " ".join(text.replace("&lt;", "<").replace("&gt;", ">").split())
+    for sentence in [result.verdict.reason, *(note.text for note in all_notes(result))]:
+        assert flat.count(sentence) <= 1, sentence
+
+
+def test_the_options_of_the_command_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    run = replace(USUAL, labels=()).write(tmp_path / "run")
+    folder, reason = str(run.folder), "at 95 % confidence at least"
+    texts = {}
+    for verbose in ((), ("--verbose",)):
+        judge.main([folder, *verbose], standalone_mode=False)
+        texts[verbose, "judge"] = capfd.readouterr().out
+        report.main([folder, "--report", "text=-", *verbose], standalone_mode=False)
+        texts[verbose, "report"] = capfd.readouterr().out
+    for (verbose, _), text in texts.items():
+        assert (reason in " ".join(text.split())) == bool(verbose)
+        assert ("with --verbose" in text) != bool(verbose)
+
+
+def test_the_page_shows_the_first_and_folds_the_others(tmp_path: Path) -> None:
+    run, result = noted(tmp_path / "run")
+    page = renderer("html")(ReportInput(result=result, run=run)).decode()
+    section = page.partition('<h2 id="notes">')[2].partition("</section>")[0]
+    visible, _, folded = section.partition("<details>")
+    found = notes(result)
+    assert visible.count("<li>") == len(found.shown)
+    assert folded.count("<li>") == len(found.others)
