@@ -225,7 +225,11 @@ WEAKER = SPEC.replace("< 1 s", "< 2 s")
         ({"bench/blur.r2b.yaml": WEAKER}, (), "objective fast"),
         ({"bench/blur.r2b.yaml": SPEC.partition("slos:")[0]}, (), "R2B693"),
         # The other spec is broken, so that nothing runs.
-        ({"bench/a.r2b.yaml": "r2bspec: 1\n"}, ("bench/blur.r2b.yaml",), "bench/blur.r2b.yaml is"),
+        (
+            {"bench/a.r2b.yaml": "r2bspec: 1\n"},
+            ("bench/blur.r2b.yaml",),
+            "spec bench/blur.r2b.yaml",
+        ),
     ],
     ids=["weaker", "without objectives", "deleted"],
 )
@@ -448,7 +452,7 @@ def test_the_commands_of_the_page(hosts: Hosts, upstream: Upstream, change: Even
         ("vendor.github-workflows", WORKFLOW),
         (
             "vendor.github-workflows",
-            page_file("tutorial.md", ".github/workflows/benchmark.yml"),
+            page_file("tutorial.md", "robot/.github/workflows/benchmark.yml"),
         ),
         # As the job that extends it: of a hidden one the schema says nothing.
         ("vendor.gitlab-ci", TEMPLATE.read_text().replace(".r2bspec:", "benchmark:")),
