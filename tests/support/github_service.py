@@ -31,6 +31,10 @@ class Upstream:
         """The commit of ``main``."""
         return git(self.folder, "rev-parse", "main")
 
+    def replace_main(self, files: Mapping[str, str | bytes]) -> None:
+        """Commit files to ``main``."""
+        commit(self.folder, files)
+
     def pull_request(
         self, files: Mapping[str, str | bytes], deleted: Sequence[str] = (), number: int = 1
     ) -> Event:

@@ -248,6 +248,20 @@ def test_a_pull_request_cannot_weaken_its_gate(
     assert "Traceback" not in printed
 
 
+def test_a_fork_is_compared_with_a_base_that_reads_variables(
+    tmp_path: Path, upstream: Upstream
+) -> None:
+    """The base may read what it lists, and so may the head; and then their gates are compared."""
+    listed = SPEC.replace("graph:", "environment: [ROBOT]\ngraph:")
+    upstream.replace_main({"bench/blur.r2b.yaml": listed})
+    change = upstream.pull_request({"bench/blur.r2b.yaml": listed.replace("< 1 s", "< 2 s")})
+    hosts = Hosts(tmp_path, upstream, sys.executable)
+    code, printed, _ = hosts.recipe("jenkins", change, CHANGE_FORK="stranger", ROBOT="r2")
+    assert code == 2, printed
+    assert "objective fast" in printed
+    assert "R2B143" not in printed
+
+
 # ---- GitHub ------------------------------------------------------------------------------------
 
 
