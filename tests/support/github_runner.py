@@ -41,7 +41,8 @@ def evaluate(text: str, contexts: Mapping[str, Value], *, failed: bool = False) 
     Raises:
         ExpressionError: it is malformed, or names a context that does not exist.
     """
-    words, place = [], 0
+    words: list[str] = []
+    place = 0
     while match := _WORD.match(text, place):
         if match["word"] is None:
             return _Expression(words, contexts, failed=failed).value()

@@ -76,13 +76,14 @@ class Hosts:
         inputs: Mapping[str, str] | None = None,
         variables: Mapping[str, str] | None = None,
         workflow: str = WORKFLOW,
-        **environment: str,
+        environment: Mapping[str, str] | None = None,
+        **more: str,
     ) -> tuple[Job, Runner]:
         runner = Runner(
             self.folder / "runner",
             self.upstream.folder.as_uri(),
             {"python": self.python, **(inputs or {})},
-            environment,
+            {**(environment or {}), **more},
         )
         return runner.run(workflow, change, variables), runner
 
@@ -104,7 +105,7 @@ class Hosts:
             values["R2BSPEC_INCONCLUSIVE"] = inconclusive
         if name == "github":
             inputs = {"allow": allow, "token": "", "inconclusive": inconclusive or "fail"}
-            job, runner = self.github(change, inputs=inputs, **{"STATUS": "0", **environment})
+            job, runner = self.github(change, inputs=inputs, environment=values)
             # The job fails if the step fails, whatever its status.
             code = int(job.outputs["gate"]["status"]) if job.failed else 0
             return code, job.printed, _arguments(runner.checkout)
