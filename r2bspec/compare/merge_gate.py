@@ -170,6 +170,8 @@ class MergeGate:
             sets=(*selection.sets, *self.reference.sets),
             variables={**(selection.variables or {}), **self.reference.variables},
             allow_paths=tuple(self._in_base(path) for path in selection.allow_paths),
+            # Of a stranger's change the base is no part: what it lists is what a head may read.
+            untrusted=None,
         )
         if head.loaded is not None and head.loaded.case:
             cases = replace(base_selection, case="").load_cases()

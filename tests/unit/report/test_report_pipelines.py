@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
-import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,27 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from pipelines import JOB, STEPS, Ended, Workplace, read_outputs
+from git_repositories import git
+from pipelines import JOB, STEPS, Ended, Workplace, read_outputs, stand_in
 from r2bspec.cli.main import main
-
-FAKE = """#!/bin/bash
-# Stands for Python with r2bspec: keeps the arguments and writes the reports that were asked for.
-[ "$1 $2 $3" = "-I -m r2bspec" ] || exit 99
-shift 3
-[ "$1" = --version ] && exit "${BROKEN:-0}"
-printf '%s\\n' "$@" > arguments.txt
-while [ $# -gt 0 ]; do
-  case "$2" in
-    json=*) [ -n "$NO_RESULT" ] || echo "{}" > "${2#json=}" ;;
-    markdown=*) echo "### summary" > "${2#markdown=}" ;;
-    junit=*) echo "<testsuites/>" > "${2#junit=}" ;;
-    github=*) echo "::error file=a.r2b.yaml,line=9::too slow" > "${2#github=}" ;;
-  esac
-  shift
-done
-echo "::error::what a node printed"
-exit "$STATUS"
-"""
 
 
 @pytest.fixture(name="place")
@@ -49,10 +29,7 @@ def workplace(tmp_path: Path) -> Workplace:
 
 @pytest.fixture(name="fake")
 def fake_python(tmp_path: Path) -> str:
-    program = tmp_path / "fake python"
-    program.write_text(FAKE)
-    program.chmod(0o755)
-    return str(program)
+    return str(stand_in(tmp_path))
 
 
 # ---- what a pipeline does with a run -----------------------------------------------------------
@@ -196,16 +173,6 @@ def test_the_action_installs_its_own_version_in_an_environment_of_its_own(
 
 
 # ---- a stranger's change -----------------------------------------------------------------------
-
-
-def git(folder: Path, *arguments: str) -> str:
-    program = shutil.which("git")
-    assert program is not None
-    who = ["-c", "user.name=A", "-c", "user.email=a@example.org"]
-    done = subprocess.run(
-        [program, *who, *arguments], cwd=folder, capture_output=True, text=True, check=True
-    )
-    return done.stdout.strip()
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,54 @@
+#!/bin/sh
+# Gate a change with r2bspec: gate.sh SPEC [BASE]
+#
+# SPEC is a spec, or a folder of specs, in a work tree of git. BASE is what it is compared with: a
+# revision of git that the clone has, another work tree, or 'none'; by default origin/main. The exit
+# status is that of 'r2bspec run'.
+#
+#   R2BSPEC_PYTHON        a Python interpreter that has r2bspec; by default python3
+#   R2BSPEC_ALLOW         what may be weaker than in the base, one name per line
+#   R2BSPEC_INCONCLUSIVE  'fail', or 'pass' to let an inconclusive run pass
+#   R2BSPEC_ARGUMENTS     further arguments of 'r2bspec run', one per line
+#   R2BSPEC_OUTPUT        a new folder for the run and its reports; by default a temporary one
+set -u
+
+spec=${1:?"usage: gate.sh SPEC [BASE]"}
+base=${2:-origin/main}
+if [ -n "${R2BSPEC_OUTPUT:-}" ]; then
+  folder=$R2BSPEC_OUTPUT
+else
+  folder=$(mktemp -d "${TMPDIR:-/tmp}/r2bspec.XXXXXXXXXX") || exit 2
+fi
+mkdir -p "$folder/reports" || exit 2
+
+set -- --require-slos --output "$folder/run" \
+  --report "html=$folder/reports/report.html" \
+  --report "junit=$folder/reports/junit.xml" \
+  --report "markdown=$folder/reports/summary.md" \
+  --report "json=$folder/reports/result.json"
+set -f
+IFS='
+'
+if [ "$base" != none ]; then
+  set -- "$@" "--against=$base"
+  for name in ${R2BSPEC_ALLOW:-}; do set -- "$@" "--allow=$name"; done
+fi
+for argument in ${R2BSPEC_ARGUMENTS:-}; do set -- "$@" "$argument"; done
+unset IFS
+set +f
+
+# -I: no module of the work tree is imported.
+"${R2BSPEC_PYTHON:-python3}" -I -m r2bspec run "$@" -- "$spec" < /dev/null
+status=$?
+echo "The reports are in $folder/reports."
+if [ "$status" = 0 ] && [ ! -s "$folder/reports/result.json" ]; then
+  echo "There is no result."
+  exit 4
+fi
+if [ "$status" = 3 ] && [ "${R2BSPEC_INCONCLUSIVE:-fail}" = pass ]; then
+  echo "The run is inconclusive. It passes, because inconclusive is pass."
+  exit 0
+elif [ "$status" = 3 ]; then
+  echo "The run is inconclusive. It blocks, unless inconclusive is pass."
+fi
+exit "$status"

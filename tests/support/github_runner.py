@@ -1,0 +1,340 @@
+"""Workflows and actions of GitHub, run as its runner does: expressions, steps, outputs, conditions.
+
+What a runner has and these tests need: contexts, the operators of expressions, the functions of
+status, composite actions with their inputs, and the files by which steps talk to the runner. A step
+that uses the action of this repository runs the steps of `action.yml`; a checkout is made by git.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from git_repositories import git
+from pipelines import ACTION, read_outputs
+
+_WORD = re.compile(
+    r"\s*(?:(?P<word>\|\||&&|==|!=|!|\(|\)|'(?:[^']|'')*'|-?\d+|[A-Za-z_][\w.-]*)|(?P<end>$))"
+)
+_EXPRESSION = re.compile(r"\$\{\{(.*?)\}\}", re.DOTALL)
+_OF_STATUS = re.compile(r"\b(always|cancelled|failure|success)\(\)")
+
+Value = Any
+"""A value of an expression: a string, a number, a Boolean, None or a mapping."""
+
+
+class ExpressionError(Exception):
+    """An expression that a runner would refuse."""
+
+
+def evaluate(text: str, contexts: Mapping[str, Value], *, failed: bool = False) -> Value:
+    """The value of an expression.
+
+    Raises:
+        ExpressionError: it is malformed, or names a context that does not exist.
+    """
+    words: list[str] = []
+    place = 0
+    while match := _WORD.match(text, place):
+        if match["word"] is None:
+            return _Expression(words, contexts, failed=failed).value()
+        words.append(match["word"])
+        place = match.end()
+    raise ExpressionError(text)
+
+
+def expand(text: object, contexts: Mapping[str, Value]) -> str:
+    """A text with the values of its expressions."""
+    return _EXPRESSION.sub(lambda match: _text(evaluate(match[1], contexts)), str(text))
+
+
+def _text(value: Value) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return "" if value is None else str(value)
+
+
+class _Expression:
+    """A parser that computes: ``||`` binds least, then ``&&``, comparisons, ``!``."""
+
+    def __init__(self, words: list[str], contexts: Mapping[str, Value], *, failed: bool) -> None:
+        self._words = words
+        self._contexts = contexts
+        self._failed = failed
+
+    def value(self) -> Value:
+        value = self._or()
+        if self._words:
+            raise ExpressionError(" ".join(self._words))
+        return value
+
+    def _takes(self, *words: str) -> str:
+        return self._words.pop(0) if self._words and self._words[0] in words else ""
+
+    def _or(self) -> Value:
+        value = self._and()
+        while self._takes("||"):
+            right = self._and()
+            value = value or right
+        return value
+
+    def _and(self) -> Value:
+        value = self._comparison()
+        while self._takes("&&"):
+            right = self._comparison()
+            value = value and right
+        return value
+
+    def _comparison(self) -> Value:
+        value = self._unary()
+        while sign := self._takes("==", "!="):
+            right = self._unary()
+            # What is missing equals an empty text.
+            value = (_text(value).lower() == _text(right).lower()) == (sign == "==")
+        return value
+
+    def _unary(self) -> Value:
+        if self._takes("!"):
+            return not self._unary()
+        if self._takes("("):
+            value = self._or()
+            if not self._takes(")"):
+                raise ExpressionError("a parenthesis is open")
+            return value
+        if not self._words:
+            raise ExpressionError("an operand is missing")
+        word = self._words.pop(0)
+        if word.startswith("'"):
+            return word[1:-1].replace("''", "'")
+        if re.fullmatch(r"-?\d+", word):
+            return int(word)
+        if word in ("true", "false", "null"):
+            return {"true": True, "false": False, "null": None}[word]
+        if self._takes("("):
+            return self._call(word)
+        return self._property(word)
+
+    def _call(self, name: str) -> bool:
+        if not self._takes(")"):
+            raise ExpressionError(f"{name} has arguments")
+        values = {
+            "always": True,
+            "cancelled": False,
+            "failure": self._failed,
+            "success": not self._failed,
+        }
+        if name not in values:
+            raise ExpressionError(f"{name} is no function")
+        return values[name]
+
+    def _property(self, path: str) -> Value:
+        context, *names = path.split(".")
+        if context not in self._contexts:
+            raise ExpressionError(f"{context} is no context")
+        value: Value = self._contexts[context]
+        for name in names:
+            value = value.get(name) if isinstance(value, Mapping) else None
+        return value
+
+
+@dataclass(frozen=True)
+class Event:
+    """What starts a workflow.
+
+    Attributes:
+        name: of the event.
+        ref: what is checked out.
+        payload: ``github.event``.
+    """
+
+    name: str
+    ref: str
+    payload: Mapping[str, Any]
+
+
+@dataclass
+class Job:
+    """A job that has run.
+
+    Attributes:
+        failed: whether a step failed.
+        printed: what all steps printed.
+        outputs: those of each step that has an id.
+        uploaded: the folders that were uploaded.
+        summary: of all steps.
+        skipped: the names of steps whose condition did not hold.
+    """
+
+    failed: bool = False
+    printed: str = ""
+    outputs: dict[str, dict[str, str]] = field(default_factory=dict)
+    uploaded: list[Path] = field(default_factory=list)
+    summary: str = ""
+    skipped: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Runner:
+    """A machine with a new folder for each job.
+
+    Attributes:
+        folder: receives checkouts and files of the runner.
+        origin: the repository that is checked out.
+        inputs: of the action, which a test sets besides those of the workflow.
+        environment: variables of all steps.
+    """
+
+    folder: Path
+    origin: str
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    environment: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def checkout(self) -> Path:
+        """The work tree of the job."""
+        return self.folder / "checkout"
+
+    def run(self, workflow: str, event: Event, variables: Mapping[str, str] | None = None) -> Job:
+        """Run the only job of a workflow."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+        (self.folder / "temp").mkdir(parents=True)
+        self.checkout.mkdir()
+        document = yaml.safe_load(workflow)
+        # YAML 1.1 reads the key 'on' as true.
+        started_by = document[True]
+        assert event.name in started_by, (event.name, started_by)
+        ((job_id, definition),) = document["jobs"].items()
+        github = {
+            "event": event.payload,
+            "event_name": event.name,
+            "ref": event.ref,
+            "repository": "owner/robot",
+            "token": "ghs_of_the_job",
+            "workflow": document["name"],
+            "job": job_id,
+        }
+        job = Job()
+        contexts = {"github": github, "vars": variables or {}, "env": {}, "inputs": None}
+        self._run_steps(definition["steps"], contexts, job)
+        return job
+
+    def _run_steps(
+        self, steps: list[dict[str, Any]], contexts: Mapping[str, Value], job: Job
+    ) -> dict[str, dict[str, Any]]:
+        """Run steps; returns the context of their outputs."""
+        done: dict[str, dict[str, Any]] = {}
+        failed = False
+        for step in steps:
+            here = {**contexts, "steps": done}
+            condition = _EXPRESSION.sub(r"\1", str(step.get("if", "success()")))
+            holds = evaluate(condition, here, failed=failed)
+            if not holds or (failed and not _OF_STATUS.search(condition)):
+                job.skipped.append(step.get("name") or step.get("uses", ""))
+                continue
+            code, outputs = self._run_step(step, here, job)
+            failed = failed or code != 0
+            if identifier := step.get("id"):
+                done[identifier] = {"outputs": outputs}
+                job.outputs[identifier] = outputs
+        job.failed = job.failed or failed
+        return done
+
+    def _run_step(
+        self, step: dict[str, Any], contexts: Mapping[str, Value], job: Job
+    ) -> tuple[int, dict[str, str]]:
+        given = {name: expand(value, contexts) for name, value in step.get("with", {}).items()}
+        used = step.get("uses", "").partition("@")[0]
+        if not used:
+            variables = {
+                name: expand(value, contexts) for name, value in step.get("env", {}).items()
+            }
+            return self._run_script(expand(step["run"], contexts), variables, contexts, job)
+        uses: dict[str, Callable[[], tuple[int, dict[str, str]]]] = {
+            "actions/checkout": lambda: self._check_out(contexts, int(given.get("fetch-depth", 1))),
+            "actions/upload-artifact": lambda: self._upload(Path(given["path"]), job),
+            "r2bspec/r2bspec": lambda: self._act(given, contexts, job),
+        }
+        return uses[used]()
+
+    def _act(
+        self, given: Mapping[str, str], contexts: Mapping[str, Value], job: Job
+    ) -> tuple[int, dict[str, str]]:
+        """The steps of the action of this repository."""
+        unknown = set(given) - set(ACTION["inputs"])
+        assert not unknown, unknown
+        defaults = {name: str(about.get("default", "")) for name, about in ACTION["inputs"].items()}
+        inputs = {**defaults, **given, **self.inputs}
+        # A composite action sees neither the variables of the repository nor other steps.
+        inner = {"github": contexts["github"], "inputs": inputs, "env": {}}
+        inside = Job()
+        done = self._run_steps(ACTION["runs"]["steps"], inner, inside)
+        job.printed += inside.printed
+        job.summary += inside.summary
+        job.skipped += inside.skipped
+        outputs = {
+            name: expand(about["value"], {**inner, "steps": done})
+            for name, about in ACTION["outputs"].items()
+        }
+        return int(inside.failed), outputs
+
+    def _run_script(
+        self,
+        script: str,
+        variables: Mapping[str, str],
+        contexts: Mapping[str, Value],
+        job: Job,
+    ) -> tuple[int, dict[str, str]]:
+        temp = self.folder / "temp"
+        output, summary = temp / "output", temp / "summary"
+        for file in (output, summary):
+            file.write_text("")
+        github = contexts["github"]
+        values = {
+            "GITHUB_ACTION_PATH": str(Path(__file__).parents[2]),
+            "GITHUB_API_URL": "https://api.github.com",
+            "GITHUB_EVENT_NAME": github["event_name"],
+            "GITHUB_JOB": github["job"],
+            "GITHUB_OUTPUT": str(output),
+            "GITHUB_REPOSITORY": github["repository"],
+            "GITHUB_RUN_ID": "4711",
+            "GITHUB_SERVER_URL": "https://github.com",
+            "GITHUB_STEP_SUMMARY": str(summary),
+            "GITHUB_WORKFLOW": github["workflow"],
+            "GITHUB_WORKSPACE": str(self.checkout),
+            "RUNNER_TEMP": str(temp),
+        }
+        done = subprocess.run(
+            ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", script],  # noqa: S607
+            cwd=self.checkout,
+            env={**os.environ, **values, **self.environment, **variables},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            check=False,
+        )
+        job.printed += done.stdout.decode(errors="replace")
+        job.summary += summary.read_text()
+        return done.returncode, read_outputs(output.read_text())
+
+    def _check_out(self, contexts: Mapping[str, Value], depth: int) -> tuple[int, dict[str, str]]:
+        reference = contexts["github"]["ref"]
+        git(self.checkout, "init", "--quiet")
+        git(self.checkout, "remote", "add", "origin", self.origin)
+        limit = [f"--depth={depth}"] * bool(depth)
+        what = f"+{reference}:{reference}"
+        git(self.checkout, "fetch", "--quiet", "--no-tags", *limit, "origin", what)
+        git(self.checkout, "checkout", "--quiet", "--detach", reference)
+        return 0, {}
+
+    @staticmethod
+    def _upload(place: Path, job: Job) -> tuple[int, dict[str, str]]:
+        assert place.is_dir(), place
+        job.uploaded.append(place)
+        return 0, {}

@@ -1,0 +1,508 @@
+"""Promise: every recipe of docs/ci.md works as it stands there, and all of them mean the same.
+
+A pull request is a real one, in a real repository, which the recipe's own scripts check out and
+fetch from. Where only the scripts are examined, a program stands for r2bspec.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+import yaml
+
+from git_repositories import git, write_files
+from github_runner import Event, ExpressionError, Job, Runner, evaluate, expand
+from github_service import CommentService, Upstream
+from page_blocks import ROOT, page_blocks, page_file
+from pipelines import TEMPLATE, Workplace, stand_in
+from r2bspec.compare.base_reference import parse_base_reference
+from r2bspec.compare.base_tree import open_base_tree
+
+WORKFLOW = page_file("ci.md", ".github/workflows/benchmark.yml")
+GITLAB = page_file("ci.md", ".gitlab-ci.yml")
+JENKINSFILE = (ROOT / "ci/jenkins/Jenkinsfile").read_text()
+GATE = ROOT / "ci/shell/gate.sh"
+
+NODE = "src/blur/blur/blur.py"
+SPEC = """\
+r2bspec: 1
+name: blur
+data_loader: {bag: r2b_storage, topics: {/d455_1_rgb_image: image}}
+playback: {inputs: {input: {from: image, format: sensor_msgs/msg/Image}}}
+graph:
+  nodes:
+    relay: {python: r2bspec.nodes.RelayNode, parameters: {format: sensor_msgs/msg/Image}}
+monitors: {out: {topic: output, format: sensor_msgs/msg/Image}}
+benchmark: {rates: [10 Hz], duration: 1 s, iterations: 2}
+slos:
+  fast: {at: 10 Hz, require: [latency.p50 < 1 s]}
+"""
+FILES = {NODE: "# the node\n", "bench/blur.r2b.yaml": SPEC}
+
+BLOCKS = "The run is inconclusive. It blocks, unless inconclusive is pass."
+PASSES = "The run is inconclusive. It passes, because inconclusive is pass."
+
+
+@pytest.fixture(name="upstream")
+def repository(tmp_path: Path) -> Upstream:
+    return Upstream.create(tmp_path / "upstream", FILES)
+
+
+@pytest.fixture(name="change")
+def pull_request(upstream: Upstream) -> Event:
+    return upstream.pull_request({NODE: "# a slower node\n"})
+
+
+@dataclass(frozen=True)
+class Hosts:
+    """Runs a pull request by each of the recipes, with a program in place of r2bspec or with it."""
+
+    folder: Path
+    upstream: Upstream
+    python: str
+
+    def github(
+        self,
+        change: Event,
+        *,
+        inputs: Mapping[str, str] | None = None,
+        variables: Mapping[str, str] | None = None,
+        workflow: str = WORKFLOW,
+        environment: Mapping[str, str] | None = None,
+        **more: str,
+    ) -> tuple[Job, Runner]:
+        runner = Runner(
+            self.folder / "runner",
+            self.upstream.folder.as_uri(),
+            {"python": self.python, **(inputs or {})},
+            {**(environment or {}), **more},
+        )
+        return runner.run(workflow, change, variables), runner
+
+    def checkout(self, change: Event, *options: str) -> Path:
+        return self.upstream.clone(self.folder / "checkout", change.ref, *options)
+
+    def recipe(
+        self,
+        name: str,
+        change: Event,
+        *,
+        allow: str = "",
+        inconclusive: str = "",
+        **environment: str,
+    ) -> tuple[int, str, list[str]]:
+        """Run a pull request; the exit status, what was printed, and the arguments of r2bspec."""
+        values = {"R2BSPEC_ALLOW": allow, "STATUS": "0", **environment}
+        if inconclusive:
+            values["R2BSPEC_INCONCLUSIVE"] = inconclusive
+        if name == "github":
+            inputs = {"allow": allow, "token": "", "inconclusive": inconclusive or "fail"}
+            job, runner = self.github(change, inputs=inputs, environment=values)
+            # The job fails if the step fails, whatever its status.
+            code = int(job.outputs["gate"]["status"]) if job.failed else 0
+            return code, job.printed, _arguments(runner.checkout)
+        checkout = self.checkout(change)
+        runner_folder = self.folder / "runner"
+        runner_folder.mkdir()
+        place = Workplace(checkout, runner_folder)
+        base = change.payload["pull_request"]["base"]["sha"]
+        if name == "gitlab":
+            variables = {"CI_MERGE_REQUEST_DIFF_BASE_SHA": base, **values}
+            done = place.job(self.python, "bench", "sh", **variables)
+            return done.code, done.printed, _arguments(checkout)
+        if name == "jenkins":
+            variables = {
+                **jenkins_environment(),
+                "R2BSPEC_PYTHON": self.python,
+                "CHANGE_TARGET": "main",
+                **values,
+            }
+            code, printed = place.shell("sh", jenkins_script(), **variables)
+            return code, printed, _arguments(checkout)
+        git(checkout, "fetch", "--quiet", "origin", "main:refs/remotes/origin/main")
+        code, printed = place.shell(
+            "sh", f"sh {shlex.quote(str(GATE))} bench", R2BSPEC_PYTHON=self.python, **values
+        )
+        return code, printed, _arguments(checkout)
+
+
+def _arguments(checkout: Path) -> list[str]:
+    """What the stand-in was called with."""
+    kept = checkout / "arguments.txt"
+    return kept.read_text().splitlines() if kept.exists() else []
+
+
+def jenkins_script() -> str:
+    """The only `sh` step of the Jenkinsfile, as Groovy reads it: it has no escapes."""
+    (script,) = re.findall(r"sh '''(.*?)'''", JENKINSFILE, re.DOTALL)
+    assert "\\" not in script
+    return str(script)
+
+
+def jenkins_environment() -> dict[str, str]:
+    (block,) = re.findall(r"environment \{(.*?)\n  \}", JENKINSFILE, re.DOTALL)
+    return dict(re.findall(r"^\s+(\w+) = '(.*?)'", block, re.MULTILINE))
+
+
+@pytest.fixture(name="hosts")
+def hosts_with_a_stand_in(tmp_path: Path, upstream: Upstream) -> Hosts:
+    return Hosts(tmp_path, upstream, str(stand_in(tmp_path)))
+
+
+EVERY_RECIPE = pytest.mark.parametrize("recipe", ["github", "gitlab", "jenkins", "shell"])
+
+
+# ---- all recipes mean the same -----------------------------------------------------------------
+
+
+@EVERY_RECIPE
+def test_a_change_is_compared_with_its_base(
+    hosts: Hosts, upstream: Upstream, change: Event, recipe: str
+) -> None:
+    allow = "objective fast\nbase\n"
+    code, printed, words = hosts.recipe(recipe, change, allow=allow)
+    assert code == 0, printed
+    assert words[0] == "run"
+    assert words[-2:] == ["--", "bench"]
+    assert "--require-slos" in words
+    assert [word for word in words if word.startswith("--allow")] == [
+        "--allow=objective fast",
+        "--allow=base",
+    ]
+    (against,) = [word for word in words if word.startswith("--against=")]
+    # The base is in the clone, as r2bspec itself looks it up.
+    checkout = hosts.folder / ("runner/checkout" if recipe == "github" else "checkout")
+    reference = parse_base_reference([against.removeprefix("--against=")])
+    with open_base_tree(reference, checkout / "bench") as tree:
+        assert tree.revision is not None
+        assert tree.revision.commit == upstream.main
+        assert (tree.top / NODE).read_text() == FILES[NODE]
+        assert (tree.head_top / NODE).read_text() == "# a slower node\n"
+
+
+@EVERY_RECIPE
+@pytest.mark.parametrize(
+    ("inconclusive", "expected", "sentence"), [("", 3, BLOCKS), ("pass", 0, PASSES)]
+)
+def test_inconclusive_means_the_same_everywhere(
+    hosts: Hosts, change: Event, recipe: str, inconclusive: str, expected: int, sentence: str
+) -> None:
+    code, printed, _ = hosts.recipe(recipe, change, inconclusive=inconclusive, STATUS="3")
+    assert code == expected, printed
+    assert sentence in printed
+
+
+@EVERY_RECIPE
+@pytest.mark.parametrize(
+    ("environment", "expected"),
+    [({"STATUS": "1"}, 1), ({"STATUS": "4"}, 4), ({"NO_RESULT": "1"}, 4)],
+    ids=str,
+)
+def test_what_does_not_pass_blocks(
+    hosts: Hosts, change: Event, recipe: str, environment: dict[str, str], expected: int
+) -> None:
+    code, printed, _ = hosts.recipe(recipe, change, inconclusive="pass", **environment)
+    assert code == expected, printed
+
+
+# ---- with r2bspec itself -----------------------------------------------------------------------
+
+
+WEAKER = SPEC.replace("< 1 s", "< 2 s")
+
+
+@EVERY_RECIPE
+@pytest.mark.parametrize(
+    ("files", "deleted", "message"),
+    [
+        ({"bench/blur.r2b.yaml": WEAKER}, (), "objective fast"),
+        ({"bench/blur.r2b.yaml": SPEC.partition("slos:")[0]}, (), "R2B693"),
+        # The other spec is broken, so that nothing runs.
+        (
+            {"bench/a.r2b.yaml": "r2bspec: 1\n"},
+            ("bench/blur.r2b.yaml",),
+            "spec bench/blur.r2b.yaml",
+        ),
+    ],
+    ids=["weaker", "without objectives", "deleted"],
+)
+def test_a_pull_request_cannot_weaken_its_gate(
+    tmp_path: Path,
+    upstream: Upstream,
+    recipe: str,
+    files: dict[str, str],
+    deleted: tuple[str, ...],
+    message: str,
+) -> None:
+    change = upstream.pull_request(files, deleted)
+    code, printed, _ = Hosts(tmp_path, upstream, sys.executable).recipe(recipe, change)
+    assert code == 2, printed
+    assert message in printed
+    assert "Traceback" not in printed
+
+
+def test_a_fork_is_compared_with_a_base_that_reads_variables(
+    tmp_path: Path, upstream: Upstream
+) -> None:
+    """The base may read what it lists, and so may the head; and then their gates are compared."""
+    listed = SPEC.replace("graph:", "environment: [ROBOT]\ngraph:")
+    upstream.replace_main({"bench/blur.r2b.yaml": listed})
+    change = upstream.pull_request({"bench/blur.r2b.yaml": listed.replace("< 1 s", "< 2 s")})
+    hosts = Hosts(tmp_path, upstream, sys.executable)
+    code, printed, _ = hosts.recipe("jenkins", change, CHANGE_FORK="stranger", ROBOT="r2")
+    assert code == 2, printed
+    assert "objective fast" in printed
+    assert "R2B143" not in printed
+
+
+# ---- GitHub ------------------------------------------------------------------------------------
+
+
+def test_the_workflow_reports_uploads_and_gates(hosts: Hosts, change: Event) -> None:
+    service = CommentService.create(hosts.folder / "bin")
+    path = f"{service.folder}:{os.environ['PATH']}"
+    job, runner = hosts.github(change, STATUS="1", PATH=path)
+    assert job.failed
+    assert job.outputs["gate"]["outcome"] == "fail"
+    assert job.summary == "### summary\n"
+    assert "::error file=a.r2b.yaml,line=9::too slow" in job.printed
+    assert job.uploaded == [Path(job.outputs["gate"]["folder"])]
+    (comment,) = service.comments
+    assert "### summary" in comment["body"]
+    assert "https://github.com/owner/robot/actions/runs/4711" in comment["body"]
+    # The token is the header's alone: in no command line, and not where nodes run.
+    assert "ghs_of_the_job" in service.calls[0]["header"]
+    assert "ghs_of_the_job" not in str([call["words"] for call in service.calls])
+    assert "ghs_of_the_job" not in (runner.checkout / "environment.txt").read_text()
+    assert job.skipped == ["Install"]
+
+
+def test_the_comment_is_updated(hosts: Hosts, change: Event) -> None:
+    others = [
+        {"id": number, "body": body, "user": {"type": "User"}, "author_association": "NONE"}
+        for number, body in enumerate(["hello", None, *["more"] * 120])
+    ]
+    service = CommentService.create(hosts.folder / "bin", others)
+    path = f"{service.folder}:{os.environ['PATH']}"
+    hosts.github(change, STATUS="1", PATH=path)
+    assert [call["method"] for call in service.calls] == ["GET", "GET", "POST"]
+    hosts.github(change, STATUS="0", PATH=path, NO_RESULT="1")
+    assert [call["method"] for call in service.calls[3:]] == ["GET", "GET", "PATCH"]
+    assert len(service.comments) == len(others) + 1
+    # Another job has a comment of its own.
+    hosts.github(change, STATUS="1", PATH=path, workflow=WORKFLOW.replace("benchmark:", "other:"))
+    assert len(service.comments) == len(others) + 2
+
+
+def test_a_strangers_comment_is_never_taken_for_its_own(hosts: Hosts, change: Event) -> None:
+    service = CommentService.create(hosts.folder / "bin")
+    path = f"{service.folder}:{os.environ['PATH']}"
+    hosts.github(change, STATUS="0", PATH=path)
+    (own,) = service.comments
+    forged = {**own, "id": 7, "user": {"type": "User"}, "author_association": "CONTRIBUTOR"}
+    again = CommentService.create(hosts.folder / "bin2", [forged])
+    hosts.github(change, STATUS="0", PATH=f"{again.folder}:{os.environ['PATH']}")
+    assert again.comments[0]["body"] == own["body"]
+    assert len(again.comments) == 2
+
+
+@pytest.mark.parametrize("fails", ["GET", "POST"])
+@pytest.mark.parametrize("status", ["0", "1"])
+def test_a_comment_that_fails_is_no_verdict(
+    hosts: Hosts, change: Event, fails: str, status: str
+) -> None:
+    service = CommentService.create(hosts.folder / "bin", fails=[fails])
+    path = f"{service.folder}:{os.environ['PATH']}"
+    job, _ = hosts.github(change, STATUS=status, PATH=path)
+    assert job.failed is (status == "1")
+    assert "::warning title=r2bspec::The comment on the pull request could not be" in job.printed
+    assert service.comments == []
+
+
+def test_without_a_token_nobody_comments(hosts: Hosts, change: Event) -> None:
+    service = CommentService.create(hosts.folder / "bin")
+    path = f"{service.folder}:{os.environ['PATH']}"
+    job, _ = hosts.github(change, inputs={"token": ""}, STATUS="0", PATH=path)
+    assert not job.failed
+    assert service.calls == []
+    assert "Comment on the pull request" in job.skipped
+
+
+@pytest.mark.parametrize(
+    ("against", "expected"),
+    [("none", []), ("origin/main", ["--against=origin/main"]), ("v1...", ["--against=v1..."])],
+)
+def test_the_base_can_be_chosen(
+    hosts: Hosts, change: Event, against: str, expected: list[str]
+) -> None:
+    inputs = {"against": against, "require-slos": "false", "token": ""}
+    _, runner = hosts.github(change, inputs=inputs, STATUS="0")
+    words = _arguments(runner.checkout)
+    assert [word for word in words if word.startswith("--against")] == expected
+    assert "--require-slos" not in words
+
+
+def test_other_events_have_no_base_but_that_of_a_merge_queue(
+    hosts: Hosts, upstream: Upstream, change: Event
+) -> None:
+    queued = Event("merge_group", change.ref, {"merge_group": {"base_sha": upstream.main}})
+    pushed = Event("push", "refs/heads/main", {})
+    workflow = WORKFLOW.replace("[pull_request,", "[push, pull_request,")
+    for event, expected in ((queued, [f"--against={upstream.main}"]), (pushed, [])):
+        job, runner = hosts.github(
+            event, workflow=workflow, inputs={"allow": "base" * bool(expected)}, STATUS="0"
+        )
+        assert not job.failed, job.printed
+        words = _arguments(runner.checkout)
+        assert [word for word in words if word.startswith("--against")] == expected
+
+
+def test_a_base_that_cannot_be_had_blocks_and_says_what_to_fetch(
+    tmp_path: Path, upstream: Upstream, change: Event
+) -> None:
+    lost = {"pull_request": {**change.payload["pull_request"], "base": {"sha": "1" * 40}}}
+    hosts = Hosts(tmp_path, upstream, sys.executable)
+    job, _ = hosts.github(Event("pull_request", change.ref, lost), inputs={"token": ""})
+    assert job.failed
+    assert job.outputs["gate"]["status"] == "2"
+    assert "R2B694" in job.printed
+    assert "git fetch --depth=1 origin" in job.printed
+
+
+def test_what_is_allowed_comes_from_a_variable_of_the_repository(
+    hosts: Hosts, change: Event
+) -> None:
+    (block,) = [block for block in page_blocks("ci.md") if block.kind == "inputs"]
+    workflow = yaml.safe_load(WORKFLOW)
+    workflow["jobs"]["benchmark"]["steps"][1]["with"] |= yaml.safe_load(block.text)
+    variables = {"R2BSPEC_ALLOW": "objective fast\nduration"}
+    _, runner = hosts.github(
+        change,
+        inputs={"token": ""},
+        variables=variables,
+        workflow=yaml.safe_dump(workflow),
+        STATUS="0",
+    )
+    words = _arguments(runner.checkout)
+    assert {"--allow=objective fast", "--allow=duration"} <= set(words)
+
+
+# ---- GitLab, Jenkins and shell -----------------------------------------------------------------
+
+
+def test_the_job_of_the_page_is_the_template(hosts: Hosts, change: Event) -> None:
+    page = yaml.safe_load(GITLAB)
+    (include,) = page["include"]
+    assert include["remote"].endswith(str(TEMPLATE.relative_to(ROOT)))
+    assert page["benchmark"]["extends"] == ".r2bspec"
+    place = Workplace(hosts.checkout(change), hosts.folder / "runner")
+    place.runner.mkdir()
+    done = place.job(
+        hosts.python,
+        page["benchmark"]["variables"]["R2BSPEC_SPEC"],
+        CI_MERGE_REQUEST_DIFF_BASE_SHA="1" * 40,
+        CI_MERGE_REQUEST_TARGET_BRANCH_SHA=hosts.upstream.main,
+        STATUS="0",
+    )
+    assert done.code == 0, done.printed
+    assert f"--against={hosts.upstream.main}" in _arguments(place.checkout)
+
+
+def test_jenkins_runs_forks_as_untrusted(hosts: Hosts, change: Event) -> None:
+    _, _, words = hosts.recipe("jenkins", change, CHANGE_FORK="stranger")
+    assert {"--untrusted", "--base-ref=origin/main", "--against=origin/main..."} <= set(words)
+    assert (hosts.folder / "checkout/r2bspec-artifacts/reports/junit.xml").exists()
+
+
+def test_the_commands_of_the_page(hosts: Hosts, upstream: Upstream, change: Event) -> None:
+    """With a clone as a service makes it, each block is executed; its base is then there."""
+    programs = hosts.folder / "bin"
+    programs.mkdir()
+    (programs / "r2bspec").write_text(f'#!/bin/sh\nexec "{hosts.python}" -I -m r2bspec "$@"\n')
+    (programs / "r2bspec").chmod(0o755)
+    for number, block in enumerate(b for b in page_blocks("ci.md") if b.kind == "run"):
+        options = ["--depth=1"] * (block.argument == "shallow")
+        checkout = upstream.clone(hosts.folder / f"clone{number}", change.ref, *options)
+        if number == 0:
+            git(checkout, "fetch", "--quiet", "origin", "main:refs/remotes/origin/main")
+        write_files(checkout, {"ci/gate.sh": GATE.read_text()})
+        done = subprocess.run(
+            ["sh", "-e", "-c", "\n".join(block.commands)],  # noqa: S607
+            cwd=checkout,
+            env={
+                **os.environ,
+                "PATH": f"{programs}:{os.environ['PATH']}",
+                "R2BSPEC_PYTHON": hosts.python,
+                "STATUS": "0",
+            },
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0, done.stderr
+        words = _arguments(checkout)
+        assert "bench" in words
+        assert "--require-slos" in words
+        at = next(i for i, word in enumerate(words) if word.startswith("--against"))
+        base = words[at].partition("=")[2] or words[at + 1]
+        with open_base_tree(parse_base_reference([base]), checkout / "bench") as tree:
+            assert tree.revision is not None
+            assert tree.revision.commit == upstream.main
+
+
+# ---- what the services read --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("schema", "text"),
+    [
+        ("vendor.github-actions", (ROOT / "action.yml").read_text()),
+        ("vendor.github-workflows", WORKFLOW),
+        (
+            "vendor.github-workflows",
+            page_file("tutorial.md", "robot/.github/workflows/benchmark.yml"),
+        ),
+        # As the job that extends it: of a hidden one the schema says nothing.
+        ("vendor.gitlab-ci", TEMPLATE.read_text().replace(".r2bspec:", "benchmark:")),
+        ("vendor.gitlab-ci", GITLAB),
+    ],
+    ids=["action", "workflow", "workflow of the tutorial", "template", "job"],
+)
+def test_the_service_can_read_it(schema: str, text: str, tmp_path: Path) -> None:
+    words = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", schema]
+    keys = r"^( *)(shell|runs-on|rules|when):.*"
+    broken = re.sub(keys, r"\1\2: 7", text, flags=re.MULTILINE)
+    for name, content, expected in (("good.yml", text, 0), ("bad.yml", broken, 1)):
+        (tmp_path / name).write_text(content)
+        done = subprocess.run([*words, str(tmp_path / name)], capture_output=True, text=True)
+        assert done.returncode == expected, (name, done.stdout + done.stderr)
+
+
+def test_the_inputs_of_the_page_are_those_of_the_action() -> None:
+    action = yaml.safe_load((ROOT / "action.yml").read_text())
+    page = (ROOT / "docs" / "ci.md").read_text()
+    rows = re.findall(r"^\| (`[a-z`, -]+) \|", page, re.MULTILINE)
+    named = {name for row in rows for name in re.findall(r"`([a-z-]+)`", row)}
+    assert named | {"spec"} == set(action["inputs"])
+
+
+# ---- the runner of these tests -----------------------------------------------------------------
+
+
+def test_expressions_mean_what_they_mean_on_github() -> None:
+    contexts = {"github": {"event": {"number": 5, "name": ""}}, "inputs": {"a-b": "x"}}
+    assert evaluate("github.event.name || github.event.number", contexts) == 5
+    assert evaluate("github.event.no.such == ''", contexts) is True
+    assert evaluate("inputs.a-b == 'X' && !(inputs.a-b != 'x')", contexts) is True
+    assert evaluate("failure() && !cancelled()", contexts, failed=True) is True
+    assert expand("<${{ github.event.none }}|${{ inputs.a-b }}>", contexts) == "<|x>"
+    for bad in ("no.such", "'a' 'b'", "hash('x')", "(true", "a ?", ""):
+        with pytest.raises(ExpressionError):
+            evaluate(bad, contexts)
