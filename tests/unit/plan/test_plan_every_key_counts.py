@@ -25,6 +25,11 @@ NOT_IN_PLAN = {
     "Spec.r2bspec": "the version of the language: read before there is a plan",
     "DataLoader.bag": "read through DataLoader.sources",
     "DataLoader.bags": "read through DataLoader.sources",
+    **{
+        f"GateBase.{name}": "how the base is built: read by the merge gate, of the base's spec"
+        for name in spec_benchmark.GateBase.__struct_fields__
+    },
+    "Gate.base": "read by the merge gate",
 }
 EVALUATED_WHILE_LOADING = ("Matrix", "VariableDeclaration", "RateRange")
 """Records that a `Spec` does not have: they become cases, values and rates."""
