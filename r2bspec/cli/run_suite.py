@@ -448,6 +448,8 @@ class LocalExecutor:
         )
         if not self._options.quiet:
             echo(f"  {headline(result)}", err=True)
+            for sentence in result.gate:
+                echo(f"  {sentence}", err=True)
         return result
 
 

@@ -112,14 +112,14 @@ def parse_base_reference(texts: Sequence[str]) -> BaseReference:
 def _with_base(reference: BaseReference, text: str) -> BaseReference:
     """A reference with a spec, a work tree, or what may be a revision."""
     path = Path(text)
-    if is_regular(path):
+    if text and is_regular(path):
         return replace(reference, spec=path)
     if is_there(path / "record.json") or is_there(path / "pairs.json"):
         raise BadReferenceError(
             f"{text!r} is a stored run: it cannot be a base",
             hint="A stored run cannot be played again; use --baseline for an advisory comparison.",
         )
-    if is_folder(path):
+    if text and is_folder(path):
         return replace(reference, folder=path)
     if not text or text.endswith(_SPEC_SUFFIXES):
         raise BadReferenceError(f"{text!r} does not exist: it cannot be a base", hint=HINT)

@@ -156,7 +156,7 @@ def test_a_spec_that_is_deleted_or_renamed(workspace: Workspace) -> None:
     git(workspace.top, "rm", "--quiet", "bench/renamed.r2b.yaml")
     workspace.change({"bench/other.r2b.yaml": spec(name="other")})
     gated = workspace.gate("bench")
-    assert "new spec: main@" in gated.said.lower()
+    assert "New spec: main@" in gated.stderr
     gated.assert_status(2)
     assert f"spec {SPEC}" in gated.stderr
 

@@ -82,6 +82,7 @@ def test_the_run_is_complete(done: Finished) -> None:
 
 def test_the_folder_has_everything_and_nothing_else(done: Finished) -> None:
     assert sorted(each.name for each in done.folder.iterdir()) == [
+        "loaded_files.json",
         "logs",
         "plan.json",
         "record.json",

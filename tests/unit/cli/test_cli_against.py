@@ -49,11 +49,27 @@ def test_calibrate_refuses_what_contradicts_itself(arguments: tuple[str, ...]) -
         r2bspec.main(["calibrate", "spec.r2b.yaml", *arguments], standalone_mode=False)
 
 
-@pytest.mark.parametrize("text", ["nothing.r2b.yaml", "var:", "var:x", "set:=3", "HEAD~1", ""])
+@pytest.mark.parametrize("text", ["nothing.r2b.yaml", "var:", "var:x", "set:=3", ""])
 def test_what_is_no_base_is_said_with_a_way_out(text: str) -> None:
     with pytest.raises(BadReferenceError) as caught:
         parse_base_reference([text])
     assert (caught.value.exit_code, bool(caught.value.hint)) == (2, True)
+
+
+def test_what_is_no_file_may_be_a_revision(tmp_path: Path) -> None:
+    for text in ("HEAD~1", "origin/main", "origin/main...", "9b1e44f"):
+        found = parse_base_reference([text, "var:a=1"])
+        assert (found.revision, found.has_tree, found.changes_spec) == (text, True, True)
+    assert parse_base_reference([str(tmp_path)]).folder == tmp_path
+    with pytest.raises(BadReferenceError, match="one base"):
+        parse_base_reference(["main", str(tmp_path)])
+
+
+@pytest.mark.parametrize("option", ["--allow=base", "--base-build=make", "--base-setup=x"])
+def test_options_of_a_gate_need_a_base_with_a_work_tree(option: str) -> None:
+    for arguments in (("--against", "var:a=1"), ()):
+        with pytest.raises(click.UsageError, match="needs --against with a revision"):
+            r2bspec.main(["run", "s.r2b.yaml", option, *arguments], standalone_mode=False)
 
 
 def test_a_stored_run_is_no_base_and_the_way_out_is_told(tmp_path: Path) -> None:

@@ -173,6 +173,7 @@ def expected(tmp_path: Path, **more: str) -> dict[str, str]:
         "CYCLONEDDS_URI": "<Tracing/>",
         "ZENOH_ROUTER_CHECK_ATTEMPTS": "3",
         "R2BSPEC_RUN_ID": "abc",
+        "R2BSPEC_MODULES_FOLDER": str(tmp_path / "modules"),
         "ROS_DOMAIN_ID": "7",
         "PYTHONUNBUFFERED": "1",
         "ROS_LOG_DIR": str(tmp_path / "ros_logs"),

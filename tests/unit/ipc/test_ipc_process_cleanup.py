@@ -184,8 +184,8 @@ def test_what_the_runs_middleware_left_in_shared_memory_is_removed(
         (tmp_path / name).touch()
     remove = fast_dds.MIDDLEWARE.remove_dead_shm_files
 
-    def elsewhere(_memory: Path, proc: Path, since_s: float) -> list[str]:
-        return remove(tmp_path, proc, since_s)
+    def elsewhere(*, since_s: float) -> list[str]:
+        return remove(tmp_path, since_s=since_s)
 
     monkeypatch.setattr(fast_dds.MIDDLEWARE, "remove_dead_shm_files", elsewhere)
     monkeypatch.setenv("RMW_IMPLEMENTATION", rmw)
