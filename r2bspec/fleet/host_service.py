@@ -53,7 +53,7 @@ _ANNOUNCE_S: Final = 0.5
 _NO_ROOM: Final = frozenset({"R2B651", "R2B664"})
 """A run that could not be written, and shared memory that is too small: another host may do."""
 
-_PYTHON: Final = (sys.executable, "-P", "-s")
+_PYTHON: Final = (sys.executable, "-s", "-P")
 """Neither the folder of a spec nor that of a user is searched for modules."""
 
 T = TypeVar("T")

@@ -181,7 +181,10 @@ def test_a_history_with_programs_is_refused(statement: str, tmp_path: Path) -> N
 def test_a_history_whose_columns_have_other_types_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "history.sqlite"
     _history(file)
-    columns = "run_id, name, started_at, host, machine, plan, dataset, version, outcome, accepted, identity"
+    columns = (
+        "run_id, name, started_at, host, machine, plan, dataset, version, outcome, accepted, "
+        "identity"
+    )
     with sqlite3.connect(file) as database:
         database.execute("DROP TABLE runs")
         database.execute(f"CREATE TABLE runs ({columns})")
