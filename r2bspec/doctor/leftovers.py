@@ -11,8 +11,7 @@ from r2bspec.doctor.checkup import CheckResult, System
 from r2bspec.doctor.dead_shm_files import DeadShmFile, dead_shm_files, remove_dead_shm_files
 from r2bspec.doctor.run_processes import Process, find_runs
 from r2bspec.doctor.scratch_folders import abandoned_scratch, unfinished_datasets
-from r2bspec.ipc.process_cleanup import end_run_processes
-from r2bspec.ipc.sessions import Session, now_ticks
+from r2bspec.ipc.process_cleanup import Session, end_run_processes, now_ticks
 from r2bspec.measure.units import show
 
 TOPIC = "runs"

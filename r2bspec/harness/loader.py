@@ -18,12 +18,12 @@ from r2bspec.harness import rclpy_tools
 from r2bspec.harness.adaptive_timeout import AdaptiveTimeout
 from r2bspec.harness.clock_publisher import ClockPublisher
 from r2bspec.harness.control_channel import Channel
-from r2bspec.harness.observer import discover, survey
+from r2bspec.harness.observer_queries import discover, list_graph
 from r2bspec.harness.parameter_lists import list_parameters
 from r2bspec.harness.static_transforms import publish_static_transforms
 from r2bspec.harness.topic_recorder import TopicRecorder
 from r2bspec.ipc import buffers, protocol
-from r2bspec.ipc.transform_stamps import TF, TF_QOS, TF_STATIC
+from r2bspec.ipc.stamps import TF, TF_QOS, TF_STATIC
 from r2bspec.language.spec import QoS
 
 _MAX_IN_FLIGHT = 4
@@ -89,8 +89,8 @@ class Loader:
                     self._channel.send(protocol.Matched(counts=self._matches()))
                 case protocol.Discover(topics=topics):
                     self._channel.send(discover(self._node, topics))
-                case protocol.Survey():
-                    self._channel.send(survey(self._node))
+                case protocol.ListGraph():
+                    self._channel.send(list_graph(self._node))
                 case protocol.ListParameters() as question:
                     self._channel.send(list_parameters(question))
                 case protocol.Load(max_output_gap_ns=max_output_gap_ns, real_time=real_time):

@@ -14,11 +14,9 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from r2bspec.harness import rclpy_tools
-from r2bspec.ipc.arrivals import ARRIVAL_FIELDS
-from r2bspec.ipc.clocks import read_clocks
-from r2bspec.ipc.header_stamps import read_stamp
-from r2bspec.ipc.message_log import BUFFER_BYTES, message_size
-from r2bspec.ipc.sample_files import RowWriter
+from r2bspec.ipc.arrivals import ARRIVAL_FIELDS, read_clocks
+from r2bspec.ipc.sample_files import BUFFER_BYTES, RowWriter, message_size
+from r2bspec.ipc.stamps import read_stamp
 from r2bspec.plan.plan import MonitorPlan
 
 _WAIT_S = 1.0
@@ -34,7 +32,7 @@ class MessageRecorder:
         node: that subscribes.
         monitors: the topics, with the names of their files.
         folder: receives ``NAME.rows``, as a monitor writes them, and ``NAME.messages``
-            (`r2bspec.ipc.message_log`).
+            (`r2bspec.ipc.sample_files`).
 
     Raises:
         OSError: a file cannot be written.

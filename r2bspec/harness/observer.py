@@ -10,17 +10,17 @@ from __future__ import annotations
 from pathlib import Path
 
 from rclpy.node import Node
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from r2bspec.harness import rclpy_tools
 from r2bspec.harness.clock_publisher import ClockPublisher
 from r2bspec.harness.control_channel import Channel
 from r2bspec.harness.message_recorder import MessageRecorder
+from r2bspec.harness.observer_queries import discover, list_graph
 from r2bspec.harness.parameter_lists import list_parameters
 from r2bspec.harness.publisher_guard import LOOK_PERIOD_S, PublisherGuard
 from r2bspec.harness.static_transforms import publish_static_transforms
 from r2bspec.ipc import protocol
-from r2bspec.ipc.transform_stamps import TF_STATIC
+from r2bspec.ipc.stamps import TF_STATIC
 
 
 class Observer:
@@ -57,8 +57,8 @@ class Observer:
             match self._channel.receive():
                 case protocol.Discover(topics=topics):
                     self._channel.send(discover(self._node, topics))
-                case protocol.Survey():
-                    self._channel.send(survey(self._node))
+                case protocol.ListGraph():
+                    self._channel.send(list_graph(self._node))
                 case protocol.ListParameters() as question:
                     self._channel.send(list_parameters(question))
                 case protocol.ListForeign():
@@ -87,49 +87,3 @@ class Observer:
         if self._static_publisher is not None:
             counts |= {TF_STATIC: self._static_publisher.matches()}
         self._channel.send(protocol.Matched(counts=counts))
-
-
-def discover(node: Node, topics: tuple[str, ...]) -> protocol.Discovered:
-    """The endpoints that discovery shows on these topics, including those of the harness."""
-    publishers = {each: node.get_publishers_info_by_topic(each) for each in topics}
-    subscriptions = {each: node.get_subscriptions_info_by_topic(each) for each in topics}
-    return protocol.Discovered(
-        writers={topic: tuple(map(_endpoint, infos)) for topic, infos in publishers.items()},
-        readers={topic: tuple(map(_endpoint, infos)) for topic, infos in subscriptions.items()},
-        qos_mismatches=tuple(
-            protocol.QosMismatch(_full_name(publisher), _full_name(subscription), topic, why)
-            for topic in topics
-            for publisher in publishers[topic]
-            for subscription in subscriptions[topic]
-            if (
-                why := rclpy_tools.qos_mismatch_reason(
-                    publisher.qos_profile, subscription.qos_profile
-                )
-            )
-        ),
-    )
-
-
-def _endpoint(info: TopicEndpointInfo) -> protocol.Endpoint:
-    return protocol.Endpoint(
-        node=_full_name(info),
-        type=info.topic_type,
-        reliability=info.qos_profile.reliability.name.lower(),
-        durability=info.qos_profile.durability.name.lower(),
-    )
-
-
-def _full_name(info: TopicEndpointInfo) -> str:
-    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
-
-
-def survey(node: Node) -> protocol.Surveyed:
-    """The full names of the nodes, services and topics that discovery shows."""
-    return protocol.Surveyed(
-        nodes=tuple(
-            f"{namespace.rstrip('/')}/{name}"
-            for name, namespace in node.get_node_names_and_namespaces()
-        ),
-        services=tuple(name for name, _ in node.get_service_names_and_types()),
-        topics=tuple(name for name, _ in node.get_topic_names_and_types()),
-    )

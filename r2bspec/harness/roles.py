@@ -14,7 +14,7 @@ from typing import Protocol
 from r2bspec.exit_status import ExitStatus
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
 from r2bspec.ipc import protocol
-from r2bspec.ipc.disk_errors import is_refusal, refusal_text
+from r2bspec.ipc.sample_files import is_refusal, refusal_text
 from r2bspec.record.errors import RUN_UNWRITABLE
 
 

@@ -124,7 +124,9 @@ class ServiceCaller:
         self._channel.send(protocol.Ready())
         settings = self._settings
         deadline = time.monotonic() + settings.timeout_ns / 1e9
-        call_service(self._node, settings.type, settings.service, settings.request, deadline)
+        call_service(
+            self._node, settings.service_type, settings.service, settings.request, deadline
+        )
         self._channel.send(protocol.Called())
         while not isinstance(self._channel.receive(), protocol.Shutdown):
             pass

@@ -8,7 +8,7 @@ from rclpy.node import Node
 
 from r2bspec.harness import rclpy_tools
 from r2bspec.ipc import buffers
-from r2bspec.ipc.transform_stamps import TF_STATIC, TF_TYPE
+from r2bspec.ipc.stamps import TF_STATIC, TF_TYPE
 from r2bspec.language.spec import QoS
 
 _QOS = QoS(durability="transient_local", depth=1)

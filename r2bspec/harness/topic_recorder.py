@@ -7,7 +7,7 @@ from pathlib import Path
 
 from r2bspec.harness import rclpy_tools
 from r2bspec.ipc import buffers
-from r2bspec.ipc.header_stamps import read_stamp
+from r2bspec.ipc.stamps import read_stamp
 
 
 class TopicRecorder:

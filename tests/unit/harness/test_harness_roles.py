@@ -22,7 +22,7 @@ def last_words(monkeypatch: pytest.MonkeyPatch, error: Exception) -> protocol.Fa
 
     monkeypatch.setattr(roles, "_make_role", fail)
     with ours, theirs:
-        ours.sendall(protocol.encode(protocol.Survey()))
+        ours.sendall(protocol.encode(protocol.ListGraph()))
         assert roles.play_role(Channel(theirs)) == 1
         said = protocol.decode_reply(ours.recv(1 << 16))
     assert isinstance(said, protocol.Failed)
