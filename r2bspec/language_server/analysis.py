@@ -259,4 +259,13 @@ class OpenSpecs:
 
         An analysis asks on a thread of its own, while documents are opened and closed.
         """
-        return {path.resolve(): text for path, text in list(self._texts.items())}
+        texts = list(self._texts.items())
+        return {_resolved(path): text for path, text in texts}
+
+
+def _resolved(path: Path) -> Path:
+    """The path without links; one that cannot be resolved, as in a loop of links, as it is."""
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError, ValueError):
+        return path

@@ -157,7 +157,7 @@ def latest_result(name: str, folder: Path) -> LatestResult | None:
     try:
         found = [each for each in (folder / "runs").iterdir() if each.name.startswith(beginning)]
         found.sort(key=lambda each: each.stat().st_mtime, reverse=True)
-    except OSError:
+    except (OSError, ValueError):
         return None
     for each in found[:_MAX_TRIED]:
         try:

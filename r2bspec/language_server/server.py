@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, BinaryIO, Final, TypeVar, cast
 
 from lsprotocol import types
 from pygls.exceptions import JsonRpcInvalidParams
@@ -38,6 +39,7 @@ from r2bspec.language_server.symbols import (
     renamable,
     rename,
 )
+from r2bspec.language_server.transport import AnsweringProtocol, MessageInput
 from r2bspec.untrusted.errors import RefusedFileError
 from r2bspec.untrusted.safe_file import read_text
 
@@ -49,6 +51,9 @@ MAX_WAIT_S: Final = 0.5
 """Time that a completion waits for the analysis of the text; then an older one must do."""
 
 _MAX_FILE_BYTES: Final = 10_000_000
+
+_MAX_SHOWN: Final = 200
+"""Characters of a URI that a message shows."""
 
 _SUFFIXES: Final = {
     commands.PLAN: "json",
@@ -64,12 +69,16 @@ class SpecLanguageServer(LanguageServer):
     """The server of one editor."""
 
     def __init__(self) -> None:
-        super().__init__("r2bspec", __version__)
+        super().__init__("r2bspec", __version__, protocol_cls=AnsweringProtocol)
         self.specs = OpenSpecs()
         self._task: asyncio.Task[None] | None = None
         self._waiting: set[Path] = set()
         self._published: dict[str, frozenset[str]] = {}
         self._running: set[asyncio.Task[None]] = set()
+
+    def start_io(self, stdin: BinaryIO | None = None, stdout: BinaryIO | None = None) -> None:
+        """Serve the editor that is at the other end of standard input and output."""
+        super().start_io(cast("BinaryIO", MessageInput(stdin or sys.stdin.buffer)), stdout)
 
     def text_of(self, path: Path) -> str:
         """The text of a file: as it is open, or what is on disk; empty if there is none."""
@@ -268,7 +277,15 @@ def create_server() -> SpecLanguageServer:
 
 
 def _path(document_uri: str) -> Path:
-    return Path(to_fs_path(document_uri) or document_uri)
+    """The path of a document.
+
+    Raises:
+        JsonRpcInvalidParams: no file can have this name.
+    """
+    path = to_fs_path(document_uri) or document_uri
+    if "\0" in path:
+        raise JsonRpcInvalidParams(f"no file can have this name: {document_uri[:_MAX_SHOWN]}")
+    return Path(path)
 
 
 def _add_documents(server: SpecLanguageServer) -> None:
