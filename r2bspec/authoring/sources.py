@@ -152,7 +152,7 @@ def inspect_graph(timeout_s: float) -> list[dict[str, Any]]:
         raise UsageError("ROS 2 is not installed, so there is no graph to read", code="R2B620")
     with tempfile.TemporaryDirectory() as scratch:
         target = Path(scratch, "graph.json")
-        words = [sys.executable, "-P", "-m", "r2bspec.harness.inspect_graph"]
+        words = [sys.executable, "-P", "-m", "r2bspec.harness.inspect_nodes"]
         try:
             done = subprocess.run(
                 [*words, str(timeout_s), str(target)],

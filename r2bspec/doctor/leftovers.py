@@ -19,9 +19,8 @@ from pathlib import Path
 
 from r2bspec.datasets.dataset_cache import datasets_dir
 from r2bspec.doctor.checkup import CheckResult, System
-from r2bspec.ipc.process_cleanup import end_run_processes
+from r2bspec.ipc.process_cleanup import Session, end_run_processes, now_ticks
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
-from r2bspec.ipc.sessions import Session, now_ticks
 from r2bspec.measure.units import show
 from r2bspec.middleware.middleware import known_middlewares
 

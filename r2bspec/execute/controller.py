@@ -64,8 +64,8 @@ from r2bspec.execute.profile.usable import require_usable
 from r2bspec.execute.progress import Progress
 from r2bspec.execute.session import MEASURE_PHASE, Session
 from r2bspec.execute.start_sequence import StartSequence
+from r2bspec.ipc.arrivals import ClockOffsetTracker
 from r2bspec.ipc.buffers import largest_message_bytes
-from r2bspec.ipc.clocks import ClockOffsetTracker
 from r2bspec.judge.confirmation import judge_confirmation, needs_confirmation
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.ended_rates import unreachable_requirements, weaken_ended

@@ -60,7 +60,7 @@ from r2bspec.execute.processes.supervisor import NO_ANSWER, ManagedProcess, Proc
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import buffered_transforms
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
-from r2bspec.ipc.transform_stamps import TF_STATIC
+from r2bspec.ipc.stamps import TF_STATIC
 from r2bspec.judge.statistics.load_scipy import load_scipy
 from r2bspec.measure.samples import SegmentSamples
 from r2bspec.plan.plan import MonitorPlan, Plan, ProcessPlan
@@ -436,7 +436,7 @@ class Session:
             )
             self._has_schedule = True
         try:
-            self._launcher.configure(player, protocol.Follow(schedule=self.schedule))
+            self._launcher.configure(player, protocol.LoadSchedule(schedule=self.schedule))
         except ValueError as error:
             # The stamps of transforms are looked up in the recorded messages.
             raise ProcessFailedError(f"player: {error}") from error

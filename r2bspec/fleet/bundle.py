@@ -56,7 +56,7 @@ class SentRecording(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         path: where it must be, relative to the root of the bundle, or absolute: hosts must have
             it at this very path then.
-        sha256: `r2bspec.bags.digest.hash_files` of it.
+        sha256: `r2bspec.bags.integrity.hash_files` of it.
     """
 
     path: str

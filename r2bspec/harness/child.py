@@ -1,20 +1,159 @@
 """The main program of every harness process: ``python -m r2bspec.harness.child``.
 
-The first command sets the role. A process exits with the status OK on the command to shut down or
-when the controller has exited, and with FINDINGS_OR_FAILED after it has reported an error.
+The first command sets the role; the module of a role is imported only by the processes that have
+it. A process exits with the status OK on the command to shut down or when the controller has
+exited, and with FINDINGS_OR_FAILED after it has reported an error.
+
+Some middleware can hang while it is left (`Middleware.may_hang_on_exit`), inside a native call that
+holds the interpreter's lock: no thread of Python would get a turn to end the process then. A timer
+of POSIX does not need one.
 """
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
+import importlib
 import os
 import signal
 import sys
+import time
+import traceback
+from typing import Protocol
 
 from r2bspec.exit_status import ExitStatus
-from r2bspec.harness.control_channel import Channel
-from r2bspec.harness.exit_timer import start_exit_timer
-from r2bspec.harness.roles import play_role
+from r2bspec.harness.control_channel import Channel, ChannelClosedError
+from r2bspec.ipc import protocol
+from r2bspec.ipc.sample_files import is_refusal, refusal_text
 from r2bspec.middleware.middleware import middleware_of
+from r2bspec.record.errors import RUN_UNWRITABLE
+
+_SIGEV_THREAD = 2
+
+
+class _Timespec(ctypes.Structure):
+    """struct timespec."""
+
+    _fields_ = [("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long)]
+
+
+class _Itimerspec(ctypes.Structure):
+    """struct itimerspec."""
+
+    _fields_ = [("interval", _Timespec), ("value", _Timespec)]
+
+
+class _Sigevent(ctypes.Structure):
+    """struct sigevent, which is 64 bytes long: here, a function that a new thread calls."""
+
+    _fields_ = [
+        ("value", ctypes.c_void_p),
+        ("signal", ctypes.c_int),
+        ("notify", ctypes.c_int),
+        ("function", ctypes.c_void_p),
+        ("rest", ctypes.c_byte * 40),
+    ]
+
+
+def start_exit_timer(seconds: float, status: int) -> None:
+    """End this process with a status when some time has passed, whatever it is doing then.
+
+    Where the C library has no such timers nothing happens; the controller then ends the process.
+    """
+    with contextlib.suppress(OSError, AttributeError):
+        library = ctypes.CDLL(None)
+        event = _Sigevent(
+            value=status,
+            notify=_SIGEV_THREAD,
+            function=ctypes.cast(library._exit, ctypes.c_void_p).value,
+        )
+        timer = ctypes.c_void_p()
+        if library.timer_create(time.CLOCK_MONOTONIC, ctypes.byref(event), ctypes.byref(timer)):
+            return
+        whole, rest = divmod(seconds, 1.0)
+        when = _Itimerspec(value=_Timespec(int(whole), int(rest * 1e9)))
+        library.timer_settime(timer, 0, ctypes.byref(when), None)
+
+
+class Role(Protocol):
+    """The object that the first command creates; it executes the others."""
+
+    def serve(self) -> None:
+        """Answer commands until told to shut down."""
+
+
+def play_role(channel: Channel) -> int:
+    """Run the role of the first command to its end.
+
+    Returns:
+        The exit status: FINDINGS_OR_FAILED after an error has been reported.
+    """
+    try:
+        command = channel.receive()
+        if isinstance(command, protocol.Prepare):
+            _prepare(command)
+            channel.send(protocol.Prepared())
+            command = channel.receive()
+        _make_role(channel, command).serve()
+    except ChannelClosedError:
+        return ExitStatus.OK
+    except Exception as error:
+        sys.stderr.write(traceback.format_exc())
+        with contextlib.suppress(ChannelClosedError):
+            channel.send(_failure(error))
+        return ExitStatus.FINDINGS_OR_FAILED
+    return ExitStatus.OK
+
+
+def _prepare(command: protocol.Prepare) -> None:
+    """Import what takes time and is the same for all nodes; their own modules come later."""
+    importlib.import_module("r2bspec.harness.node_host")
+    for package in command.packages:
+        # What is missing is an error of the node that needs it.
+        with contextlib.suppress(ImportError):
+            importlib.import_module(f"{package}.msg")
+
+
+def _make_role(channel: Channel, command: protocol.Command) -> Role:
+    match command:
+        case protocol.ConfigureLoader():
+            from r2bspec.harness.loader import Loader
+
+            return Loader(channel, command)
+        case protocol.ConfigureObserver():
+            from r2bspec.harness.observer import Observer
+
+            return Observer(channel, command)
+        case protocol.ConfigureHost():
+            from r2bspec.harness.node_host import NodeHost
+
+            return NodeHost(channel, command)
+        case protocol.ConfigureHarness():
+            from r2bspec.harness.node_host import InProcessHarness
+
+            return InProcessHarness(channel, command)
+        case protocol.ConfigureCaller():
+            from r2bspec.harness.service_client import ServiceCaller
+
+            return ServiceCaller(channel, command)
+        case protocol.ConfigureComponents():
+            from r2bspec.harness.service_client import ComponentLoader
+
+            return ComponentLoader(channel, command)
+    raise RuntimeError(f"the first command must configure the process: {type(command).__name__}")
+
+
+def _failure(error: Exception) -> protocol.Failed:
+    code = getattr(error, "code", "R2B630")
+    hint = getattr(error, "hint", "")
+    message = str(error) or type(error).__name__
+    if isinstance(error, OSError) and is_refusal(error):
+        code, message = RUN_UNWRITABLE, refusal_text(error)
+        hint = "Make room on that disk, or choose another folder with --output."
+    if isinstance(error, ImportError):
+        code, hint = "R2B620", "install ROS 2, or pip install 'r2bspec[ros]'"
+    return protocol.Failed(code=code, message=message, hint=hint)
+
 
 _MAX_EXIT_S = 8.0
 """How long the shutdown of ROS may take, including `destroy_node` of the nodes. Less than the

@@ -1,12 +1,18 @@
-"""Topics, services and parameters of running nodes: ``-m r2bspec.harness.inspect_nodes``.
+"""Topics, services and parameters of running nodes, as JSON.
 
-It waits until discovery shows nothing new, queries the nodes for their parameters over their
-services, and writes the result as JSON. It reports completion to the controller with `Ready`.
+Both programs wait until discovery shows nothing new, and query the nodes for their parameters over
+their services; they change nothing in the graph::
+
+    -m r2bspec.harness.inspect_nodes NAMESPACE SECONDS FILE     the nodes of one process
+    -m r2bspec.harness.inspect_nodes SECONDS FILE               every node of a running graph
+
+The first one is a child of the controller, to which it reports completion with `Ready`.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
 from pathlib import Path
@@ -206,7 +212,7 @@ def _default_value(value: Any) -> dict[str, Any]:
     return {"default": list(content) if name.endswith("_array") else content}
 
 
-def main() -> int:
+def write_namespace() -> int:
     """Inspect the namespace that the command line names; returns the exit status."""
     namespace, timeout_s, target = sys.argv[1], float(sys.argv[2]), Path(sys.argv[3])
     channel = Channel.from_environment()
@@ -224,10 +230,52 @@ def main() -> int:
     return ExitStatus.OK
 
 
-if __name__ == "__main__":
-    import os
+_OWN_NAMESPACE = "/r2bspec"
+_KEYS = ("subscribes", "publishes", "services", "qos", "parameters")
 
-    status = main()
+
+class GraphInspector(Inspector):
+    """Inspects every node of the graph but its own, hidden ones and component containers.
+
+    Args:
+        timeout_s: how long to wait for the first node.
+    """
+
+    def __init__(self, timeout_s: float) -> None:
+        super().__init__("", timeout_s)
+
+    def nodes(self) -> list[dict[str, Any]]:
+        """Each node with its name, namespace and interface; topics have absolute names."""
+        found = []
+        for name, namespace in self._wait_for_discovery():
+            entry: dict[str, Any] = {key: {} for key in _KEYS}
+            self._topics(name, namespace, entry)
+            self._services(name, namespace, entry)
+            entry["parameters"] = self._parameters(name, namespace)
+            found.append({"name": name, "namespace": namespace, **entry})
+        return found
+
+    def _nodes(self) -> list[tuple[str, str]]:
+        return [
+            (name, namespace)
+            for name, namespace in super()._nodes()
+            if namespace != _OWN_NAMESPACE and not name.startswith(("_", "launch_ros_"))
+        ]
+
+    def _relative_name(self, full: str, node: str) -> str:
+        del node
+        return full
+
+
+def write_graph() -> int:
+    """Write the nodes of the graph to a file; returns the exit status."""
+    timeout_s, target = float(sys.argv[1]), Path(sys.argv[2])
+    target.write_text(json.dumps(GraphInspector(timeout_s).nodes()), encoding="utf-8")
+    return ExitStatus.OK
+
+
+if __name__ == "__main__":
+    status = write_graph() if len(sys.argv) == 3 else write_namespace()
     from r2bspec.harness import rclpy_tools
 
     rclpy_tools.finish()

@@ -1,9 +1,13 @@
 """The loader: publishes the recorded messages to the preprocessors and records their output.
 
 No message may be lost, so the loader does not play at a rate. It keeps a few stamps in flight: it
-publishes the next messages when the outputs of earlier ones have arrived, or after a timeout
-(`r2bspec.harness.adaptive_timeout`). If the spec requests real time, messages are published at
-their recorded times, and messages for which a preprocessor is too slow are lost.
+publishes the next messages when the outputs of earlier ones have arrived, or after a timeout. If
+the spec requests real time, messages are published at their recorded times, and messages for which
+a preprocessor is too slow are lost.
+
+Some graphs publish an output for only some of their inputs, and some never do. The first missing
+output takes the full timeout. Each further one halves the timeout, and each output restores it to a
+multiple of the longest time that an output has taken.
 """
 
 from __future__ import annotations
@@ -15,16 +19,99 @@ from typing import NamedTuple
 import msgspec
 
 from r2bspec.harness import rclpy_tools
-from r2bspec.harness.adaptive_timeout import AdaptiveTimeout
-from r2bspec.harness.clock_publisher import ClockPublisher
 from r2bspec.harness.control_channel import Channel
-from r2bspec.harness.observer import discover, survey
-from r2bspec.harness.parameter_lists import list_parameters
-from r2bspec.harness.static_transforms import publish_static_transforms
-from r2bspec.harness.topic_recorder import TopicRecorder
+from r2bspec.harness.observer import GraphParticipant
 from r2bspec.ipc import buffers, protocol
-from r2bspec.ipc.transform_stamps import TF, TF_QOS, TF_STATIC
+from r2bspec.ipc.stamps import TF, TF_QOS, TF_STATIC, read_stamp
 from r2bspec.language.spec import QoS
+
+_MIN_TIMEOUT_NS = 20_000_000
+_MIN_FINAL_NS = 500_000_000
+_PAUSE_FACTOR = 10
+
+
+class AdaptiveTimeout:
+    """Computes the timeout; `max_ns` is its maximum."""
+
+    def __init__(self, max_ns: int) -> None:
+        self._max_ns = max_ns
+        self._limit_ns = max_ns
+        self._longest_ns = 0
+        self._has_expired = False
+
+    @property
+    def limit_ns(self) -> int:
+        """How long to wait for the next output."""
+        return self._limit_ns
+
+    @property
+    def final_ns(self) -> int:
+        """How long to wait at the end, after the last input."""
+        return max(self._limit_ns, self._usual_timeout_ns)
+
+    def answered(self, after_ns: int) -> None:
+        """Record an output that arrived so long after the previous one."""
+        self._longest_ns = max(self._longest_ns, after_ns)
+        if self._has_expired:
+            self._limit_ns = max(self._limit_ns, self._usual_timeout_ns)
+
+    def expired(self) -> None:
+        """Record that no output arrived within the timeout."""
+        self._has_expired = True
+        self._limit_ns = max(_MIN_TIMEOUT_NS, self._limit_ns // 2)
+
+    @property
+    def _usual_timeout_ns(self) -> int:
+        return min(self._max_ns, max(_MIN_FINAL_NS, _PAUSE_FACTOR * self._longest_ns))
+
+
+class TopicRecorder:
+    """One recorded topic.
+
+    An output answers the source message with the same stamp. Outputs without a stamp, or with a
+    new one, answer the source messages in order of arrival.
+    """
+
+    def __init__(
+        self, topic: str, type_name: str, folder: Path, subscription: rclpy_tools.RawSubscription
+    ) -> None:
+        self.topic = topic
+        self.subscription = subscription
+        self._stamped = rclpy_tools.begins_with_header(type_name)
+        self._buffer = buffers.BufferWriter(folder, topic, type_name, has_header=self._stamped)
+        self._sources: dict[int, int] = {}
+        self._answers: set[int] = set()
+        self._unmatched_count = 0
+
+    def expect(self, sources: dict[int, int]) -> None:
+        """Set the stamps of the source messages, each with its number."""
+        self._sources = sources
+
+    def answered(self, stamp_ns: int) -> bool:
+        """Whether the output of a source message has arrived."""
+        return stamp_ns in self._answers or self._unmatched_count > self._sources[stamp_ns]
+
+    def drain(self) -> int:
+        """Record every message that has arrived; returns their number."""
+        count = 0
+        while (taken := self.subscription.take()) is not None:
+            data, received_ns = taken
+            # Some middlewares give no time of reception.
+            received_ns = received_ns or time.time_ns()
+            stamp_ns = read_stamp(data) if self._stamped else received_ns
+            self._buffer.append(stamp_ns, data, received_ns)
+            if stamp_ns in self._sources:
+                self._answers.add(stamp_ns)
+            else:
+                self._unmatched_count += 1
+            count += 1
+        return count
+
+    def finish(self) -> int:
+        """Complete the buffer; returns the number of its messages."""
+        self._buffer.close()
+        return len(self._buffer)
+
 
 _MAX_IN_FLIGHT = 4
 """The maximum number of stamps in flight: less than the default queue depth of ten."""
@@ -43,20 +130,15 @@ class _SourceMessage(NamedTuple):
     position: int
 
 
-class Loader:
+class Loader(GraphParticipant):
     """Publishes the sources and records the outputs of the preprocessors."""
 
     def __init__(self, channel: Channel, settings: protocol.ConfigureLoader) -> None:
-        self._channel = channel
         self._settings = settings
         self._folder = Path(settings.buffer_dir)
-        self._node = rclpy_tools.start_node("loader")
+        static_dir = self._folder if settings.static else None
+        super().__init__(channel, "loader", static_dir, clock=settings.clock)
         self._loop = rclpy_tools.WaitLoop(self._node)
-        # Before anything else, so that all nodes, which are started later, receive them.
-        self._clock = ClockPublisher(self._node) if settings.clock else None
-        self._static_publisher = (
-            publish_static_transforms(self._node, self._folder) if settings.static else None
-        )
         self._publishers = {
             topic: rclpy_tools.RawPublisher(
                 self._node,
@@ -69,38 +151,21 @@ class Loader:
         self._waiting = dict(settings.recorded)
         self._recorders: list[TopicRecorder] = []
 
-    def serve(self) -> None:
-        """Answer commands until told to shut down."""
-        try:
-            self._serve()
-        finally:
-            if self._clock is not None:
-                self._clock.close()
-
     def _serve(self) -> None:
         self._channel.send(protocol.Ready())
         while True:
             match self._channel.receive():
-                case protocol.Subscribe():
+                case protocol.Subscribe() | protocol.CountMatches():
                     self._subscribe()
                     self._channel.send(protocol.Matched(counts=self._matches()))
-                case protocol.CountMatches():
-                    self._subscribe()
-                    self._channel.send(protocol.Matched(counts=self._matches()))
-                case protocol.Discover(topics=topics):
-                    self._channel.send(discover(self._node, topics))
-                case protocol.Survey():
-                    self._channel.send(survey(self._node))
-                case protocol.ListParameters() as question:
-                    self._channel.send(list_parameters(question))
                 case protocol.Load(max_output_gap_ns=max_output_gap_ns, real_time=real_time):
                     self._channel.send(self._load(max_output_gap_ns, real_time=real_time))
                 case protocol.Play(rate_hz=rate_hz, steps=steps):
                     self._channel.send(protocol.Played(steps=self._republish(rate_hz, steps)))
                 case protocol.Shutdown():
                     return
-                case _:
-                    continue
+                case command:
+                    self._answer(command)
 
     def _subscribe(self) -> None:
         """Subscribe to every pending topic whose publisher, and thus QoS, has been discovered."""

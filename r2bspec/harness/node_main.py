@@ -1,8 +1,13 @@
-"""Runs a function that is a program: ``-m r2bspec.harness.node_main TARGET [ARGUMENT]...``.
+"""One Python node: finding its class or function, and calling it.
 
-It is called without arguments, as the entry point of ``ros2 run`` calls it: its call of
-``rclpy.init`` reads the ROS arguments from the command line. Its file is not run as a script,
-because ``if __name__ == "__main__"`` may do something else.
+A callable that takes keyword arguments for `Node` receives namespace, name, remappings and
+parameter overrides in this way, as from a launch file. Any other is called without arguments, as by
+``ros2 run``: it receives them as the global ROS arguments of its process, which has no other node.
+
+A function that is a program of its own is run by ``-m r2bspec.harness.node_main TARGET
+[ARGUMENT]...``. It is called without arguments, as the entry point of ``ros2 run`` calls it: its
+call of ``rclpy.init`` reads the ROS arguments from the command line. Its file is not run as a
+script, because ``if __name__ == "__main__"`` may do something else.
 
 When it exits, the process names the files of the modules that it has imported, in a file of the
 folder that a variable names: the kernel does not know them.
@@ -12,14 +17,145 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import importlib
+import importlib.util
+import inspect
 import json
 import os
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from r2bspec.exit_status import ExitStatus
-from r2bspec.harness.node_factory import NodeError, find_factory, module_files
 from r2bspec.ipc.protocol import MODULES_FOLDER_VARIABLE
+from r2bspec.plan.command_lines import flow_yaml
+from r2bspec.plan.plan import NodePlan
+from r2bspec.wiring.python_source import KEYWORD_ARGUMENTS
+
+
+class NodeError(Exception):
+    """A node cannot be created; the message is for the user, the cause has the details."""
+
+    def __init__(self, code: str, message: str, hint: str = "") -> None:
+        super().__init__(message)
+        self.code = code
+        self.hint = hint
+
+
+def module_files() -> tuple[str, ...]:
+    """The files of all modules that are imported; a node may have put anything into the table."""
+    files = (getattr(module, "__file__", None) for module in list(sys.modules.values()))
+    return tuple(sorted({str(Path(file).absolute()) for file in files if isinstance(file, str)}))
+
+
+def find_factory(target: str, base_dir: Path) -> Any:
+    """The class or function that ``module.Class`` or ``./file.py:Class`` names.
+
+    Raises:
+        NodeError: the module or file cannot be imported, or has no such name.
+    """
+    path, colon, name = target.rpartition(":")
+    if colon:
+        module = _import_file((base_dir / path).resolve())
+    else:
+        module_name, _, name = target.rpartition(".")
+        try:
+            module = importlib.import_module(module_name)
+        except ImportError as error:
+            raise NodeError("R2B624", f"cannot import {module_name!r}: {error}") from error
+    try:
+        return getattr(module, name)
+    except AttributeError as error:
+        raise NodeError("R2B625", f"{path or module.__name__} has no {name!r}") from error
+    except ImportError as error:
+        raise NodeError("R2B624", f"cannot import {target!r}: {error}") from error
+
+
+def _import_file(file: Path) -> Any:
+    description = importlib.util.spec_from_file_location(file.stem, file)
+    if description is None or description.loader is None or not file.is_file():
+        raise NodeError("R2B624", f"{file} is not a Python file")
+    module = importlib.util.module_from_spec(description)
+    # Other files of its folder can be imported, as if it were run as a script.
+    sys.path.insert(0, str(file.parent))
+    sys.modules[file.stem] = module
+    try:
+        description.loader.exec_module(module)
+    except Exception as error:
+        raise NodeError("R2B624", f"cannot import {file.name}: {error}") from error
+    return module
+
+
+def takes_keywords(factory: Any) -> bool:
+    """Whether a callable accepts the keyword arguments of `Node`; true if that is not known."""
+    try:
+        signature = inspect.signature(factory)
+    except (TypeError, ValueError):
+        return True
+    try:
+        signature.bind_partial(**dict.fromkeys(KEYWORD_ARGUMENTS))
+    except TypeError:
+        return False
+    return True
+
+
+def ros_arguments(plan: NodePlan) -> Iterator[str]:
+    """The global ROS arguments of a node, without ``--ros-args``."""
+    remappings = (f"{before}:={after}" for before, after in plan.remappings.items())
+    for rule in (f"__node:={plan.node}", f"__ns:={plan.namespace}", *remappings):
+        yield from ("-r", rule)
+    for name, value in plan.parameters.items():
+        yield from ("-p", f"{name}:={flow_yaml(value)}")
+
+
+def make_node(plan: NodePlan, factory: Any) -> Node:
+    """Create one node of a plan.
+
+    Args:
+        plan: the node.
+        factory: from `find_factory`. If it takes no keyword arguments, rclpy has been initialised
+            with the `ros_arguments` of the node.
+
+    Raises:
+        NodeError: it cannot be created, or does not take the name of the plan.
+    """
+    make = _with_keywords(plan, factory) if takes_keywords(factory) else factory
+    try:
+        node = make()
+    except Exception as error:
+        raise NodeError(
+            "R2B633", f"node {plan.name} cannot be created: {type(error).__name__}: {error}"
+        ) from error
+    if not isinstance(node, Node):
+        raise NodeError(
+            "R2B625", f"{plan.target} returned {type(node).__name__}, not an rclpy node"
+        )
+    name = node.get_fully_qualified_name()
+    if name != plan.name:
+        raise NodeError(
+            "R2B633",
+            f"node {plan.name} has the name {name}, because it ignores the arguments that set it",
+            "Pass the **kwargs of its constructor to Node, and do not set use_global_arguments.",
+        )
+    return node
+
+
+def _with_keywords(plan: NodePlan, factory: Any) -> Callable[[], Any]:
+    arguments = ["--ros-args", "-r", f"__node:={plan.node}"]
+    for before, after in plan.remappings.items():
+        arguments += ["-r", f"{before}:={after}"]
+    return lambda: factory(
+        namespace=plan.namespace,
+        cli_args=arguments,
+        use_global_arguments=False,
+        parameter_overrides=[
+            Parameter(name, value=value) for name, value in plan.parameters.items()
+        ],
+    )
 
 
 def main() -> None:

@@ -1,44 +1,202 @@
 """The observer: says what discovery shows of the graph, and records whole messages, on request.
 
-Nothing here is timed. It publishes /tf_static and /clock where the spec has them. Between requests
-it only looks, five times a second and for microseconds, for publishers that are no process's of the
-run.
+Nothing here is timed: messages are copied, by an interpreter. It publishes /tf_static and /clock
+where the spec has them, as the loader does (`GraphParticipant`). Between requests it only looks,
+five times a second and for microseconds, for publishers that are no process's of the run.
 """
 
 from __future__ import annotations
 
+import struct
+import threading
+import time
+from collections.abc import Iterable
 from pathlib import Path
+from typing import BinaryIO
 
 from rclpy.node import Node
-from rclpy.topic_endpoint_info import TopicEndpointInfo
+from rclpy.qos import QoSProfile
 
 from r2bspec.harness import rclpy_tools
-from r2bspec.harness.clock_publisher import ClockPublisher
 from r2bspec.harness.control_channel import Channel
-from r2bspec.harness.message_recorder import MessageRecorder
-from r2bspec.harness.parameter_lists import list_parameters
-from r2bspec.harness.publisher_guard import LOOK_PERIOD_S, PublisherGuard
-from r2bspec.harness.static_transforms import publish_static_transforms
-from r2bspec.ipc import protocol
-from r2bspec.ipc.transform_stamps import TF_STATIC
+from r2bspec.harness.discovery import (
+    LOOK_PERIOD_S,
+    PublisherGuard,
+    discover,
+    list_graph,
+    list_parameters,
+)
+from r2bspec.ipc import buffers, protocol
+from r2bspec.ipc.arrivals import ARRIVAL_FIELDS, read_clocks
+from r2bspec.ipc.sample_files import BUFFER_BYTES, RowWriter, message_size
+from r2bspec.ipc.stamps import TF_STATIC, TF_TYPE, read_stamp
+from r2bspec.language.spec import QoS
+from r2bspec.plan.plan import MonitorPlan
+
+CLOCK, CLOCK_TYPE = "/clock", "rosgraph_msgs/msg/Clock"
+
+_PERIOD_S = 0.01
+_CLOCK_QOS = QoS(depth=1)
 
 
-class Observer:
-    """Answers questions about nodes, topics and publishers."""
+def clock_message(time_ns: int) -> bytes:
+    """A serialised rosgraph_msgs/Clock (XCDR1, little-endian: int32 seconds, uint32 nanoseconds).
 
-    def __init__(self, channel: Channel, settings: protocol.ConfigureObserver) -> None:
-        self._channel = channel
-        self._node = rclpy_tools.start_node("observer")
-        self._clock = ClockPublisher(self._node) if settings.clock else None
-        self._static_publisher = (
-            publish_static_transforms(self._node, Path(settings.static_dir))
-            if settings.static_dir
-            else None
+    Args:
+        time_ns: nanoseconds since the epoch.
+    """
+    seconds, nanoseconds = divmod(time_ns, 10**9)
+    return b"\x00\x01\x00\x00" + struct.pack("<iI", seconds, nanoseconds)
+
+
+class ClockPublisher:
+    """Publishes the system time on /clock 100 times per second, from its construction.
+
+    The stamps that the player writes are of the system clock, so that both agree for a node. Each
+    message has the time at which it is published; periods that were missed are left out.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._publisher = rclpy_tools.RawPublisher(
+            node, CLOCK, CLOCK_TYPE, rclpy_tools.profile(_CLOCK_QOS)
         )
-        self._guard = PublisherGuard(self._node, settings.guarded)
-        # Without topics to guard there is nothing to look at.
-        self._period_s = LOOK_PERIOD_S if settings.guarded else None
-        self._recorder: MessageRecorder | None = None
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._publish, name="clock", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop publishing; the node may then be destroyed."""
+        self._ended.set()
+        self._thread.join()
+
+    def _publish(self) -> None:
+        due_s = time.monotonic() + _PERIOD_S
+        while not self._ended.wait(max(0.0, due_s - time.monotonic())):
+            self._publisher.publish(clock_message(time.time_ns()))
+            due_s = max(due_s + _PERIOD_S, time.monotonic())
+
+
+_QOS = QoS(durability="transient_local", depth=1)
+
+
+def publish_static_transforms(node: Node, folder: Path) -> rclpy_tools.RawPublisher:
+    """Publish the buffered /tf_static as transient local, so that late subscriptions receive it.
+
+    Returns:
+        The publisher, which must be kept as long as the transforms must be available.
+    """
+    publisher = rclpy_tools.RawPublisher(node, TF_STATIC, TF_TYPE, rclpy_tools.profile(_QOS))
+    publisher.publish(buffers.read_messages(folder, TF_STATIC, {0})[0])
+    return publisher
+
+
+_WAIT_S = 1.0
+
+
+class MessageRecorder:
+    """Records the messages of some topics on a thread, until it is closed.
+
+    A topic that has no publisher now, or whose type is not installed, is left out. The others have
+    the quality of service of their publishers.
+
+    Args:
+        node: that subscribes.
+        monitors: the topics, with the names of their files.
+        folder: receives ``NAME.rows``, as a monitor writes them, and ``NAME.messages``
+            (`r2bspec.ipc.sample_files`).
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+
+    def __init__(self, node: Node, monitors: Iterable[MonitorPlan], folder: Path) -> None:
+        self._loop = rclpy_tools.WaitLoop(node)
+        self._topics: list[_RecordedTopic] = []
+        self._ends = threading.Event()
+        self._error: Exception | None = None
+        for each in monitors:
+            qos = rclpy_tools.profile_matching_publishers(node, each.topic)
+            if qos is not None and rclpy_tools.is_installed(each.type):
+                self._topics.append(_RecordedTopic(node, each, qos, folder))
+                self._loop.add(self._topics[-1].subscription)
+        self._thread = threading.Thread(target=self._record, daemon=True)
+        self._thread.start()
+
+    def matches(self) -> dict[str, int]:
+        """How many publishers the subscription of each recorded topic is matched with."""
+        return {each.topic: each.subscription.matches() for each in self._topics}
+
+    def close(self) -> None:
+        """Record what has arrived, and complete the files.
+
+        Raises:
+            Exception: what ended the recording before.
+        """
+        self._ends.set()
+        self._loop.wake()
+        self._thread.join()
+        for each in self._topics:
+            each.close()
+        if self._error is not None:
+            raise self._error
+
+    def _record(self) -> None:
+        try:
+            while not self._ends.is_set():
+                for position in self._loop.wait(_WAIT_S):
+                    self._topics[position].drain()
+            for each in self._topics:
+                each.drain()
+        except Exception as error:
+            self._error = error
+
+
+class _RecordedTopic:
+    def __init__(self, node: Node, plan: MonitorPlan, qos: QoSProfile, folder: Path) -> None:
+        self.topic = plan.topic
+        self.subscription = rclpy_tools.RawSubscription(node, plan.topic, plan.type, qos)
+        self._has_header = rclpy_tools.begins_with_header(plan.type)
+        self._rows = RowWriter(folder / f"{plan.name}.rows", len(ARRIVAL_FIELDS))
+        self._messages: BinaryIO = (folder / f"{plan.name}.messages").open("xb", BUFFER_BYTES)
+
+    def drain(self) -> None:
+        """Record every message that has arrived."""
+        while (taken := self.subscription.take()) is not None:
+            data, arrived_system_ns = taken
+            taken_ns, difference_ns = read_clocks()
+            stamp_ns = read_stamp(data) if self._has_header else 0
+            # Before its row: each row has a message.
+            self._messages.write(message_size(data))
+            self._messages.write(data)
+            self._rows.append(stamp_ns, arrived_system_ns, taken_ns, len(data), difference_ns)
+
+    def close(self) -> None:
+        """Unsubscribe, and complete the files."""
+        self.subscription.destroy()
+        self._rows.close()
+        self._messages.close()
+
+
+class GraphParticipant:
+    """A role that publishes what nodes need first, and answers what discovery shows.
+
+    Args:
+        channel: of the controller.
+        name: of its node.
+        static_dir: has the buffer of /tf_static; None without one.
+        clock: whether the system time is published on /clock.
+    """
+
+    def __init__(
+        self, channel: Channel, name: str, static_dir: Path | None, *, clock: bool
+    ) -> None:
+        self._channel = channel
+        self._node = rclpy_tools.start_node(name)
+        # Before anything else, so that all nodes, which are started later, receive them.
+        self._clock = ClockPublisher(self._node) if clock else None
+        self._static_publisher = (
+            publish_static_transforms(self._node, static_dir) if static_dir is not None else None
+        )
 
     def serve(self) -> None:
         """Answer commands until told to shut down."""
@@ -49,18 +207,37 @@ class Observer:
                 self._clock.close()
 
     def _serve(self) -> None:
+        raise NotImplementedError
+
+    def _answer(self, command: protocol.Command) -> None:
+        """Answer a question about what discovery shows; any other command is left alone."""
+        match command:
+            case protocol.Discover(topics=topics):
+                self._channel.send(discover(self._node, topics))
+            case protocol.ListGraph():
+                self._channel.send(list_graph(self._node))
+            case protocol.ListParameters() as question:
+                self._channel.send(list_parameters(question))
+
+
+class Observer(GraphParticipant):
+    """Answers questions about nodes, topics and publishers."""
+
+    def __init__(self, channel: Channel, settings: protocol.ConfigureObserver) -> None:
+        static_dir = Path(settings.static_dir) if settings.static_dir else None
+        super().__init__(channel, "observer", static_dir, clock=settings.clock)
+        self._guard = PublisherGuard(self._node, settings.guarded)
+        # Without topics to guard there is nothing to look at.
+        self._period_s = LOOK_PERIOD_S if settings.guarded else None
+        self._recorder: MessageRecorder | None = None
+
+    def _serve(self) -> None:
         self._channel.send(protocol.Ready(rmw=rclpy_tools.loaded_rmw()))
         while True:
             if not self._channel.wait(self._period_s):
                 self._guard.look()
                 continue
             match self._channel.receive():
-                case protocol.Discover(topics=topics):
-                    self._channel.send(discover(self._node, topics))
-                case protocol.Survey():
-                    self._channel.send(survey(self._node))
-                case protocol.ListParameters() as question:
-                    self._channel.send(list_parameters(question))
                 case protocol.ListForeign():
                     self._channel.send(protocol.ForeignPublishers(publishers=self._guard.foreign()))
                 case protocol.Record(monitors=monitors, folder=folder):
@@ -79,57 +256,11 @@ class Observer:
                     self._send_matches()
                 case protocol.Shutdown():
                     return
-                case _:
-                    continue
+                case command:
+                    self._answer(command)
 
     def _send_matches(self) -> None:
         counts = self._recorder.matches() if self._recorder is not None else {}
         if self._static_publisher is not None:
             counts |= {TF_STATIC: self._static_publisher.matches()}
         self._channel.send(protocol.Matched(counts=counts))
-
-
-def discover(node: Node, topics: tuple[str, ...]) -> protocol.Discovered:
-    """The endpoints that discovery shows on these topics, including those of the harness."""
-    publishers = {each: node.get_publishers_info_by_topic(each) for each in topics}
-    subscriptions = {each: node.get_subscriptions_info_by_topic(each) for each in topics}
-    return protocol.Discovered(
-        writers={topic: tuple(map(_endpoint, infos)) for topic, infos in publishers.items()},
-        readers={topic: tuple(map(_endpoint, infos)) for topic, infos in subscriptions.items()},
-        qos_mismatches=tuple(
-            protocol.QosMismatch(_full_name(publisher), _full_name(subscription), topic, why)
-            for topic in topics
-            for publisher in publishers[topic]
-            for subscription in subscriptions[topic]
-            if (
-                why := rclpy_tools.qos_mismatch_reason(
-                    publisher.qos_profile, subscription.qos_profile
-                )
-            )
-        ),
-    )
-
-
-def _endpoint(info: TopicEndpointInfo) -> protocol.Endpoint:
-    return protocol.Endpoint(
-        node=_full_name(info),
-        type=info.topic_type,
-        reliability=info.qos_profile.reliability.name.lower(),
-        durability=info.qos_profile.durability.name.lower(),
-    )
-
-
-def _full_name(info: TopicEndpointInfo) -> str:
-    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
-
-
-def survey(node: Node) -> protocol.Surveyed:
-    """The full names of the nodes, services and topics that discovery shows."""
-    return protocol.Surveyed(
-        nodes=tuple(
-            f"{namespace.rstrip('/')}/{name}"
-            for name, namespace in node.get_node_names_and_namespaces()
-        ),
-        services=tuple(name for name, _ in node.get_service_names_and_types()),
-        topics=tuple(name for name, _ in node.get_topic_names_and_types()),
-    )

@@ -182,11 +182,6 @@ class WaitLoop:
         self._subscriptions.append(subscription)
         self._set = None
 
-    def remove(self, subscription: RawSubscription) -> None:
-        """Remove a subscription; the positions of those after it decrease."""
-        self._subscriptions.remove(subscription)
-        self._set = None
-
     def wake(self) -> None:
         """End the current or next `wait`; may be called from another thread."""
         self._guard.trigger_guard_condition()

@@ -1,4 +1,9 @@
-"""The service client: makes one service call, as an `after_ready` step."""
+"""Calls of services: one of an `after_ready` step, and those that load C++ components.
+
+Components are loaded into their containers as ``ros2 component load`` does it, by the service
+``load_node`` of rclcpp_components: its request is made of a node of the plan, and its response is
+put into words for the user.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +17,7 @@ from rclpy.node import Node
 from r2bspec.harness import rclpy_tools
 from r2bspec.harness.control_channel import Channel
 from r2bspec.ipc import protocol
+from r2bspec.plan.plan import NodePlan
 
 
 class ServiceCallError(Exception):
@@ -124,7 +130,133 @@ class ServiceCaller:
         self._channel.send(protocol.Ready())
         settings = self._settings
         deadline = time.monotonic() + settings.timeout_ns / 1e9
-        call_service(self._node, settings.type, settings.service, settings.request, deadline)
+        call_service(
+            self._node, settings.service_type, settings.service, settings.request, deadline
+        )
         self._channel.send(protocol.Called())
         while not isinstance(self._channel.receive(), protocol.Shutdown):
             pass
+
+
+LOAD_NODE_TYPE = "composition_interfaces/srv/LoadNode"
+
+_SCALARS = {bool: (1, "bool"), int: (2, "integer"), float: (3, "double"), str: (4, "string")}
+"""rcl_interfaces/msg/ParameterType: the number of a type, and the field that holds its value."""
+
+_ARRAYS = {bool: (6, "bool"), int: (7, "integer"), float: (8, "double"), str: (9, "string")}
+
+
+class ComponentError(Exception):
+    """A component was not loaded; the message is for the user."""
+
+    code = "R2B665"
+
+    def __init__(self, message: str, hint: str = "", code: str = "") -> None:
+        super().__init__(message)
+        self.code = code or self.code
+        self.hint = hint
+
+
+def load_service_name(container: str) -> str:
+    """The service of a container, by the full name of its node."""
+    return f"{container}/_container/load_node"
+
+
+def load_request(node: NodePlan) -> dict[str, Any]:
+    """The fields of ``composition_interfaces/srv/LoadNode`` for a node of a plan.
+
+    Raises:
+        ComponentError: a parameter has no type of ROS.
+    """
+    return {
+        "package_name": node.package,
+        "plugin_name": node.plugin,
+        "node_name": node.node,
+        "node_namespace": node.namespace,
+        "remap_rules": [f"{left}:={right}" for left, right in node.remappings.items()],
+        "parameters": [
+            {"name": name, "value": _parameter_value(node, name, value)}
+            for name, value in node.parameters.items()
+        ],
+    }
+
+
+def _parameter_value(node: NodePlan, name: str, value: Any) -> dict[str, Any]:
+    """A value as rcl_interfaces/msg/ParameterValue. The numbers of a list have one type."""
+    if isinstance(value, list):
+        kinds = {type(each) for each in value}
+        if kinds == {int, float}:
+            kinds, value = {float}, [float(each) for each in value]
+        if len(kinds) == 1 and (kind := kinds.pop()) in _ARRAYS:
+            number, field = _ARRAYS[kind]
+            return {"type": number, f"{field}_array_value": value}
+    elif type(value) in _SCALARS:
+        number, field = _SCALARS[type(value)]
+        return {"type": number, f"{field}_value": value}
+    raise ComponentError(
+        f"parameter {name!r} of {node.name} cannot be {value!r}: a list needs at least one "
+        "value, and values of one type",
+        hint="Remove it to use the default.",
+    )
+
+
+def load_error(node: NodePlan, container: str, success: bool, reason: str) -> str:
+    """The error of a response, for the user; empty if the component was loaded."""
+    if success:
+        return ""
+    return (
+        f"{node.plugin} of package {node.package} was not loaded into container {container} "
+        f"as {node.name}: {reason or 'the container gave no reason'}"
+    )
+
+
+class ComponentLoader:
+    """Loads components one after another, and reports when all are loaded."""
+
+    def __init__(self, channel: Channel, settings: protocol.ConfigureComponents) -> None:
+        self._channel = channel
+        self._settings = settings
+        self._node = rclpy_tools.start_node("components")
+
+    def serve(self) -> None:
+        """Load them; `Composed` follows `Ready`.
+
+        Raises:
+            ComponentError: a container does not respond in time, or rejects a component.
+        """
+        self._channel.send(protocol.Ready())
+        deadline = time.monotonic() + self._settings.timeout_ns / 1e9
+        loaded = tuple(
+            self._load(each.container, node, deadline)
+            for each in self._settings.containers
+            for node in each.nodes
+        )
+        self._channel.send(protocol.Composed(nodes=loaded))
+        while not isinstance(self._channel.receive(), protocol.Shutdown):
+            pass
+
+    def _load(self, container: str, node: NodePlan, deadline: float) -> str:
+        """Load one component; returns the full name of its node."""
+        request = load_request(node)
+        try:
+            service_class(LOAD_NODE_TYPE)
+        except ServiceCallError as error:
+            raise ComponentError(
+                "ROS package 'composition_interfaces' is not installed",
+                hint="It comes with rclcpp_components; source a full ROS 2 installation.",
+                code="R2B622",
+            ) from error
+        try:
+            answer = call_service(
+                self._node, LOAD_NODE_TYPE, load_service_name(container), request, deadline
+            )
+        except ServiceCallError as error:
+            raise ComponentError(
+                load_error(node, container, success=False, reason=str(error)),
+                hint="Read the output of the container, or increase benchmark.start_timeout.",
+            ) from error
+        if wrong := load_error(node, container, answer.success, answer.error_message):
+            raise ComponentError(
+                wrong, hint=f"'ros2 component types {node.package}' lists its components."
+            )
+        return str(answer.full_node_name)

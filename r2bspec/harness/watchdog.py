@@ -1,11 +1,11 @@
 """The watchdog: cleans up a run whose controller has exited without doing so.
 
 It reads lines from standard input: ``session N STARTED`` for every session that the controller
-opens, ``collected N HELD`` when it has collected the first process of one (`r2bspec.ipc.sessions`),
-and ``done`` when the controller has cleaned up. If the input ends without ``done``, the controller
-was killed: the watchdog then ends every process of the run, and removes their shared memory and the
-scratch folder of the run. It runs in its own session, so that it does not receive signals to the
-terminal or process group of the controller.
+opens, ``collected N HELD`` when it has collected the first process of one
+(`r2bspec.ipc.process_cleanup`), and ``done`` when the controller has cleaned up. If the input ends
+without ``done``, the controller was killed: the watchdog then ends every process of the run, and
+removes their shared memory and the scratch folder of the run. It runs in its own session, so that
+it does not receive signals to the terminal or process group of the controller.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from r2bspec.exit_status import ExitStatus
-from r2bspec.ipc.process_cleanup import clean_up
-from r2bspec.ipc.sessions import Session, now_ticks
+from r2bspec.ipc.process_cleanup import Session, clean_up, now_ticks
 from r2bspec.record.folder_lock import LOCK_FILE
 
 _GRACE_S = 1.0

@@ -1,13 +1,16 @@
-"""The messages that a monitor has received, from the file that it appends to.
+"""When messages arrived, on the monotonic clock, although the middleware uses the system clock.
 
-The middleware records arrivals on the system clock, which can be set at any time; all times of a
-run are on the monotonic clock. A monitor therefore records, whenever it takes a message, the time
-on the monotonic clock and the difference of the two clocks.
+The system clock can be set at any time, manually or over the network; the monotonic clock, which
+all times of a run use, cannot. The middleware records arrivals on the system clock. A monitor
+therefore records, whenever it takes a message, the time on the monotonic clock and the difference
+of the two clocks; a step of this difference tells that the system clock was set.
 """
 
 from __future__ import annotations
 
 import itertools
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +19,63 @@ from r2bspec.ipc.sample_files import RowReader
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+
+_MAX_READ_NS = 20_000
+_MAX_READS = 5
+"""The clocks are read one after the other, and again if the reads were interrupted."""
+
+_MIN_STEP_NS = 2_000_000
+_MAX_SLEW = 0.1
+"""Smaller changes are not steps: the jitter of reading, and slewing of the clock by up to 10 %."""
+
+
+class ClockOffsetTracker:
+    """Tracks the offset of the two clocks, and its steps.
+
+    Attributes:
+        total_step_ns: the sum of the steps of the system clock since the start.
+        steps: their number.
+    """
+
+    def __init__(
+        self,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+        system_ns: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self._monotonic_ns = monotonic_ns
+        self._system_ns = system_ns
+        self.total_step_ns = 0
+        self.steps = 0
+        self._last_read_ns, self._difference_ns = read_clocks(monotonic_ns, system_ns)
+
+    def update(self) -> int:
+        """Check whether the system clock was set; returns the monotonic time in ns."""
+        now_ns, difference_ns = read_clocks(self._monotonic_ns, self._system_ns)
+        moved_ns = difference_ns - self._difference_ns
+        if abs(moved_ns) > _MIN_STEP_NS + _MAX_SLEW * (now_ns - self._last_read_ns):
+            self.steps += 1
+            self.total_step_ns += moved_ns
+        self._last_read_ns, self._difference_ns = now_ns, difference_ns
+        return now_ns
+
+
+def read_clocks(
+    monotonic_ns: Callable[[], int] = time.monotonic_ns, system_ns: Callable[[], int] = time.time_ns
+) -> tuple[int, int]:
+    """The monotonic time, and the system time minus the monotonic time, in ns."""
+    closest_ns, found = -1, (0, 0)
+    for _ in range(_MAX_READS):
+        before_ns = monotonic_ns()
+        there_ns = system_ns()
+        took_ns = monotonic_ns() - before_ns
+        if closest_ns < 0 or took_ns < closest_ns:
+            closest_ns = took_ns
+            found = before_ns + took_ns, there_ns - before_ns - took_ns // 2
+        if closest_ns <= _MAX_READ_NS:
+            break
+    return found
+
 
 ARRIVAL_FIELDS = (
     ("stamp_ns", "<i8"),
@@ -26,10 +86,6 @@ ARRIVAL_FIELDS = (
 )
 """A row of the file (``r2bspec/native/monitor.c``). `arrived_system_ns` is 0 where the middleware
 gives no time; `difference_ns` is the system time minus the monotonic time at `taken_ns`."""
-
-_MIN_STEP_NS = 2_000_000
-_MAX_SLEW = 0.1
-"""Smaller changes are not steps: the jitter of reading, and slewing of the clock by up to 10 %."""
 
 _ROWS_BEFORE = 2000
 """More than the messages that can have waited for the monitor while the clock was set."""

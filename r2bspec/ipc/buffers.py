@@ -11,9 +11,8 @@ from typing import BinaryIO
 
 import msgspec
 
-from r2bspec.ipc.disk_errors import named_errors
-from r2bspec.ipc.header_stamps import STAMP_BYTES, read_stamp
-from r2bspec.ipc.transform_stamps import TF, TF_STATIC
+from r2bspec.ipc.sample_files import named_errors
+from r2bspec.ipc.stamps import STAMP_BYTES, TF, TF_STATIC, read_stamp
 
 
 class BufferIndex(msgspec.Struct, frozen=True, kw_only=True):

@@ -4,12 +4,12 @@ A command is some words, each followed by a zero byte; how many come is known fr
 
     harness                                         ConfigureHarness
     player INPUTS {TYPE QOS TOPIC BUFFER}           ConfigurePlayer
-    play PLAYLIST                                   Follow, after the playlist was written
+    play PLAYLIST                                   LoadSchedule, after the playlist was written
     play PLAYBACK                                   Play, after the playback file was written
     monitor STALLS TYPES {TYPE}                     ConfigureMonitor
     subscribe TOPICS {TYPE ROWS QOS TOPIC}          Subscribe
-    watch TOPICS {TYPE ROWS QOS TOPIC}              Watch
-    unwatch                                         Unwatch
+    start_tap TOPICS {TYPE ROWS QOS TOPIC}          StartTap
+    stop_tap                                        StopTap
     count                                           CountMatches
     stop                                            Stop
     shutdown                                        Shutdown
@@ -41,19 +41,17 @@ from typing import Any
 import msgspec
 
 from r2bspec.ipc import buffers, protocol
-from r2bspec.ipc.disk_errors import is_refusal, refusal_text
-from r2bspec.ipc.playback_events import Round
+from r2bspec.ipc.playback_events import Round, read_round
 from r2bspec.ipc.playback_file import PlaybackReader, playback_path, write_playback, write_playlist
-from r2bspec.ipc.playlist import read_round
+from r2bspec.ipc.sample_files import STALL_FILE, is_refusal, refusal_text
 from r2bspec.ipc.schedule import Schedule
-from r2bspec.ipc.stall_log import STALL_FILE
-from r2bspec.ipc.transform_stamps import TF, TF_QOS, TF_TYPE
+from r2bspec.ipc.stamps import TF, TF_QOS, TF_TYPE
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import MonitorPlan
 
 _SIMPLE: dict[type, str] = {
     protocol.ConfigureHarness: "harness",
-    protocol.Unwatch: "unwatch",
+    protocol.StopTap: "stop_tap",
     protocol.CountMatches: "count",
     protocol.Stop: "stop",
     protocol.Shutdown: "shutdown",
@@ -90,11 +88,11 @@ class NativeCodec:
         self._playbacks = 0
         # Steps that were played of earlier schedules.
         self._steps_before = 0
-        # In the order of the counts, with whether it is watched for a while only.
+        # In the order of the counts, with whether it is tapped for a while only.
         self._topics: list[tuple[str, bool]] = []
 
     def encode(self, message: Any) -> bytes:
-        """Encode a command; for `Follow` and `Play`, this also writes their files.
+        """Encode a command; for `LoadSchedule` and `Play`, this also writes their files.
 
         Raises:
             OSError: a file cannot be written, or a buffer is missing.
@@ -111,7 +109,7 @@ class NativeCodec:
                 self._topics = [(each, False) for each in topics]
                 self._played = PlaybackReader(Path(message.rows), ())
                 return ["player", *_player_words(message)]
-            case protocol.Follow(schedule=schedule):
+            case protocol.LoadSchedule(schedule=schedule):
                 self._is_loading = True
                 return ["play", str(self._write_playlist(schedule))]
             case protocol.Play(rate_hz=rate_hz, steps=steps):
@@ -123,12 +121,12 @@ class NativeCodec:
                 words = (word for each in types for word in _type_words(each))
                 return ["monitor", str(self._rows_dir / STALL_FILE), str(len(types)), *words]
             case protocol.Subscribe(monitors=monitors):
-                self._add_topics(monitors, is_watched=False)
+                self._add_topics(monitors, is_tapped=False)
                 return ["subscribe", str(len(monitors)), *self._topic_words(monitors)]
-            case protocol.Watch(monitors=monitors):
-                self._add_topics(monitors, is_watched=True)
-                return ["watch", str(len(monitors)), *self._topic_words(monitors)]
-            case protocol.Unwatch():
+            case protocol.StartTap(monitors=monitors):
+                self._add_topics(monitors, is_tapped=True)
+                return ["start_tap", str(len(monitors)), *self._topic_words(monitors)]
+            case protocol.StopTap():
                 self._topics = [each for each in self._topics if not each[1]]
         word = _SIMPLE.get(type(message))
         if word is None:
@@ -171,9 +169,9 @@ class NativeCodec:
             rows = self._rows_dir / f"{each.name}.rows"
             yield from (*_type_words(each.type), str(rows), *_qos_words(each.qos), each.topic)
 
-    def _add_topics(self, monitors: Iterable[MonitorPlan], *, is_watched: bool) -> None:
+    def _add_topics(self, monitors: Iterable[MonitorPlan], *, is_tapped: bool) -> None:
         for each in monitors:
-            self._topics.insert(0, (each.topic, is_watched))
+            self._topics.insert(0, (each.topic, is_tapped))
 
     def decode(self, line: bytes) -> protocol.Reply:
         """Read a reply.

@@ -23,8 +23,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.ipc.disk_errors import named_errors
 from r2bspec.ipc.playback_events import ENTRY_DTYPE, Entries, Round, TimelineRound
+from r2bspec.ipc.sample_files import named_errors
 from r2bspec.ipc.schedule import NO_STEP
 
 _MAGIC = b"R2BPLAY4"

@@ -8,6 +8,8 @@ any time. Samples are not sent here: they are rows in files that both sides read
 
 from __future__ import annotations
 
+import functools
+import operator
 from typing import Any, Literal
 
 import msgspec
@@ -25,11 +27,15 @@ RUN_ID_VARIABLE = "R2BSPEC_RUN_ID"
 MODULES_FOLDER_VARIABLE = "R2BSPEC_MODULES_FOLDER"
 
 
-class _Message(msgspec.Struct, frozen=True, kw_only=True, tag_field="say"):
-    """Base of all messages; the JSON key `say` names the class."""
+class Command(msgspec.Struct, frozen=True, kw_only=True, tag_field="type"):
+    """What the controller asks; the JSON key `type` names the class."""
 
 
-class ConfigureLoader(_Message, frozen=True, kw_only=True, tag=True):
+class Reply(msgspec.Struct, frozen=True, kw_only=True, tag_field="type"):
+    """What a child answers; the JSON key `type` names the class."""
+
+
+class ConfigureLoader(Command, frozen=True, kw_only=True, tag=True):
     """Be the loader: publish `sources` (topic: type), record `recorded` (topic: type).
 
     `buffer_dir` contains one buffer per source and receives one per recorded topic.
@@ -50,10 +56,10 @@ class ConfigureLoader(_Message, frozen=True, kw_only=True, tag=True):
     clock: bool = False
 
 
-class ConfigurePlayer(_Message, frozen=True, kw_only=True, tag=True):
+class ConfigurePlayer(Command, frozen=True, kw_only=True, tag=True):
     """Be the player: publish `inputs` and `transforms` (topics) from the buffers.
 
-    The reply, `Ready`, states which inputs have a header. `Follow` sets the schedule. Of the
+    The reply, `Ready`, states which inputs have a header. `LoadSchedule` sets the schedule. Of the
     transforms, /tf is played; /tf_static is the observer's.
     """
 
@@ -63,20 +69,20 @@ class ConfigurePlayer(_Message, frozen=True, kw_only=True, tag=True):
     transforms: tuple[str, ...] = ()
 
 
-class Follow(_Message, frozen=True, kw_only=True, tag=True):
+class LoadSchedule(Command, frozen=True, kw_only=True, tag=True):
     """Load the messages of this schedule into memory. The reply is `Ready`."""
 
     schedule: Schedule
 
 
-class ConfigureMonitor(_Message, frozen=True, kw_only=True, tag=True):
+class ConfigureMonitor(Command, frozen=True, kw_only=True, tag=True):
     """Be the monitor: record `monitors` to ``ROWS_DIR/NAME.rows``, from `Subscribe` on."""
 
     monitors: tuple[MonitorPlan, ...]
     rows_dir: str
 
 
-class ConfigureObserver(_Message, frozen=True, kw_only=True, tag=True):
+class ConfigureObserver(Command, frozen=True, kw_only=True, tag=True):
     """Be the observer, which answers what discovery shows.
 
     On the topics of `guarded`, every publisher is examined; see `ForeignPublisher`. It also
@@ -92,7 +98,7 @@ class ConfigureObserver(_Message, frozen=True, kw_only=True, tag=True):
     clock: bool = False
 
 
-class ConfigureHost(_Message, frozen=True, kw_only=True, tag=True):
+class ConfigureHost(Command, frozen=True, kw_only=True, tag=True):
     """Be the host of these Python nodes; ``./file.py`` is relative to `base_dir`."""
 
     nodes: tuple[NodePlan, ...]
@@ -101,13 +107,13 @@ class ConfigureHost(_Message, frozen=True, kw_only=True, tag=True):
     threads: int = 0
 
 
-class Prepare(_Message, frozen=True, kw_only=True, tag=True):
+class Prepare(Command, frozen=True, kw_only=True, tag=True):
     """Import rclpy and these packages of messages; the role follows. The reply is `Prepared`."""
 
     packages: tuple[str, ...] = ()
 
 
-class ConfigureHarness(_Message, frozen=True, kw_only=True, tag=True):
+class ConfigureHarness(Command, frozen=True, kw_only=True, tag=True):
     """Run these parts of the harness in one process; each is configured over its own channel.
 
     The reply is `Ready`. A subsequent `ConfigureHost` adds nodes to the process.
@@ -116,11 +122,11 @@ class ConfigureHarness(_Message, frozen=True, kw_only=True, tag=True):
     parts: tuple[str, ...]
 
 
-class ConfigureCaller(_Message, frozen=True, kw_only=True, tag=True):
+class ConfigureCaller(Command, frozen=True, kw_only=True, tag=True):
     """Call a service once with a request; `Called` follows `Ready`."""
 
     service: str
-    type: str
+    service_type: str
     request: dict[str, Any]
     timeout_ns: int
 
@@ -132,14 +138,14 @@ class ContainerComponents(msgspec.Struct, frozen=True, kw_only=True):
     nodes: tuple[NodePlan, ...]
 
 
-class ConfigureComponents(_Message, frozen=True, kw_only=True, tag=True):
+class ConfigureComponents(Command, frozen=True, kw_only=True, tag=True):
     """Load components into containers that run; `Composed` follows `Ready`."""
 
     containers: tuple[ContainerComponents, ...]
     timeout_ns: int
 
 
-class Subscribe(_Message, frozen=True, kw_only=True, tag=True):
+class Subscribe(Command, frozen=True, kw_only=True, tag=True):
     """Create subscriptions; the reply, `Matched`, is sent immediately.
 
     For a monitor: those of `monitors`, of which each has a QoS. For a loader: those of all topics
@@ -149,8 +155,8 @@ class Subscribe(_Message, frozen=True, kw_only=True, tag=True):
     monitors: tuple[MonitorPlan, ...] = ()
 
 
-class Watch(_Message, frozen=True, kw_only=True, tag=True):
-    """Also record these topics until `Unwatch`. The reply is `Matched`.
+class StartTap(Command, frozen=True, kw_only=True, tag=True):
+    """Also record these topics until `StopTap`. The reply is `Matched`.
 
     Each has a QoS. A topic whose type is not installed is not recorded.
     """
@@ -158,15 +164,15 @@ class Watch(_Message, frozen=True, kw_only=True, tag=True):
     monitors: tuple[MonitorPlan, ...]
 
 
-class Unwatch(_Message, frozen=True, kw_only=True, tag=True):
-    """Stop recording the topics of `Watch`; their rows stay. The reply is `Matched`."""
+class StopTap(Command, frozen=True, kw_only=True, tag=True):
+    """Stop recording the topics of `StartTap`; their rows stay. The reply is `Matched`."""
 
 
-class Record(_Message, frozen=True, kw_only=True, tag=True):
+class Record(Command, frozen=True, kw_only=True, tag=True):
     """Record whole messages of these topics until `EndRecording`. The reply is `Matched`.
 
     The files are ``FOLDER/NAME.rows``, as those of a monitor, and ``FOLDER/NAME.messages``
-    (`r2bspec.ipc.message_log`). A topic uses the QoS of its publishers; one that currently has
+    (`r2bspec.ipc.sample_files`). A topic uses the QoS of its publishers; one that currently has
     none, or whose type is not installed, is not recorded.
     """
 
@@ -174,47 +180,47 @@ class Record(_Message, frozen=True, kw_only=True, tag=True):
     folder: str
 
 
-class EndRecording(_Message, frozen=True, kw_only=True, tag=True):
+class EndRecording(Command, frozen=True, kw_only=True, tag=True):
     """Complete the files of `Record`. The reply is `Matched`."""
 
 
-class CountMatches(_Message, frozen=True, kw_only=True, tag=True):
+class CountMatches(Command, frozen=True, kw_only=True, tag=True):
     """Query how many endpoints of other processes each endpoint is matched with."""
 
 
-class ListModules(_Message, frozen=True, kw_only=True, tag=True):
+class ListModules(Command, frozen=True, kw_only=True, tag=True):
     """Ask a host for the files of the modules that its process has imported."""
 
 
-class AwaitStatic(_Message, frozen=True, kw_only=True, tag=True):
+class AwaitStatic(Command, frozen=True, kw_only=True, tag=True):
     """Wait until all matched subscriptions have received /tf_static, but not for long.
 
     The reply is `Matched`.
     """
 
 
-class Discover(_Message, frozen=True, kw_only=True, tag=True):
+class Discover(Command, frozen=True, kw_only=True, tag=True):
     """Query the endpoints on these topics."""
 
     topics: tuple[str, ...]
 
 
-class Survey(_Message, frozen=True, kw_only=True, tag=True):
+class ListGraph(Command, frozen=True, kw_only=True, tag=True):
     """Query the nodes, services and topics."""
 
 
-class ListParameters(_Message, frozen=True, kw_only=True, tag=True):
+class ListParameters(Command, frozen=True, kw_only=True, tag=True):
     """Ask all nodes for the names of their parameters, except for these."""
 
     exclude: tuple[str, ...]
     timeout_ns: int
 
 
-class ListForeign(_Message, frozen=True, kw_only=True, tag=True):
+class ListForeign(Command, frozen=True, kw_only=True, tag=True):
     """Ask which publishers were ever seen on guarded topics that may be no process's of the run."""
 
 
-class Load(_Message, frozen=True, kw_only=True, tag=True):
+class Load(Command, frozen=True, kw_only=True, tag=True):
     """Publish every source message once and record the output.
 
     `max_output_gap_ns` is the time without output after which the loader stops waiting for more.
@@ -225,7 +231,7 @@ class Load(_Message, frozen=True, kw_only=True, tag=True):
     real_time: bool = False
 
 
-class Play(_Message, frozen=True, kw_only=True, tag=True):
+class Play(Command, frozen=True, kw_only=True, tag=True):
     """Publish `steps` steps at `rate_hz`. The reply, `Played`, is sent after the last one.
 
     A rate of 0 is that of the recording. A loader publishes this number of its first messages
@@ -236,49 +242,19 @@ class Play(_Message, frozen=True, kw_only=True, tag=True):
     steps: int
 
 
-class Stop(_Message, frozen=True, kw_only=True, tag=True):
+class Stop(Command, frozen=True, kw_only=True, tag=True):
     """Stop playing after the current step. There is no reply but that of `Play`."""
 
 
-class Shutdown(_Message, frozen=True, kw_only=True, tag=True):
+class Shutdown(Command, frozen=True, kw_only=True, tag=True):
     """Clean up and exit with status 0. There is no reply."""
 
 
-Command = (
-    ConfigureLoader
-    | ConfigurePlayer
-    | Follow
-    | ConfigureMonitor
-    | ConfigureObserver
-    | ConfigureHost
-    | Prepare
-    | ConfigureHarness
-    | ConfigureCaller
-    | ConfigureComponents
-    | Subscribe
-    | Watch
-    | Unwatch
-    | Record
-    | EndRecording
-    | CountMatches
-    | ListModules
-    | AwaitStatic
-    | Discover
-    | Survey
-    | ListParameters
-    | ListForeign
-    | Load
-    | Play
-    | Stop
-    | Shutdown
-)
-
-
-class Prepared(_Message, frozen=True, kw_only=True, tag=True):
+class Prepared(Reply, frozen=True, kw_only=True, tag=True):
     """Everything is imported: until its role follows, the process waits and uses no processor."""
 
 
-class Ready(_Message, frozen=True, kw_only=True, tag=True):
+class Ready(Reply, frozen=True, kw_only=True, tag=True):
     """The child is configured. Except for two fields, all are from a host.
 
     `headers` states for each topic of a player whether its type begins with a header, `rmw` which
@@ -297,7 +273,7 @@ class Ready(_Message, frozen=True, kw_only=True, tag=True):
     rmw: str = ""
 
 
-class Matched(_Message, frozen=True, kw_only=True, tag=True):
+class Matched(Reply, frozen=True, kw_only=True, tag=True):
     """How many endpoints of other processes each topic is matched with.
 
     From a host, `counts` are the subscriptions of the topics that its nodes publish, and
@@ -308,7 +284,7 @@ class Matched(_Message, frozen=True, kw_only=True, tag=True):
     publisher_counts: dict[str, int] = {}
 
 
-class Modules(_Message, frozen=True, kw_only=True, tag=True):
+class Modules(Reply, frozen=True, kw_only=True, tag=True):
     """The absolute paths of the files of all modules that a process has imported."""
 
     files: tuple[str, ...]
@@ -332,7 +308,7 @@ class QosMismatch(msgspec.Struct, frozen=True):
     why: str
 
 
-class Discovered(_Message, frozen=True, kw_only=True, tag=True):
+class Discovered(Reply, frozen=True, kw_only=True, tag=True):
     """The publishers and subscriptions of each topic, and the pairs that never match."""
 
     writers: dict[str, tuple[Endpoint, ...]]
@@ -340,7 +316,7 @@ class Discovered(_Message, frozen=True, kw_only=True, tag=True):
     qos_mismatches: tuple[QosMismatch, ...] = ()
 
 
-class Surveyed(_Message, frozen=True, kw_only=True, tag=True):
+class GraphSnapshot(Reply, frozen=True, kw_only=True, tag=True):
     """The full names of all discovered nodes, services and topics."""
 
     nodes: tuple[str, ...]
@@ -348,7 +324,7 @@ class Surveyed(_Message, frozen=True, kw_only=True, tag=True):
     topics: tuple[str, ...] = ()
 
 
-class ParameterLists(_Message, frozen=True, kw_only=True, tag=True):
+class ParameterLists(Reply, frozen=True, kw_only=True, tag=True):
     """The parameters of nodes that have responded, by full name, and which are lifecycle nodes."""
 
     parameters: dict[str, tuple[str, ...]]
@@ -369,36 +345,36 @@ class ForeignPublisher(msgspec.Struct, frozen=True, kw_only=True):
     processes: tuple[str, ...] = ()
 
 
-class ForeignPublishers(_Message, frozen=True, kw_only=True, tag=True):
+class ForeignPublishers(Reply, frozen=True, kw_only=True, tag=True):
     """All that were seen on guarded topics since the observer was started."""
 
     publishers: tuple[ForeignPublisher, ...]
 
 
-class Called(_Message, frozen=True, kw_only=True, tag=True):
+class Called(Reply, frozen=True, kw_only=True, tag=True):
     """The service has responded."""
 
 
-class Composed(_Message, frozen=True, kw_only=True, tag=True):
+class Composed(Reply, frozen=True, kw_only=True, tag=True):
     """All components are loaded; these are the full names of their nodes, in order."""
 
     nodes: tuple[str, ...]
 
 
-class Loaded(_Message, frozen=True, kw_only=True, tag=True):
+class Loaded(Reply, frozen=True, kw_only=True, tag=True):
     """The number of messages published and recorded, by topic."""
 
     published: dict[str, int]
     recorded: dict[str, int]
 
 
-class Played(_Message, frozen=True, kw_only=True, tag=True):
+class Played(Reply, frozen=True, kw_only=True, tag=True):
     """The number of published steps."""
 
     steps: int
 
 
-class Failed(_Message, frozen=True, kw_only=True, tag=True):
+class Failed(Reply, frozen=True, kw_only=True, tag=True):
     """The child cannot continue. `message` and `hint` are for the user."""
 
     code: str
@@ -406,24 +382,12 @@ class Failed(_Message, frozen=True, kw_only=True, tag=True):
     hint: str = ""
 
 
-Reply = (
-    Prepared
-    | Ready
-    | Matched
-    | Modules
-    | Discovered
-    | Surveyed
-    | ParameterLists
-    | ForeignPublishers
-    | Called
-    | Composed
-    | Loaded
-    | Played
-    | Failed
+_COMMANDS: msgspec.json.Decoder[Command] = msgspec.json.Decoder(
+    functools.reduce(operator.or_, Command.__subclasses__())
 )
-
-_COMMANDS: msgspec.json.Decoder[Command] = msgspec.json.Decoder(Command)
-_REPLIES: msgspec.json.Decoder[Reply] = msgspec.json.Decoder(Reply)
+_REPLIES: msgspec.json.Decoder[Reply] = msgspec.json.Decoder(
+    functools.reduce(operator.or_, Reply.__subclasses__())
+)
 
 
 def control_variable(part: str = "") -> str:

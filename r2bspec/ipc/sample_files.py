@@ -1,20 +1,53 @@
-"""Sample files that one process appends to while another reads them.
+"""Files that one process of a run appends to while another reads them; full disks.
 
-A file is nothing but rows of int64, little-endian and of a fixed size. Each is appended in one
-write; a reader ignores an incomplete row at the end, which a killed process may leave.
+A sample file is nothing but rows of int64, little-endian and of a fixed size. Each is appended in
+one write; a reader ignores an incomplete row at the end, which a killed process may leave.
+
+One of them is the log of stalls. The middleware records arrivals on a thread of the monitor's
+process. While this process does not run, because the machine is overloaded or the process was
+stopped, no arrivals are recorded; messages then seem to arrive at the end of the stall, with a
+delay that the graph did not cause.
+
+A file of whole messages has for each its size (little-endian int64) and its serialised bytes.
 """
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-from r2bspec.ipc.disk_errors import named_errors
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+
+_REFUSALS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS})
+
+
+@contextlib.contextmanager
+def named_errors(path: Path) -> Iterator[None]:
+    """Add the name of a file to errors of the system, which does not give it for an open file."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None:
+            error.filename = str(path)
+        raise
+
+
+def is_refusal(error: OSError) -> bool:
+    """Whether it says that the disk, or a limit of the user, has no room for what is written."""
+    return error.errno in _REFUSALS
+
+
+def refusal_text(error: OSError) -> str:
+    """The error with its file, where that is known."""
+    what = error.filename or "a file of the run"
+    return f"{what} cannot be written: {error.strerror or error}"
 
 
 class RowWriter:
@@ -68,3 +101,51 @@ class RowReader:
             count=last - start,
             offset=start * self._dtype.itemsize,
         )
+
+
+STALL_FILE = "monitor.held"
+"""A row is a round of the monitor's loop that took 100 ms longer than it waits and computes
+(`r2bspec/native/monitor.c`). Even a busy machine wakes a process within some milliseconds."""
+
+_FIELDS = (("began_ns", "<i8"), ("ended_ns", "<i8"))
+
+
+class StallLogReader:
+    """Reads how long the monitor was stalled; of several, in folders of their own, the worst."""
+
+    def __init__(self, rows_dir: Path) -> None:
+        further = sorted(rows_dir.glob(f"*/{STALL_FILE}"))
+        self._logs = [RowReader(each, _FIELDS) for each in (rows_dir / STALL_FILE, *further)]
+
+    def between(self, began_ns: int, ended_ns: int) -> int:
+        """The total duration of stalls between two times, in ns."""
+        return max(_overlap_ns(each, began_ns, ended_ns) for each in self._logs)
+
+
+def _overlap_ns(log: RowReader, began_ns: int, ended_ns: int) -> int:
+    overlaps = (
+        min(int(row["ended_ns"]), ended_ns) - max(int(row["began_ns"]), began_ns)
+        for row in log.read()
+    )
+    return sum(each for each in overlaps if each > 0)
+
+
+_SIZE = struct.Struct("<q")
+BUFFER_BYTES = 1 << 20
+"""Of reading and writing."""
+
+
+def message_size(data: bytes) -> bytes:
+    """What is written before a message."""
+    return _SIZE.pack(len(data))
+
+
+def read_messages(path: Path) -> Iterator[bytes]:
+    """The messages of a file in their order; an incomplete last one is left out."""
+    with path.open("rb", buffering=BUFFER_BYTES) as file:
+        while len(head := file.read(_SIZE.size)) == _SIZE.size:
+            (size,) = _SIZE.unpack(head)
+            message = file.read(size)
+            if len(message) < size:
+                return
+            yield message

@@ -1,23 +1,112 @@
-"""What the compiler knows about one version of a document: its cases, contexts and findings."""
+"""What the compiler knows about documents: the open texts, and the newest analysis of each.
+
+An analysis belongs to one version of the texts: its cases, contexts and findings. One that is
+finished after a text has changed again is dropped, so that nothing stale is shown.
+
+While a spec is being written, it is never valid. To complete names from its bag and its nodes, what
+is wrong is left out and what is missing is filled in with the examples of the schema, until the
+rest is valid (`tentative_context`). Nothing of that is shown as a finding.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import copy
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any, Final
 
 from r2bspec.check.check_context import Context
 from r2bspec.check.document_files import DocumentFiles
 from r2bspec.check.engine import check_cases_in_contexts, context_of
-from r2bspec.diagnostics import Diagnostic
-from r2bspec.language.load_spec import LoadedSpec, load_cases
-from r2bspec.language.located_tree import TreeNode
+from r2bspec.diagnostics import Diagnostic, Severity
+from r2bspec.diagnostics import Path as TreePath
+from r2bspec.language.declaration import Rule, rule_at
+from r2bspec.language.load_spec import LoadedSpec, load_cases, load_spec
+from r2bspec.language.located_tree import TreeNode, to_plain
+from r2bspec.language.matrix import KEY as MATRIX
 from r2bspec.language.source_text import Source
 from r2bspec.language.yaml_composer import compose
-from r2bspec.language_server.tentative_spec import tentative_context
+from r2bspec.language.yaml_scalars import to_yaml
 from r2bspec.untrusted.looked_up_files import shared_lookups
 from r2bspec.untrusted.unsaved_files import unsaved_files
+
+_MAX_ROUNDS: Final = 8
+"""Each round repairs all errors that are seen; a repaired value may have further ones."""
+
+
+def tentative_context(loaded: LoadedSpec) -> Context | None:
+    """The context of what is written, as far as it can be made valid; None if it cannot.
+
+    Args:
+        loaded: the document, with errors.
+    """
+    plain = to_plain(loaded.tree) if loaded.tree is not None else None
+    if not isinstance(plain, dict):
+        return None
+    # Values may be shared, as those of aliases are.
+    plain = copy.deepcopy(plain)
+    plain.pop("extends", None)
+    plain.pop(MATRIX, None)
+    _fill(plain, ())
+    for _ in range(_MAX_ROUNDS):
+        attempt = load_spec(to_yaml(plain), file=loaded.file, environ={})
+        if attempt.spec is not None:
+            return context_of(attempt)
+        if not _repair(plain, attempt.diagnostics):
+            return None
+    return None
+
+
+def _repair(plain: dict[str, Any], found: Iterable[Diagnostic]) -> bool:
+    """Remove what errors are about, deepest first, and fill in what is then missing."""
+    before = copy.deepcopy(plain)
+    paths = [one.path for one in found if one.severity is Severity.ERROR]
+    for path in sorted(paths, key=len, reverse=True):
+        if path:
+            _remove(plain, path)
+    _fill(plain, ())
+    return plain != before
+
+
+def _remove(plain: dict[str, Any], path: TreePath) -> None:
+    owner: Any = plain
+    for part in path[:-1]:
+        try:
+            owner = owner[part]
+        except (KeyError, IndexError, TypeError):
+            return
+    last = path[-1]
+    if isinstance(owner, dict):
+        owner.pop(last, None)
+    elif isinstance(owner, list) and isinstance(last, int) and last < len(owner):
+        del owner[last]
+
+
+def _fill(value: Any, path: TreePath) -> None:
+    """Drop the keys without a value, and add the required ones that are missing."""
+    if isinstance(value, list):
+        for index, item in enumerate(value):
+            _fill(item, (*path, index))
+    if not isinstance(value, dict):
+        return
+    for key in [key for key, below in value.items() if below is None]:
+        del value[key]
+    rule = rule_at(path)
+    if rule is not None and rule.keys is not None:
+        for key in rule.required:
+            if key not in value:
+                value[key] = _example(rule.keys[key])
+    if rule is not None and rule.values is not None and rule.about.at_least and not value:
+        value.update(_example(rule))
+    for key, below in value.items():
+        _fill(below, (*path, key))
+
+
+def _example(rule: Rule) -> Any:
+    return copy.deepcopy(rule.about.examples[0]) if rule.about.examples else "example"
 
 
 @dataclass(frozen=True)
@@ -79,3 +168,102 @@ def analyse(path: Path, text: str, unsaved: Mapping[Path, str] | None = None) ->
         contexts = tuple(context_of(each, files=files) for each in cases)
         found = check_cases_in_contexts(cases, contexts)
     return Analysis(path, text, cases, contexts, tuple(found))
+
+
+_IS_SPEC: Final = re.compile(r"^r2bspec[ \t]*:", re.MULTILINE)
+
+
+class OpenSpecs:
+    """Texts by path, and what is known of those that are specs."""
+
+    def __init__(self) -> None:
+        self._texts: dict[Path, str] = {}
+        self._latest: dict[Path, Analysis] = {}
+        self._valid: dict[Path, Analysis] = {}
+        self.generation = 0
+
+    def change(self, path: Path, text: str) -> None:
+        """Take over a text that was opened or changed."""
+        self.generation += 1
+        self._texts[path] = text
+
+    def close(self, path: Path) -> None:
+        """Forget a text; what is on disk counts again."""
+        self.generation += 1
+        for known in (self._texts, self._latest, self._valid):
+            known.pop(path, None)
+
+    def touch(self) -> None:
+        """Take notice that a file on disk has changed."""
+        self.generation += 1
+
+    def text(self, path: Path) -> str:
+        """The newest text of a document; empty if it is not open."""
+        return self._texts.get(path, "")
+
+    def specs(self) -> list[Path]:
+        """The open documents that are specs, and not parts that only others extend."""
+        return [path for path, text in self._texts.items() if _IS_SPEC.search(text)]
+
+    def analyse(self, path: Path) -> Analysis:
+        """Analyse the newest text of a document; takes time, and keeps nothing."""
+        return analyse(path, self._texts.get(path, ""), self.unsaved())
+
+    def keep(self, analysis: Analysis) -> None:
+        """Keep an analysis as the newest one of its document."""
+        self._latest[analysis.path] = analysis
+        if analysis.context is not None:
+            self._valid[analysis.path] = analysis
+
+    def latest(self, path: Path) -> Analysis | None:
+        """The newest analysis; of an older text while a newer one is being analysed."""
+        return self._latest.get(path)
+
+    def latest_known(self, path: Path) -> Analysis | None:
+        """The newest analysis from which names can be proposed; otherwise the newest."""
+        latest = self._latest.get(path)
+        if latest is None or latest.known is not None:
+            return latest
+        return self._valid.get(path, latest)
+
+    def affected_by(self, path: Path) -> list[Path]:
+        """The open specs of which the findings may change with a document."""
+        specs = self.specs()
+        readers = [
+            each
+            for each in specs
+            if each != path and str(path) in getattr(self._latest.get(each), "sources", ())
+        ]
+        if path in specs:
+            return [path, *readers]
+        # Part of a spec, or a file that one names: an interface, parameters, a Python file.
+        return specs
+
+    def current(self, path: Path) -> Analysis:
+        """The analysis of the newest text; made now if there is none."""
+        latest = self._latest.get(path)
+        if latest is None or latest.text != self.text(path):
+            latest = self.analyse(path)
+            self.keep(latest)
+        return latest
+
+    def is_analysed(self, path: Path) -> bool:
+        """Whether the newest text of a document is the one that was analysed."""
+        latest = self._latest.get(path)
+        return latest is not None and latest.text == self.text(path)
+
+    def unsaved(self) -> Mapping[Path, str]:
+        """The texts of all open files, by their resolved paths.
+
+        An analysis asks on a thread of its own, while documents are opened and closed.
+        """
+        texts = list(self._texts.items())
+        return {_resolved(path): text for path, text in texts}
+
+
+def _resolved(path: Path) -> Path:
+    """The path without links; one that cannot be resolved, as in a loop of links, as it is."""
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError, ValueError):
+        return path

@@ -1,4 +1,4 @@
-"""Where in a document the cursor is, also in a text that is not valid at the moment.
+"""Where in a document the cursor is, also in a text that is not valid; what can be proposed there.
 
 The word at the cursor is replaced by a marker and the text is parsed; where the marker is in the
 tree tells the path, and whether a key or a value is being written. A text that cannot be parsed
@@ -8,14 +8,17 @@ with the marker as a value is tried with the marker as a key, then without what 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Final
+
+from lsprotocol import types
 
 from r2bspec.diagnostics import Path
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
 from r2bspec.language.source_text import Source
 from r2bspec.language.yaml_composer import compose
+from r2bspec.language_server.analysis import Analysis
 
 _MARKER: Final = "r2bspec_cursor_marker"
 _WORD: Final = re.compile(r"[^\s,:{}\[\]\"'#&*!|>%@`]*")
@@ -145,3 +148,28 @@ def _find(node: TreeNode, path: Path) -> _Found | None:
             if below is not None:
                 return below
     return None
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """One thing that can be written.
+
+    Attributes:
+        label: what is shown, and inserted if `insert` is empty.
+        insert: what is inserted instead of the label; the lines after the first one are relative
+            to the indentation of the first.
+        is_snippet: whether `insert` has placeholders.
+        order: lower ones are shown first.
+    """
+
+    label: str
+    detail: str = ""
+    documentation: str = ""
+    insert: str = ""
+    kind: types.CompletionItemKind = types.CompletionItemKind.Value
+    is_snippet: bool = False
+    order: int = 500
+
+
+ProposalSource = Callable[[Analysis, CursorContext], Iterator[Proposal]]
+"""What can be written at the path of a context."""

@@ -1,19 +1,77 @@
-"""Names of a spec, of its bag and of its nodes that can be written."""
+"""Names of a spec, of its bag and of its nodes that can be written, and which value takes which.
+
+Each source is a function of the analysis and the path; a table names the paths that it serves.
+Message types are that of the topic first, then those that are known.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
+from functools import cache
+from typing import Any, Final
 
 from lsprotocol import types
 
+from r2bspec.check.check_context import Context
+from r2bspec.check.installed_packages import installed_message_types
 from r2bspec.diagnostics import Path
+from r2bspec.language.declaration import rule_at
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode, lookup
+from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.language_server import proposed_values as files
 from r2bspec.language_server.analysis import Analysis
-from r2bspec.language_server.cursor_context import CursorContext
-from r2bspec.language_server.proposals import Proposal
+from r2bspec.language_server.cursor_context import CursorContext, Proposal, ProposalSource
+from r2bspec.language_server.proposed_values import quantities, requirements
 from r2bspec.language_server.symbols import names_of
+from r2bspec.wiring.name_resolution import expand
 from r2bspec.wiring.wiring import NodeWiring
+
+
+def message_types(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+    """Message types: of the topic in the same map, of the spec, of this machine."""
+    known = analysis.known
+    if known is not None:
+        owner = context.path[:-1]
+        for used in dict.fromkeys(_of_topics(known, owner, _topics_beside(analysis, owner))):
+            yield _proposal(used, "of this topic", 1)
+        ends = [each for phase in known.wiring.phases for each in phase.endpoints]
+        for used in dict.fromkeys(each.type for each in ends if each.type):
+            yield _proposal(used, "used in this spec", 5)
+    for name in sorted(installed_message_types()):
+        yield _proposal(name, "installed", 600)
+    for name in _common_types():
+        yield _proposal(name, "", 610)
+
+
+def _proposal(name: str, detail: str, order: int) -> Proposal:
+    return Proposal(name, detail, kind=types.CompletionItemKind.Struct, order=order)
+
+
+def _topics_beside(analysis: Analysis, owner: Path) -> Iterator[str]:
+    """The topics of the input or the monitor whose type is written."""
+    if owner[:2] == ("playback", "inputs"):
+        yield str(owner[-1])
+    tree = analysis.loaded.tree
+    for key in ("from", "topic"):
+        node = lookup(tree, (*owner, key)) if tree is not None else None
+        if isinstance(node, ScalarNode):
+            yield node.text
+
+
+def _of_topics(known: Context, owner: Path, topics: Iterator[str]) -> Iterator[str]:
+    """The types of topics, without what the entry that is written says itself."""
+    names = {expand(each, "", known.wiring.namespace) for each in topics if each}
+    for phase in known.wiring.phases:
+        for end in phase.endpoints:
+            if end.topic in names and end.type and owner not in {end.path, end.path[: len(owner)]}:
+                yield end.type
+
+
+@cache
+def _common_types() -> tuple[str, ...]:
+    from r2bspec.check.message_types import common_types
+
+    return tuple(sorted(common_types()))
 
 
 def variable_value(analysis: Analysis, name: str) -> str:
@@ -200,3 +258,118 @@ def _axes(analysis: Analysis) -> dict[str, TreeNode]:
 def _texts(axis: TreeNode | None) -> list[str]:
     items = axis.items if isinstance(axis, ListNode) else ()
     return [each.text for each in items if isinstance(each, ScalarNode)]
+
+
+def proposed_values(analysis: Analysis | None, context: CursorContext) -> Iterator[Proposal]:
+    """The values that can be written at the path of a context."""
+    if analysis is not None:
+        for pattern, source in _VALUES:
+            if _matches(context.path, pattern):
+                yield from source(analysis, context)
+    yield from _schema_values(context)
+
+
+def names_as_keys(analysis: Analysis | None, context: CursorContext) -> Iterator[Proposal]:
+    """The names that can be the keys of the map at the path of a context."""
+    if analysis is not None:
+        for pattern, source in _KEYS:
+            if _matches(context.path, pattern):
+                for each in source(analysis, context):
+                    yield each if context.has_colon else _as_key(each)
+
+
+def _as_key(each: Proposal) -> Proposal:
+    return Proposal(
+        each.label,
+        each.detail,
+        each.documentation,
+        f"{each.insert or each.label}: ",
+        each.kind,
+        each.is_snippet,
+        each.order,
+    )
+
+
+def _matches(path: Path, pattern: Sequence[str]) -> bool:
+    """Whether a path fits a pattern: ``*`` is any part, ``**`` at first any beginning."""
+    if pattern[0] == "**":
+        tail = pattern[1:]
+        return len(path) >= len(tail) and _matches(path[len(path) - len(tail) :], tail)
+    return len(path) == len(pattern) and all(
+        wanted in {"*", part} for part, wanted in zip(path, pattern, strict=True)
+    )
+
+
+def _schema_values(context: CursorContext) -> Iterator[Proposal]:
+    rule = rule_at(context.path)
+    if rule is None:
+        return
+    yield from quantities(rule, context.before)
+    if rule.kinds == ("boolean",):
+        yield from (Proposal(each, order=10) for each in ("true", "false"))
+    default = rule.shown_default
+    if rule.const is not None:
+        yield Proposal(str(rule.const), order=10)
+    for word in rule.words:
+        yield Proposal(
+            str(word),
+            detail="default" if word == default else "",
+            kind=types.CompletionItemKind.EnumMember,
+            order=10,
+        )
+    if isinstance(default, str | int | float) and default != "" and not rule.is_choice:
+        yield Proposal(
+            str(default).lower() if isinstance(default, bool) else str(default), "default", order=20
+        )
+    for example in rule.about.examples:
+        if isinstance(example, str) and rule.quantity is not Requirement:
+            yield Proposal(example, "example", order=800)
+
+
+_VALUES: Final[tuple[tuple[tuple[str, ...], ProposalSource], ...]] = (
+    (("slos", "*", "require"), requirements),
+    (("slos", "*", "require", "*"), requirements),
+    (("benchmark", "search", "holds"), requirements),
+    (("benchmark", "search", "holds", "*"), requirements),
+    (("slos", "*", "at"), rates),
+    (("slos", "*", "when", "*"), axis_values),
+    (("matrix", "exclude", "*", "*"), axis_values),
+    (("data_loader", "bag"), files.recordings),
+    (("data_loader", "bag", "dataset"), files.recordings),
+    (("data_loader", "bag", "path"), files.recordings),
+    (("data_loader", "topics", "*"), graph_topics),
+    (("playback", "inputs", "*", "from"), graph_topics),
+    (("playback", "inputs", "*", "format"), message_types),
+    (("monitors", "*", "topic"), graph_topics),
+    (("monitors", "*", "format"), message_types),
+    (("monitors", "*", "answers", "*"), inputs),
+    (("**", "remappings", "*"), graph_topics),
+    (("**", "publishes", "*"), message_types),
+    (("**", "subscribes", "*"), message_types),
+    (("**", "container"), containers),
+    (("**", "python"), files.python_classes),
+    (("**", "package"), files.packages),
+    (("**", "executable"), files.executables),
+    (("**", "plugin"), files.plugins),
+    (("extends",), files.yaml_files),
+    (("extends", "*"), files.yaml_files),
+    (("**", "launch", "path"), files.any_file),
+    (("**", "launch", "file"), files.launch_files),
+    (("**", "parameters"), files.yaml_files),
+    (("**", "parameters", "*"), parameter_values),
+    (("**", "parameters", "*", "*"), parameter_values),
+)
+
+_KEYS: Final[tuple[tuple[tuple[str, ...], ProposalSource], ...]] = (
+    (("data_loader", "topics"), bag_topics),
+    (("playback", "inputs"), input_topics),
+    (("**", "remappings"), own_topics),
+    (("graph", "nodes", "*", "parameters"), parameters),
+    (("graph", "nodes", "*", "parameters", "*"), parameters),
+    (("preprocessors", "*", "parameters"), parameters),
+    (("preprocessors", "*", "parameters", "*"), parameters),
+    (("slos", "*", "when"), case_variables),
+    (("matrix", "exclude", "*"), axes),
+    (("matrix", "cases", "*"), case_variables),
+    (("matrix", "axes"), variables),
+)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, BinaryIO, Final, TypeVar, cast
 
 from lsprotocol import types
 from pygls.exceptions import JsonRpcInvalidParams
@@ -17,26 +18,28 @@ from pygls.uris import to_fs_path
 
 from r2bspec._version import __version__
 from r2bspec.diagnostics import Span
-from r2bspec.language_server import editor_commands as commands
-from r2bspec.language_server.analysis import Analysis
-from r2bspec.language_server.code_actions import code_actions
-from r2bspec.language_server.code_lenses import code_lenses
-from r2bspec.language_server.completion_items import TRIGGERS, ClientAbilities, complete
-from r2bspec.language_server.hover import hover
-from r2bspec.language_server.inlay_hints import inlay_hints
-from r2bspec.language_server.navigation import (
+from r2bspec.language_server import commands
+from r2bspec.language_server.analysis import Analysis, OpenSpecs
+from r2bspec.language_server.commands import REQUEST as CASES
+from r2bspec.language_server.commands import SpecCase, code_lenses, spec_cases
+from r2bspec.language_server.completion import TRIGGERS, ClientCapabilities, complete
+from r2bspec.language_server.findings import code_actions, diagnostics_by_file, uri
+from r2bspec.language_server.positions import TextPositions
+from r2bspec.language_server.reading import (
+    document_symbols,
+    folding_ranges,
+    hover,
+    inlay_hints,
+    selection_range,
+)
+from r2bspec.language_server.symbols import (
     RenameError,
     definitions,
-    references,
+    references_at,
     renamable,
     rename,
 )
-from r2bspec.language_server.open_specs import OpenSpecs
-from r2bspec.language_server.outline import document_symbols, folding_ranges, selection_range
-from r2bspec.language_server.publish_diagnostics import diagnostics_by_file, uri
-from r2bspec.language_server.spec_cases import REQUEST as CASES
-from r2bspec.language_server.spec_cases import SpecCase, spec_cases
-from r2bspec.language_server.text_positions import TextPositions
+from r2bspec.language_server.transport import AnsweringProtocol, MessageInput
 from r2bspec.untrusted.errors import RefusedFileError
 from r2bspec.untrusted.safe_file import read_text
 
@@ -48,6 +51,9 @@ MAX_WAIT_S: Final = 0.5
 """Time that a completion waits for the analysis of the text; then an older one must do."""
 
 _MAX_FILE_BYTES: Final = 10_000_000
+
+_MAX_SHOWN: Final = 200
+"""Characters of a URI that a message shows."""
 
 _SUFFIXES: Final = {
     commands.PLAN: "json",
@@ -63,12 +69,16 @@ class SpecLanguageServer(LanguageServer):
     """The server of one editor."""
 
     def __init__(self) -> None:
-        super().__init__("r2bspec", __version__)
+        super().__init__("r2bspec", __version__, protocol_cls=AnsweringProtocol)
         self.specs = OpenSpecs()
         self._task: asyncio.Task[None] | None = None
         self._waiting: set[Path] = set()
         self._published: dict[str, frozenset[str]] = {}
         self._running: set[asyncio.Task[None]] = set()
+
+    def start_io(self, stdin: BinaryIO | None = None, stdout: BinaryIO | None = None) -> None:
+        """Serve the editor that is at the other end of standard input and output."""
+        super().start_io(cast("BinaryIO", MessageInput(stdin or sys.stdin.buffer)), stdout)
 
     def text_of(self, path: Path) -> str:
         """The text of a file: as it is open, or what is on disk; empty if there is none."""
@@ -267,7 +277,15 @@ def create_server() -> SpecLanguageServer:
 
 
 def _path(document_uri: str) -> Path:
-    return Path(to_fs_path(document_uri) or document_uri)
+    """The path of a document.
+
+    Raises:
+        JsonRpcInvalidParams: no file can have this name.
+    """
+    path = to_fs_path(document_uri) or document_uri
+    if "\0" in path:
+        raise JsonRpcInvalidParams(f"no file can have this name: {document_uri[:_MAX_SHOWN]}")
+    return Path(path)
 
 
 def _add_documents(server: SpecLanguageServer) -> None:
@@ -322,7 +340,7 @@ def _add_reading(server: SpecLanguageServer) -> None:
             server.specs.latest_known(path),
             server.positions_of(str(path)),
             params.position,
-            _abilities(server),
+            _completion_capabilities(server),
         )
         return types.CompletionList(is_incomplete=False, items=items)
 
@@ -341,11 +359,11 @@ def _add_reading(server: SpecLanguageServer) -> None:
         return list(inlay_hints(analysis, server.positions_of(str(analysis.path))))
 
 
-def _abilities(server: SpecLanguageServer) -> ClientAbilities:
+def _completion_capabilities(server: SpecLanguageServer) -> ClientCapabilities:
     document = server.client_capabilities.text_document
     completion = document.completion if document is not None else None
     item = completion.completion_item if completion is not None else None
-    return ClientAbilities(
+    return ClientCapabilities(
         snippets=bool(item is not None and item.snippet_support),
         # Editors whose snippets are not adjusted say so; most do it without a word.
         adjusts=completion is None or completion.insert_text_mode is not types.InsertTextMode.AsIs,
@@ -373,13 +391,13 @@ def _add_navigation(server: SpecLanguageServer) -> None:
         place = _place(server, params.text_document.uri, params.position)
         if place is None:
             return []
-        found = references(*place, with_definition=params.context.include_declaration)
+        found = references_at(*place, with_definition=params.context.include_declaration)
         return [server.location(each.span) for each in found]
 
     @server.feature(types.TEXT_DOCUMENT_DOCUMENT_HIGHLIGHT)
     def highlighted(params: types.DocumentHighlightParams) -> list[types.DocumentHighlight]:
         place = _place(server, params.text_document.uri, params.position)
-        found = references(*place, with_definition=True) if place else []
+        found = references_at(*place, with_definition=True) if place else []
         return [
             types.DocumentHighlight(server.location(each.span).range)
             for each in found

@@ -156,7 +156,7 @@ static void on_messages(const void *subject, size_t count)
 
 /* ---- topics ---- */
 
-/* Unsubscribes from all topics, or from those that are watched for a while; their rows stay. */
+/* Unsubscribes from all topics, or from those that are tapped for a while; their rows stay. */
 static void remove_watched(monitor_t *monitor, bool all)
 {
   for (watched_t **at = &monitor->watched; *at != NULL;) {
@@ -175,7 +175,7 @@ static void remove_watched(monitor_t *monitor, bool all)
   }
 }
 
-/* Subscribes to {TYPE ROWS QOS TOPIC}. A topic that is watched for a while is left out if its type
+/* Subscribes to {TYPE ROWS QOS TOPIC}. A topic that is tapped for a while is left out if its type
  * is not installed. */
 static int subscribe_to(monitor_t *monitor, bool temporary)
 {
@@ -234,14 +234,14 @@ static int send_matches(monitor_t *monitor)
 static int execute(monitor_t *monitor)
 {
   const char *command = next_word(monitor->channel);
-  const bool temporary = strcmp(command, "watch") == 0;
+  const bool temporary = strcmp(command, "start_tap") == 0;
   if (temporary || strcmp(command, "subscribe") == 0) {
     for (int64_t left = next_number(monitor->channel); left > 0; --left) {
       if (subscribe_to(monitor, temporary) < 0) {
         return -1;
       }
     }
-  } else if (strcmp(command, "unwatch") == 0) {
+  } else if (strcmp(command, "stop_tap") == 0) {
     remove_watched(monitor, false);
   } else if (strcmp(command, "count") != 0) {
     return 1;

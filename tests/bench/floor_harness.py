@@ -180,7 +180,7 @@ def floor(
             60.0,
         )
         schedule = CyclicSchedule(steps=tuple((number,) for number in range(COPIES)))
-        children.request(player, protocol.Follow(schedule=schedule), protocol.Ready, 60.0)
+        children.request(player, protocol.LoadSchedule(schedule=schedule), protocol.Ready, 60.0)
         children.request(monitor, watch, protocol.Ready, 60.0)
         start_s = time.monotonic() - began_s
         children.request(monitor, protocol.Subscribe(monitors=plans), protocol.Matched, 10.0)

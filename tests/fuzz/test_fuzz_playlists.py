@@ -14,8 +14,8 @@ pytest.importorskip("rclpy")
 
 from native_playlists import SANITIZERS, LonePlayer, player_without_ros
 from r2bspec.ipc.buffers import BufferWriter, buffer_path
+from r2bspec.ipc.playback_events import read_round
 from r2bspec.ipc.playback_file import write_playback, write_playlist
-from r2bspec.ipc.playlist import read_round
 from r2bspec.ipc.schedule import (
     BetweenMessage,
     CyclicSchedule,

@@ -29,13 +29,12 @@ from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervis
 from r2bspec.ipc import protocol
 from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.buffers import BufferWriter
-from r2bspec.ipc.header_stamps import read_stamp, write_stamp
-from r2bspec.ipc.message_log import read_messages
 from r2bspec.ipc.native_protocol import NativeCodec
 from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
+from r2bspec.ipc.sample_files import StallLogReader, read_messages
 from r2bspec.ipc.schedule import CyclicSchedule
-from r2bspec.ipc.stall_log import StallLogReader
+from r2bspec.ipc.stamps import read_stamp, write_stamp
 from r2bspec.language.spec import QoS
 from r2bspec.native.build import find_compiler
 from r2bspec.native.errors import BuildError
@@ -134,7 +133,7 @@ class Harness:
         )
         assert ready.headers == {TOPIC: True}
         schedule = CyclicSchedule(steps=tuple((n,) for n in range(len(SIZES))))
-        self.ask(player, protocol.Follow(schedule=schedule), protocol.Ready)
+        self.ask(player, protocol.LoadSchedule(schedule=schedule), protocol.Ready)
 
     def configure(self, player: ManagedProcess, monitor: ManagedProcess) -> None:
         self.configure_player(player)
@@ -269,11 +268,11 @@ def test_what_is_watched_for_a_while_is_watched_no_more(
             (".unknown", "/unknown", "no_such_msgs/msg/Thing"),
         )
     )
-    counts = harness.ask(monitor, protocol.Watch(monitors=plans)).counts
+    counts = harness.ask(monitor, protocol.StartTap(monitors=plans)).counts
     assert set(counts) == {TOPIC, "/nobody"}
     harness.match(player, count=2)
     assert not (harness.rows / ".unknown.rows").exists()
-    harness.ask(monitor, protocol.Unwatch())
+    harness.ask(monitor, protocol.StopTap())
     deadline = time.monotonic() + HANG_S
     while harness.ask(player, protocol.CountMatches()).counts[TOPIC] != 1:
         assert time.monotonic() < deadline
@@ -291,9 +290,9 @@ def test_sanitizers_find_nothing(harness: Harness) -> None:
     harness.match(player, monitor)
     for name in (".again", ".twice"):
         again = msgspec.structs.replace(OUT, name=name)
-        harness.ask(monitor, protocol.Watch(monitors=(again,)))
+        harness.ask(monitor, protocol.StartTap(monitors=(again,)))
         harness.ask(player, protocol.Play(rate_hz=100.0, steps=7), protocol.Played)
-        harness.ask(monitor, protocol.Unwatch())
+        harness.ask(monitor, protocol.StopTap())
     harness.received("out", 14)
     harness.children.end([player, monitor])
     for name, child in (("player", player), ("monitor", monitor)):

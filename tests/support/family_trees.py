@@ -11,8 +11,8 @@ from pathlib import Path
 
 import psutil
 
+from r2bspec.ipc.process_cleanup import Session, SessionLeader
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
-from r2bspec.ipc.sessions import Session, SessionLeader
 
 _DEADLINE_S = 30.0
 

@@ -12,9 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from r2bspec.ipc.buffers import BufferWriter
-from r2bspec.ipc.playback_events import ENTRY_DTYPE
+from r2bspec.ipc.playback_events import ENTRY_DTYPE, read_round
 from r2bspec.ipc.playback_file import HEADER_BYTES, write_playback
-from r2bspec.ipc.playlist import read_round
 from r2bspec.ipc.schedule import (
     ALL_INPUTS,
     NO_STEP,
@@ -22,7 +21,7 @@ from r2bspec.ipc.schedule import (
     Schedule,
     TimelineSchedule,
 )
-from r2bspec.ipc.transform_stamps import TF
+from r2bspec.ipc.stamps import TF
 
 MESSAGE_BYTES = 12
 

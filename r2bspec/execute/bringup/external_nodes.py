@@ -23,7 +23,7 @@ def wait_for_external(
     wanted = {each.name for each in plan.external if each.phase == "measure"}
     while True:
         survey = supervisor.request(
-            observer, protocol.Survey(), protocol.Surveyed, _REPLY_TIMEOUT_S
+            observer, protocol.ListGraph(), protocol.GraphSnapshot, _REPLY_TIMEOUT_S
         )
         missing = sorted(wanted - set(survey.nodes))
         if not missing:

@@ -403,7 +403,7 @@ class Launcher:
             child,
             protocol.ConfigureCaller(
                 service=step.service,
-                type=step.service_type,
+                service_type=step.service_type,
                 request=self._environment.secrets.in_value(step.request),
                 timeout_ns=step.timeout_ns,
             ),

@@ -87,7 +87,7 @@ def _is_ready(
             raise AssertionError("a log is searched by LogSearch")
         case "service":
             survey = supervisor.request(
-                observer, protocol.Survey(), protocol.Surveyed, _REPLY_TIMEOUT_S
+                observer, protocol.ListGraph(), protocol.GraphSnapshot, _REPLY_TIMEOUT_S
             )
             return plan.target in survey.services
         case "topic":

@@ -73,7 +73,7 @@ class GraphObserver:
 
     def look(self) -> GraphFacts:
         """The endpoints that discovery shows at this moment; there may be more."""
-        found = self._ask(protocol.Survey(), protocol.Surveyed)
+        found = self._ask(protocol.ListGraph(), protocol.GraphSnapshot)
         return self._gather(found, self._discover(found))
 
     def observe(self) -> GraphFacts:
@@ -102,7 +102,7 @@ class GraphObserver:
             for number, (topic, publishers) in enumerate(discovered.writers.items())
             if publishers
         )
-        self._ask_monitor(protocol.Watch(monitors=watches))
+        self._ask_monitor(protocol.StartTap(monitors=watches))
         self._wait_for_matches({each.topic for each in watches})
         files = {
             each.topic: ArrivalReader(rows_dir / f"{each.name}.rows", MONITOR_FIELDS)
@@ -115,18 +115,18 @@ class GraphObserver:
         play()
         self._wait_for_quiet(files.values())
         passed = {topic: rows.count() - before[topic] for topic, rows in files.items()}
-        self._ask_monitor(protocol.Unwatch())
+        self._ask_monitor(protocol.StopTap())
         return self._gather(found, discovered, passed)
 
-    def _wait_for_discovery(self) -> tuple[protocol.Surveyed, protocol.Discovered]:
+    def _wait_for_discovery(self) -> tuple[protocol.GraphSnapshot, protocol.Discovered]:
         """The result of discovery when it no longer changes; at first it is incomplete."""
         deadline = time.monotonic() + _MAX_DISCOVERY_S
-        found = self._ask(protocol.Survey(), protocol.Surveyed)
+        found = self._ask(protocol.ListGraph(), protocol.GraphSnapshot)
         discovered = self._discover(found)
         while time.monotonic() < deadline:
             before = _endpoints(discovered)
             self._supervisor.pump(_DISCOVERY_INTERVAL_S)
-            found = self._ask(protocol.Survey(), protocol.Surveyed)
+            found = self._ask(protocol.ListGraph(), protocol.GraphSnapshot)
             discovered = self._discover(found)
             if _endpoints(discovered) == before and self._knows_all_endpoints(discovered):
                 break
@@ -145,14 +145,14 @@ class GraphObserver:
             if each.phase == self._phase and {"player", "loader"} & {*each.writers}
         )
 
-    def _discover(self, found: protocol.Surveyed) -> protocol.Discovered:
+    def _discover(self, found: protocol.GraphSnapshot) -> protocol.Discovered:
         planned = {each.name for each in self._plan.topics if each.phase == self._phase}
         names = tuple(sorted({*planned, *found.topics} - {*_COMMON_TOPICS}))
         return self._ask(protocol.Discover(topics=names), protocol.Discovered)
 
     def _gather(
         self,
-        found: protocol.Surveyed,
+        found: protocol.GraphSnapshot,
         discovered: protocol.Discovered,
         passed: dict[str, int] | None = None,
     ) -> GraphFacts:

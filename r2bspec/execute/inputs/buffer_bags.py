@@ -16,8 +16,7 @@ from r2bspec.bags.recording import Message, Window
 from r2bspec.execute.inputs.transform_schedule import merge_static
 from r2bspec.execute.progress import Progress
 from r2bspec.ipc.buffers import BufferWriter
-from r2bspec.ipc.header_stamps import read_stamp
-from r2bspec.ipc.transform_stamps import TF, TF_STATIC, TF_TYPE
+from r2bspec.ipc.stamps import TF, TF_STATIC, TF_TYPE, read_stamp
 from r2bspec.plan.plan import DatasetPlan
 
 

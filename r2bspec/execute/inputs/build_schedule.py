@@ -19,7 +19,7 @@ from r2bspec.execute.inputs.timeline import make_timeline, times_by_stamp
 from r2bspec.execute.inputs.transform_schedule import place_transforms
 from r2bspec.ipc.buffers import BufferIndex, buffered_transforms, read_index, read_stamps
 from r2bspec.ipc.schedule import BetweenMessage, CyclicSchedule, Schedule, TimelineSchedule
-from r2bspec.ipc.transform_stamps import TF
+from r2bspec.ipc.stamps import TF
 from r2bspec.measure.matching import input_mask
 from r2bspec.plan.plan import InputPlan, Plan
 from r2bspec.record.run_record import UnplayedMessages

@@ -9,7 +9,7 @@ from typing import Any
 from r2bspec.execute.inputs.recorded_rate import step_intervals
 from r2bspec.ipc.buffers import BufferIndex
 from r2bspec.ipc.schedule import CyclicTransform
-from r2bspec.ipc.transform_stamps import TF_TYPE
+from r2bspec.ipc.stamps import TF_TYPE
 
 
 def merge_static(messages: Sequence[bytes]) -> bytes:

@@ -102,7 +102,7 @@ def measure_harness_overhead(
     files = [ArrivalReader(rows_dir / f"{each.name}.rows", MONITOR_FIELDS) for each in watches]
     played = PlaybackReader(rows_dir / playback, PLAYBACK_FIELDS)
     supervisor.request(
-        monitor, protocol.Watch(monitors=watches), protocol.Matched, _REPLY_TIMEOUT_S
+        monitor, protocol.StartTap(monitors=watches), protocol.Matched, _REPLY_TIMEOUT_S
     )
     records: tuple[FloorRecord, ...] = ()
     watched = [each.topic for each in watches]
@@ -144,7 +144,7 @@ def measure_harness_overhead(
             )
 
         records = _quietest(measure)
-    supervisor.request(monitor, protocol.Unwatch(), protocol.Matched, _REPLY_TIMEOUT_S)
+    supervisor.request(monitor, protocol.StopTap(), protocol.Matched, _REPLY_TIMEOUT_S)
     # The start waits for nodes by counting subscriptions, which must not include these.
     _wait_for_matches(supervisor, player, topics, wanted=False)
     return records

@@ -24,7 +24,7 @@ from r2bspec.execute.measurement.message_recording import MessageRecording
 from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.ipc.arrivals import ArrivalReader
-from r2bspec.ipc.message_log import read_messages
+from r2bspec.ipc.sample_files import read_messages
 from r2bspec.measure.matching import NO_MATCH, match, ratio_of, select_expected_steps
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.record.run_folder import RunFolder

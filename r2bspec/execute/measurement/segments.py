@@ -32,8 +32,8 @@ from r2bspec.execute.progress import Progress
 from r2bspec.ipc import protocol
 from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.playback_file import PlaybackReader
+from r2bspec.ipc.sample_files import StallLogReader
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
-from r2bspec.ipc.stall_log import StallLogReader
 from r2bspec.measure.run_samples import NO_STAMPS, SegmentRows, segment_samples
 from r2bspec.measure.samples import SegmentSamples
 from r2bspec.measure.step_stamps import StepStamps

@@ -24,8 +24,8 @@ from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, 
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.buffers import read_index, read_stamps
-from r2bspec.ipc.message_log import read_messages
 from r2bspec.ipc.playback_file import PlaybackReader
+from r2bspec.ipc.sample_files import read_messages
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
 from r2bspec.measure.matching import NO_MATCH, match, ratio_of, select_expected_steps
 from r2bspec.measure.truth_accuracy import DisparityAccuracy, TagAccuracy, TagPose

@@ -13,7 +13,7 @@ from r2bspec.ipc import protocol
 class MonitorGroup(ManagedProcess):
     """Sends commands to all monitors, and joins their answers to one.
 
-    What is watched for a while only (`protocol.Watch`) is watched by the first of them.
+    What is tapped for a while only (`protocol.StartTap`) is tapped by the first of them.
 
     Args:
         members: the monitors, each with the names of its topics; they have been configured.
@@ -31,7 +31,7 @@ class MonitorGroup(ManagedProcess):
     def send(self, message: Any) -> None:
         """Send a command to those that it is for."""
         commands = {each: self._part_of(message, names) for each, names in self._members}
-        if isinstance(message, protocol.Watch | protocol.Unwatch):
+        if isinstance(message, protocol.StartTap | protocol.StopTap):
             commands = {self._members[0][0]: message}
         self._asked = [each for each, command in commands.items() if command is not None]
         self._matched.clear()

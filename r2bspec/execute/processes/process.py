@@ -15,7 +15,7 @@ import msgspec
 
 from r2bspec.ipc import protocol
 from r2bspec.ipc.native_protocol import NativeCodec
-from r2bspec.ipc.sessions import Session, SessionLeader
+from r2bspec.ipc.process_cleanup import Session, SessionLeader
 
 _SEND_TIMEOUT_S = 10.0
 _PART_EXIT_S = 2.0

@@ -24,9 +24,8 @@ from r2bspec.execute.processes.process_logs import LogLimiter, open_log
 from r2bspec.execute.processes.shared_memory_modes import SharedMemoryModes
 from r2bspec.execute.processes.shutdown import MAX_SIGTERM_S, end_sequentially
 from r2bspec.ipc import protocol
-from r2bspec.ipc.disk_errors import is_refusal
-from r2bspec.ipc.process_cleanup import clean_up, run_processes
-from r2bspec.ipc.sessions import SessionLeader
+from r2bspec.ipc.process_cleanup import SessionLeader, clean_up, run_processes
+from r2bspec.ipc.sample_files import is_refusal
 from r2bspec.middleware.middleware import middleware_of
 from r2bspec.private_files import PRIVATE_UMASK
 from r2bspec.record.run_record import ProcessRecord

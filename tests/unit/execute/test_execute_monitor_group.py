@@ -73,7 +73,7 @@ def test_the_answer_is_complete_with_that_of_the_last(
 def test_what_is_watched_for_a_while_is_watched_by_the_first(
     group: MonitorGroup, members: list[Member]
 ) -> None:
-    group.send(protocol.Watch(monitors=()))
+    group.send(protocol.StartTap(monitors=()))
     assert [len(each.commands()) for each in members] == [1, 0]
     members[0].reply(protocol.Matched(counts={}))
     assert len(group.inbox) == 1

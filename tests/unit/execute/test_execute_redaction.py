@@ -9,7 +9,7 @@ import pytest
 
 from r2bspec.execute.processes.process import ManagedProcess
 from r2bspec.execute.processes.redaction import make_redactor
-from r2bspec.ipc.sessions import SessionLeader
+from r2bspec.ipc.process_cleanup import SessionLeader
 
 ENVIRON = {
     "API_TOKEN": "abc.+(123",

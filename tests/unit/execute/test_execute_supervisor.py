@@ -166,7 +166,8 @@ def test_a_command_that_a_stopped_child_does_not_take_blocks_nobody(
     monkeypatch.setattr(child_module, "_SEND_TIMEOUT_S", 0.3)
     child = stage.start(ANSWERS)
     os.kill(child.pid, signal.SIGSTOP)
-    large = protocol.Follow(schedule=CyclicSchedule(steps=tuple((n,) for n in range(300_000))))
+    steps = tuple((number,) for number in range(300_000))
+    large = protocol.LoadSchedule(schedule=CyclicSchedule(steps=steps))
     with pytest.raises(RunError, match="did not respond"):
         stage.children.request(child, large, protocol.Ready, 0.2)
 

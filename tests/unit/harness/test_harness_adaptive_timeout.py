@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from r2bspec.harness.adaptive_timeout import AdaptiveTimeout
+import pytest
+
+pytest.importorskip("rclpy")
+
+from r2bspec.harness.loader import AdaptiveTimeout
 
 SECOND = 1_000_000_000
 

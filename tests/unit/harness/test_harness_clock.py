@@ -9,7 +9,7 @@ pytest.importorskip("rclpy")
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 
-from r2bspec.harness.clock_publisher import clock_message
+from r2bspec.harness.observer import clock_message
 
 
 def test_a_time_is_read_as_it_was_written() -> None:

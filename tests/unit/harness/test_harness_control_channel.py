@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import socket
 import threading
-import typing
 from collections.abc import Iterator
 from typing import Any
 
@@ -51,10 +50,10 @@ COMMANDS: list[protocol.Command] = [
     protocol.ConfigurePlayer(
         inputs=(INPUT, INPUT), buffer_dir="/b", rows="/rows", transforms=("/tf",)
     ),
-    protocol.Follow(
+    protocol.LoadSchedule(
         schedule=CyclicSchedule(steps=((0, 1), (2, 3)), transforms=(CyclicTransform(0.5, 7, -1),))
     ),
-    protocol.Follow(
+    protocol.LoadSchedule(
         schedule=TimelineSchedule(
             steps=(TimelineStep(5, 1),),
             messages=(TimelineMessage(0, 0, 0, 3),),
@@ -70,7 +69,10 @@ COMMANDS: list[protocol.Command] = [
     protocol.ConfigureHost(nodes=(NODE,), base_dir="/spec"),
     protocol.Prepare(packages=("sensor_msgs",)),
     protocol.ConfigureCaller(
-        service="/r2b/start", type="std_srvs/srv/SetBool", request={"data": True}, timeout_ns=1
+        service="/r2b/start",
+        service_type="std_srvs/srv/SetBool",
+        request={"data": True},
+        timeout_ns=1,
     ),
     protocol.ConfigureHarness(parts=("player", "monitor")),
     protocol.ConfigureComponents(
@@ -81,12 +83,13 @@ COMMANDS: list[protocol.Command] = [
     protocol.Subscribe(monitors=(MONITOR,)),
     protocol.Record(monitors=(MONITOR,), folder="/rows"),
     protocol.EndRecording(),
-    protocol.Watch(monitors=(MONITOR,)),
-    protocol.Unwatch(),
+    protocol.StartTap(monitors=(MONITOR,)),
+    protocol.StopTap(),
     protocol.CountMatches(),
     protocol.ListModules(),
     protocol.Discover(topics=("/a", "/b")),
-    protocol.Survey(),
+    protocol.ListGraph(),
+    protocol.ListModules(),
     protocol.ListParameters(exclude=("/r2b/relay",), timeout_ns=1),
     protocol.ListForeign(),
     protocol.Load(max_output_gap_ns=5_000_000_000),
@@ -95,6 +98,7 @@ COMMANDS: list[protocol.Command] = [
     protocol.Shutdown(),
 ]
 REPLIES: list[protocol.Reply] = [
+    protocol.Modules(files=("/module.py",)),
     protocol.Prepared(),
     protocol.Ready(),
     protocol.Ready(
@@ -106,7 +110,7 @@ REPLIES: list[protocol.Reply] = [
     protocol.Matched(counts={"/a": 0, "/b": 2}),
     protocol.Modules(files=("/a/b.py",)),
     protocol.Discovered(writers={"/a": (ENDPOINT,)}, readers={"/a": ()}),
-    protocol.Surveyed(nodes=("/r2b/relay",), services=()),
+    protocol.GraphSnapshot(nodes=("/r2b/relay",), services=()),
     protocol.ParameterLists(parameters={"/r2b/a": ("gain",)}, lifecycle=("/r2b/a",)),
     protocol.ForeignPublishers(
         publishers=(
@@ -154,8 +158,8 @@ def test_every_reply_is_one_line_that_reads_back(
 
 
 def test_every_message_of_the_protocol_is_among_these() -> None:
-    assert {type(each) for each in COMMANDS} == set(typing.get_args(protocol.Command))
-    assert {type(each) for each in REPLIES} == set(typing.get_args(protocol.Reply))
+    assert {type(each) for each in COMMANDS} == set(protocol.Command.__subclasses__())
+    assert {type(each) for each in REPLIES} == set(protocol.Reply.__subclasses__())
 
 
 def test_parameters_keep_their_types() -> None:
@@ -173,7 +177,8 @@ def test_parameters_keep_their_types() -> None:
 
 
 @pytest.mark.parametrize(
-    "line", [b"", b"{}", b"[]", b'{"say":"Dance"}', b'{"say":"Play"}', b'{"say":"Ready"}', b"\xff"]
+    "line",
+    [b"", b"{}", b"[]", b'{"type":"Dance"}', b'{"type":"Play"}', b'{"type":"Ready"}', b"\xff"],
 )
 def test_what_is_no_command_is_refused(line: bytes) -> None:
     with pytest.raises((msgspec.DecodeError, UnicodeDecodeError)):
@@ -199,7 +204,7 @@ def test_a_command_larger_than_the_sockets_buffer_arrives_whole(
 ) -> None:
     channel, controller = ends
     steps = tuple((number, number + 1) for number in range(100_000))
-    sent = protocol.Follow(schedule=CyclicSchedule(steps=steps))
+    sent = protocol.LoadSchedule(schedule=CyclicSchedule(steps=steps))
     thread = threading.Thread(target=controller.sendall, args=(protocol.encode(sent),))
     thread.start()
     assert channel.receive() == sent

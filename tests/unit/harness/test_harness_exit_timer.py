@@ -12,7 +12,7 @@ HANG_S = 60.0
 
 PROGRAM = """
 import ctypes, sys, time
-from r2bspec.harness.exit_timer import start_exit_timer
+from r2bspec.harness.child import start_exit_timer
 start_exit_timer(float(sys.argv[1]), int(sys.argv[2]))
 {then}
 """

@@ -14,7 +14,7 @@ import pytest
         "harness.control_channel",
         "harness.watchdog",
         "ipc.buffers",
-        "ipc.header_stamps",
+        "ipc.stamps",
         "ipc.process_cleanup",
         "ipc.protocol",
         "ipc.sample_files",

@@ -6,7 +6,9 @@ from typing import Any
 
 import pytest
 
-from r2bspec.harness.load_node_request import (
+pytest.importorskip("rclpy")
+
+from r2bspec.harness.service_client import (
     ComponentError,
     load_error,
     load_request,

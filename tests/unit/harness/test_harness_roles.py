@@ -8,7 +8,7 @@ import socket
 
 import pytest
 
-from r2bspec.harness import roles
+from r2bspec.harness import child
 from r2bspec.harness.control_channel import Channel
 from r2bspec.ipc import protocol
 
@@ -17,13 +17,13 @@ def last_words(monkeypatch: pytest.MonkeyPatch, error: Exception) -> protocol.Fa
     """What a process tells the controller when its role ends with an error."""
     ours, theirs = socket.socketpair()
 
-    def fail(*_: object) -> roles.Role:
+    def fail(*_: object) -> child.Role:
         raise error
 
-    monkeypatch.setattr(roles, "_make_role", fail)
+    monkeypatch.setattr(child, "_make_role", fail)
     with ours, theirs:
-        ours.sendall(protocol.encode(protocol.Survey()))
-        assert roles.play_role(Channel(theirs)) == 1
+        ours.sendall(protocol.encode(protocol.ListGraph()))
+        assert child.play_role(Channel(theirs)) == 1
         said = protocol.decode_reply(ours.recv(1 << 16))
     assert isinstance(said, protocol.Failed)
     return said

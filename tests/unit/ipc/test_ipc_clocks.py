@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from r2bspec.ipc.clocks import ClockOffsetTracker, read_clocks
+from r2bspec.ipc.arrivals import ClockOffsetTracker, read_clocks
 
 MS = 1_000_000
 HOUR = 3600 * 1000 * MS

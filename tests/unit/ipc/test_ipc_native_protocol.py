@@ -16,12 +16,12 @@ import pytest
 
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import BufferWriter
-from r2bspec.ipc.disk_errors import is_refusal
 from r2bspec.ipc.native_protocol import NativeCodec
 from r2bspec.ipc.playback_events import ENTRY_DTYPE
 from r2bspec.ipc.playback_file import HEADER_BYTES, PlaybackReader
+from r2bspec.ipc.sample_files import is_refusal
 from r2bspec.ipc.schedule import CyclicSchedule, CyclicTransform
-from r2bspec.ipc.transform_stamps import TF, TF_STATIC, TF_TYPE
+from r2bspec.ipc.stamps import TF, TF_STATIC, TF_TYPE
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import InputPlan, MonitorPlan
 from r2bspec.record.run_record import PLAYBACK_FIELDS
@@ -71,7 +71,7 @@ def write_buffer(folder: Path, topic: str, kind: str, *messages: bytes) -> None:
 @pytest.mark.parametrize(
     ("command", "expected"),
     [
-        (protocol.Unwatch(), ["unwatch"]),
+        (protocol.StopTap(), ["stop_tap"]),
         (protocol.CountMatches(), ["count"]),
         (protocol.Stop(), ["stop"]),
         (protocol.Shutdown(), ["shutdown"]),
@@ -97,8 +97,8 @@ def test_topics_have_the_paths_of_their_rows() -> None:
         *("subscribe", "2", *IMAGE_WORDS, "/a rows/b.rows", "2", "2", "1", "3", "/out"),
         *(*IMAGE_WORDS, "/a rows/out.rows", "1", "2", "1", "10", "/out"),
     ]
-    assert words(protocol.Watch(monitors=(OUT,)), codec) == [
-        *("watch", "1", *IMAGE_WORDS, "/a rows/out.rows", "1", "2", "1", "10", "/out"),
+    assert words(protocol.StartTap(monitors=(OUT,)), codec) == [
+        *("start_tap", "1", *IMAGE_WORDS, "/a rows/out.rows", "1", "2", "1", "10", "/out"),
     ]
 
 
@@ -111,7 +111,7 @@ def test_a_player_has_its_inputs_and_transforms_after_them(tmp_path: Path) -> No
 
 def followed(folder: Path, codec: NativeCodec, schedule: CyclicSchedule) -> list[list[int]]:
     """Of each entry of the playlist: source, offset, size, place, what is added to the stamp."""
-    path = Path(words(protocol.Follow(schedule=schedule), codec)[1])
+    path = Path(words(protocol.LoadSchedule(schedule=schedule), codec)[1])
     assert path.parent == folder
     return [
         [int(each[name]) for name in ("source", "offset", "size", "place", "add_ns")]
@@ -210,11 +210,11 @@ def test_the_counts_of_a_monitor_are_those_of_its_topics_and_of_what_is_watched(
     assert codec.decode(b"ready rmw_fastrtps_cpp") == protocol.Ready(rmw="rmw_fastrtps_cpp")
     codec.encode(protocol.Subscribe(monitors=(a,)))
     assert codec.decode(b"matched 1") == protocol.Matched(counts={"/a": 1})
-    codec.encode(protocol.Watch(monitors=(b, c)))
+    codec.encode(protocol.StartTap(monitors=(b, c)))
     assert codec.decode(b"matched 3 -1 1") == protocol.Matched(counts={"/a": 1, "/c": 3})
     codec.encode(protocol.Subscribe(monitors=(d,)))
     assert codec.decode(b"matched 2 3 -1 1") == protocol.Matched(counts={"/a": 1, "/c": 3, "/d": 2})
-    codec.encode(protocol.Unwatch())
+    codec.encode(protocol.StopTap())
     assert codec.decode(b"matched 1 0") == protocol.Matched(counts={"/a": 0, "/d": 1})
 
 
@@ -266,12 +266,12 @@ def test_damaged_transforms_are_an_error(tmp_path: Path) -> None:
     for size in range(8, len(whole), 7):
         write_buffer(tmp_path, TF, TF_TYPE, whole[:size])
         with pytest.raises(ValueError, match="/tf is truncated"):
-            codec.encode(protocol.Follow(schedule=schedule))
+            codec.encode(protocol.LoadSchedule(schedule=schedule))
 
 
 def test_what_a_native_part_does_not_know_is_an_error() -> None:
-    with pytest.raises(ValueError, match="no command of a native part: Survey"):
-        words(protocol.Survey())
+    with pytest.raises(ValueError, match="no command of a native part: ListGraph"):
+        words(protocol.ListGraph())
     unknown = msgspec.structs.replace(OUT, qos=None)
     with pytest.raises(ValueError, match="configured before it gets topics"):
         words(protocol.Subscribe(monitors=(OUT,)))
@@ -280,6 +280,6 @@ def test_what_a_native_part_does_not_know_is_an_error() -> None:
     with pytest.raises(ValueError, match="known quality of service"):
         words(protocol.Subscribe(monitors=(unknown,)), codec)
     with pytest.raises(ValueError, match="configured before"):
-        words(protocol.Follow(schedule=CyclicSchedule(steps=((0,),))))
+        words(protocol.LoadSchedule(schedule=CyclicSchedule(steps=((0,),))))
     with pytest.raises(ValueError, match="before it plays"):
         words(protocol.Play(rate_hz=1.0, steps=1))

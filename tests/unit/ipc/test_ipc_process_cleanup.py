@@ -15,13 +15,16 @@ import pytest
 from family_trees import Family, family, wait_for
 from r2bspec.execute.processes.process import ManagedProcess
 from r2bspec.ipc.process_cleanup import (
+    Session,
+    SessionLeader,
     clean_up,
     end_run_processes,
     kill_process_groups,
+    now_ticks,
     run_processes,
+    start_ticks,
 )
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
-from r2bspec.ipc.sessions import Session, SessionLeader, now_ticks, start_ticks
 from r2bspec.middleware import fast_dds
 
 
@@ -133,7 +136,7 @@ def test_the_group_of_a_process_that_was_collected_is_not_signalled(
 def test_the_calling_process_is_no_member(run_id: str) -> None:
     program = (
         "import os, sys; from r2bspec.ipc.process_cleanup import run_processes; "
-        "from r2bspec.ipc.sessions import Session; "
+        "from r2bspec.ipc.process_cleanup import Session; "
         "print([each.pid for each in run_processes(sys.argv[1], [Session.of(os.getsid(0))]) "
         "if each.pid == os.getpid()])"
     )
@@ -184,7 +187,7 @@ def test_what_the_runs_middleware_left_in_shared_memory_is_removed(
         (tmp_path / name).touch()
     remove = fast_dds.MIDDLEWARE.remove_dead_shm_files
 
-    def elsewhere(*, since_s: float) -> list[str]:
+    def elsewhere(since_s: float) -> list[str]:
         return remove(tmp_path, since_s=since_s)
 
     monkeypatch.setattr(fast_dds.MIDDLEWARE, "remove_dead_shm_files", elsewhere)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from contextlib import closing
 from pathlib import Path
 
-from r2bspec.ipc.sample_files import RowWriter
-from r2bspec.ipc.stall_log import STALL_FILE, StallLogReader
+from r2bspec.ipc.sample_files import STALL_FILE, RowWriter, StallLogReader
 
 MS = 1_000_000
 

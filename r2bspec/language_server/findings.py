@@ -1,20 +1,97 @@
-"""Quick fixes: the safe edits of findings, waivers, and commands that record what is unknown."""
+"""Findings of the compiler as diagnostics of the protocol, and what can be done about them.
+
+Quick fixes are the safe edits of findings, waivers, and commands that record what is unknown.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Final
 
 from lsprotocol import types
 
-from r2bspec.diagnostics import Diagnostic, Severity
-from r2bspec.diagnostics.code_pages import find_page
+from r2bspec.diagnostics import Diagnostic, Severity, Span
+from r2bspec.diagnostics.code_pages import find_page, page_file
 from r2bspec.diagnostics.edits import applicable_together
 from r2bspec.diagnostics.waivers import NOT_WAIVABLE
 from r2bspec.language_server.analysis import Analysis
-from r2bspec.language_server.editor_commands import RECORD_INTERFACES, SpecCommand
-from r2bspec.language_server.publish_diagnostics import PositionsOf, to_diagnostic, uri
-from r2bspec.language_server.text_positions import TextPositions
+from r2bspec.language_server.commands import RECORD_INTERFACES, SpecCommand
+from r2bspec.language_server.positions import TextPositions
 from r2bspec.wiring.wiring import NodeWiring
+
+_SEVERITIES: Final = {
+    Severity.ERROR: types.DiagnosticSeverity.Error,
+    Severity.WARNING: types.DiagnosticSeverity.Warning,
+    Severity.INFO: types.DiagnosticSeverity.Information,
+}
+
+PositionsOf = Callable[[str], TextPositions]
+"""The positions in the text of a file."""
+
+
+def diagnostics_by_file(
+    analysis: Analysis, positions_of: PositionsOf
+) -> Mapping[str, list[types.Diagnostic]]:
+    """The diagnostics of every file of an analysis; a file without findings has an empty list."""
+    found: dict[str, list[types.Diagnostic]] = {
+        name: [] for name in analysis.sources if _is_file(name)
+    }
+    found.setdefault(str(analysis.path), [])
+    for each in analysis.diagnostics:
+        # A finding in an option has no place in a file.
+        file = each.span.file if _is_file(each.span.file) else str(analysis.path)
+        found.setdefault(file, []).append(to_diagnostic(each, file, positions_of))
+    return found
+
+
+def to_diagnostic(each: Diagnostic, file: str, positions_of: PositionsOf) -> types.Diagnostic:
+    """One finding."""
+    span = each.span if each.span.file == file else Span.of_file(file)
+    message = each.message[:1].upper() + each.message[1:]
+    return types.Diagnostic(
+        range=positions_of(file).range(_visible(span)),
+        severity=_SEVERITIES[each.severity],
+        code=each.code,
+        code_description=types.CodeDescription(page_file(each.code).as_uri()),
+        source="r2bspec",
+        message=f"{message}\n{each.help}" if each.help else message,
+        tags=[types.DiagnosticTag.Unnecessary] if _is_unused(each) else None,
+        related_information=[
+            types.DiagnosticRelatedInformation(
+                types.Location(
+                    uri(place.span.file), positions_of(place.span.file).range(place.span)
+                ),
+                place.message,
+            )
+            for place in each.related
+            if _is_file(place.span.file)
+        ]
+        or None,
+    )
+
+
+def uri(file: str) -> str:
+    """The URI of a file."""
+    return Path(file).absolute().as_uri()
+
+
+def _is_file(name: str) -> bool:
+    """Whether a span is in a file, and not in an option or the environment."""
+    return name.startswith("/")
+
+
+def _visible(span: Span) -> Span:
+    """A span with at least one character, so that editors can underline it."""
+    if (span.line, span.column) == (span.end_line, span.end_column):
+        return Span(span.file, span.line, span.column, span.line, span.column + 1)
+    return span
+
+
+def _is_unused(each: Diagnostic) -> bool:
+    page = find_page(each.code)
+    return page is not None and "unused" in page.slug.split("-")
+
 
 _UNREADABLE = ("R2B0", "R2B1")
 """Errors of these codes leave no spec, and cannot be waived."""

@@ -1,4 +1,4 @@
-"""Positions in a text: those of the compiler, offsets, and those of the protocol.
+"""Positions in a text, of the compiler and of the protocol, and what is written there.
 
 The compiler counts lines as YAML does and columns in characters, both from 1. The protocol counts
 from 0, its lines end only with a carriage return or a line feed, and its columns are in the units
@@ -10,12 +10,14 @@ from __future__ import annotations
 import re
 from bisect import bisect_right
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Final
 
 from lsprotocol import types
 
-from r2bspec.diagnostics import Span
+from r2bspec.diagnostics import Path, Span
 from r2bspec.diagnostics.source_lines import LINE_BREAK
+from r2bspec.language.located_tree import ListNode, MapNode, TreeNode
 
 _PROTOCOL_LINE_BREAK: Final = re.compile(r"\r\n|\n|\r")
 
@@ -99,3 +101,51 @@ class TextPositions:
 
 def _line_starts(line_break: re.Pattern[str], text: str, first: int) -> list[int]:
     return [first, *(first + match.end() for match in line_break.finditer(text))]
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """The innermost key or value at a place.
+
+    Attributes:
+        is_key: whether it is the key at `path`, and not its value.
+        parents: the spans around it, the innermost first.
+    """
+
+    path: Path
+    span: Span
+    is_key: bool
+    parents: tuple[Span, ...]
+
+
+def place_at(tree: TreeNode, file: str, line: int, column: int) -> Place | None:
+    """The innermost key or value at a place; None where there is none, as in a comment."""
+    found = _find_place(tree, (), file, (line, column), ())
+    return found if found is None or found.path else None
+
+
+def contains(span: Span, file: str, place: tuple[int, int]) -> bool:
+    """Whether a span contains a line and a column; its end counts."""
+    start, end = (span.line, span.column), (span.end_line, span.end_column)
+    return span.file == file and start <= place <= end
+
+
+def _find_place(
+    node: TreeNode, path: Path, file: str, place: tuple[int, int], parents: tuple[Span, ...]
+) -> Place | None:
+    inner = (node.span, *parents)
+    if isinstance(node, MapNode):
+        for key, entry in node.entries.items():
+            if contains(entry.key_span, file, place):
+                return Place((*path, key), entry.key_span, is_key=True, parents=inner)
+            below = _find_place(entry.value, (*path, key), file, place, inner)
+            if below is not None:
+                return below
+    elif isinstance(node, ListNode):
+        for index, item in enumerate(node.items):
+            below = _find_place(item, (*path, index), file, place, inner)
+            if below is not None:
+                return below
+    if not contains(node.span, file, place):
+        return None
+    return Place(path, node.span, is_key=False, parents=parents)

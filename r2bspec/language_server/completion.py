@@ -1,24 +1,95 @@
-"""Completion: keys of the language, names of the spec, of its bag and of what is installed."""
+"""Completion: keys of the language, names of the spec, of its bag and of what is installed.
+
+Keys and their snippets come from the schema; snippets are values with placeholders, written as YAML
+in block style.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 from lsprotocol import types
 
 from r2bspec.diagnostics.code_pages import all_pages
 from r2bspec.language.declaration import Rule, rule_at
 from r2bspec.language_server.analysis import Analysis
-from r2bspec.language_server.completion_values import names_as_keys, proposed_values
-from r2bspec.language_server.cursor_context import CursorContext, cursor_context
-from r2bspec.language_server.proposals import Proposal
-from r2bspec.language_server.proposed_names import environment_names, variable_value
-from r2bspec.language_server.snippets import key_snippet, snippet_text
+from r2bspec.language_server.cursor_context import CursorContext, Proposal, cursor_context
+from r2bspec.language_server.positions import TextPositions
+from r2bspec.language_server.proposed_names import (
+    environment_names,
+    names_as_keys,
+    proposed_values,
+    variable_value,
+)
 from r2bspec.language_server.symbols import names_of
-from r2bspec.language_server.text_positions import TextPositions
+
+_PLACEHOLDER = re.compile(r"\A\$\{(\d+):[^}]*\}\Z")
+
+
+def snippet_text(body: Mapping[str, Any]) -> str:
+    """The lines of a snippet, not indented.
+
+    A value that is only a placeholder is left empty: an editor proposes what begins with the text
+    before the cursor, and the text of a placeholder would be the beginning of nothing.
+
+    Args:
+        body: the map that is inserted, with placeholders as ``${1:name}``.
+    """
+    return "\n".join(_lines(body))
+
+
+def key_snippet(key: str, rule: Rule) -> str:
+    """A key with room for its value below it; empty where the value follows on the same line.
+
+    Args:
+        key: the key.
+        rule: of its value. Required keys of a map are there already, with room for
+            their values, unless these are maps or lists.
+    """
+    items = rule.items
+    in_lines = items is not None and (items.is_parsed or items.kinds == ("object",))
+    if rule.kinds == ("array",) and in_lines:
+        return f"{key}:\n{_STEP}- $0"
+    if rule.kinds != ("object",):
+        return ""
+    keys = rule.keys or {}
+    if not rule.required or any(_is_collection(keys[name]) for name in rule.required):
+        return f"{key}:\n{_STEP}$0"
+    stops = (f"{_STEP}{name}: ${index}" for index, name in enumerate(rule.required, 1))
+    return "\n".join([f"{key}:", *stops])
+
+
+def _is_collection(rule: Rule) -> bool:
+    return not {"object", "array"}.isdisjoint(rule.kinds)
+
+
+def _lines(value: Any) -> Iterator[str]:
+    if isinstance(value, Mapping):
+        for key, below in value.items():
+            yield from _entry(f"{key}:", below)
+    elif isinstance(value, list):
+        for item in value:
+            first, *rest = _lines(item)
+            yield f"- {first}"
+            yield from (_STEP + line for line in rest)
+    elif isinstance(value, bool):
+        yield str(value).lower()
+    else:
+        yield _PLACEHOLDER.sub(r"$\1", str(value))
+
+
+def _entry(start: str, below: Any) -> Iterator[str]:
+    if (isinstance(below, Mapping) and below) or (isinstance(below, list) and below):
+        yield start
+        yield from (_STEP + line for line in _lines(below))
+    elif isinstance(below, Mapping | list):
+        yield f"{start} {{}}" if isinstance(below, Mapping) else f"{start} []"
+    else:
+        yield f"{start} {next(_lines(below))}"
+
 
 TRIGGERS: Final = (" ", ".", "/", "(", "[", ":", "-")
 """Characters after which an editor asks by itself."""
@@ -31,7 +102,7 @@ _STEP: Final = "  "
 
 
 @dataclass(frozen=True, slots=True)
-class ClientAbilities:
+class ClientCapabilities:
     """What the client does with a text that it inserts.
 
     Attributes:
@@ -47,7 +118,7 @@ def complete(
     analysis: Analysis | None,
     positions: TextPositions,
     position: types.Position,
-    client: ClientAbilities,
+    client: ClientCapabilities,
 ) -> list[types.CompletionItem]:
     """What can be written at a position.
 
@@ -97,7 +168,7 @@ class _Insertion:
     start: int
     end: int
     before: str = ""
-    client: ClientAbilities = ClientAbilities()
+    client: ClientCapabilities = ClientCapabilities()
 
     @property
     def is_block(self) -> bool:
@@ -245,6 +316,6 @@ def _items(proposals: Iterable[Proposal], where: _Insertion) -> list[types.Compl
     return list(found.values())
 
 
-def _mode(client: ClientAbilities) -> types.InsertTextMode:
+def _mode(client: ClientCapabilities) -> types.InsertTextMode:
     modes = types.InsertTextMode
     return modes.AdjustIndentation if client.adjusts else modes.AsIs

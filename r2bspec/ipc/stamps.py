@@ -1,10 +1,13 @@
-"""Stamps inside serialised transforms.
+"""Stamps inside serialised messages: of headers, and of transforms.
+
+A message in CDR begins with four bytes of encapsulation, of which the second gives the byte order
+(odd: little-endian). If the first field is a std_msgs/Header, its stamp follows: int32 seconds,
+then uint32 nanoseconds (OMG DDS-XTypes 1.3, section 7.6.3.1.2).
 
 A tf2_msgs/TFMessage is one sequence of geometry_msgs/TransformStamped: a header (stamp and frame),
-the child frame, and a transform of seven float64. In CDR (OMG DDS-XTypes 1.3, section 7.4) the
-sequence begins with a uint32 count; a string is a uint32 length, including the terminating zero,
-and its bytes; each primitive is aligned to its own size, relative to the end of the four bytes of
-encapsulation::
+the child frame, and a transform of seven float64. In CDR (section 7.4) the sequence begins with a
+uint32 count; a string is a uint32 length, including the terminating zero, and its bytes; each
+primitive is aligned to its own size, relative to the end of the encapsulation::
 
     count | { int32 sec, uint32 nanosec, string frame, string child, 7 x float64 } ...
 """
@@ -15,14 +18,38 @@ import struct
 
 from r2bspec.language.spec import QoS
 
+_LITTLE = struct.Struct("<iI")
+_BIG = struct.Struct(">iI")
+_ENCAPSULATION_BYTES = 4
+STAMP_BYTES = _ENCAPSULATION_BYTES + _LITTLE.size
+"""The number of bytes at the beginning of a message that contain its stamp."""
+
+_SECOND_NS = 1_000_000_000
+
+
+def read_stamp(message: bytes | bytearray) -> int:
+    """The header stamp in nanoseconds, of a message whose type begins with a header.
+
+    Raises:
+        struct.error: the message is too short.
+    """
+    layout = _LITTLE if message[1] & 1 else _BIG
+    seconds, nanoseconds = layout.unpack_from(message, _ENCAPSULATION_BYTES)
+    return int(seconds) * _SECOND_NS + int(nanoseconds)
+
+
+def write_stamp(message: bytearray, stamp_ns: int) -> None:
+    """Replace the header stamp, in place."""
+    layout = _LITTLE if message[1] & 1 else _BIG
+    layout.pack_into(message, _ENCAPSULATION_BYTES, *divmod(stamp_ns, _SECOND_NS))
+
+
 TF = "/tf"
 TF_STATIC = "/tf_static"
 TF_TYPE = "tf2_msgs/msg/TFMessage"
 TF_QOS = QoS(depth=100)
 
-_ENCAPSULATION_BYTES = 4
 _TRANSFORM_BYTES = 7 * 8
-_SECOND_NS = 1_000_000_000
 
 
 class StampedTransforms:
