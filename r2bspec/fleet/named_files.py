@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import msgspec
 
-from r2bspec.execute.processes.secret_references import texts
+from r2bspec.execute.processes.environment import texts
 from r2bspec.plan.plan import Plan
 
 _MAX_SOURCE_BYTES: Final = 1_000_000

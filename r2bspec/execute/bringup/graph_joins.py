@@ -22,7 +22,7 @@ import msgspec
 from r2bspec.execute.bringup.idle_nodes import idle_patience_s, starts_others
 from r2bspec.execute.bringup.idle_time import IdleTime, family
 from r2bspec.execute.errors import NotInstalledError
-from r2bspec.execute.processes.joinable import not_joinable
+from r2bspec.execute.processes.executables import not_joinable
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.native_protocol import NativeCodec

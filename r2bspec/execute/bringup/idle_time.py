@@ -10,7 +10,7 @@ from typing import Final
 
 import psutil
 
-from r2bspec.execute.host.run_queue_waits import RunQueueWaits
+from r2bspec.execute.host.process_counters import RunQueueWaits
 
 _BUSY_SHARE: Final = 0.1
 """Of one processor: a node whose timers or discovery threads only look around takes less."""

@@ -34,7 +34,6 @@ from r2bspec.execute.diagnosis.observe_graph import (
 )
 from r2bspec.execute.errors import GraphMismatchError, NotReadyError, RunError
 from r2bspec.execute.host.machine import interpreter
-from r2bspec.execute.processes.affinity import apply_affinity
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.executables import (
     hosts_library,
@@ -42,10 +41,9 @@ from r2bspec.execute.processes.executables import (
     resolve_argv,
     resolve_command,
 )
-from r2bspec.execute.processes.middleware_check import check_loaded_rmw
-from r2bspec.execute.processes.shared_memory_check import require_free_shared_memory
+from r2bspec.execute.processes.middleware_setup import check_loaded_rmw, require_free_shared_memory
+from r2bspec.execute.processes.scheduling import apply_affinity, shorten_slice
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
-from r2bspec.execute.processes.time_slice import shorten_slice
 from r2bspec.ipc import protocol
 from r2bspec.plan.command_lines import NATIVE_ARGV, container_node_name
 from r2bspec.plan.plan import AfterReadyPlan, Plan, ProcessPlan

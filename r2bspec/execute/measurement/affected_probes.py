@@ -22,7 +22,7 @@ from typing import Final, Literal
 
 import msgspec
 
-from r2bspec.execute.host.host_watch import Interference
+from r2bspec.execute.host.resource_sampler import Interference
 from r2bspec.execute.measurement.peak_search import ProbeOutcome
 from r2bspec.execute.measurement.time_budget import TimeBudget
 from r2bspec.record.run_record import Probe, Segment

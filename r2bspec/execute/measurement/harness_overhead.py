@@ -15,7 +15,7 @@ from pathlib import Path
 
 import msgspec
 
-from r2bspec.execute.host.host_watch import Interference
+from r2bspec.execute.host.resource_sampler import Interference
 from r2bspec.execute.measurement.overhead_length import median_is_known, overhead_length
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from r2bspec.execute.host.host_watch import HostWatch
-from r2bspec.execute.host.resource_sampler import ResourceSampler
+from r2bspec.execute.host.resource_sampler import HostWatch, ResourceSampler
 from r2bspec.execute.progress import Progress
 
 

@@ -18,11 +18,15 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from r2bspec.execute.errors import NotInstalledError, ProcessDiedError, ProcessFailedError, RunError
-from r2bspec.execute.phase_clock import PhaseClock
-from r2bspec.execute.processes.process import ManagedProcess, describe_exit
+from r2bspec.execute.processes.middleware_setup import SharedMemoryModes
+from r2bspec.execute.processes.process import (
+    MAX_SIGTERM_S,
+    ManagedProcess,
+    describe_exit,
+    end_sequentially,
+)
 from r2bspec.execute.processes.process_logs import LogLimiter, open_log
-from r2bspec.execute.processes.shared_memory_modes import SharedMemoryModes
-from r2bspec.execute.processes.shutdown import MAX_SIGTERM_S, end_sequentially
+from r2bspec.execute.progress import PhaseClock
 from r2bspec.ipc import protocol
 from r2bspec.ipc.disk_errors import is_refusal
 from r2bspec.ipc.process_cleanup import clean_up, run_processes

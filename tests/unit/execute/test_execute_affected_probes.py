@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.execute.host.host_watch import Interference, interference_of
+from r2bspec.execute.host.resource_sampler import Interference, interference_of
 from r2bspec.execute.measurement.affected_probes import (
     MAX_FUTILE_REPLAYS,
     AffectedProbes,

@@ -12,7 +12,7 @@ import pytest
 
 from r2bspec.execute.bringup.graph_joins import Hello, is_meant
 from r2bspec.execute.errors import NotJoinableError
-from r2bspec.execute.processes.joinable import require_joinable, why_not_joinable
+from r2bspec.execute.processes.executables import require_joinable, why_not_joinable
 
 FOREIGN_USER = 65534
 
