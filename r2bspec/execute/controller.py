@@ -20,9 +20,9 @@ from typing import Any, Literal
 
 from r2bspec.check.installed_packages import find_module
 from r2bspec.errors import R2bspecError
-from r2bspec.execute.bringup.commands import run_setup_step
 from r2bspec.execute.bringup.graph_joins import build_join_files
 from r2bspec.execute.bringup.launcher import Launcher, message_packages
+from r2bspec.execute.bringup.readiness import run_setup_step
 from r2bspec.execute.errors import (
     GraphMismatchError,
     InterruptedRunError,
@@ -35,12 +35,10 @@ from r2bspec.execute.errors import (
 from r2bspec.execute.host.machine import describe_machine, describe_versions, unwritable_log
 from r2bspec.execute.host.resource_sampler import HostWatch, ResourceSampler
 from r2bspec.execute.identity import graph_identity
-from r2bspec.execute.inputs.buffer_bags import buffer_bags
-from r2bspec.execute.inputs.dataset import ResolvedDataset, obtain_dataset
+from r2bspec.execute.inputs.buffer_bags import ResolvedDataset, buffer_bags, obtain_dataset
 from r2bspec.execute.inputs.preprocess import preprocess
 from r2bspec.execute.measurement.measurement import Measurement
-from r2bspec.execute.measurement.run_reporter import RunReporter
-from r2bspec.execute.measurement.time_budget import TimeBudget
+from r2bspec.execute.measurement.run_reporter import RunReporter, TimeBudget
 from r2bspec.execute.processes.environment import RunEnvironment, SecretReferences, make_redactor
 from r2bspec.execute.processes.executables import require_joinable, resolve_argv
 from r2bspec.execute.processes.middleware_setup import check_middleware, reserved_domain

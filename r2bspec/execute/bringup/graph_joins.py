@@ -19,8 +19,7 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.execute.bringup.idle_nodes import idle_patience_s, starts_others
-from r2bspec.execute.bringup.idle_time import IdleTime, family
+from r2bspec.execute.bringup.idle_nodes import IdleTime, family, idle_patience_s, starts_others
 from r2bspec.execute.errors import NotInstalledError
 from r2bspec.execute.processes.executables import not_joinable
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor

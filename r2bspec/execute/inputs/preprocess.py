@@ -11,24 +11,21 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Final
 
-from r2bspec.execute.bringup.launcher import (
-    Launcher,
+from r2bspec.execute.bringup.graph_matching import (
     expected_subscriptions,
     graph_error,
-    message_packages,
     subscription_counts,
     wait_until_matched,
 )
-from r2bspec.execute.bringup.spec_mismatches import related_differences
-from r2bspec.execute.bringup.start_deadline import StartDeadline
-from r2bspec.execute.bringup.undeclared_parameters import check_parameters
-from r2bspec.execute.diagnosis.graph_facts import GraphFacts
+from r2bspec.execute.bringup.launcher import Launcher, message_packages
+from r2bspec.execute.bringup.readiness import StartDeadline
+from r2bspec.execute.bringup.spec_mismatches import check_parameters, related_differences
+from r2bspec.execute.diagnosis.find_fault import fault_report, find_faults
 from r2bspec.execute.diagnosis.observe_graph import (
     TRACE_RATE_HZ,
     TRACE_STEPS,
+    GraphFacts,
     GraphObserver,
-    fault_report,
-    find_faults,
 )
 from r2bspec.execute.errors import NoOutputError
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor

@@ -1,16 +1,18 @@
 """Recording the messages of one iteration, with the latency of each output.
 
 After the measurement one more iteration is played, which counts for nothing, with a second
-subscription to every input and output. Copying whole messages takes time from the machine, so that
-the measured iterations are left alone.
+subscription to every input and output, by the observer. Copying whole messages takes time from the
+machine, so that the measured iterations are left alone, and nothing of this one is timed.
 """
 
 from __future__ import annotations
 
 import heapq
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,9 +22,9 @@ from r2bspec.bags.output_bag import (
     latency_message,
     write_output_bag,
 )
-from r2bspec.execute.measurement.message_recording import MessageRecording
 from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
+from r2bspec.ipc import protocol
 from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.message_log import read_messages
 from r2bspec.measure.expected_steps import select_expected_steps
@@ -34,6 +36,10 @@ from r2bspec.record.sample_arrays import Rows
 
 OUTPUT_BAG = "outputs"
 """The name of the bag in the run folder."""
+
+_REPLY_TIMEOUT_S = 10.0
+_MATCH_TIMEOUT_S = 5.0
+_POLL_S = 0.05
 
 
 @dataclass(frozen=True)
@@ -146,3 +152,46 @@ def _messages(
         yield OutputMessage(topic, time_ns, data)
         if latency_topic and latency_ns != NO_MATCH:
             yield OutputMessage(latency_topic, time_ns, latency_message(latency_ns))
+
+
+class MessageRecording:
+    """A second subscription to some topics, from `begin` to `end`.
+
+    Args:
+        supervisor: all processes.
+        monitors: the topics, with the names of their files.
+        folder: receives the files.
+    """
+
+    def __init__(
+        self, supervisor: ProcessSupervisor, monitors: Sequence[MonitorPlan], folder: Path
+    ) -> None:
+        self._supervisor = supervisor
+        self._monitors = tuple(monitors)
+        self._folder = folder
+
+    def begin(self) -> None:
+        """Subscribe, and wait until the publishers are found; some topics may have none.
+
+        Raises:
+            RunError: a process does not respond, or exited.
+        """
+        self._ask(protocol.Record(monitors=self._monitors, folder=str(self._folder)))
+        deadline = time.monotonic() + _MATCH_TIMEOUT_S
+        while time.monotonic() < deadline:
+            found = self._ask(protocol.CountMatches())
+            if all(found.counts.get(each.topic) for each in self._monitors):
+                return
+            self._supervisor.pump(_POLL_S)
+
+    def end(self) -> None:
+        """Unsubscribe; the files are complete when this returns.
+
+        Raises:
+            RunError: a process does not respond, or the messages could not be written.
+        """
+        self._ask(protocol.EndRecording())
+
+    def _ask(self, message: Any) -> protocol.Matched:
+        observer = self._supervisor.observer()
+        return self._supervisor.request(observer, message, protocol.Matched, _REPLY_TIMEOUT_S)

@@ -16,17 +16,17 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.execute.diagnosis.stopped_outputs import output_stopped
 from r2bspec.execute.errors import RunError
 from r2bspec.execute.host.resource_sampler import ResourceSampler
-from r2bspec.execute.measurement.drain import (
+from r2bspec.execute.measurement.segment_observation import (
     DRAIN_POLL_S,
     DrainTimer,
     Outstanding,
+    ProgressView,
+    SegmentObservation,
+    output_stopped,
     outstanding_answers,
 )
-from r2bspec.execute.measurement.progress_view import ProgressView
-from r2bspec.execute.measurement.segment_observation import SegmentObservation
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.execute.progress import Progress
 from r2bspec.ipc import protocol
