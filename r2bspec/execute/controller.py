@@ -34,7 +34,7 @@ from r2bspec.execute.errors import (
 )
 from r2bspec.execute.host.machine import describe_machine, describe_versions, unwritable_log
 from r2bspec.execute.host.resource_sampler import HostWatch, ResourceSampler
-from r2bspec.execute.identity import graph_identity
+from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.execute.inputs.buffer_bags import ResolvedDataset, buffer_bags, obtain_dataset
 from r2bspec.execute.inputs.preprocess import preprocess
 from r2bspec.execute.measurement.measurement import Measurement

@@ -22,7 +22,7 @@ import msgspec
 
 from r2bspec._version import __version__
 from r2bspec.errors import R2bspecError
-from r2bspec.execute.identity import graph_identity
+from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.fleet.bundle import Bundle, SentSide, make_bundle, needs_of
 from r2bspec.fleet.client import FleetClient, Host
 from r2bspec.fleet.errors import HostFullError, HostLostError, NoHostError, TransferError

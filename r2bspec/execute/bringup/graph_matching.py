@@ -37,8 +37,6 @@ from r2bspec.ipc import protocol
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.wiring.name_resolution import expand
 
-_REPLY_TIMEOUT_S = 10.0
-
 EndpointKey = tuple[str, str, str]
 """An endpoint: topic, type, and ``publishes`` or ``subscribes``."""
 _POLL_S = 0.02
@@ -90,15 +88,13 @@ class MonitorSubscriptions:
         self._waiting = tuple(each for each in self._waiting if each.name not in names)
         if ready:
             command = protocol.Subscribe(monitors=ready)
-            self._supervisor.request(self._monitor, command, protocol.Matched, _REPLY_TIMEOUT_S)
+            self._supervisor.request(self._monitor, command, protocol.Matched)
 
     def _discover(self, topics: tuple[str, ...]) -> protocol.Discovered:
         if not topics:
             return protocol.Discovered(writers={}, readers={})
         command = protocol.Discover(topics=topics)
-        return self._supervisor.request(
-            self._observer, command, protocol.Discovered, _REPLY_TIMEOUT_S
-        )
+        return self._supervisor.request(self._observer, command, protocol.Discovered)
 
 
 def wait_until_matched(
@@ -142,9 +138,7 @@ def wait_until_matched(
         subscribe()
         missing: dict[str, tuple[int, int]] = {}
         for child, wanted in expected_matches.items():
-            matched = supervisor.request(
-                child, protocol.CountMatches(), protocol.Matched, _REPLY_TIMEOUT_S
-            )
+            matched = supervisor.request(child, protocol.CountMatches(), protocol.Matched)
             missing |= {
                 topic: (matched.counts.get(topic, 0), count)
                 for topic, count in wanted.items()
@@ -301,9 +295,7 @@ def wait_for_mutual_discovery(
         while any(undiscovered.values()) and time.monotonic() < deadline:
             for child, waiting in undiscovered.items():
                 if waiting:
-                    found = supervisor.request(
-                        child, protocol.CountMatches(), protocol.Matched, _REPLY_TIMEOUT_S
-                    )
+                    found = supervisor.request(child, protocol.CountMatches(), protocol.Matched)
                     waiting -= {
                         (topic, kind, does)
                         for topic, kind, does in waiting

@@ -16,7 +16,7 @@ from typing import Final
 
 import psutil
 
-from r2bspec.execute.host.process_counters import RunQueueWaits
+from r2bspec.execute.host.kernel_counters import RunQueueWaits, family
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.plan.command_lines import INCLUDED_LAUNCH, container_node_name
@@ -71,13 +71,6 @@ class IdleTime:
                 total_s += used.user + used.system
         waited_s = self._waits.update(0, pids)
         return total_s if math.isnan(waited_s) else total_s + waited_s
-
-
-def family(pid: int) -> Iterator[int]:
-    """A process, and all that descend from it."""
-    yield pid
-    with contextlib.suppress(psutil.Error):
-        yield from (each.pid for each in psutil.Process(pid).children(True))
 
 
 def patience_s(plan: Plan) -> float:

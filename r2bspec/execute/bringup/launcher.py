@@ -31,7 +31,11 @@ from r2bspec.execute.processes.executables import (
 )
 from r2bspec.execute.processes.middleware_setup import check_loaded_rmw, require_free_shared_memory
 from r2bspec.execute.processes.scheduling import apply_affinity, shorten_slice
-from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
+from r2bspec.execute.processes.supervisor import (
+    REPLY_TIMEOUT_S,
+    ManagedProcess,
+    ProcessSupervisor,
+)
 from r2bspec.ipc import protocol
 from r2bspec.plan.command_lines import NATIVE_ARGV, container_node_name
 from r2bspec.plan.plan import AfterReadyPlan, Plan, ProcessPlan
@@ -51,7 +55,6 @@ _OBSERVER = "harness.observer"
 """The process that says what discovery shows; no node can have this name."""
 
 _CONFIGURE_TIMEOUT_S = 60.0
-_REPLY_TIMEOUT_S = 10.0
 
 
 class Launcher:
@@ -352,7 +355,7 @@ class Launcher:
         self.configure(
             child, protocol.ConfigureComponents(containers=containers, timeout_ns=timeout_ns)
         )
-        self._supervisor.answer(child, protocol.Composed, timeout_s + _REPLY_TIMEOUT_S)
+        self._supervisor.answer(child, protocol.Composed, timeout_s + REPLY_TIMEOUT_S)
         self._supervisor.end([child])
         self._created_nodes |= {node.name for each in containers for node in each.nodes}
 
@@ -393,7 +396,7 @@ class Launcher:
                 timeout_ns=step.timeout_ns,
             ),
         )
-        self._supervisor.answer(child, protocol.Called, timeout_s + _REPLY_TIMEOUT_S)
+        self._supervisor.answer(child, protocol.Called, timeout_s + REPLY_TIMEOUT_S)
         self._supervisor.end([child])
 
     def configure(self, child: ManagedProcess, command: Any) -> protocol.Ready:

@@ -26,7 +26,6 @@ from r2bspec.private_files import user_umask
 from r2bspec.record.run_folder import RunFolder
 
 _POLL_S = 0.05
-_REPLY_TIMEOUT_S = 10.0
 
 _CHUNK_BYTES = 1 << 16
 _MAX_LINE_BYTES = 1 << 16
@@ -75,9 +74,7 @@ def wait_for_external(
     """
     wanted = {each.name for each in plan.external if each.phase == "measure"}
     while True:
-        survey = supervisor.request(
-            observer, protocol.Survey(), protocol.Surveyed, _REPLY_TIMEOUT_S
-        )
+        survey = supervisor.request(observer, protocol.Survey(), protocol.Surveyed)
         missing = sorted(wanted - set(survey.nodes))
         if not missing:
             return
@@ -156,13 +153,11 @@ def _is_ready(
         case "log":
             raise AssertionError("a log is searched by LogSearch")
         case "service":
-            survey = supervisor.request(
-                observer, protocol.Survey(), protocol.Surveyed, _REPLY_TIMEOUT_S
-            )
+            survey = supervisor.request(observer, protocol.Survey(), protocol.Surveyed)
             return plan.target in survey.services
         case "topic":
             command = protocol.Discover(topics=(plan.target,))
-            found = supervisor.request(observer, command, protocol.Discovered, _REPLY_TIMEOUT_S)
+            found = supervisor.request(observer, command, protocol.Discovered)
             return bool(found.writers[plan.target] and found.readers[plan.target])
 
 

@@ -34,7 +34,6 @@ TRACE_STEPS = 10
 """Enough to tell a node that publishes rarely from one that never does."""
 
 _PREFIX_DIGITS = 24
-_REPLY_TIMEOUT_S = 10.0
 
 _MAX_MATCH_WAIT_S = 3.0
 _QUIET_PERIOD_S = 0.5
@@ -327,12 +326,12 @@ class GraphObserver:
         )
 
     def _ask(self, command: object, kind: type[_Answer]) -> _Answer:
-        return self._supervisor.request(self._observer, command, kind, _REPLY_TIMEOUT_S)
+        return self._supervisor.request(self._observer, command, kind)
 
     def _ask_monitor(self, command: object) -> protocol.Matched:
         if self._monitor is None:
             raise ValueError("there is no monitor to trace with")
-        return self._supervisor.request(self._monitor, command, protocol.Matched, _REPLY_TIMEOUT_S)
+        return self._supervisor.request(self._monitor, command, protocol.Matched)
 
     def _wait_for_matches(self, topics: set[str]) -> None:
         deadline = time.monotonic() + _MAX_MATCH_WAIT_S
@@ -391,7 +390,7 @@ def guarded_topics(plan: Plan) -> tuple[str, ...]:
 def foreign_publishers(supervisor: ProcessSupervisor, observer: ManagedProcess) -> tuple[str, ...]:
     """Every publisher that was seen on guarded topics and is no process's of the run, in words."""
     seen = supervisor.request(
-        observer, protocol.ListForeign(), protocol.ForeignPublishers, _REPLY_TIMEOUT_S
+        observer, protocol.ListForeign(), protocol.ForeignPublishers
     ).publishers
     if not seen:
         return ()

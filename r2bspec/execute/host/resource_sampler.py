@@ -19,20 +19,23 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import msgspec
+import numpy as np
 import psutil
 
-from r2bspec.execute.host.interference_counters import InterferenceReader, busy_seconds
-from r2bspec.execute.host.process_counters import OrphanFinder, RunQueueWaits, minor_faults
+from r2bspec.execute.host.kernel_counters import (
+    InterferenceReader,
+    OrphanFinder,
+    RunQueueWaits,
+    busy_seconds,
+    minor_faults,
+)
 from r2bspec.judge.affected_iterations import interference_reasons, largest_taken_share
 from r2bspec.measure.interference import Surroundings, host_interference
 from r2bspec.measure.resource_usage import CONTROLLER_INDEX, MACHINE_INDEX, ORPHANS_INDEX
-from r2bspec.record.sample_arrays import Rows
-
-if TYPE_CHECKING:
-    from r2bspec.record.sample_arrays import Rows
+from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
 
 _PERIOD_S = 0.2
 """Samples are cumulative, so a longer period affects only maxima. A sample of three processes of 13
@@ -122,18 +125,10 @@ class ResourceSampler:
 
     def rows(self) -> Rows:
         """The samples so far: rows of `r2bspec.record.sample_arrays.RESOURCE_DTYPE`."""
-        import numpy as np
-
-        from r2bspec.record.sample_arrays import RESOURCE_DTYPE
-
         return np.frombuffer(bytes(self._rows), dtype=RESOURCE_DTYPE)
 
     def interference(self) -> Rows:
         """The same of host interference: rows of `sample_arrays.INTERFERENCE_DTYPE`."""
-        import numpy as np
-
-        from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE
-
         return np.frombuffer(bytes(self._interference_rows), dtype=INTERFERENCE_DTYPE)
 
     def _run(self) -> None:
@@ -165,23 +160,15 @@ class ResourceSampler:
         )
         busy_s = busy_seconds(psutil.cpu_times())
         memory = psutil.virtual_memory()
-        self._append_row(
-            MACHINE_INDEX,
-            time.monotonic_ns(),
-            busy_s,
-            memory.total - memory.available,
-            math.nan,
-            math.nan,
+        used_bytes = memory.total - memory.available
+        self._rows += _RESOURCES.pack(
+            time.monotonic_ns(), MACHINE_INDEX, busy_s, used_bytes, math.nan, math.nan
         )
         ours = self._self.cpu_times()
         resident = self._self.memory_info().rss
-        self._append_row(
-            CONTROLLER_INDEX,
-            time.monotonic_ns(),
-            ours.user + ours.system,
-            resident,
-            math.nan,
-            math.nan,
+        ours_s = ours.user + ours.system
+        self._rows += _RESOURCES.pack(
+            time.monotonic_ns(), CONTROLLER_INDEX, ours_s, resident, math.nan, math.nan
         )
         trees = {
             number: _with_descendants(process)
@@ -223,18 +210,9 @@ class ResourceSampler:
             self._update_cores(process.pid, now_ns, use.cpu_s)
         pids = [each.pid for each in (*tree, *orphans)]
         waited_s = self._waits.update(number, pids)
-        self._append_row(number, now_ns, use.cpu_s, use.resident, waited_s, use.minor_faults)
-
-    def _append_row(
-        self,
-        process: int,
-        time_ns: int,
-        cpu_s: float,
-        memory_bytes: int,
-        waited_s: float,
-        minor_faults: float,
-    ) -> None:
-        self._rows += _RESOURCES.pack(time_ns, process, cpu_s, memory_bytes, waited_s, minor_faults)
+        self._rows += _RESOURCES.pack(
+            now_ns, number, use.cpu_s, use.resident, waited_s, use.minor_faults
+        )
 
     def _update_cores(self, pid: int, now_ns: int, cpu_s: float) -> None:
         before_ns, before_s = self._last_use.get(pid, (now_ns, cpu_s))

@@ -72,7 +72,7 @@ def build_schedule(
     timeline, unknown = make_timeline(pairs, sources, plan.timeline, plan.buffer, transforms)
     unplayed = _unplayed(pairs, unknown, "recording", agreed=plan.unpaired == "drop")
     _note_unplayed(unplayed, note)
-    refuse_most(unplayed)
+    require_most_played(unplayed)
     _check_every_monitor_has_steps(plan, timeline)
     note(
         f"one round of the timeline has {len(timeline.steps)} steps and takes "
@@ -108,7 +108,7 @@ def _note_unplayed(unplayed: Sequence[UnplayedMessages], note: Callable[[str], N
         note(each.text.replace("were not played", "are not played"))
 
 
-def refuse_most(unplayed: Sequence[UnplayedMessages]) -> None:
+def require_most_played(unplayed: Sequence[UnplayedMessages]) -> None:
     """Check that of no input most messages are left out, unless the plan agrees.
 
     Raises:
@@ -141,7 +141,7 @@ def _cyclic_schedule(
     )
     unplayed = _unplayed(pairs, aligned.unpaired, "partner", agreed=plan.unpaired == "drop")
     _note_unplayed(unplayed, note)
-    refuse_most(unplayed)
+    require_most_played(unplayed)
     steps = playback_order(aligned.steps, plan.playback_mode)
     timed = [_with_recorded_times(each, index, sources) for each, index in pairs]
     of_steps = [timed[number] for number in columns]

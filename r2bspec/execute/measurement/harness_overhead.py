@@ -25,7 +25,11 @@ from typing import Final, NamedTuple
 import msgspec
 
 from r2bspec.execute.host.resource_sampler import Interference
-from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
+from r2bspec.execute.processes.supervisor import (
+    REPLY_TIMEOUT_S,
+    ManagedProcess,
+    ProcessSupervisor,
+)
 from r2bspec.ipc import protocol
 from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.playback_file import PlaybackReader
@@ -48,7 +52,6 @@ _WARM_UP_HZ = 200.0
 """Touching pages needs no time between the steps, so this is faster than most rates."""
 
 _SUBSCRIPTION_DEPTH = 1000
-_REPLY_TIMEOUT_S = 10.0
 _MAX_MATCH_WAIT_S = 10.0
 _QUIET_PERIOD_S = 0.3
 _POLL_S = 0.02
@@ -120,9 +123,7 @@ def measure_harness_overhead(
     step_stamps = StepStamps(schedule)
     files = [ArrivalReader(rows_dir / f"{each.name}.rows", MONITOR_FIELDS) for each in watches]
     played = PlaybackReader(rows_dir / playback, PLAYBACK_FIELDS)
-    supervisor.request(
-        monitor, protocol.Watch(monitors=watches), protocol.Matched, _REPLY_TIMEOUT_S
-    )
+    supervisor.request(monitor, protocol.Watch(monitors=watches), protocol.Matched)
     records: tuple[FloorRecord, ...] = ()
     watched = [each.topic for each in watches]
     # From both sides: what is published before the monitor knows the player is lost to it.
@@ -163,7 +164,7 @@ def measure_harness_overhead(
             )
 
         records = _quietest(measure)
-    supervisor.request(monitor, protocol.Unwatch(), protocol.Matched, _REPLY_TIMEOUT_S)
+    supervisor.request(monitor, protocol.Unwatch(), protocol.Matched)
     # The start waits for nodes by counting subscriptions, which must not include these.
     _wait_for_matches(supervisor, player, topics, wanted=False)
     return records
@@ -260,7 +261,7 @@ def _play(
             if is_enough():
                 player.send(protocol.Stop())
                 break
-    timeout_s = span_s * 1.5 + _REPLY_TIMEOUT_S
+    timeout_s = span_s * 1.5 + REPLY_TIMEOUT_S
     steps = supervisor.answer(player, protocol.Played, timeout_s).steps
     goal = [each + steps for each in before]
     last, changed = [0], time.monotonic()
@@ -274,9 +275,7 @@ def _play(
 
 
 def _matches(supervisor: ProcessSupervisor, part: ManagedProcess, topics: list[str]) -> list[int]:
-    counts = supervisor.request(
-        part, protocol.CountMatches(), protocol.Matched, _REPLY_TIMEOUT_S
-    ).counts
+    counts = supervisor.request(part, protocol.CountMatches(), protocol.Matched).counts
     return [counts.get(topic, 0) for topic in topics]
 
 

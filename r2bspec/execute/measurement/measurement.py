@@ -316,9 +316,8 @@ class IterationRunner:
             at = f"{rate_hz:g} Hz" if rate_hz else "the recording"
             sentence = f"{at} was ended after {index} of {end} iterations: {why}"
             self._ended[rate_hz] = sentence
-            self.note(sentence)
             self.budget.ended_rates.append(EndedRate(rate_hz=rate_hz, iterations=index))
-            self.budget.left_out.append(f"{sentence[:1].upper()}{sentence[1:]}.")
+            self.budget.leave_out(sentence)
 
     def _judge(self) -> Verdict:
         """The verdict, after the affected iterations on which it depends were repeated."""

@@ -37,7 +37,6 @@ from r2bspec.record.sample_arrays import Rows
 OUTPUT_BAG = "outputs"
 """The name of the bag in the run folder."""
 
-_REPLY_TIMEOUT_S = 10.0
 _MATCH_TIMEOUT_S = 5.0
 _POLL_S = 0.05
 
@@ -194,4 +193,4 @@ class MessageRecording:
 
     def _ask(self, message: Any) -> protocol.Matched:
         observer = self._supervisor.observer()
-        return self._supervisor.request(observer, message, protocol.Matched, _REPLY_TIMEOUT_S)
+        return self._supervisor.request(observer, message, protocol.Matched)

@@ -72,6 +72,10 @@ class TimeBudget:
         if not self._limit_ns or self.spent_s() + seconds <= self._limit_ns / 1e9:
             return True
         note = f"{what}: it would exceed the time budget of {Duration(self._limit_ns)}"
-        self._note(note)
-        self.left_out.append(f"{note[:1].upper()}{note[1:]}.")
+        self.leave_out(note)
         return False
+
+    def leave_out(self, text: str) -> None:
+        """Note that a part is left out; `text` is a sentence without its capital and full stop."""
+        self._note(text)
+        self.left_out.append(f"{text[:1].upper()}{text[1:]}.")

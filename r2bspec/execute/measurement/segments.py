@@ -48,7 +48,6 @@ PLAYBACK_ROWS = "playback"
 _CHECK_INTERVAL_S = 0.25
 _JUDGED_KINDS: Final = frozenset({"iteration", "sustained", "confirmation"})
 _PLAYER_SLACK_S = 30.0
-_REPLY_TIMEOUT_S = 10.0
 
 StopCondition = Callable[["SegmentObservation", float], bool]
 """Called four times a second with the samples so far and the seconds played; True stops."""
@@ -301,7 +300,7 @@ class SegmentPlayer:
         """Wait until the nodes have the latched transforms, which they need for what is played."""
         if self._static_publisher is not None:
             self._supervisor.request(
-                self._static_publisher, protocol.AwaitStatic(), protocol.Matched, _REPLY_TIMEOUT_S
+                self._static_publisher, protocol.AwaitStatic(), protocol.Matched
             )
 
     def _live(self, first: dict[str, int]) -> ProgressView:

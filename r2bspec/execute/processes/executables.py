@@ -58,12 +58,13 @@ def native_library() -> Path:
     Raises:
         NotInstalledError: it cannot be built on this machine.
     """
-    with _build_errors():
+    with build_errors():
         return harness_library()
 
 
 @contextlib.contextmanager
-def _build_errors() -> Iterator[None]:
+def build_errors() -> Iterator[None]:
+    """What cannot be built is not installed, to a run."""
     try:
         yield
     except BuildError as error:
@@ -93,7 +94,7 @@ def _resolve(word: str) -> str:
     if word == "$(python)":
         return interpreter()
     if word == "$(harness)":
-        with _build_errors():
+        with build_errors():
             return str(harness_program())
     if word == "$(included_launch)":
         return str(Path(harness.__file__).with_name("included_launch.py"))

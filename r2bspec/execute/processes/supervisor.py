@@ -41,6 +41,9 @@ NO_ANSWER = "R2B632"
 """The code of an error because a process does not respond in time."""
 
 _POLL_S = 0.05
+REPLY_TIMEOUT_S = 10.0
+"""For what a process answers at once; it may be in a callback."""
+
 _NOT_INSTALLED_PREFIX = "R2B62"
 """The codes for missing software: another attempt would not help."""
 
@@ -248,7 +251,11 @@ class ProcessSupervisor:
         )
 
     def request(
-        self, child: ManagedProcess, command: Any, kind: type[_Answer], timeout_s: float
+        self,
+        child: ManagedProcess,
+        command: Any,
+        kind: type[_Answer],
+        timeout_s: float = REPLY_TIMEOUT_S,
     ) -> _Answer:
         """Send a command and wait for its reply.
 

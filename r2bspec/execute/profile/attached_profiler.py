@@ -19,6 +19,7 @@ from pathlib import Path, PurePath
 import psutil
 
 from r2bspec.execute.errors import RunError
+from r2bspec.execute.host.kernel_counters import family
 from r2bspec.execute.processes.environment import inherited_environment
 from r2bspec.execute.processes.process import describe_exit
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
@@ -63,7 +64,7 @@ class AttachedProfiler:
         Raises:
             RunError: it cannot observe the process, or from `ProcessSupervisor.pump`.
         """
-        pids = observed_pids(observed.pid)
+        pids = family(observed.pid)
         if profiler.kind == "py-spy":
             pids = [each for each in pids if _runs_python(each)]
             if not pids:
@@ -132,14 +133,6 @@ class AttachedProfiler:
         lines = [line for line in self.child.log_tail().splitlines() if line.strip()]
         said = f": {' '.join(lines[-2:])}" if lines else ""
         return f"{self.profiler.name} {describe_exit(self.child.process.returncode)}{said}"
-
-
-def observed_pids(pid: int) -> list[int]:
-    """A process and all that it has started, those that it started after itself."""
-    with contextlib.suppress(psutil.Error):
-        process = psutil.Process(pid)
-        return [pid, *(each.pid for each in process.children(recursive=True))]
-    return [pid]
 
 
 def _runs_python(pid: int) -> bool:
