@@ -18,6 +18,7 @@ from r2bspec.execute.bringup.graph_matching import (
     MonitorSubscriptions,
     expected_subscriptions,
     graph_error,
+    graph_observer,
     remapped_topics,
     subscription_counts,
     wait_for_mutual_discovery,
@@ -38,7 +39,6 @@ from r2bspec.execute.diagnosis.observe_graph import (
     TRACE_RATE_HZ,
     TRACE_STEPS,
     GraphFacts,
-    GraphObserver,
     foreign_publishers,
     guarded_topics,
 )
@@ -640,14 +640,8 @@ class Session:
 
     def _trace_messages(self, segment_player: SegmentPlayer) -> GraphFacts:
         """Play some steps and count the messages on each topic."""
-        known = self._launcher.endpoints_in(self._plan, MEASURE_PHASE)
-        observer = GraphObserver(
-            self._supervisor,
-            self._supervisor.observer(),
-            self._plan,
-            MEASURE_PHASE,
-            known,
-            self._monitor,
+        observer = graph_observer(
+            self._supervisor, self._launcher, self._plan, MEASURE_PHASE, self._monitor
         )
 
         def play() -> None:

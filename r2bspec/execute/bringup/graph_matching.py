@@ -15,6 +15,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 import msgspec
 
@@ -39,6 +40,7 @@ from r2bspec.wiring.name_resolution import expand
 
 EndpointKey = tuple[str, str, str]
 """An endpoint: topic, type, and ``publishes`` or ``subscribes``."""
+
 _POLL_S = 0.02
 _MAX_WAIT_S = 5.0
 
@@ -48,27 +50,21 @@ _UNCHANGED_S = 4.0
 discovery may show them seconds apart."""
 
 
+@dataclass
 class MonitorSubscriptions:
     """Subscribes the monitor; a topic without a QoS waits until its publisher is discovered.
 
-    Args:
+    Attributes:
         supervisor: all processes.
         observer: says what discovery shows.
         monitor: has been configured.
-        monitors: the topics.
+        waiting: the topics that it has not subscribed to yet.
     """
 
-    def __init__(
-        self,
-        supervisor: ProcessSupervisor,
-        observer: ManagedProcess,
-        monitor: ManagedProcess,
-        monitors: Iterable[MonitorPlan],
-    ) -> None:
-        self._supervisor = supervisor
-        self._observer = observer
-        self._monitor = monitor
-        self._waiting = tuple(monitors)
+    supervisor: ProcessSupervisor
+    observer: ManagedProcess
+    monitor: ManagedProcess
+    waiting: tuple[MonitorPlan, ...]
 
     def update(self) -> None:
         """Subscribe to what can be subscribed to now.
@@ -76,25 +72,25 @@ class MonitorSubscriptions:
         Raises:
             RunError: a process does not respond, or exited.
         """
-        if not self._waiting:
+        if not self.waiting:
             return
-        found = self._discover(tuple(each.topic for each in self._waiting if each.qos is None))
+        found = self._discover(tuple(each.topic for each in self.waiting if each.qos is None))
         ready = tuple(
             msgspec.structs.replace(each, qos=each.qos or weakest_offer(found.writers[each.topic]))
-            for each in self._waiting
+            for each in self.waiting
             if each.qos is not None or found.writers[each.topic]
         )
         names = {each.name for each in ready}
-        self._waiting = tuple(each for each in self._waiting if each.name not in names)
+        self.waiting = tuple(each for each in self.waiting if each.name not in names)
         if ready:
             command = protocol.Subscribe(monitors=ready)
-            self._supervisor.request(self._monitor, command, protocol.Matched)
+            self.supervisor.request(self.monitor, command, protocol.Matched)
 
     def _discover(self, topics: tuple[str, ...]) -> protocol.Discovered:
         if not topics:
             return protocol.Discovered(writers={}, readers={})
         command = protocol.Discover(topics=topics)
-        return self._supervisor.request(self._observer, command, protocol.Discovered)
+        return self.supervisor.request(self.observer, command, protocol.Discovered)
 
 
 def wait_until_matched(
@@ -129,7 +125,7 @@ def wait_until_matched(
     diagnosis = EarlyDiagnosis(
         plan,
         phase,
-        lambda: _observer(supervisor, launcher, plan, phase).look(),
+        lambda: graph_observer(supervisor, launcher, plan, phase).look(),
         idle_s=idle.update,
         answer=lambda: idle.answer(supervisor.observer()),
     )
@@ -160,12 +156,16 @@ def wait_until_matched(
         supervisor.pump(_POLL_S)
 
 
-def _observer(
-    supervisor: ProcessSupervisor, launcher: Launcher, plan: Plan, phase: str
+def graph_observer(
+    supervisor: ProcessSupervisor,
+    launcher: Launcher,
+    plan: Plan,
+    phase: str,
+    monitor: ManagedProcess | None = None,
 ) -> GraphObserver:
-    return GraphObserver(
-        supervisor, supervisor.observer(), plan, phase, launcher.endpoints_in(plan, phase)
-    )
+    """Observes the graph of a phase; with a monitor, messages can be traced."""
+    known = tuple(launcher.endpoints_in(plan, phase))
+    return GraphObserver(supervisor, supervisor.observer(), plan, phase, known, monitor)
 
 
 def _not_ready_error(
@@ -188,7 +188,7 @@ def _not_ready_error(
         certain: those that will never be matched, if that was found before the deadline.
         stalled_s: for how long nothing has changed; 0 if the nodes are not idle.
     """
-    facts = _observer(supervisor, launcher, plan, phase).observe()
+    facts = graph_observer(supervisor, launcher, plan, phase).observe()
     remapped = [each for each in remapped_topics(plan, phase) if each.topic in {*missing}]
     launcher.add_unmatched_remappings(unmatched(facts, remapped), facts)
     inputs = [topic for topic in missing if topic in facts.inputs]

@@ -198,10 +198,11 @@ def _with_plan_name(end: Endpoint) -> Endpoint:
     )
 
 
+@dataclass(frozen=True)
 class GraphObserver:
     """Observes the graph.
 
-    Args:
+    Attributes:
         supervisor: all processes.
         observer: a process that says what discovery shows: the observer or a loader.
         plan: of the run.
@@ -211,21 +212,12 @@ class GraphObserver:
         monitor: counts messages for `trace`.
     """
 
-    def __init__(
-        self,
-        supervisor: ProcessSupervisor,
-        observer: ManagedProcess,
-        plan: Plan,
-        phase: str,
-        known: Iterable[tuple[str, str, str, str]] = (),
-        monitor: ManagedProcess | None = None,
-    ) -> None:
-        self._known_endpoints = [*known]
-        self._supervisor = supervisor
-        self._observer = observer
-        self._monitor = monitor
-        self._plan = plan
-        self._phase = phase
+    supervisor: ProcessSupervisor
+    observer: ManagedProcess
+    plan: Plan
+    phase: str
+    known: tuple[tuple[str, str, str, str], ...] = ()
+    monitor: ManagedProcess | None = None
 
     def look(self) -> GraphFacts:
         """The endpoints that discovery shows at this moment; there may be more."""
@@ -281,7 +273,7 @@ class GraphObserver:
         discovered = self._discover(found)
         while time.monotonic() < deadline:
             before = _endpoints(discovered)
-            self._supervisor.pump(_DISCOVERY_INTERVAL_S)
+            self.supervisor.pump(_DISCOVERY_INTERVAL_S)
             found = self._ask(protocol.Survey(), protocol.Surveyed)
             discovered = self._discover(found)
             if _endpoints(discovered) == before and self._knows_all_endpoints(discovered):
@@ -289,7 +281,7 @@ class GraphObserver:
         return found, discovered
 
     def _knows_all_endpoints(self, discovered: protocol.Discovered) -> bool:
-        for node, topic, _, does in self._known_endpoints:
+        for node, topic, _, does in self.known:
             ends = discovered.writers if does == "publishes" else discovered.readers
             if topic not in _COMMON_TOPICS and node not in {
                 each.node for each in ends.get(topic, ())
@@ -297,12 +289,12 @@ class GraphObserver:
                 return False
         return all(
             discovered.writers.get(each.name)
-            for each in self._plan.topics
-            if each.phase == self._phase and {"player", "loader"} & {*each.writers}
+            for each in self.plan.topics
+            if each.phase == self.phase and {"player", "loader"} & {*each.writers}
         )
 
     def _discover(self, found: protocol.Surveyed) -> protocol.Discovered:
-        planned = {each.name for each in self._plan.topics if each.phase == self._phase}
+        planned = {each.name for each in self.plan.topics if each.phase == self.phase}
         names = tuple(sorted({*planned, *found.topics} - {*_COMMON_TOPICS}))
         return self._ask(protocol.Discover(topics=names), protocol.Discovered)
 
@@ -313,8 +305,8 @@ class GraphObserver:
         passed: dict[str, int] | None = None,
     ) -> GraphFacts:
         return gather_facts(
-            self._plan,
-            self._phase,
+            self.plan,
+            self.phase,
             {
                 topic: (publishers, discovered.readers[topic])
                 for topic, publishers in discovered.writers.items()
@@ -326,12 +318,12 @@ class GraphObserver:
         )
 
     def _ask(self, command: object, kind: type[_Answer]) -> _Answer:
-        return self._supervisor.request(self._observer, command, kind)
+        return self.supervisor.request(self.observer, command, kind)
 
     def _ask_monitor(self, command: object) -> protocol.Matched:
-        if self._monitor is None:
+        if self.monitor is None:
             raise ValueError("there is no monitor to trace with")
-        return self._supervisor.request(self._monitor, command, protocol.Matched)
+        return self.supervisor.request(self.monitor, command, protocol.Matched)
 
     def _wait_for_matches(self, topics: set[str]) -> None:
         deadline = time.monotonic() + _MAX_MATCH_WAIT_S
@@ -339,7 +331,7 @@ class GraphObserver:
             counts = self._ask_monitor(protocol.CountMatches()).counts
             if all(counts.get(topic, 0) for topic in topics):
                 return
-            self._supervisor.pump(_POLL_S)
+            self.supervisor.pump(_POLL_S)
 
     def _wait_for_quiet(self, files: Iterable[RowReader]) -> None:
         """Wait until no message has arrived for a while; bounded, as some topics never pause."""
@@ -353,7 +345,7 @@ class GraphObserver:
             counts = [each.count() for each in files]
             if counts != last:
                 last, changed = counts, time.monotonic()
-            self._supervisor.pump(_POLL_S)
+            self.supervisor.pump(_POLL_S)
 
 
 def weakest_offer(publishers: Sequence[protocol.Endpoint]) -> QoS:

@@ -14,6 +14,7 @@ from typing import Final
 from r2bspec.execute.bringup.graph_matching import (
     expected_subscriptions,
     graph_error,
+    graph_observer,
     subscription_counts,
     wait_until_matched,
 )
@@ -25,7 +26,6 @@ from r2bspec.execute.diagnosis.observe_graph import (
     TRACE_RATE_HZ,
     TRACE_STEPS,
     GraphFacts,
-    GraphObserver,
 )
 from r2bspec.execute.errors import NoOutputError
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
@@ -178,6 +178,4 @@ def _trace_messages(
         command = protocol.Play(rate_hz=TRACE_RATE_HZ, steps=TRACE_STEPS)
         supervisor.request(loader, command, protocol.Played, _PLAY_TIMEOUT_S)
 
-    known = launcher.endpoints_in(plan, _PHASE)
-    observer = GraphObserver(supervisor, loader, plan, _PHASE, known, monitor)
-    return observer.trace(rows_dir, play)
+    return graph_observer(supervisor, launcher, plan, _PHASE, monitor).trace(rows_dir, play)

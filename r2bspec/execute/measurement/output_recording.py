@@ -153,21 +153,19 @@ def _messages(
             yield OutputMessage(latency_topic, time_ns, latency_message(latency_ns))
 
 
+@dataclass(frozen=True)
 class MessageRecording:
     """A second subscription to some topics, from `begin` to `end`.
 
-    Args:
+    Attributes:
         supervisor: all processes.
         monitors: the topics, with the names of their files.
         folder: receives the files.
     """
 
-    def __init__(
-        self, supervisor: ProcessSupervisor, monitors: Sequence[MonitorPlan], folder: Path
-    ) -> None:
-        self._supervisor = supervisor
-        self._monitors = tuple(monitors)
-        self._folder = folder
+    supervisor: ProcessSupervisor
+    monitors: tuple[MonitorPlan, ...]
+    folder: Path
 
     def begin(self) -> None:
         """Subscribe, and wait until the publishers are found; some topics may have none.
@@ -175,13 +173,13 @@ class MessageRecording:
         Raises:
             RunError: a process does not respond, or exited.
         """
-        self._ask(protocol.Record(monitors=self._monitors, folder=str(self._folder)))
+        self._ask(protocol.Record(monitors=self.monitors, folder=str(self.folder)))
         deadline = time.monotonic() + _MATCH_TIMEOUT_S
         while time.monotonic() < deadline:
             found = self._ask(protocol.CountMatches())
-            if all(found.counts.get(each.topic) for each in self._monitors):
+            if all(found.counts.get(each.topic) for each in self.monitors):
                 return
-            self._supervisor.pump(_POLL_S)
+            self.supervisor.pump(_POLL_S)
 
     def end(self) -> None:
         """Unsubscribe; the files are complete when this returns.
@@ -192,5 +190,5 @@ class MessageRecording:
         self._ask(protocol.EndRecording())
 
     def _ask(self, message: Any) -> protocol.Matched:
-        observer = self._supervisor.observer()
-        return self._supervisor.request(observer, message, protocol.Matched)
+        observer = self.supervisor.observer()
+        return self.supervisor.request(observer, message, protocol.Matched)

@@ -329,35 +329,26 @@ class _InterimMonitor:
         )
 
 
+@dataclass
 class AffectedProbes:
-    """Plays probes, and again what others disturbed."""
+    """Plays probes, and again what others disturbed.
 
-    def __init__(
-        self,
-        policy: Literal["tolerate", "note", "strict"],
-        precision: float,
-        last_segment: Callable[[], Segment],
-        interference: Callable[[int, int], Interference],
-        budget: TimeBudget,
-        note: Callable[[str], None],
-    ) -> None:
-        """Nothing is played yet.
+    Attributes:
+        policy: ``gate.interference``; with ``tolerate``, interference explains nothing.
+        precision: of the search.
+        last_segment: the segment that was played last.
+        interference: what others did between two times; see `HostWatch.between`.
+        budget: of the run; without time left, nothing is played again.
+        note: receives a note about each probe that is played again.
+    """
 
-        Args:
-            policy: ``gate.interference``; with ``tolerate``, interference explains nothing.
-            precision: of the search.
-            last_segment: the segment that was played last.
-            interference: what others did between two times; see `HostWatch.between`.
-            budget: of the run; without time left, nothing is played again.
-            note: receives a note about each probe that is played again.
-        """
-        self._policy = policy
-        self._precision = precision
-        self._last_segment = last_segment
-        self._interference = interference
-        self._budget = budget
-        self._note = note
-        self._futile = 0
+    policy: Literal["tolerate", "note", "strict"]
+    precision: float
+    last_segment: Callable[[], Segment]
+    interference: Callable[[int, int], Interference]
+    budget: TimeBudget
+    note: Callable[[str], None]
+    _futile: int = 0
 
     def play(self, probe: Callable[[], ProbeOutcome]) -> ProbeOutcome:
         """Play a probe, and once more if others disturbed it and that can explain its outcome."""
@@ -365,7 +356,7 @@ class AffectedProbes:
         if not self._wants_replay(first):
             return first
         reasons = ", ".join(first.probe.disturbed)
-        self._note(f"host interference in {first.probe.segment} ({reasons}): repeating it")
+        self.note(f"host interference in {first.probe.segment} ({reasons}): repeating it")
         again = self._with_interference(probe())
         if again.probe.explained:
             self._futile += 1
@@ -376,23 +367,23 @@ class AffectedProbes:
         found = outcome.probe
         if not found.explained or self._futile >= MAX_FUTILE_REPLAYS:
             return False
-        segment = self._last_segment()
+        segment = self.last_segment()
         seconds = (segment.ended_ns - segment.began_ns) / 1e9
-        return self._budget.allows(
+        return self.budget.allows(
             f"no rerun of {found.segment}, which host interference affected", seconds
         )
 
     def _with_interference(self, outcome: ProbeOutcome) -> ProbeOutcome:
         """An outcome whose probe says what others did meanwhile, and whether that explains it."""
-        segment = self._last_segment()
-        found = self._interference(segment.began_ns, segment.ended_ns)
+        segment = self.last_segment()
+        found = self.interference(segment.began_ns, segment.ended_ns)
         one = msgspec.structs.replace(outcome.probe, by_player=outcome.limited_by_player)
         if found.reasons:
             one = msgspec.structs.replace(
                 one,
                 disturbed=found.reasons,
-                taken=0.0 if self._policy == "tolerate" else found.taken,
-                explained=self._policy != "tolerate"
+                taken=0.0 if self.policy == "tolerate" else found.taken,
+                explained=self.policy != "tolerate"
                 and one.holds is not True
                 and self._can_explain(one, found.taken),
             )
@@ -400,6 +391,6 @@ class AffectedProbes:
 
     def _can_explain(self, probe: Probe, taken: float) -> bool:
         if probe.purpose == "saturation":
-            return taken > self._precision / 2
+            return taken > self.precision / 2
         possible_hz = probe.delivered_hz + taken * probe.rate_hz
-        return possible_hz >= (1 - self._precision) * probe.rate_hz
+        return possible_hz >= (1 - self.precision) * probe.rate_hz

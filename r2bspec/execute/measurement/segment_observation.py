@@ -35,6 +35,7 @@ DRAIN_POLL_S = 0.01
 _MIN_DRAIN_QUIET_S = 0.3
 _DRAIN_PAUSE_FACTOR = 5
 """A gap is waited for so many times the longest pause between two arrivals."""
+
 _MAX_DRAIN_S = 60.0
 """For a graph that never stops publishing, unless `drain_timeout` is longer."""
 
