@@ -42,9 +42,9 @@ EndpointKey = tuple[str, str, str]
 """An endpoint: topic, type, and ``publishes`` or ``subscribes``."""
 
 _POLL_S = 0.02
-_MAX_WAIT_S = 5.0
+_MAX_DISCOVERY_S = 5.0
 
-_INTERVAL_S = 1.0
+_LOOK_S = 1.0
 _UNCHANGED_S = 4.0
 """A node creates its endpoints one after another, usually within milliseconds; on a busy machine
 discovery may show them seconds apart."""
@@ -275,7 +275,7 @@ def wait_for_mutual_discovery(
     """Wait until the nodes and the harness have discovered each other from both sides.
 
     A publisher may have discovered a subscription that has not yet discovered the publisher;
-    messages published in this time are lost. The wait is bounded by `_MAX_WAIT_S`, because some
+    messages published in this time are lost. The wait is bounded by `_MAX_DISCOVERY_S`: some
     pairs never match, for example those with incompatible QoS.
 
     Args:
@@ -289,7 +289,7 @@ def wait_for_mutual_discovery(
     ]
     publishers = Counter((topic, kind) for topic, kind, does in known if does == "publishes")
     subscriptions = Counter((topic, kind) for topic, kind, does in known if does == "subscribes")
-    deadline = time.monotonic() + _MAX_WAIT_S
+    deadline = time.monotonic() + _MAX_DISCOVERY_S
     undiscovered = {child: {*launcher.host_endpoints(child)} for child in launcher.hosts}
     with supervisor.waiting("nodes: discovery of the harness"):
         while any(undiscovered.values()) and time.monotonic() < deadline:
@@ -343,7 +343,7 @@ class EarlyDiagnosis:
         self._patience_s = patience_s(plan)
         self._remapped = tuple(remapped_topics(plan, phase))
         self._last: GraphFacts | None = None
-        self._unchanged_since = self._next = clock() + _INTERVAL_S
+        self._unchanged_since = self._next = clock() + _LOOK_S
 
     def certain(self, missing: Collection[str]) -> frozenset[str]:
         """The missing topics that will never be matched; mostly, and at first, none.
@@ -356,7 +356,7 @@ class EarlyDiagnosis:
             return frozenset()
         facts = self._observe()
         now = self._clock()
-        self._next = now + _INTERVAL_S
+        self._next = now + _LOOK_S
         if facts != self._last:
             self._last, self._unchanged_since = facts, now
         unchanged_s = now - self._unchanged_since

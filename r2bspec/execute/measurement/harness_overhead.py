@@ -59,10 +59,10 @@ _LOOK_S = 0.1
 """How often to look whether enough was played: rarely, because a look uses the processor."""
 
 _P99_MESSAGES: Final = math.ceil(math.log(0.05) / math.log(0.99))
-_FEWEST: Final = 11
-_FEW: Final = 20
-_MOST: Final = 2000
-_ERROR: Final = 0.02
+_FEWEST_MESSAGES: Final = 11
+_FEW_MESSAGES: Final = 20
+_MOST_MESSAGES: Final = 2000
+_MEDIAN_ERROR: Final = 0.02
 """How often the median may lie outside its interval."""
 
 _NARROW: Final = 0.25
@@ -304,10 +304,10 @@ def overhead_length(usual: int) -> OverheadLength:
     Args:
         usual: how many messages a second has, or as much of one as the recording.
     """
-    if usual < _FEW:
+    if usual < _FEW_MESSAGES:
         # Below 20 Hz a second has too few; each further one takes long.
-        return OverheadLength(_FEWEST, _FEW)
-    most = min(usual, _MOST)
+        return OverheadLength(_FEWEST_MESSAGES, _FEW_MESSAGES)
+    most = min(usual, _MOST_MESSAGES)
     return OverheadLength(min(most, _P99_MESSAGES), most)
 
 
@@ -325,7 +325,7 @@ def median_is_known(values: Rows) -> bool:
 def _rank(count: int) -> int:
     """The largest k of the interval from the k-th smallest to the k-th largest; 0 for none."""
     rank, below = 0, 0
-    allowed = _ERROR / 2 * 2**count
+    allowed = _MEDIAN_ERROR / 2 * 2**count
     while (below := below + math.comb(count, rank)) <= allowed:
         rank += 1
     return rank

@@ -38,8 +38,8 @@ _PORT_BASE = 32768
 """The convention of ROS's `domain_coordinator`: a process that binds TCP port 32768 + N has
 domain N. It also avoids collisions with test suites that use it."""
 
-_PERIOD_S = 0.1
-_ATTEMPTS = 20
+_SEGMENT_LOOK_S = 0.1
+_SEGMENT_LOOKS = 20
 """How often a file is looked at: a process maps its segment a moment after it has made it."""
 
 
@@ -171,8 +171,8 @@ class SharedMemoryModes:
         """
         if time.monotonic() < self._next_s:
             return
-        self._next_s = time.monotonic() + _PERIOD_S
+        self._next_s = time.monotonic() + _SEGMENT_LOOK_S
         readable = self._middleware.readable_shm_files()
         self._attempts = {name: self._attempts.get(name, 0) + 1 for name in readable}
-        if any(number <= _ATTEMPTS for number in self._attempts.values()):
+        if any(number <= _SEGMENT_LOOKS for number in self._attempts.values()):
             self._middleware.make_shm_files_private(self._pids())

@@ -33,7 +33,7 @@ _ENDED_BY_US = frozenset({0, -signal.SIGINT, 128 + signal.SIGINT})
 
 _FIELDS = "comm,ip,sym,dso"
 _UNKNOWN = "[unknown]"
-_TIMEOUT_S = 120.0
+_SCRIPT_TIMEOUT_S = 120.0
 
 
 @dataclass
@@ -170,7 +170,7 @@ def read_perf_stacks(perf: str, data: Path) -> Stacks:
         env=os.environ | {"DEBUGINFOD_URLS": ""},
         errors="replace",
     ) as process:
-        timer = threading.Timer(_TIMEOUT_S, process.kill)
+        timer = threading.Timer(_SCRIPT_TIMEOUT_S, process.kill)
         timer.start()
         try:
             found = Counter(stacks_of(process.stdout or ()))

@@ -35,7 +35,7 @@ _MAX_PERF_DATA = "512M"
 
 _NSYS = ("profile", "--trace=cuda,nvtx,osrt", "--force-overwrite=true", "--output", OUTPUT)
 
-_TIMEOUT_S = 20.0
+_TRIAL_TIMEOUT_S = 20.0
 _SHOWN_LINES = 4
 
 _INSTALL = {
@@ -147,7 +147,7 @@ def require_usable(profiler: Profiler) -> None:
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
-                timeout=_TIMEOUT_S,
+                timeout=_TRIAL_TIMEOUT_S,
                 errors="replace",
                 check=False,
             )
