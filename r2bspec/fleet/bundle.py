@@ -20,7 +20,7 @@ from typing import Final
 import msgspec
 
 from r2bspec.bags.integrity import hash_files
-from r2bspec.execute.processes.secret_references import texts
+from r2bspec.execute.processes.environment import texts
 from r2bspec.fleet.errors import BundleTooLargeError
 from r2bspec.language.quantities import Size
 from r2bspec.plan.canonical_json import canonical_json
@@ -56,7 +56,7 @@ class SentRecording(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         path: where it must be, relative to the root of the bundle, or absolute: hosts must have
             it at this very path then.
-        sha256: `r2bspec.bags.digest.hash_files` of it.
+        sha256: `r2bspec.bags.integrity.hash_files` of it.
     """
 
     path: str

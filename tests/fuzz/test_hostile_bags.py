@@ -182,7 +182,8 @@ def test_a_history_whose_columns_have_other_types_is_refused(tmp_path: Path) -> 
     file = tmp_path / "history.sqlite"
     _history(file)
     columns = (
-        "run_id, name, started_at, host, machine, plan, dataset, version, outcome, accepted, identity"
+        "run_id, name, started_at, host, machine, plan, dataset, version, outcome, accepted,"
+        " identity"
     )
     with sqlite3.connect(file) as database:
         database.execute("DROP TABLE runs")
