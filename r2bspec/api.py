@@ -254,7 +254,7 @@ def run(
         HistoryError: the history cannot be used.
         OtherMachineError: this machine is not what the spec requires.
     """
-    from r2bspec.execute.host.required_machine import check_machine
+    from r2bspec.execute.host.machine import check_machine
     from r2bspec.execute.progress import NullProgress
     from r2bspec.private_files import private_files
     from r2bspec.record.run_folder import RunFolder

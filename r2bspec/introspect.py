@@ -20,10 +20,9 @@ import msgspec
 from r2bspec.check.installed_packages import package_version
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.errors import NotReadyError
-from r2bspec.execute.processes.environment import RunEnvironment
+from r2bspec.execute.processes.environment import RunEnvironment, make_redactor
 from r2bspec.execute.processes.executables import resolve_argv
-from r2bspec.execute.processes.redaction import make_redactor
-from r2bspec.execute.processes.ros_domain import reserved_domain
+from r2bspec.execute.processes.middleware_setup import reserved_domain
 from r2bspec.execute.processes.signals import Interrupts
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.exit_status import ExitStatus

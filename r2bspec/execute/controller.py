@@ -20,9 +20,9 @@ from typing import Any, Literal
 
 from r2bspec.check.installed_packages import find_module
 from r2bspec.errors import R2bspecError
-from r2bspec.execute.bringup.commands import run_setup_step
 from r2bspec.execute.bringup.graph_joins import build_join_files
 from r2bspec.execute.bringup.launcher import Launcher, message_packages
+from r2bspec.execute.bringup.readiness import run_setup_step
 from r2bspec.execute.errors import (
     GraphMismatchError,
     InterruptedRunError,
@@ -32,26 +32,22 @@ from r2bspec.execute.errors import (
     UnsupportedError,
     UnwritableRunError,
 )
-from r2bspec.execute.host.full_disk import unwritable_log
-from r2bspec.execute.host.host_watch import HostWatch
-from r2bspec.execute.host.machine import describe_machine, describe_versions
-from r2bspec.execute.host.resource_sampler import ResourceSampler
-from r2bspec.execute.identity import graph_identity
+from r2bspec.execute.host.machine import describe_machine, describe_versions, unwritable_log
+from r2bspec.execute.host.resource_sampler import HostWatch, ResourceSampler
+from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.execute.identity.mapped_files import modules_of_programs
-from r2bspec.execute.inputs.buffer_bags import buffer_bags
-from r2bspec.execute.inputs.dataset import ResolvedDataset, obtain_dataset
+from r2bspec.execute.inputs.buffer_bags import ResolvedDataset, buffer_bags, obtain_dataset
 from r2bspec.execute.inputs.preprocess import preprocess
 from r2bspec.execute.measurement.measurement import Measurement
-from r2bspec.execute.measurement.run_reporter import RunReporter
-from r2bspec.execute.measurement.time_budget import TimeBudget
-from r2bspec.execute.phase_clock import PhaseClock
-from r2bspec.execute.processes.environment import MODULES_FOLDER, RunEnvironment
-from r2bspec.execute.processes.executables import resolve_argv
-from r2bspec.execute.processes.joinable import require_joinable
-from r2bspec.execute.processes.middleware_check import check_middleware
-from r2bspec.execute.processes.redaction import make_redactor
-from r2bspec.execute.processes.ros_domain import reserved_domain
-from r2bspec.execute.processes.secret_references import SecretReferences
+from r2bspec.execute.measurement.run_reporter import RunReporter, TimeBudget
+from r2bspec.execute.processes.environment import (
+    MODULES_FOLDER,
+    RunEnvironment,
+    SecretReferences,
+    make_redactor,
+)
+from r2bspec.execute.processes.executables import require_joinable, resolve_argv
+from r2bspec.execute.processes.middleware_setup import check_middleware, reserved_domain
 from r2bspec.execute.processes.signals import Interrupts
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.execute.profile.profiled_iteration import (
@@ -59,9 +55,8 @@ from r2bspec.execute.profile.profiled_iteration import (
     profiled_processes,
     wait_for_last_sample,
 )
-from r2bspec.execute.profile.profilers import find_profiler
-from r2bspec.execute.profile.usable import require_usable
-from r2bspec.execute.progress import Progress
+from r2bspec.execute.profile.profilers import find_profiler, require_usable
+from r2bspec.execute.progress import PhaseClock, Progress
 from r2bspec.execute.session import MEASURE_PHASE, Session
 from r2bspec.execute.start_sequence import StartSequence
 from r2bspec.ipc.arrivals import ClockOffsetTracker

@@ -29,31 +29,32 @@ class RunError(R2bspecError):
             self.exit_code = ExitStatus.USAGE
 
 
-class NotInstalledError(RunError):
+class CertainRunError(RunError):
+    """The run failed, and another attempt would fail in the same way."""
+
+    exit_code = ExitStatus.USAGE
+
+
+class NotInstalledError(CertainRunError):
     """Something that the plan needs is not installed on this machine."""
 
     code = "R2B620"
-    exit_code = ExitStatus.USAGE
 
 
-class OtherMachineError(RunError):
+class OtherMachineError(CertainRunError):
     """This machine is not what the spec requires."""
 
     code = "R2B677"
-    exit_code = ExitStatus.USAGE
 
 
-class UnpairedInputError(RunError):
+class UnpairedInputError(CertainRunError):
     """Most messages of an input cannot be played; another attempt would not help."""
 
-    exit_code = ExitStatus.USAGE
 
-
-class DatasetMismatchError(RunError):
+class DatasetMismatchError(CertainRunError):
     """The hash of the bag differs from the one in the spec."""
 
     code = "R2B312"
-    exit_code = ExitStatus.USAGE
 
 
 class ProcessDiedError(RunError):
@@ -74,15 +75,13 @@ class NotReadyError(RunError):
     code = "R2B640"
 
 
-class GraphMismatchError(RunError):
+class GraphMismatchError(CertainRunError):
     """The running graph differs from the spec; another attempt would not help.
 
     Attributes:
         differences: at least one.
         details: what there is to say apart from the differences; may be empty.
     """
-
-    exit_code = ExitStatus.USAGE
 
     def __init__(
         self,
@@ -116,36 +115,32 @@ class StepFailedError(RunError):
     code = "R2B648"
 
 
-class UnsupportedError(RunError):
+class UnsupportedError(CertainRunError):
     """The plan needs a feature that this version cannot run."""
 
     code = "R2B619"
-    exit_code = ExitStatus.USAGE
 
 
-class NotJoinableError(RunError):
+class NotJoinableError(CertainRunError):
     """Player and monitors cannot run in a process of the graph; another attempt would not help."""
 
     code = "R2B674"
-    exit_code = ExitStatus.USAGE
 
 
 class MiddlewareError(UnsupportedError):
     """The plan asks for something that the selected middleware (RMW) cannot be configured for."""
 
 
-class SecretNotSetError(RunError):
+class SecretNotSetError(CertainRunError):
     """The plan refers to a secret that is not in the environment."""
 
     code = "R2B122"
-    exit_code = ExitStatus.USAGE
 
 
-class SharedMemoryError(RunError):
+class SharedMemoryError(CertainRunError):
     """There is less shared memory than the transport needs."""
 
     code = "R2B664"
-    exit_code = ExitStatus.USAGE
 
 
 class MemoryLimitError(RunError):
@@ -160,15 +155,13 @@ class UnwritableRunError(RunError):
     code = RUN_UNWRITABLE
 
 
-class WorkspaceError(RunError):
+class WorkspaceError(CertainRunError):
     """The environment of a run does not exist, or cannot be sourced."""
 
     code = "R2B657"
-    exit_code = ExitStatus.USAGE
 
 
-class ProfilerError(RunError):
+class ProfilerError(CertainRunError):
     """The profiler is not installed, or may not observe processes."""
 
     code = "R2B652"
-    exit_code = ExitStatus.USAGE

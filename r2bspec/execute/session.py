@@ -13,41 +13,38 @@ from typing import Any
 
 import msgspec
 
-from r2bspec.execute.bringup.discovery import wait_for_mutual_discovery
-from r2bspec.execute.bringup.early_diagnosis import remapped_topics
-from r2bspec.execute.bringup.external_nodes import wait_for_external
-from r2bspec.execute.bringup.graph_harness import GraphHarness, overhead_processes
 from r2bspec.execute.bringup.graph_joins import GraphJoins, build_join_files
-from r2bspec.execute.bringup.harness_processes import HarnessProcesses
-from r2bspec.execute.bringup.idle_nodes import IdleNodes, patience_s
-from r2bspec.execute.bringup.launcher import (
-    NODE_ROLES,
-    Launcher,
+from r2bspec.execute.bringup.graph_matching import (
+    MonitorSubscriptions,
     expected_subscriptions,
     graph_error,
-    message_packages,
+    graph_observer,
+    remapped_topics,
     subscription_counts,
+    wait_for_mutual_discovery,
     wait_until_matched,
 )
-from r2bspec.execute.bringup.monitor_subscriptions import MonitorSubscriptions
-from r2bspec.execute.bringup.readiness import wait_for_probe
-from r2bspec.execute.bringup.spec_mismatches import related_differences
-from r2bspec.execute.bringup.start_deadline import StartDeadline
-from r2bspec.execute.bringup.undeclared_parameters import check_parameters
+from r2bspec.execute.bringup.harness_processes import (
+    GraphHarness,
+    HarnessProcesses,
+    overhead_processes,
+)
+from r2bspec.execute.bringup.idle_nodes import IdleNodes, patience_s
+from r2bspec.execute.bringup.launcher import NODE_ROLES, Launcher, message_packages
+from r2bspec.execute.bringup.readiness import StartDeadline, wait_for_external, wait_for_probe
+from r2bspec.execute.bringup.spec_mismatches import check_parameters, related_differences
 from r2bspec.execute.diagnosis.certain_faults import certain_topics, unmatched
-from r2bspec.execute.diagnosis.find_fault import full_path, path_lines
-from r2bspec.execute.diagnosis.graph_facts import GraphFacts
+from r2bspec.execute.diagnosis.find_fault import fault_report, find_faults, full_path, path_lines
 from r2bspec.execute.diagnosis.observe_graph import (
     TRACE_RATE_HZ,
     TRACE_STEPS,
-    GraphObserver,
-    fault_report,
-    find_faults,
+    GraphFacts,
+    foreign_publishers,
+    guarded_topics,
 )
 from r2bspec.execute.errors import NoOutputError, ProcessFailedError, RunError
 from r2bspec.execute.identity.mapped_files import loaded_by_graph, mapped_files
 from r2bspec.execute.inputs.build_schedule import build_schedule
-from r2bspec.execute.measurement.foreign_publishers import foreign_publishers, guarded_topics
 from r2bspec.execute.measurement.harness_overhead import (
     can_be_measured,
     measure_harness_overhead,
@@ -643,14 +640,8 @@ class Session:
 
     def _trace_messages(self, segment_player: SegmentPlayer) -> GraphFacts:
         """Play some steps and count the messages on each topic."""
-        known = self._launcher.endpoints_in(self._plan, MEASURE_PHASE)
-        observer = GraphObserver(
-            self._supervisor,
-            self._supervisor.observer(),
-            self._plan,
-            MEASURE_PHASE,
-            known,
-            self._monitor,
+        observer = graph_observer(
+            self._supervisor, self._launcher, self._plan, MEASURE_PHASE, self._monitor
         )
 
         def play() -> None:

@@ -20,7 +20,7 @@ from typing import Final
 import msgspec
 
 from r2bspec.bags.integrity import hash_files
-from r2bspec.execute.processes.secret_references import texts
+from r2bspec.execute.processes.environment import texts
 from r2bspec.fleet.errors import BundleTooLargeError
 from r2bspec.language.quantities import Size
 from r2bspec.plan.canonical_json import canonical_json

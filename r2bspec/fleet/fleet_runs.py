@@ -30,7 +30,7 @@ import msgspec
 from r2bspec.compare.history import open_history
 from r2bspec.compare.history_gate import add_to_history, baseline_from_history, write_baseline
 from r2bspec.errors import R2bspecError
-from r2bspec.execute.identity import graph_identity
+from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.fleet.bundle import Bundle, Job, SentSide, make_bundle
 from r2bspec.fleet.client import FleetClient
 from r2bspec.fleet.errors import (

@@ -53,9 +53,6 @@ _ANNOUNCE_S: Final = 0.5
 _NO_ROOM: Final = frozenset({"R2B651", "R2B664"})
 """A run that could not be written, and shared memory that is too small: another host may do."""
 
-_PYTHON: Final = (sys.executable, "-s", "-P")
-"""Neither the folder of a spec nor that of a user is searched for modules."""
-
 T = TypeVar("T")
 
 
@@ -239,7 +236,10 @@ class HostService(WorkerPlugin):
 
     def _run_child(self, spool: Path, tree: Path) -> int:
         """Play in a process of its own, which ends when this one does; returns its status."""
-        words = [*_PYTHON, "-m", "r2bspec.fleet.play_run", str(spool), str(tree), str(self._lock)]
+        words = [
+            *(sys.executable, "-s", "-P", "-m", "r2bspec.fleet.play_run"),
+            *(str(spool), str(tree), str(self._lock)),
+        ]
         with (spool / "output.log").open("wb") as log:
             self._child = subprocess.Popen(
                 words,

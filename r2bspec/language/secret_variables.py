@@ -2,7 +2,7 @@
 
 A reference ``$(env NAME)`` to a secret is not replaced when a spec is loaded: the tree, the plan
 and everything that is printed contain the reference itself. The value is read when a process is
-started, for that process alone (`r2bspec.execute.processes.secret_references`). So no message, no
+started, for that process alone (`r2bspec.execute.processes.environment`). So no message, no
 file and no comparison of values can show it, or a part of it.
 
 The lists of words in this module are the only ones: what a run redacts, and what counts as a secret

@@ -19,9 +19,9 @@ from r2bspec.execute.measurement.peak_search import PeakSearch, ProbeOutcome
 from r2bspec.execute.measurement.segment_observation import SegmentObservation
 from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, SegmentPlayer
 from r2bspec.execute.processes.environment import RunEnvironment
-from r2bspec.execute.processes.ros_domain import reserved_domain
+from r2bspec.execute.processes.middleware_setup import reserved_domain
+from r2bspec.execute.processes.scheduling import shorten_slice
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
-from r2bspec.execute.processes.time_slice import shorten_slice
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import largest_message_bytes
 from r2bspec.ipc.schedule import CyclicSchedule

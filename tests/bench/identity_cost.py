@@ -21,7 +21,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from r2bspec.execute.identity import graph_identity
+from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.language.quantities import Duration
 from r2bspec.plan.plan import DatasetPlan, NodePlan, Plan, ProcessPlan
 from r2bspec.record.graph_identity import GraphIdentity

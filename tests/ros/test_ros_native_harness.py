@@ -24,7 +24,7 @@ from c_nodes import c_node
 from native_playlists import SANITIZERS
 from r2bspec.execute.bringup.graph_joins import GraphJoins, JoinFiles
 from r2bspec.execute.errors import ProcessFailedError, RunError
-from r2bspec.execute.processes.ros_domain import reserved_domain
+from r2bspec.execute.processes.middleware_setup import reserved_domain
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.arrivals import ArrivalReader

@@ -19,14 +19,12 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.execute.bringup.idle_nodes import idle_patience_s, starts_others
-from r2bspec.execute.bringup.idle_time import IdleTime, family
-from r2bspec.execute.errors import NotInstalledError
-from r2bspec.execute.processes.joinable import not_joinable
+from r2bspec.execute.bringup.idle_nodes import IdleTime, idle_patience_s, starts_others
+from r2bspec.execute.host.kernel_counters import family
+from r2bspec.execute.processes.executables import build_errors, not_joinable
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.native_protocol import NativeCodec
-from r2bspec.native.errors import BuildError
 from r2bspec.native.harness_library import harness_library
 from r2bspec.native.join_object import join_environment, join_object
 from r2bspec.plan.plan import JoinPlan, ProcessPlan
@@ -58,10 +56,8 @@ def build_join_files() -> JoinFiles:
     Raises:
         NotInstalledError: it cannot be built (R2B668).
     """
-    try:
+    with build_errors():
         return JoinFiles(join_object(), harness_library())
-    except BuildError as error:
-        raise NotInstalledError(str(error), hint=error.hint, code=error.code) from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +185,7 @@ class GraphJoins:
             self.poll()
             for each in [one for one in self._asking if one.hello.process == child.name]:
                 self._asking.remove(each)
-                if is_meant(each.hello, program):
+                if is_target_process(each.hello, program):
                     return each
                 seen.append(" ".join(each.hello.arguments[:3]))
                 each.go_on()
@@ -264,7 +260,7 @@ def has_loaded_ros(pids: Iterable[int]) -> bool:
     return False
 
 
-def is_meant(hello: Hello, program: str) -> bool:
+def is_target_process(hello: Hello, program: str) -> bool:
     """Whether a process that asks is the node, and no wrapper that will start it.
 
     Args:

@@ -4,24 +4,73 @@ A node that lacks an endpoint, or publishes nothing, may still load a model. It 
 process neither runs nor waits for a processor, and if its executor answers, so that its constructor
 has returned and no callback runs. A start in which this is true of every node, and in which nothing
 has changed for a third of its timeout, is not waited for any longer.
-
 """
 
 from __future__ import annotations
 
+import contextlib
+import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from typing import Final
 
-from r2bspec.execute.bringup.idle_time import IdleTime, family
+import psutil
+
+from r2bspec.execute.host.kernel_counters import RunQueueWaits, family
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.plan.command_lines import INCLUDED_LAUNCH, container_node_name
 from r2bspec.plan.plan import Plan, ProcessPlan
 
+_BUSY_SHARE: Final = 0.1
+"""Of one processor: a node whose timers or discovery threads only look around takes less."""
+
+_MIN_WINDOW_S: Final = 0.5
+
 _ANSWER_NS: Final = 1_500_000_000
 _REPLY_TIMEOUT_S: Final = 20.0
 _MIN_PATIENCE_S: Final = 5.0
+
+
+class IdleTime:
+    """Measures for how long some processes have neither run nor waited for a processor.
+
+    Args:
+        pids: says which processes these are now.
+        clock: a monotonic clock in seconds.
+    """
+
+    def __init__(
+        self, pids: Callable[[], Iterable[int]], clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._pids = pids
+        self._clock = clock
+        self._waits = RunQueueWaits()
+        self._busy_s = self._total_busy_s()
+        self._idle_since = self._looked_at = clock()
+
+    def update(self) -> float:
+        """Look at the processes; returns for how many seconds they have been idle."""
+        now = self._clock()
+        passed_s = now - self._looked_at
+        if passed_s < _MIN_WINDOW_S:
+            return self._looked_at - self._idle_since
+        before_s, self._busy_s = self._busy_s, self._total_busy_s()
+        if abs(self._busy_s - before_s) > _BUSY_SHARE * passed_s:
+            self._idle_since = now
+        self._looked_at = now
+        return now - self._idle_since
+
+    def _total_busy_s(self) -> float:
+        """How long the processes have run, or waited for a processor, in seconds."""
+        pids = [*self._pids()]
+        total_s = 0.0
+        for pid in pids:
+            with contextlib.suppress(psutil.Error):
+                used = psutil.Process(pid).cpu_times()
+                total_s += used.user + used.system
+        waited_s = self._waits.update(0, pids)
+        return total_s if math.isnan(waited_s) else total_s + waited_s
 
 
 def patience_s(plan: Plan) -> float:

@@ -1,40 +1,27 @@
-"""Starting the processes of a phase in order, and waiting until they are ready.
+"""Starting the processes of a phase in order.
 
 The publishers of the harness start first, then the nodes, then the subscriptions of the harness:
 nodes that copy their QoS from existing publishers, or that subscribe only once they have a
-subscriber, need this order. The graph is ready when every planned endpoint is matched. At the
-deadline, the error names the endpoints that are not.
+subscriber, need this order. When all are ready is seen in `r2bspec.execute.bringup.graph_matching`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from r2bspec.execute.bringup.commands import wait_for_exit
-from r2bspec.execute.bringup.early_diagnosis import EarlyDiagnosis, remapped_topics
 from r2bspec.execute.bringup.graph_joins import GraphJoins
-from r2bspec.execute.bringup.idle_nodes import IdleNodes
+from r2bspec.execute.bringup.readiness import StartDeadline, wait_for_exit
 from r2bspec.execute.bringup.spec_mismatches import (
-    graph_mismatches,
     require_declared_parameters,
     unmatched_remapping,
     unmatched_remappings,
 )
-from r2bspec.execute.bringup.start_deadline import StartDeadline
-from r2bspec.execute.diagnosis.certain_faults import RemappedTopic, unmatched
+from r2bspec.execute.diagnosis.certain_faults import RemappedTopic
 from r2bspec.execute.diagnosis.find_fault import Fault
-from r2bspec.execute.diagnosis.graph_facts import GraphFacts, topics_of
-from r2bspec.execute.diagnosis.observe_graph import (
-    FaultReport,
-    GraphObserver,
-    fault_report,
-    find_faults,
-)
-from r2bspec.execute.errors import GraphMismatchError, NotReadyError, RunError
+from r2bspec.execute.diagnosis.observe_graph import GraphFacts, topics_of
 from r2bspec.execute.host.machine import interpreter
-from r2bspec.execute.processes.affinity import apply_affinity
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.executables import (
     hosts_library,
@@ -42,10 +29,13 @@ from r2bspec.execute.processes.executables import (
     resolve_argv,
     resolve_command,
 )
-from r2bspec.execute.processes.middleware_check import check_loaded_rmw
-from r2bspec.execute.processes.shared_memory_check import require_free_shared_memory
-from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
-from r2bspec.execute.processes.time_slice import shorten_slice
+from r2bspec.execute.processes.middleware_setup import check_loaded_rmw, require_free_shared_memory
+from r2bspec.execute.processes.scheduling import apply_affinity, shorten_slice
+from r2bspec.execute.processes.supervisor import (
+    REPLY_TIMEOUT_S,
+    ManagedProcess,
+    ProcessSupervisor,
+)
 from r2bspec.ipc import protocol
 from r2bspec.plan.command_lines import NATIVE_ARGV, container_node_name
 from r2bspec.plan.plan import AfterReadyPlan, Plan, ProcessPlan
@@ -65,8 +55,6 @@ _OBSERVER = "harness.observer"
 """The process that says what discovery shows; no node can have this name."""
 
 _CONFIGURE_TIMEOUT_S = 60.0
-_REPLY_TIMEOUT_S = 10.0
-_POLL_S = 0.02
 
 
 class Launcher:
@@ -367,7 +355,7 @@ class Launcher:
         self.configure(
             child, protocol.ConfigureComponents(containers=containers, timeout_ns=timeout_ns)
         )
-        self._supervisor.answer(child, protocol.Composed, timeout_s + _REPLY_TIMEOUT_S)
+        self._supervisor.answer(child, protocol.Composed, timeout_s + REPLY_TIMEOUT_S)
         self._supervisor.end([child])
         self._created_nodes |= {node.name for each in containers for node in each.nodes}
 
@@ -408,7 +396,7 @@ class Launcher:
                 timeout_ns=step.timeout_ns,
             ),
         )
-        self._supervisor.answer(child, protocol.Called, timeout_s + _REPLY_TIMEOUT_S)
+        self._supervisor.answer(child, protocol.Called, timeout_s + REPLY_TIMEOUT_S)
         self._supervisor.end([child])
 
     def configure(self, child: ManagedProcess, command: Any) -> protocol.Ready:
@@ -443,177 +431,3 @@ def message_packages(plan: Plan) -> tuple[str, ...]:
     """The packages of all messages that a plan names."""
     types = (each.type for each in plan.topics)
     return tuple(sorted({each.partition("/")[0] for each in types if each}))
-
-
-def wait_until_matched(
-    supervisor: ProcessSupervisor,
-    launcher: Launcher,
-    expected_matches: dict[ManagedProcess, dict[str, int]],
-    plan: Plan,
-    phase: str,
-    deadline: StartDeadline,
-    note: Callable[[str], None],
-    subscribe: Callable[[], None] = lambda: None,
-) -> None:
-    """Wait until the endpoints of the harness are matched.
-
-    Args:
-        supervisor: all processes.
-        launcher: has the endpoints of the nodes.
-        expected_matches: for each harness process, its topics, and with how many endpoints of
-            other processes each must be matched.
-        plan: for the text of errors.
-        phase: ``preprocess`` or ``measure``.
-        deadline: of the start.
-        note: is told once what is missing, while the start is still waited for.
-        subscribe: to what could not be subscribed to before.
-
-    Raises:
-        GraphMismatchError: an endpoint is not matched, and never will be.
-        NotReadyError: an endpoint is not matched at the deadline, or the nodes are idle, for
-            another reason.
-    """
-    idle = IdleNodes(plan, phase, supervisor)
-    diagnosis = EarlyDiagnosis(
-        plan,
-        phase,
-        lambda: _observer(supervisor, launcher, plan, phase).look(),
-        idle_s=idle.update,
-        answer=lambda: idle.answer(supervisor.observer()),
-    )
-    told = False
-    while True:
-        subscribe()
-        missing: dict[str, tuple[int, int]] = {}
-        for child, wanted in expected_matches.items():
-            matched = supervisor.request(
-                child, protocol.CountMatches(), protocol.Matched, _REPLY_TIMEOUT_S
-            )
-            missing |= {
-                topic: (matched.counts.get(topic, 0), count)
-                for topic, count in wanted.items()
-                if matched.counts.get(topic, 0) < count
-            }
-        if not missing:
-            return
-        certain = diagnosis.certain(missing)
-        if certain or diagnosis.stalled_s or deadline.over:
-            raise _not_ready_error(
-                supervisor, launcher, plan, phase, missing, certain, diagnosis.stalled_s
-            )
-        if diagnosis.facts is not None and not told:
-            told = True
-            silent = [topic for topic in missing if topic not in diagnosis.facts.inputs]
-            inputs = [topic for topic in missing if topic in diagnosis.facts.inputs]
-            faults = find_faults(diagnosis.facts, silent, inputs)
-            note(f"not ready so far: {'; '.join(each.sentence for each in faults)}")
-        supervisor.pump(_POLL_S)
-
-
-def _observer(
-    supervisor: ProcessSupervisor, launcher: Launcher, plan: Plan, phase: str
-) -> GraphObserver:
-    return GraphObserver(
-        supervisor, supervisor.observer(), plan, phase, launcher.endpoints_in(plan, phase)
-    )
-
-
-def _not_ready_error(
-    supervisor: ProcessSupervisor,
-    launcher: Launcher,
-    plan: Plan,
-    phase: str,
-    missing: dict[str, tuple[int, int]],
-    certain: Collection[str],
-    stalled_s: float,
-) -> RunError:
-    """The error that names the first fault on each path.
-
-    Args:
-        supervisor: all processes.
-        launcher: has the endpoints of the nodes.
-        plan: of the run.
-        phase: ``preprocess`` or ``measure``.
-        missing: the topics, with the matches that they have and need.
-        certain: those that will never be matched, if that was found before the deadline.
-        stalled_s: for how long nothing has changed; 0 if the nodes are not idle.
-    """
-    facts = _observer(supervisor, launcher, plan, phase).observe()
-    remapped = [each for each in remapped_topics(plan, phase) if each.topic in {*missing}]
-    launcher.add_unmatched_remappings(unmatched(facts, remapped), facts)
-    inputs = [topic for topic in missing if topic in facts.inputs]
-    silent = [topic for topic in missing if topic not in facts.inputs]
-    faults = find_faults(facts, silent, inputs)
-    state = f"was not ready after {plan.start_timeout_ns / 1e9:g} s"
-    if certain:
-        state = "will not be ready"
-    elif stalled_s:
-        state = f"is not ready and has not changed for {stalled_s:.0f} s, with all nodes idle"
-    counted = ", ".join(
-        f"{topic}: {have} of {want} endpoints matched" for topic, (have, want) in missing.items()
-    )
-    return graph_error(
-        launcher,
-        faults,
-        f"the {phase} graph {state} ({counted})",
-        fault_report(facts, silent or inputs, faults),
-        otherwise=NotReadyError,
-        hint="Check remappings, message types and QoS of the nodes on these topics.",
-        certain=certain,
-    )
-
-
-def graph_error(
-    launcher: Launcher,
-    faults: Sequence[Fault],
-    state: str,
-    report: FaultReport,
-    *,
-    otherwise: type[RunError],
-    hint: str,
-    certain: Collection[str] = (),
-) -> RunError:
-    """The error for a graph whose messages do not arrive.
-
-    Args:
-        launcher: has the nodes.
-        faults: on the paths of the messages.
-        state: of the graph, in words.
-        report: on the faults.
-        otherwise: the error if the graph does not clearly differ from the spec, so that another
-            attempt might succeed.
-        hint: for that error.
-        certain: topics whose faults persist in any case.
-    """
-    differences = graph_mismatches(
-        faults,
-        launcher.differences,
-        lambda each: each.topic in certain or launcher.is_permanent(each),
-    )
-    if differences:
-        return GraphMismatchError(
-            differences,
-            report.text(state),
-            differences[0].help or hint,
-            details=report.text(state, {each.message for each in differences}),
-        )
-    return otherwise(report.text(state), hint=hint)
-
-
-def subscription_counts(launcher: Launcher, topics: Iterable[str]) -> dict[str, int]:
-    """How many subscriptions each topic has among the Python nodes that have been started."""
-    return {
-        topic: sum(
-            name == topic and does == "subscribes" for _, name, _, does in launcher.endpoints
-        )
-        for topic in topics
-    }
-
-
-def expected_subscriptions(plan: Plan, topic: str, phase: str) -> int:
-    """How many subscriptions a topic of the harness must match: those planned, at least one."""
-    planned = (each for each in plan.topics if each.name == topic and each.phase == phase)
-    subscribers = {
-        node for each in planned for node in each.readers if node not in {"loader", "monitor"}
-    }
-    return max(1, len(subscribers))

@@ -1,23 +1,90 @@
-"""Readiness probes: the conditions under `ready` that must be met before anything is played."""
+"""What a start waits for apart from its endpoints: external nodes, readiness probes, commands.
+
+`benchmark.start_timeout` is the deadline of a start, from its first process to its first output.
+Readiness probes, the conditions under `ready`, must be met before anything is played. They have
+timeouts of their own, as have the commands of the spec that are not part of the graph: `setup` and
+`after_ready` steps.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-from r2bspec.execute.errors import NotReadyError
-from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
+from r2bspec.execute.errors import NotReadyError, StepFailedError
+from r2bspec.execute.processes.environment import RunEnvironment
+from r2bspec.execute.processes.executables import resolve_command
+from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor, describe_exit
 from r2bspec.ipc import protocol
 from r2bspec.language.line_pattern import LinePattern, PatternError, compile_line_pattern
-from r2bspec.plan.plan import ProbePlan
+from r2bspec.plan.plan import Plan, ProbePlan, SetupPlan
+from r2bspec.private_files import user_umask
 from r2bspec.record.run_folder import RunFolder
 
 _POLL_S = 0.05
-_REPLY_TIMEOUT_S = 10.0
+
 _CHUNK_BYTES = 1 << 16
 _MAX_LINE_BYTES = 1 << 16
 """The end of an unfinished line that is searched again with what follows."""
+
+
+class StartDeadline:
+    """A deadline that begins at its construction and that all steps of a start share.
+
+    Attributes:
+        timeout_s: how long the whole start may take, in seconds.
+    """
+
+    def __init__(self, timeout_ns: int, clock: Callable[[], float] = time.monotonic) -> None:
+        self.timeout_s = timeout_ns / 1e9
+        self._clock = clock
+        self._ends_at = clock() + self.timeout_s
+
+    @property
+    def left_s(self) -> float:
+        """How many seconds are left; 0 once it is over."""
+        return max(0.0, self._ends_at - self._clock())
+
+    @property
+    def over(self) -> bool:
+        """Whether the start has taken too long."""
+        return self._clock() > self._ends_at
+
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """Do not count this time: readiness probes and commands have their own timeouts."""
+        began = self._clock()
+        try:
+            yield
+        finally:
+            self._ends_at += self._clock() - began
+
+
+def wait_for_external(
+    plan: Plan, supervisor: ProcessSupervisor, observer: ManagedProcess, deadline: StartDeadline
+) -> None:
+    """Wait until discovery shows every external node of the graph.
+
+    Raises:
+        NotReadyError: a node is missing at the deadline.
+    """
+    wanted = {each.name for each in plan.external if each.phase == "measure"}
+    while True:
+        survey = supervisor.request(observer, protocol.ListGraph(), protocol.GraphSnapshot)
+        missing = sorted(wanted - set(survey.nodes))
+        if not missing:
+            return
+        if deadline.over:
+            raise NotReadyError(
+                f"external: {', '.join(missing)} is not running, or not in this ROS domain",
+                hint="Start it before the run, in the same ROS domain.",
+                code="R2B649",
+            )
+        supervisor.pump(_POLL_S)
 
 
 def wait_for_probe(
@@ -86,13 +153,11 @@ def _is_ready(
         case "log":
             raise AssertionError("a log is searched by LogSearch")
         case "service":
-            survey = supervisor.request(
-                observer, protocol.ListGraph(), protocol.GraphSnapshot, _REPLY_TIMEOUT_S
-            )
+            survey = supervisor.request(observer, protocol.ListGraph(), protocol.GraphSnapshot)
             return plan.target in survey.services
         case "topic":
             command = protocol.Discover(topics=(plan.target,))
-            found = supervisor.request(observer, command, protocol.Discovered, _REPLY_TIMEOUT_S)
+            found = supervisor.request(observer, command, protocol.Discovered)
             return bool(found.writers[plan.target] and found.readers[plan.target])
 
 
@@ -136,3 +201,81 @@ class LogSearch:
             for line in lines
             for part in line.decode(errors="replace").splitlines()
         )
+
+
+def run_setup_step(
+    plan: SetupPlan,
+    supervisor: ProcessSupervisor,
+    environment: RunEnvironment,
+    folder: RunFolder,
+    base_dir: Path,
+    note: Callable[[str], None],
+) -> None:
+    """Run a setup step, unless the file that it creates already exists.
+
+    A lock makes concurrent runs with the same file wait for each other, so that one creates it.
+
+    Raises:
+        StepFailedError: it failed, exceeded its timeout, or did not create its file.
+        NotInstalledError: its program is not installed.
+    """
+    created = base_dir / plan.creates if plan.creates else None
+    with _locked(created):
+        if created is not None and created.exists():
+            note(f"{plan.name}: {plan.creates} already exists")
+            return
+        note(f"{plan.name}: {' '.join(plan.argv)}")
+        child = supervisor.start(
+            f"setup.{plan.name}",
+            "command",
+            environment.secrets.in_words(resolve_command(plan.argv, f"setup step {plan.name}")),
+            environment.for_node(plan.env),
+            cwd=base_dir / plan.directory,
+            log=folder.log_path(f"setup.{plan.name}"),
+            # What it makes is the user's, and stays.
+            umask=user_umask(),
+        )
+        wait_for_exit(child, supervisor, plan.timeout_ns / 1e9)
+        if created is not None and not created.exists():
+            raise StepFailedError(
+                f"setup step {plan.name} succeeded, but {plan.creates} does not exist",
+                hint="Correct 'creates' of the step; paths are relative to the spec.",
+            )
+
+
+def wait_for_exit(child: ManagedProcess, supervisor: ProcessSupervisor, timeout_s: float) -> None:
+    """Wait until a command exits with status 0.
+
+    Raises:
+        StepFailedError: it exited with another status, or ran longer than `timeout_s` seconds.
+    """
+    child.exit_expected = True
+    deadline = time.monotonic() + timeout_s
+    while child.process.poll() is None:
+        if time.monotonic() > deadline:
+            raise StepFailedError(
+                f"{child.name} did not exit within {timeout_s:g} s",
+                hint=f"Increase its timeout, or read its output in {child.log}",
+            )
+        supervisor.pump(_POLL_S)
+    supervisor.end([child])
+    if child.process.returncode:
+        tail = child.log_tail()
+        raise StepFailedError(
+            f"{child.name} {describe_exit(child.process.returncode)}"
+            + (f"; its last output:\n{tail}" if tail else "; it printed nothing"),
+            hint=f"Its complete output is in {child.log}",
+        )
+
+
+@contextlib.contextmanager
+def _locked(created: Path | None) -> Iterator[None]:
+    """Hold the lock of the file that a step creates; no lock if it creates none."""
+    if created is None:
+        yield
+        return
+    from filelock import FileLock
+
+    created.parent.mkdir(parents=True, exist_ok=True)
+    with FileLock(created.with_name(f".{created.name}.lock")):
+        yield

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.execute.diagnosis.find_fault import find_input_fault, first_fault
-from r2bspec.execute.diagnosis.graph_facts import HARNESS, GraphFacts, TopicFacts
+from r2bspec.execute.diagnosis.observe_graph import HARNESS, GraphFacts, TopicFacts
 from r2bspec.wiring.name_resolution import SHARED_TOPICS
 
 

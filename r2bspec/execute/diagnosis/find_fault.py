@@ -1,4 +1,4 @@
-"""The first fault on the path of the messages, from observed facts alone.
+"""The first fault on the path of the messages, from observed facts alone, and the report on it.
 
 The path to a topic without messages consists of all topics from which messages can reach it,
 planned or observed, starting at the inputs. On each topic the faults are checked in this order: it
@@ -8,12 +8,12 @@ subscription leads further along the path.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
 from r2bspec.diagnostics import did_you_mean
-from r2bspec.execute.diagnosis.graph_facts import HARNESS, GraphFacts, TopicFacts
+from r2bspec.execute.diagnosis.observe_graph import HARNESS, GraphFacts, TopicFacts
 from r2bspec.ipc.protocol import Endpoint
 
 FaultKind = Literal["no publisher", "types", "qos", "no output", "no subscription"]
@@ -324,3 +324,52 @@ def _endpoint_texts(ends: tuple[Endpoint, ...], planned_type: str) -> str:
         return f"{end.node} ({', '.join(words)})"
 
     return ", ".join(one(end) for end in ends) or "none"
+
+
+def find_faults(
+    facts: GraphFacts, silent: Iterable[str], inputs: Iterable[str] = ()
+) -> tuple[Fault, ...]:
+    """The first fault on the path to each topic without messages, and those of some inputs.
+
+    Each topic is reported once.
+    """
+    faults_of_silent = [first_fault(facts, each) for each in silent]
+    found = [*(find_input_fault(facts, each) for each in inputs), *faults_of_silent]
+    return tuple({each.topic: each for each in found if each is not None}.values())
+
+
+@dataclass(frozen=True)
+class FaultReport:
+    """What is wrong with a graph, in words.
+
+    Attributes:
+        sentences: one for each fault.
+        also: other differences of the nodes with faults; may be empty.
+        path: a line for each topic on the way of the messages.
+    """
+
+    sentences: tuple[str, ...]
+    also: str
+    path: tuple[str, ...]
+
+    def text(self, state: str, said: Collection[str] = ()) -> str:
+        """The report as a text that begins with the state of the graph.
+
+        Args:
+            state: such as ``no messages on /out``.
+            said: sentences that the reader knows.
+        """
+        left = "; ".join(each for each in self.sentences if each not in said) + self.also
+        head = f"{state}: {left.removeprefix('; ')}" if left else state
+        return "\n".join([head, *self.path])
+
+
+def fault_report(
+    facts: GraphFacts, silent: Iterable[str], faults: Iterable[Fault], also: str = ""
+) -> FaultReport:
+    """The sentences of the faults, then `also`, and below them the complete path."""
+    path = dict.fromkeys(name for each in silent for name in full_path(facts, each))
+    sentences = [each.sentence for each in faults]
+    if not sentences:
+        sentences = ["publishers and subscriptions are matched, and no fault was found"]
+    return FaultReport(tuple(sentences), also, tuple(path_lines(facts, path)))

@@ -1,34 +1,40 @@
-"""Observing the running graph: its endpoints and, while some steps are played, its messages."""
+"""What is known of a graph: planned and discovered endpoints, counted messages, foreign publishers.
+
+The running graph is observed: its endpoints and, while some steps are played, its messages. What a
+publisher that is no process's of the run publishes on the topics of the run is in the samples, or
+was given to the nodes, so that nothing that was measured says anything about the graph.
+"""
 
 from __future__ import annotations
 
+import os
 import time
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 
-from r2bspec.execute.diagnosis.find_fault import (
-    Fault,
-    find_input_fault,
-    first_fault,
-    full_path,
-    path_lines,
-)
-from r2bspec.execute.diagnosis.graph_facts import GraphFacts, gather_facts
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.arrivals import ArrivalReader
+from r2bspec.ipc.protocol import Endpoint, QosMismatch
 from r2bspec.ipc.sample_files import RowReader
 from r2bspec.language.spec import QoS
+from r2bspec.middleware.middleware import RMW_VARIABLE, middleware_of
 from r2bspec.plan.plan import MonitorPlan, Plan
+from r2bspec.plan.taps import all_taps
 from r2bspec.record.run_record import MONITOR_FIELDS
+
+HARNESS = ("loader", "player", "monitor")
+"""The names of the parts of the harness in plans; every other name is the full name of a node."""
 
 TRACE_RATE_HZ = 10.0
 TRACE_STEPS = 10
 """Enough to tell a node that publishes rarely from one that never does."""
 
-_REPLY_TIMEOUT_S = 10.0
+_PREFIX_DIGITS = 24
+
 _MAX_MATCH_WAIT_S = 3.0
 _QUIET_PERIOD_S = 0.5
 _MAX_QUIET_WAIT_S = 5.0
@@ -42,10 +48,161 @@ _Answer = TypeVar("_Answer")
 _COMMON_TOPICS = ("/rosout", "/parameter_events")
 
 
+@dataclass(frozen=True)
+class TopicFacts:
+    """One topic.
+
+    Attributes:
+        name: full name.
+        type: as planned; empty if it, or the topic, is not in the plan.
+        planned_publishers: nodes or parts of the harness.
+        planned_subscribers: likewise.
+        publishers: as discovered; parts of the harness have their names in plans.
+        subscriptions: likewise, without those of the harness that only trace messages.
+        qos_mismatches: pairs that never match, because the subscription requests a QoS that the
+            publisher does not offer.
+        passed: messages received on it while some steps were played; None if it was not observed.
+    """
+
+    name: str
+    type: str = ""
+    planned_publishers: tuple[str, ...] = ()
+    planned_subscribers: tuple[str, ...] = ()
+    publishers: tuple[Endpoint, ...] = ()
+    subscriptions: tuple[Endpoint, ...] = ()
+    qos_mismatches: tuple[QosMismatch, ...] = ()
+    passed: int | None = None
+
+    @cached_property
+    def all_publishers(self) -> frozenset[str]:
+        """The nodes that publish it, planned or discovered."""
+        return frozenset(self.planned_publishers) | {each.node for each in self.publishers}
+
+    @cached_property
+    def all_subscribers(self) -> frozenset[str]:
+        """The nodes that subscribe to it, planned or discovered."""
+        return frozenset(self.planned_subscribers) | {each.node for each in self.subscriptions}
+
+
+@dataclass(frozen=True)
+class GraphFacts:
+    """A graph.
+
+    Attributes:
+        topics: every topic, planned or discovered, by name.
+        inputs: the topics that the player or the loader publishes.
+        played: steps that were played while the messages were counted; None if none were.
+        nodes: the full names of the discovered nodes.
+    """
+
+    topics: Mapping[str, TopicFacts]
+    inputs: tuple[str, ...]
+    played: int | None = None
+    nodes: frozenset[str] = frozenset()
+
+    def topics_subscribed_by(self, node: str) -> tuple[str, ...]:
+        """The topics to which a node subscribes, planned or discovered, sorted."""
+        return tuple(sorted(n for n, each in self.topics.items() if node in each.all_subscribers))
+
+    def topics_published_by(self, node: str) -> tuple[str, ...]:
+        """The topics on which a node has a publisher, sorted."""
+        return tuple(
+            sorted(
+                n for n, t in self.topics.items() if any(each.node == node for each in t.publishers)
+            )
+        )
+
+
+def topics_of(facts: GraphFacts, node: str) -> tuple[str, ...]:
+    """The topics of a running node; if it is not found, those of nodes that are not in the plan."""
+    planned = {
+        each
+        for topic in facts.topics.values()
+        for each in (*topic.planned_publishers, *topic.planned_subscribers)
+    }
+    by_node: dict[str, list[str]] = {}
+    for name, topic in sorted(facts.topics.items()):
+        for end in (*topic.publishers, *topic.subscriptions):
+            if end.node not in HARNESS:
+                by_node.setdefault(end.node, []).append(name)
+    if node in by_node:
+        return tuple(dict.fromkeys(by_node[node]))
+    found = (name for each, names in by_node.items() if each not in planned for name in names)
+    return tuple(dict.fromkeys(found))
+
+
+def gather_facts(
+    plan: Plan,
+    phase: str,
+    discovered: Mapping[str, tuple[tuple[Endpoint, ...], tuple[Endpoint, ...]]],
+    qos_mismatches: Iterable[QosMismatch] = (),
+    *,
+    nodes: Iterable[str] = (),
+    passed: Mapping[str, int] | None = None,
+    played: int | None = None,
+) -> GraphFacts:
+    """Combine the plan with the observations.
+
+    Args:
+        plan: of the run.
+        phase: ``preprocess`` or ``measure``.
+        discovered: publishers and subscriptions of each topic.
+        qos_mismatches: pairs that never match.
+        nodes: the discovered nodes.
+        passed: messages counted, by topic.
+        played: steps that were played in that time.
+    """
+    planned = {each.name: each for each in plan.topics if each.phase == phase}
+    mismatches = [*qos_mismatches]
+    topics = {}
+    for name in sorted({*planned, *discovered}):
+        plan_topic = planned.get(name)
+        publishers, subscriptions = discovered.get(name, ((), ()))
+        expected_subscribers = plan_topic.readers if plan_topic else ()
+        topics[name] = TopicFacts(
+            name=name,
+            type=plan_topic.type if plan_topic else "",
+            planned_publishers=plan_topic.writers if plan_topic else (),
+            planned_subscribers=expected_subscribers,
+            publishers=tuple(_with_plan_name(each) for each in publishers),
+            subscriptions=tuple(
+                found
+                for each in subscriptions
+                if (found := _with_plan_name(each)).node not in HARNESS
+                or found.node in expected_subscribers
+            ),
+            qos_mismatches=tuple(
+                QosMismatch(_name(each.writer), _name(each.reader), each.topic, each.why)
+                for each in mismatches
+                if each.topic == name
+            ),
+            passed=None if passed is None else passed.get(name),
+        )
+    begin = "loader" if phase == "preprocess" else "player"
+    inputs = tuple(name for name, each in topics.items() if begin in each.planned_publishers)
+    return GraphFacts(topics=topics, inputs=inputs, played=played, nodes=frozenset(nodes))
+
+
+def _name(node: str) -> str:
+    """The name of a node in the plan: of a part of the harness its role."""
+    role = node.removeprefix("/r2bspec/")
+    return role if role in HARNESS else node
+
+
+def _with_plan_name(end: Endpoint) -> Endpoint:
+    return Endpoint(
+        node=_name(end.node),
+        type=end.type,
+        reliability=end.reliability,
+        durability=end.durability,
+    )
+
+
+@dataclass(frozen=True)
 class GraphObserver:
     """Observes the graph.
 
-    Args:
+    Attributes:
         supervisor: all processes.
         observer: a process that says what discovery shows: the observer or a loader.
         plan: of the run.
@@ -55,21 +212,12 @@ class GraphObserver:
         monitor: counts messages for `trace`.
     """
 
-    def __init__(
-        self,
-        supervisor: ProcessSupervisor,
-        observer: ManagedProcess,
-        plan: Plan,
-        phase: str,
-        known: Iterable[tuple[str, str, str, str]] = (),
-        monitor: ManagedProcess | None = None,
-    ) -> None:
-        self._known_endpoints = [*known]
-        self._supervisor = supervisor
-        self._observer = observer
-        self._monitor = monitor
-        self._plan = plan
-        self._phase = phase
+    supervisor: ProcessSupervisor
+    observer: ManagedProcess
+    plan: Plan
+    phase: str
+    known: tuple[tuple[str, str, str, str], ...] = ()
+    monitor: ManagedProcess | None = None
 
     def look(self) -> GraphFacts:
         """The endpoints that discovery shows at this moment; there may be more."""
@@ -125,7 +273,7 @@ class GraphObserver:
         discovered = self._discover(found)
         while time.monotonic() < deadline:
             before = _endpoints(discovered)
-            self._supervisor.pump(_DISCOVERY_INTERVAL_S)
+            self.supervisor.pump(_DISCOVERY_INTERVAL_S)
             found = self._ask(protocol.ListGraph(), protocol.GraphSnapshot)
             discovered = self._discover(found)
             if _endpoints(discovered) == before and self._knows_all_endpoints(discovered):
@@ -133,7 +281,7 @@ class GraphObserver:
         return found, discovered
 
     def _knows_all_endpoints(self, discovered: protocol.Discovered) -> bool:
-        for node, topic, _, does in self._known_endpoints:
+        for node, topic, _, does in self.known:
             ends = discovered.writers if does == "publishes" else discovered.readers
             if topic not in _COMMON_TOPICS and node not in {
                 each.node for each in ends.get(topic, ())
@@ -141,12 +289,12 @@ class GraphObserver:
                 return False
         return all(
             discovered.writers.get(each.name)
-            for each in self._plan.topics
-            if each.phase == self._phase and {"player", "loader"} & {*each.writers}
+            for each in self.plan.topics
+            if each.phase == self.phase and {"player", "loader"} & {*each.writers}
         )
 
     def _discover(self, found: protocol.GraphSnapshot) -> protocol.Discovered:
-        planned = {each.name for each in self._plan.topics if each.phase == self._phase}
+        planned = {each.name for each in self.plan.topics if each.phase == self.phase}
         names = tuple(sorted({*planned, *found.topics} - {*_COMMON_TOPICS}))
         return self._ask(protocol.Discover(topics=names), protocol.Discovered)
 
@@ -157,8 +305,8 @@ class GraphObserver:
         passed: dict[str, int] | None = None,
     ) -> GraphFacts:
         return gather_facts(
-            self._plan,
-            self._phase,
+            self.plan,
+            self.phase,
             {
                 topic: (publishers, discovered.readers[topic])
                 for topic, publishers in discovered.writers.items()
@@ -170,12 +318,12 @@ class GraphObserver:
         )
 
     def _ask(self, command: object, kind: type[_Answer]) -> _Answer:
-        return self._supervisor.request(self._observer, command, kind, _REPLY_TIMEOUT_S)
+        return self.supervisor.request(self.observer, command, kind)
 
     def _ask_monitor(self, command: object) -> protocol.Matched:
-        if self._monitor is None:
+        if self.monitor is None:
             raise ValueError("there is no monitor to trace with")
-        return self._supervisor.request(self._monitor, command, protocol.Matched, _REPLY_TIMEOUT_S)
+        return self.supervisor.request(self.monitor, command, protocol.Matched)
 
     def _wait_for_matches(self, topics: set[str]) -> None:
         deadline = time.monotonic() + _MAX_MATCH_WAIT_S
@@ -183,7 +331,7 @@ class GraphObserver:
             counts = self._ask_monitor(protocol.CountMatches()).counts
             if all(counts.get(topic, 0) for topic in topics):
                 return
-            self._supervisor.pump(_POLL_S)
+            self.supervisor.pump(_POLL_S)
 
     def _wait_for_quiet(self, files: Iterable[RowReader]) -> None:
         """Wait until no message has arrived for a while; bounded, as some topics never pause."""
@@ -197,7 +345,7 @@ class GraphObserver:
             counts = [each.count() for each in files]
             if counts != last:
                 last, changed = counts, time.monotonic()
-            self._supervisor.pump(_POLL_S)
+            self.supervisor.pump(_POLL_S)
 
 
 def weakest_offer(publishers: Sequence[protocol.Endpoint]) -> QoS:
@@ -217,50 +365,39 @@ def _endpoints(discovered: protocol.Discovered) -> list[tuple[str, str]]:
     return sorted((topic, repr(end)) for side in both for topic, ends in side for end in ends)
 
 
-def find_faults(
-    facts: GraphFacts, silent: Iterable[str], inputs: Iterable[str] = ()
-) -> tuple[Fault, ...]:
-    """The first fault on the path to each topic without messages, and those of some inputs.
+def guarded_topics(plan: Plan) -> tuple[str, ...]:
+    """The topics on which only processes of the run may publish: what is played and watched.
 
-    Each topic is reported once.
+    None where nodes of others take part, or a process loads another middleware than the observer,
+    so that it cannot be known by its identifiers.
     """
-    faults_of_silent = [first_fault(facts, each) for each in silent]
-    found = [*(find_input_fault(facts, each) for each in inputs), *faults_of_silent]
-    return tuple({each.topic: each for each in found if each is not None}.values())
+    if plan.external or any(RMW_VARIABLE in each.env for each in plan.processes):
+        return ()
+    topics = [each.topic for each in plan.inputs]
+    topics += [each.topic for each in plan.monitors]
+    topics += [each.topic for each in all_taps(plan.monitors)]
+    return tuple(dict.fromkeys(topics))
 
 
-@dataclass(frozen=True)
-class FaultReport:
-    """What is wrong with a graph, in words.
-
-    Attributes:
-        sentences: one for each fault.
-        also: other differences of the nodes with faults; may be empty.
-        path: a line for each topic on the way of the messages.
-    """
-
-    sentences: tuple[str, ...]
-    also: str
-    path: tuple[str, ...]
-
-    def text(self, state: str, said: Collection[str] = ()) -> str:
-        """The report as a text that begins with the state of the graph.
-
-        Args:
-            state: such as ``no messages on /out``.
-            said: sentences that the reader knows.
-        """
-        left = "; ".join(each for each in self.sentences if each not in said) + self.also
-        head = f"{state}: {left.removeprefix('; ')}" if left else state
-        return "\n".join([head, *self.path])
+def foreign_publishers(supervisor: ProcessSupervisor, observer: ManagedProcess) -> tuple[str, ...]:
+    """Every publisher that was seen on guarded topics and is no process's of the run, in words."""
+    seen = supervisor.request(
+        observer, protocol.ListForeign(), protocol.ForeignPublishers
+    ).publishers
+    if not seen:
+        return ()
+    # The observer knows processes by their environment, which one may have lost or may hide.
+    pids = supervisor.pids()
+    middleware = middleware_of(os.environ)
+    foreign = [
+        each for each in seen if not middleware.may_be_endpoint_of(bytes.fromhex(each.gid), pids)
+    ]
+    return tuple(dict.fromkeys(_describe(each) for each in foreign))
 
 
-def fault_report(
-    facts: GraphFacts, silent: Iterable[str], faults: Iterable[Fault], also: str = ""
-) -> FaultReport:
-    """The sentences of the faults, then `also`, and below them the complete path."""
-    path = dict.fromkeys(name for each in silent for name in full_path(facts, each))
-    sentences = [each.sentence for each in faults]
-    if not sentences:
-        sentences = ["publishers and subscriptions are matched, and no fault was found"]
-    return FaultReport(tuple(sentences), also, tuple(path_lines(facts, path)))
+def _describe(publisher: protocol.ForeignPublisher) -> str:
+    who = " or ".join(publisher.processes) or "no process of this host"
+    return (
+        f"{publisher.topic}: node {publisher.node} "
+        f"(GUID prefix {publisher.gid[:_PREFIX_DIGITS]}; {who})"
+    )

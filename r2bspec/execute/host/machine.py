@@ -1,18 +1,33 @@
-"""The machine of a run, and the versions of its software."""
+"""The machine of a run: what it is, what is installed on it, and what makes a run impossible on it.
+
+A run is refused on a machine that its spec does not accept. Where the disk of the run folder is
+full, nodes fail in ways of their own, and the error has to name the disk instead.
+"""
 
 from __future__ import annotations
 
+import errno
 import importlib.metadata
 import os
 import platform
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
 import psutil
 
 from r2bspec._version import __version__
+from r2bspec.check.this_machine import LABELS_VARIABLE, this_machine
+from r2bspec.execute.errors import OtherMachineError
 from r2bspec.middleware.middleware import middleware_of, selected_rmw
+from r2bspec.plan.host_match import unmet
+from r2bspec.plan.plan import Plan
+
+_NEEDED_BYTES = 64 << 10
+"""What a disk that is not full has room for; a node prints less at once."""
+
+_FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 
 
 def describe_machine() -> dict[str, Any]:
@@ -99,3 +114,37 @@ def _read(path: str) -> str:
         return Path(path).read_text(errors="replace").strip()
     except OSError:
         return ""
+
+
+def check_machine(plan: Plan) -> None:
+    """See that this machine is what a plan requires.
+
+    Raises:
+        OtherMachineError: it is not.
+    """
+    if plan.requires and (lacks := unmet(plan.requires, this_machine())):
+        raise OtherMachineError(
+            f"this machine is not what the spec requires: {'; '.join(lacks)}",
+            hint=f"Run it on a host that fits, for example with --on. {LABELS_VARIABLE} has the "
+            "labels of this machine.",
+        )
+
+
+def unwritable_log(folder: Path) -> Path | None:
+    """The largest log of a run, if its disk has no room for more; else None.
+
+    A node that cannot write its log may raise, exit or fall silent.
+    """
+    if _has_room(folder):
+        return None
+    logs = [each for each in (folder / "logs").rglob("*") if each.is_file()]
+    return max(logs, key=lambda each: each.lstat().st_size, default=None)
+
+
+def _has_room(folder: Path) -> bool:
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            os.posix_fallocate(file.fileno(), 0, _NEEDED_BYTES)
+    except OSError as error:
+        return error.errno not in _FULL
+    return True

@@ -3,6 +3,9 @@
 Host interference is sampled at the same times. In addition to its periodic samples, the sampler
 takes samples on request: at the start and end of every segment, so that the use in a segment need
 not be interpolated.
+
+`HostWatch` says at once what other programs did to a part of the run that has just ended: a probe,
+a start, the overhead. Iterations are examined when the run is judged, from the same samples.
 """
 
 from __future__ import annotations
@@ -13,19 +16,31 @@ import math
 import struct
 import threading
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Final, NamedTuple
 
+import msgspec
+import numpy as np
 import psutil
 
-from r2bspec.execute.host.interference_counters import InterferenceReader, busy_seconds
-from r2bspec.execute.host.orphaned_processes import OrphanFinder
-from r2bspec.execute.host.page_faults import minor_faults
-from r2bspec.execute.host.run_queue_waits import RunQueueWaits
-from r2bspec.measure.host_usage import CONTROLLER_INDEX, MACHINE_INDEX, ORPHANS_INDEX
-
-if TYPE_CHECKING:
-    from r2bspec.record.sample_arrays import Rows
+from r2bspec.execute.host.kernel_counters import (
+    InterferenceReader,
+    OrphanFinder,
+    RunQueueWaits,
+    busy_seconds,
+    minor_faults,
+)
+from r2bspec.judge.affected_iterations import interference_reasons, largest_taken_share
+from r2bspec.measure.host_usage import (
+    CONTROLLER_INDEX,
+    MACHINE_INDEX,
+    ORPHANS_INDEX,
+    Surroundings,
+    host_interference,
+)
+from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
 
 _PERIOD_S = 0.2
 """Samples are cumulative, so a longer period affects only maxima. A sample of three processes of 13
@@ -34,6 +49,12 @@ threads each takes about a millisecond of CPU time, 0.6 % of a core at this peri
 _RESOURCES = struct.Struct("<qidqdd")
 _INTERFERENCE = struct.Struct("<qdddd")
 """Rows of `r2bspec.record.run_record.RESOURCE_FIELDS` and `INTERFERENCE_FIELDS`."""
+
+_OWN_PRESSURE: Final = 1.0
+"""A probe near the peak has tasks that wait for each other: pressure alone shows nothing."""
+
+_SAMPLE_TIMEOUT_S = 1.0
+_POLL_S = 0.005
 
 
 class ResourceSampler:
@@ -109,18 +130,10 @@ class ResourceSampler:
 
     def rows(self) -> Rows:
         """The samples so far: rows of `r2bspec.record.sample_arrays.RESOURCE_DTYPE`."""
-        import numpy as np
-
-        from r2bspec.record.sample_arrays import RESOURCE_DTYPE
-
         return np.frombuffer(bytes(self._rows), dtype=RESOURCE_DTYPE)
 
     def interference(self) -> Rows:
         """The same of host interference: rows of `sample_arrays.INTERFERENCE_DTYPE`."""
-        import numpy as np
-
-        from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE
-
         return np.frombuffer(bytes(self._interference_rows), dtype=INTERFERENCE_DTYPE)
 
     def _run(self) -> None:
@@ -152,23 +165,15 @@ class ResourceSampler:
         )
         busy_s = busy_seconds(psutil.cpu_times())
         memory = psutil.virtual_memory()
-        self._append_row(
-            MACHINE_INDEX,
-            time.monotonic_ns(),
-            busy_s,
-            memory.total - memory.available,
-            math.nan,
-            math.nan,
+        used_bytes = memory.total - memory.available
+        self._rows += _RESOURCES.pack(
+            time.monotonic_ns(), MACHINE_INDEX, busy_s, used_bytes, math.nan, math.nan
         )
         ours = self._self.cpu_times()
         resident = self._self.memory_info().rss
-        self._append_row(
-            CONTROLLER_INDEX,
-            time.monotonic_ns(),
-            ours.user + ours.system,
-            resident,
-            math.nan,
-            math.nan,
+        ours_s = ours.user + ours.system
+        self._rows += _RESOURCES.pack(
+            time.monotonic_ns(), CONTROLLER_INDEX, ours_s, resident, math.nan, math.nan
         )
         trees = {
             number: _with_descendants(process)
@@ -210,18 +215,9 @@ class ResourceSampler:
             self._update_cores(process.pid, now_ns, use.cpu_s)
         pids = [each.pid for each in (*tree, *orphans)]
         waited_s = self._waits.update(number, pids)
-        self._append_row(number, now_ns, use.cpu_s, use.resident, waited_s, use.minor_faults)
-
-    def _append_row(
-        self,
-        process: int,
-        time_ns: int,
-        cpu_s: float,
-        memory_bytes: int,
-        waited_s: float,
-        minor_faults: float,
-    ) -> None:
-        self._rows += _RESOURCES.pack(time_ns, process, cpu_s, memory_bytes, waited_s, minor_faults)
+        self._rows += _RESOURCES.pack(
+            now_ns, number, use.cpu_s, use.resident, waited_s, use.minor_faults
+        )
 
     def _update_cores(self, pid: int, now_ns: int, cpu_s: float) -> None:
         before_ns, before_s = self._last_use.get(pid, (now_ns, cpu_s))
@@ -344,3 +340,67 @@ def _read_use(process: psutil.Process) -> tuple[float, int]:
         times = process.cpu_times()
         used_s = times.user + times.system + times.children_user + times.children_system
         return used_s, process.memory_info().rss
+
+
+@dataclass(frozen=True)
+class Interference:
+    """What others did in a part of the run.
+
+    Attributes:
+        reasons: in words, as in reports; empty if no limit was exceeded.
+        taken: the largest share of the time that they can have taken from the run.
+    """
+
+    reasons: tuple[str, ...] = ()
+    taken: float = 0.0
+
+
+@dataclass(frozen=True)
+class HostWatch:
+    """Answers for parts of the run that have ended.
+
+    Attributes:
+        resources: samples the run and the machine.
+        process_count: how many processes the run has started so far.
+        cores: how many processors it may use, where that is known.
+    """
+
+    resources: ResourceSampler
+    process_count: Callable[[], int]
+    cores: int | None
+
+    def between(self, began_ns: int, ended_ns: int) -> Interference:
+        """The interference between two times (CLOCK_MONOTONIC), of which the second is past."""
+        rows = self._rows_until(ended_ns)
+        found = host_interference(
+            rows,
+            self.resources.rows(),
+            frozenset(range(self.process_count())),
+            self.cores,
+            began_ns,
+            ended_ns,
+        )
+        return interference_of(found)
+
+    def _rows_until(self, time_ns: int) -> Rows:
+        """The samples, with one after this time if the sampler still runs."""
+        deadline = time.monotonic() + _SAMPLE_TIMEOUT_S
+        self.resources.sample_at(time.monotonic_ns())
+        while True:
+            rows = self.resources.interference()
+            if (rows.size and rows["time_ns"][-1] >= time_ns) or time.monotonic() > deadline:
+                return rows
+            time.sleep(_POLL_S)
+
+
+def interference_of(found: Surroundings | None) -> Interference:
+    """What was sampled, in words and as a share."""
+    reasons = interference_reasons(found, _OWN_PRESSURE)
+    if found is None or not reasons:
+        return Interference()
+    if found.own_waited is None:
+        # The pressure is the graph's own, too; what others used bounds what they took.
+        used = found.foreign_cores or 0.0
+        pressure = min(used, 1.0 if found.pressure is None else found.pressure)
+        found = msgspec.structs.replace(found, pressure=pressure)
+    return Interference(reasons, largest_taken_share(found))

@@ -1,23 +1,65 @@
-"""Copying recordings to buffers, as serialised bytes."""
+"""Recordings to buffers: locating or synthesising the bags of a plan, and copying them as bytes."""
 
 from __future__ import annotations
 
 import contextlib
 import heapq
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.bag_writer import begins_with_header
+from r2bspec.bags.integrity import hash_files
 from r2bspec.bags.recording import Message, Window
-from r2bspec.execute.inputs.transform_schedule import merge_static
+from r2bspec.datasets.locate_bag import locate
+from r2bspec.datasets.synthesis import make
+from r2bspec.execute.errors import DatasetMismatchError
 from r2bspec.execute.progress import Progress
 from r2bspec.ipc.buffers import BufferWriter
 from r2bspec.ipc.stamps import TF, TF_STATIC, TF_TYPE, read_stamp
 from r2bspec.plan.plan import DatasetPlan
+
+
+@dataclass(frozen=True)
+class ResolvedDataset:
+    """A bag on disk, and its provenance for the record."""
+
+    path: Path
+    provenance: dict[str, Any]
+
+
+def obtain_dataset(plan: DatasetPlan, base_dir: Path, progress: Progress) -> ResolvedDataset:
+    """Locate the bag, or synthesise it if it is a synthetic one that is not in the cache.
+
+    Raises:
+        DataError: it does not exist, or cannot be synthesised.
+        DatasetMismatchError: its hash differs from the one in the spec.
+    """
+    location = locate(plan.source, base_dir)
+    provenance: dict[str, Any] = {"source": plan.source, "kind": location.kind}
+    if location.path is None:
+        made = make(
+            plan.source,
+            [each.bag_topic for each in plan.topics],
+            Window(start_ns=plan.start_ns, end_ns=plan.end_ns),
+            progress=progress.step,
+        )
+        path, digest = made.path, made.content_sha256
+        if made.damaged:
+            progress.note(f"the dataset {plan.source} in the cache was damaged; it was made anew")
+    else:
+        path = location.path
+        digest = hash_files(path)
+    if plan.sha256 and digest.removeprefix("sha256:") != plan.sha256.removeprefix("sha256:"):
+        raise DatasetMismatchError(
+            f"the hash of {plan.source} is {digest}, not the one in the spec",
+            hint="Use the bag that the spec expects, or update data_loader.bag.sha256.",
+        )
+    return ResolvedDataset(path, provenance | {"path": str(path), "sha256": digest})
 
 
 class _BagSource(NamedTuple):
@@ -122,3 +164,24 @@ def _windows(bags: Sequence[Path], datasets: Sequence[DatasetPlan]) -> list[Wind
         )
         for dataset, start_ns in zip(datasets, starts_ns, strict=True)
     ]
+
+
+def merge_static(messages: Sequence[bytes]) -> bytes:
+    """One message with the last transform to each child frame.
+
+    A late subscription receives only the last message of a latched topic, so by convention
+    (REP 105; tf2_ros.StaticTransformBroadcaster) a publisher keeps all transforms in one message.
+
+    Args:
+        messages: serialised tf2_msgs/TFMessage in the order of their recording.
+    """
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    latest: dict[str, Any] = {}
+    for data in messages:
+        message: Any = store.deserialize_cdr(data, TF_TYPE)
+        for transform in message.transforms:
+            latest[transform.child_frame_id] = transform
+    merged = store.types[TF_TYPE](transforms=list(latest.values()))
+    return bytes(store.serialize_cdr(merged, TF_TYPE))

@@ -11,24 +11,21 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Final
 
-from r2bspec.execute.bringup.launcher import (
-    Launcher,
+from r2bspec.execute.bringup.graph_matching import (
     expected_subscriptions,
     graph_error,
-    message_packages,
+    graph_observer,
     subscription_counts,
     wait_until_matched,
 )
-from r2bspec.execute.bringup.spec_mismatches import related_differences
-from r2bspec.execute.bringup.start_deadline import StartDeadline
-from r2bspec.execute.bringup.undeclared_parameters import check_parameters
-from r2bspec.execute.diagnosis.graph_facts import GraphFacts
+from r2bspec.execute.bringup.launcher import Launcher, message_packages
+from r2bspec.execute.bringup.readiness import StartDeadline
+from r2bspec.execute.bringup.spec_mismatches import check_parameters, related_differences
+from r2bspec.execute.diagnosis.find_fault import fault_report, find_faults
 from r2bspec.execute.diagnosis.observe_graph import (
     TRACE_RATE_HZ,
     TRACE_STEPS,
-    GraphObserver,
-    fault_report,
-    find_faults,
+    GraphFacts,
 )
 from r2bspec.execute.errors import NoOutputError
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
@@ -181,6 +178,4 @@ def _trace_messages(
         command = protocol.Play(rate_hz=TRACE_RATE_HZ, steps=TRACE_STEPS)
         supervisor.request(loader, command, protocol.Played, _PLAY_TIMEOUT_S)
 
-    known = launcher.endpoints_in(plan, _PHASE)
-    observer = GraphObserver(supervisor, loader, plan, _PHASE, known, monitor)
-    return observer.trace(rows_dir, play)
+    return graph_observer(supervisor, launcher, plan, _PHASE, monitor).trace(rows_dir, play)

@@ -1,23 +1,35 @@
 """The harness overhead: the latency of the harness and its transport without a graph.
 
-Before nodes are created, the player plays for at most about a second (below 20 Hz longer; see
-`overhead_length`) to a subscription in the process of the monitor, on the topics of the inputs and
-with their QoS. Every latency of the run contains this overhead. It is reported but not subtracted:
-a graph of several processes transfers messages more than once, and the cost of a transfer depends
-on rate and load.
+Before nodes are created, the player plays for at most about a second (below 20 Hz longer) to a
+subscription in the process of the monitor, on the topics of the inputs and with their QoS. Every
+latency of the run contains this overhead. It is reported but not subtracted: a graph of several
+processes transfers messages more than once, and the cost of a transfer depends on rate and load.
+
+How many messages that takes: the median is known once a distribution-free confidence interval of it
+is narrow. Of n independent values, the median of their distribution lies between the k-th smallest
+and the k-th largest with probability 1 - 2 P(B < k), where B is binomial with n and 1/2 (David and
+Nagaraja, Order Statistics, 7.1). For 11 values and k = 2 this is 98.8 %. The 99th percentile is
+bounded by the largest of n values with probability 1 - 0.99^n: 299 values are enough for 95 %. Of
+fewer than 100 values, the largest is also what is reported as the 99th percentile (nearest rank),
+which says what to expect, and not how likely more is.
 """
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Final, NamedTuple
 
 import msgspec
 
-from r2bspec.execute.host.host_watch import Interference
-from r2bspec.execute.measurement.overhead_length import median_is_known, overhead_length
-from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
+from r2bspec.execute.host.resource_sampler import Interference
+from r2bspec.execute.processes.supervisor import (
+    REPLY_TIMEOUT_S,
+    ManagedProcess,
+    ProcessSupervisor,
+)
 from r2bspec.ipc import protocol
 from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.playback_file import PlaybackReader
@@ -39,12 +51,21 @@ _WARM_UP_HZ = 200.0
 """Touching pages needs no time between the steps, so this is faster than most rates."""
 
 _SUBSCRIPTION_DEPTH = 1000
-_REPLY_TIMEOUT_S = 10.0
 _MAX_MATCH_WAIT_S = 10.0
 _QUIET_PERIOD_S = 0.3
 _POLL_S = 0.02
 _LOOK_S = 0.1
 """How often to look whether enough was played: rarely, because a look uses the processor."""
+
+_P99_MESSAGES: Final = math.ceil(math.log(0.05) / math.log(0.99))
+_FEWEST_MESSAGES: Final = 11
+_FEW_MESSAGES: Final = 20
+_MOST_MESSAGES: Final = 2000
+_MEDIAN_ERROR: Final = 0.02
+"""How often the median may lie outside its interval."""
+
+_NARROW: Final = 0.25
+"""How far the ends of the interval may be from the median, as a share of it."""
 
 
 def measure_harness_overhead(
@@ -101,9 +122,7 @@ def measure_harness_overhead(
     step_stamps = StepStamps(schedule)
     files = [ArrivalReader(rows_dir / f"{each.name}.rows", MONITOR_FIELDS) for each in watches]
     played = PlaybackReader(rows_dir / playback, PLAYBACK_FIELDS)
-    supervisor.request(
-        monitor, protocol.StartTap(monitors=watches), protocol.Matched, _REPLY_TIMEOUT_S
-    )
+    supervisor.request(monitor, protocol.StartTap(monitors=watches), protocol.Matched)
     records: tuple[FloorRecord, ...] = ()
     watched = [each.topic for each in watches]
     # From both sides: what is published before the monitor knows the player is lost to it.
@@ -144,7 +163,7 @@ def measure_harness_overhead(
             )
 
         records = _quietest(measure)
-    supervisor.request(monitor, protocol.StopTap(), protocol.Matched, _REPLY_TIMEOUT_S)
+    supervisor.request(monitor, protocol.StopTap(), protocol.Matched)
     # The start waits for nodes by counting subscriptions, which must not include these.
     _wait_for_matches(supervisor, player, topics, wanted=False)
     return records
@@ -241,7 +260,7 @@ def _play(
             if is_enough():
                 player.send(protocol.Stop())
                 break
-    timeout_s = span_s * 1.5 + _REPLY_TIMEOUT_S
+    timeout_s = span_s * 1.5 + REPLY_TIMEOUT_S
     steps = supervisor.answer(player, protocol.Played, timeout_s).steps
     goal = [each + steps for each in before]
     last, changed = [0], time.monotonic()
@@ -255,9 +274,7 @@ def _play(
 
 
 def _matches(supervisor: ProcessSupervisor, part: ManagedProcess, topics: list[str]) -> list[int]:
-    counts = supervisor.request(
-        part, protocol.CountMatches(), protocol.Matched, _REPLY_TIMEOUT_S
-    ).counts
+    counts = supervisor.request(part, protocol.CountMatches(), protocol.Matched).counts
     return [counts.get(topic, 0) for topic in topics]
 
 
@@ -271,3 +288,43 @@ def _wait_for_matches(
             return True
         supervisor.pump(_POLL_S)
     return False
+
+
+class OverheadLength(NamedTuple):
+    """After how many messages the measurement may end, and after how many it does."""
+
+    fewest: int
+    most: int
+
+
+def overhead_length(usual: int) -> OverheadLength:
+    """The length for a rate.
+
+    Args:
+        usual: how many messages a second has, or as much of one as the recording.
+    """
+    if usual < _FEW_MESSAGES:
+        # Below 20 Hz a second has too few; each further one takes long.
+        return OverheadLength(_FEWEST_MESSAGES, _FEW_MESSAGES)
+    most = min(usual, _MOST_MESSAGES)
+    return OverheadLength(min(most, _P99_MESSAGES), most)
+
+
+def median_is_known(values: Rows) -> bool:
+    """Whether the interval of the median is narrow; never for too few values to have one."""
+    rank = _rank(len(values))
+    if not rank:
+        return False
+    ordered = sorted(values)
+    middle = ordered[len(ordered) // 2]
+    allowed = _NARROW * abs(middle)
+    return bool(ordered[-rank] - middle <= allowed and middle - ordered[rank - 1] <= allowed)
+
+
+def _rank(count: int) -> int:
+    """The largest k of the interval from the k-th smallest to the k-th largest; 0 for none."""
+    rank, below = 0, 0
+    allowed = _MEDIAN_ERROR / 2 * 2**count
+    while (below := below + math.comb(count, rank)) <= allowed:
+        rank += 1
+    return rank

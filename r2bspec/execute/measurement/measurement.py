@@ -1,28 +1,44 @@
 """What is measured: the peak search, the rates to be sustained, the iterations.
 
 The search and the probes of sustained rates are made in the first start. The iterations, those at
-the peak among them, are spread over all starts.
+the peak among them, are spread over all starts (`r2bspec.plan.start_groups`).
+
+All rates are played in each iteration, so that a slow drift of the machine affects them equally. If
+the spec allows more iterations than it declares, there are interim looks after one, two and four
+times the declared number, with the error probability divided among them
+(`r2bspec.judge.interim_looks`). The run continues only while a requirement is undecided that more
+iterations can decide.
+
+At each look, iterations affected by host interference are repeated, each once, if that decides
+whether a failure counts (`r2bspec.judge.affected_iterations`), in the start that then runs: the
+record says which one that is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import msgspec
 
-from r2bspec.execute.measurement.affected_probes import (
-    AffectedProbes,
-)
-from r2bspec.execute.measurement.iterations import IterationRunner
 from r2bspec.execute.measurement.peak_search import PeakSearch
-from r2bspec.execute.measurement.rate_probe import DEFAULT_PRECISION, RateProber
-from r2bspec.execute.measurement.run_reporter import RunReporter
-from r2bspec.execute.measurement.segments import SegmentPlayer
-from r2bspec.execute.measurement.time_budget import TimeBudget
+from r2bspec.execute.measurement.rate_probe import DEFAULT_PRECISION, AffectedProbes, RateProber
+from r2bspec.execute.measurement.run_reporter import RunReporter, TimeBudget
+from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
+from r2bspec.judge.decision_policy import decision_policy
+from r2bspec.judge.interim_looks import InterimLooks, decide_after_look
 from r2bspec.judge.methods.method_registry import METHODS, Method
-from r2bspec.judge.verdict import Verdict
-from r2bspec.plan.plan import Plan
-from r2bspec.record.run_record import ConfirmationRecord, FloorRecord, Probe, SearchRecord
+from r2bspec.judge.verdict import DisturbedIteration, Verdict
+from r2bspec.plan.plan import Plan, PlayPlan
+from r2bspec.plan.start_groups import iterations_by_look
+from r2bspec.record.run_record import (
+    ConfirmationRecord,
+    EndedRate,
+    FloorRecord,
+    Probe,
+    SearchRecord,
+)
 
 
 class Measurement:
@@ -192,3 +208,167 @@ def _phase_text(plan: Plan) -> str:
     return {"timeline": "playing the recording", "live": "recording the live graph"}.get(
         plan.playback_mode, "playing at fixed rates"
     )
+
+
+@dataclass
+class IterationRunner:
+    """Plays the iterations of a plan.
+
+    Attributes:
+        segment_player: plays in the start that runs.
+        judge_so_far: the verdict on everything that has been played.
+        note: receives notes on the decisions.
+        budget: limits everything that is played in addition to the declared iterations.
+        next_start: starts all processes afresh; what it returns plays from then on.
+        lost_rates: with ``--abort-on-fail``, the rates whose requirements can no longer be met,
+            each with a sentence; None plays everything.
+    """
+
+    plan: Plan
+    segment_player: SegmentPlayer
+    judge_so_far: Callable[[], Verdict]
+    note: Callable[[str], None]
+    budget: TimeBudget
+    next_start: Callable[[], SegmentPlayer]
+    lost_rates: Callable[[], Mapping[float, str]] | None = None
+    _ended: dict[float, str] = field(default_factory=dict)
+    _starts: list[SegmentPlayer] = field(default_factory=list)
+    """Those in which iterations were played."""
+
+    def play(self) -> tuple[Verdict, int]:
+        """Play the iterations up to the look that decides.
+
+        Returns:
+            The verdict, and how many iterations were played at each rate.
+
+        Raises:
+            RunError: from `SegmentPlayer.play`.
+        """
+        looks = self._looks()
+        began_s, played = self.budget.spent_s(), 0
+        groups = iterations_by_look(looks.iterations, self.plan.starts)
+        for number, end in enumerate(looks.iterations, start=1):
+            for iterations in groups[number - 1]:
+                if not self._all_ended:
+                    self._play_start(iterations, end)
+            played = end
+            verdict = self._judge()
+            if self._all_ended:
+                played = self._most_iterations()
+                break
+            if number == len(looks) or not _needs_more(verdict, looks, number):
+                break
+            each_s = (self.budget.spent_s() - began_s) / played
+            more_s = each_s * (looks.iterations[number] - played)
+            if not self.budget.allows(f"no more than {end} iterations", more_s):
+                break
+            self.note(f"not all requirements are decided after {end} iterations: playing more")
+        return verdict, played
+
+    def play_fixed_number(self, number: int) -> Verdict:
+        """Play as many iterations as `play` did, in as many starts.
+
+        Args:
+            number: of iterations at each rate, as `play` returned it.
+
+        Raises:
+            RunError: from `SegmentPlayer.play`.
+        """
+        groups = iterations_by_look(self._looks().iterations, self.plan.starts)
+        for iterations in (each for group in groups for each in group):
+            wanted = [index for index in iterations if index <= number]
+            if wanted:
+                self._play_start(wanted, number)
+        return self._judge()
+
+    def _looks(self) -> InterimLooks:
+        declared = max(each.iterations for each in self.plan.play)
+        return decision_policy(self.plan).looks or InterimLooks((declared,))
+
+    def _play_start(self, iterations: Iterable[int], end: int) -> None:
+        """Play the iterations of a start: a new one if some were played in the one that runs."""
+        if self._starts and self.plan.starts > 1:
+            self.segment_player = self.next_start()
+        self._starts.append(self.segment_player)
+        for index in iterations:
+            for play in self.plan.play:
+                if play.rate_hz not in self._ended:
+                    self._play_once(play, index, f"iteration {index} of {end}")
+            if self.lost_rates is not None and index < end:
+                self._end_lost_rates(index, end)
+            if self._all_ended:
+                return
+
+    @property
+    def _all_ended(self) -> bool:
+        return all(each.rate_hz in self._ended for each in self.plan.play)
+
+    def _most_iterations(self) -> int:
+        """The largest number of iterations that a rate has; those of a confirmation run."""
+        return max(each.index for each in self.segment_player.segments if each.kind == "iteration")
+
+    def _end_lost_rates(self, index: int, end: int) -> None:
+        """End the rates with a requirement that no rest can make pass."""
+        assert self.lost_rates is not None  # noqa: S101 - see the caller
+        for rate_hz, why in self.lost_rates().items():
+            if rate_hz in self._ended or rate_hz not in {each.rate_hz for each in self.plan.play}:
+                continue
+            at = f"{rate_hz:g} Hz" if rate_hz else "the recording"
+            sentence = f"{at} was ended after {index} of {end} iterations: {why}"
+            self._ended[rate_hz] = sentence
+            self.budget.ended_rates.append(EndedRate(rate_hz=rate_hz, iterations=index))
+            self.budget.leave_out(sentence)
+
+    def _judge(self) -> Verdict:
+        """The verdict, after the affected iterations on which it depends were repeated."""
+        verdict = self.judge_so_far()
+        wanted = iterations_to_rerun(verdict)
+        again = 0
+        for one in wanted:
+            play = next(each for each in self.plan.play if each.rate_hz == one.rate_hz)
+            if not self.budget.allows(
+                f"no rerun of {one.segment}, which host interference affected",
+                play.duration_ns / 1e9,
+            ):
+                break
+            reasons = "; ".join(one.reasons)
+            self.note(f"host interference affected {one.segment} ({reasons}): repeating it")
+            index = next(
+                each.index
+                for start in self._starts
+                for each in start.segments
+                if each.id == one.segment
+            )
+            self._play_once(play, index, f"iteration {index} again", rerun_of=one.segment)
+            again += 1
+        return self.judge_so_far() if again else verdict
+
+    def _play_once(self, play: PlayPlan, index: int, title: str, rerun_of: str = "") -> None:
+        again = "-again" if rerun_of else ""
+        at = f"{play.rate_hz:g} Hz, " if play.rate_hz else ""
+        name = f"rate-{play.rate_hz:g}Hz" if play.rate_hz else "iteration"
+        self.segment_player.play_for(
+            SegmentHeading(
+                "iteration", f"{name}-{index:03d}{again}", f"{at}{title}", index, rerun_of
+            ),
+            play.rate_hz,
+            play.duration_ns,
+        )
+
+
+def iterations_to_rerun(verdict: Verdict) -> Sequence[DisturbedIteration]:
+    """The affected iterations on which a failure depends, and that were not repeated yet."""
+    rates = {one.at_hz for one in verdict.requirements if one.weakened and one.at_hz is not None}
+    return [
+        one
+        for one in verdict.disturbed
+        if not one.rerun
+        and not one.rerun_of
+        and any(math.isclose(one.rate_hz, rate) for rate in rates)
+    ]
+
+
+def _needs_more(verdict: Verdict, looks: InterimLooks, number: int) -> bool:
+    """Whether a requirement is undecided after a look that more iterations can decide."""
+    counted = [each for each in verdict.requirements if each.level == "error"]
+    return decide_after_look(looks, number, counted) == "go on"

@@ -1,16 +1,18 @@
 """Recording the messages of one iteration, with the latency of each output.
 
 After the measurement one more iteration is played, which counts for nothing, with a second
-subscription to every input and output. Copying whole messages takes time from the machine, so that
-the measured iterations are left alone.
+subscription to every input and output, by the observer. Copying whole messages takes time from the
+machine, so that the measured iterations are left alone, and nothing of this one is timed.
 """
 
 from __future__ import annotations
 
 import heapq
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,9 +22,9 @@ from r2bspec.bags.bag_writer import (
     write_output_bag,
 )
 from r2bspec.bags.recording import Message
-from r2bspec.execute.measurement.message_recording import MessageRecording
 from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
+from r2bspec.ipc import protocol
 from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.sample_files import read_messages
 from r2bspec.measure.matching import NO_MATCH, match, ratio_of, select_expected_steps
@@ -33,6 +35,9 @@ from r2bspec.record.sample_arrays import Rows
 
 OUTPUT_BAG = "outputs"
 """The name of the bag in the run folder."""
+
+_MATCH_TIMEOUT_S = 5.0
+_POLL_S = 0.05
 
 
 @dataclass(frozen=True)
@@ -145,3 +150,44 @@ def _messages(
         yield Message(topic=topic, time_ns=time_ns, data=data)
         if latency_topic and latency_ns != NO_MATCH:
             yield Message(topic=latency_topic, time_ns=time_ns, data=latency_message(latency_ns))
+
+
+@dataclass(frozen=True)
+class MessageRecording:
+    """A second subscription to some topics, from `begin` to `end`.
+
+    Attributes:
+        supervisor: all processes.
+        monitors: the topics, with the names of their files.
+        folder: receives the files.
+    """
+
+    supervisor: ProcessSupervisor
+    monitors: tuple[MonitorPlan, ...]
+    folder: Path
+
+    def begin(self) -> None:
+        """Subscribe, and wait until the publishers are found; some topics may have none.
+
+        Raises:
+            RunError: a process does not respond, or exited.
+        """
+        self._ask(protocol.Record(monitors=self.monitors, folder=str(self.folder)))
+        deadline = time.monotonic() + _MATCH_TIMEOUT_S
+        while time.monotonic() < deadline:
+            found = self._ask(protocol.CountMatches())
+            if all(found.counts.get(each.topic) for each in self.monitors):
+                return
+            self.supervisor.pump(_POLL_S)
+
+    def end(self) -> None:
+        """Unsubscribe; the files are complete when this returns.
+
+        Raises:
+            RunError: a process does not respond, or the messages could not be written.
+        """
+        self._ask(protocol.EndRecording())
+
+    def _ask(self, message: Any) -> protocol.Matched:
+        observer = self.supervisor.observer()
+        return self.supervisor.request(observer, message, protocol.Matched)

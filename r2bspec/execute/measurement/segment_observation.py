@@ -1,14 +1,54 @@
-"""The samples of one segment, all there is at the moment they were read."""
+"""What is known of a segment while it is played, and when it is over.
+
+`SegmentObservation` has all samples at the moment they were read. `ProgressView` works out what a
+user interface asks for when it is asked, from the latest rows: a run without one pays nothing for
+it, and a long one no more than a short one. An output has stopped if a pause at the end is much
+longer than all before it.
+
+An answer that has not arrived counts as lost after the drain. What comes after the last answer may
+be late: it is waited for until nothing has arrived for the whole `drain_timeout`. A gap before an
+answer to the last step is most likely a loss, because graphs rarely overtake themselves: it is
+waited for only for a multiple of the longest pause so far, so that a graph that drops messages does
+not cost a time-out in each segment.
+"""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Iterable, Mapping
+from typing import Literal
 
-from r2bspec.measure.matching import MatchedMonitor, match_monitor
+import numpy as np
+from numpy.typing import NDArray
+
+from r2bspec.ipc.playback_file import PlaybackReader
+from r2bspec.ipc.sample_files import RowReader
+from r2bspec.measure.matching import NO_MATCH, MatchedMonitor, Matching, match_monitor
 from r2bspec.measure.samples import SegmentSamples, monitor_samples, playback_samples
-from r2bspec.plan.plan import Plan
+from r2bspec.measure.times import percentile
+from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import Rows
+
+DRAIN_POLL_S = 0.01
+_MIN_DRAIN_QUIET_S = 0.3
+_DRAIN_PAUSE_FACTOR = 5
+"""A gap is waited for so many times the longest pause between two arrivals."""
+
+_MAX_DRAIN_S = 60.0
+"""For a graph that never stops publishing, unless `drain_timeout` is longer."""
+
+Outstanding = Literal["nothing", "gaps", "tail"]
+"""The answers that are missing: none; some, but not the last; the last one, and perhaps more."""
+
+MAX_ROWS = 10_000
+"""Of the player and of each monitor; the latest."""
+
+_MIN_MISSED = 5
+"""How many expected messages must be missing at the end; fewer may be lost by chance."""
+
+_PAUSE_FACTOR = 2.0
+"""The final pause, as a multiple of the longest one before it: rare output has long pauses."""
 
 
 class SegmentObservation:
@@ -53,3 +93,167 @@ class SegmentObservation:
     def all_matched(self) -> dict[str, MatchedMonitor]:
         """The same of every monitor."""
         return {name: self.matched(name) for name in self.monitors}
+
+
+def outstanding_answers(matched: Iterable[MatchedMonitor]) -> Outstanding:
+    """Which answers are missing, over several monitors.
+
+    As many messages as steps do not suffice: where some are answered twice, others still wait.
+    """
+    found: Outstanding = "nothing"
+    for each in matched:
+        answers = each.matching.first_row
+        if not answers.size or (answers != NO_MATCH).all():
+            continue
+        if answers[-1] == NO_MATCH:
+            return "tail"
+        found = "gaps"
+    return found
+
+
+class DrainTimer:
+    """Says when to stop waiting. Times are seconds of one monotonic clock.
+
+    Attributes:
+        outstanding: what was missing when it was last looked at; None once more has arrived.
+    """
+
+    def __init__(self, timeout_s: float, now_s: float) -> None:
+        """Begin to wait after the last input; `timeout_s` is the `drain_timeout`."""
+        self.outstanding: Outstanding | None = None
+        self._timeout_s = timeout_s
+        self._ends_at_s = now_s + max(_MAX_DRAIN_S, timeout_s)
+        self._last_arrival_s = now_s
+        self._longest_pause_s = 0.0
+        self._arrivals = 0
+
+    def arrived(self, now_s: float) -> None:
+        """Something has arrived."""
+        if self._arrivals:
+            self._longest_pause_s = max(self._longest_pause_s, now_s - self._last_arrival_s)
+        self._arrivals += 1
+        self._last_arrival_s = now_s
+        self.outstanding = None
+
+    def wants_a_look(self, now_s: float) -> bool:
+        """Whether it is time to find out what is `outstanding`, which is costly."""
+        return self.outstanding is None and now_s - self._last_arrival_s > _MIN_DRAIN_QUIET_S
+
+    def is_over(self, now_s: float) -> bool:
+        """Whether what is still missing counts as lost; never before it was looked at."""
+        if self.outstanding is None:
+            return now_s > self._ends_at_s
+        limit_s = self._timeout_s
+        if self.outstanding != "tail":
+            pause_s = _DRAIN_PAUSE_FACTOR * self._longest_pause_s
+            limit_s = min(max(_MIN_DRAIN_QUIET_S, pause_s), self._timeout_s)
+        return now_s - self._last_arrival_s > limit_s or now_s > self._ends_at_s
+
+
+class ProgressView:
+    """One segment, as far as it has been played.
+
+    Args:
+        playback: what the player writes.
+        monitors: what each monitor writes, with its plan.
+        first: how many rows each had when the segment began; the player's under an empty name.
+        use: processor time per time of each process, by name.
+    """
+
+    def __init__(
+        self,
+        playback: PlaybackReader,
+        monitors: Mapping[str, tuple[MonitorPlan, RowReader]],
+        first: Mapping[str, int],
+        use: Callable[[], Mapping[str, float]],
+    ) -> None:
+        self._playback = _SegmentRows(playback, first[""])
+        self._monitors = [
+            (plan.match == "stamp", _SegmentRows(rows, first[name]))
+            for name, (plan, rows) in monitors.items()
+        ]
+        self._use = use
+
+    def sent(self) -> int:
+        """How many steps have been published."""
+        return self._playback.count()
+
+    def received(self) -> int:
+        """How many messages have come: the least over all monitors."""
+        return min((rows.count() for _, rows in self._monitors), default=0)
+
+    def p99_ns(self) -> int | None:
+        """The p99 of the latest latencies, the largest of all monitors.
+
+        A message that is still under way is not in it, nor one that was lost.
+        """
+        # Monitors first: a step that is in the monitors' rows must be in the player's.
+        received = [(by_stamp, *rows.latest()) for by_stamp, rows in self._monitors]
+        played_start, played = self._playback.latest()
+        found = []
+        for by_stamp, start, rows in received:
+            shift = None if by_stamp else start - played_start
+            found.append(percentile(_latencies_ns(played, rows, shift), 0.99))
+        return max((int(each) for each in found if each is not None), default=None)
+
+    def cores(self) -> Mapping[str, float]:
+        """Processor time per time of each process lately; 1 is one core."""
+        return self._use()
+
+
+class _SegmentRows:
+    """The rows of a segment, counted from its first."""
+
+    def __init__(self, rows: RowReader | PlaybackReader, first: int) -> None:
+        self._rows = rows
+        self._first = first
+
+    def count(self) -> int:
+        return self._rows.count() - self._first
+
+    def latest(self) -> tuple[int, NDArray[np.void]]:
+        """The latest rows, after the number of the first of them."""
+        start = max(0, self.count() - MAX_ROWS)
+        return start, self._rows.read(self._first + start)
+
+
+def _latencies_ns(
+    played: NDArray[np.void], received: NDArray[np.void], shift: int | None
+) -> NDArray[np.float64]:
+    """The latencies of received messages whose step is among those played.
+
+    Args:
+        played: rows of the player.
+        received: rows of a monitor.
+        shift: the step of the first message, as a row of `played`, if messages are matched by
+            order; None if they are matched by stamp.
+    """
+    if shift is None:
+        # Stamps only ever grow.
+        steps = np.searchsorted(played["stamp_ns"], received["stamp_ns"])
+    else:
+        steps = np.arange(received.size) + shift
+    known = (steps >= 0) & (steps < played.size)
+    if shift is None:
+        known[known] = played["stamp_ns"][steps[known]] == received["stamp_ns"][known]
+    times_ns = received["received_ns"][known] - played["published_ns"][steps[known]]
+    return np.asarray(times_ns, np.float64)
+
+
+def output_stopped(playback: Rows, rows: Rows, matching: Matching) -> bool:
+    """Whether the output stopped while messages were still expected.
+
+    Args:
+        playback: rows of type `PLAYBACK_DTYPE` of a segment.
+        rows: rows of type `MONITOR_DTYPE`, all that were received until the graph was drained.
+        matching: of the two.
+    """
+    expected_ns = playback["published_ns"][matching.trigger_steps]
+    if not rows.size:
+        return bool(expected_ns.size >= _MIN_MISSED)
+    received_ns = np.sort(rows["received_ns"])
+    last_ns = received_ns[-1]
+    if np.count_nonzero(expected_ns > last_ns) < _MIN_MISSED:
+        return False
+    pauses_ns = np.diff(received_ns, prepend=min(received_ns[0], playback["published_ns"][0]))
+    return bool(expected_ns[-1] - last_ns > _PAUSE_FACTOR * pauses_ns.max())

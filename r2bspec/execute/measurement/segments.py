@@ -16,17 +16,17 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.execute.diagnosis.stopped_outputs import output_stopped
 from r2bspec.execute.errors import RunError
 from r2bspec.execute.host.resource_sampler import ResourceSampler
-from r2bspec.execute.measurement.drain import (
+from r2bspec.execute.measurement.segment_observation import (
     DRAIN_POLL_S,
     DrainTimer,
     Outstanding,
+    ProgressView,
+    SegmentObservation,
+    output_stopped,
     outstanding_answers,
 )
-from r2bspec.execute.measurement.progress_view import ProgressView
-from r2bspec.execute.measurement.segment_observation import SegmentObservation
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.execute.progress import Progress
 from r2bspec.ipc import protocol
@@ -48,7 +48,6 @@ PLAYBACK_ROWS = "playback"
 _CHECK_INTERVAL_S = 0.25
 _JUDGED_KINDS: Final = frozenset({"iteration", "sustained", "confirmation"})
 _PLAYER_SLACK_S = 30.0
-_REPLY_TIMEOUT_S = 10.0
 
 StopCondition = Callable[["SegmentObservation", float], bool]
 """Called four times a second with the samples so far and the seconds played; True stops."""
@@ -301,7 +300,7 @@ class SegmentPlayer:
         """Wait until the nodes have the latched transforms, which they need for what is played."""
         if self._static_publisher is not None:
             self._supervisor.request(
-                self._static_publisher, protocol.AwaitStatic(), protocol.Matched, _REPLY_TIMEOUT_S
+                self._static_publisher, protocol.AwaitStatic(), protocol.Matched
             )
 
     def _live(self, first: dict[str, int]) -> ProgressView:

@@ -19,7 +19,7 @@ import msgspec
 import numpy as np
 
 from r2bspec.datasets.ground_truth import GroundTruth, read_disparity, read_ground_truth
-from r2bspec.execute.measurement.message_recording import MessageRecording
+from r2bspec.execute.measurement.output_recording import MessageRecording
 from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, SegmentPlayer
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.ipc.arrivals import ArrivalReader

@@ -1,4 +1,7 @@
-"""One process of a run, as the controller sees it."""
+"""One process of a run, as the controller sees it: its channel, its output, and its end.
+
+Processes end one after another: by request, then with SIGTERM, then with SIGKILL.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +9,9 @@ import contextlib
 import os
 import signal
 import socket
+import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +19,7 @@ import msgspec
 
 from r2bspec.ipc import protocol
 from r2bspec.ipc.native_protocol import NativeCodec
-from r2bspec.ipc.process_cleanup import Session, SessionLeader
+from r2bspec.ipc.process_cleanup import Session, SessionLeader, kill_process_groups
 
 _SEND_TIMEOUT_S = 10.0
 _PART_EXIT_S = 2.0
@@ -25,6 +29,15 @@ _LOG_TAIL_LINES = 12
 _LOG_TAIL_BYTES = 8192
 _LONGEST_SECRET_BYTES = 1 << 17
 """The kernel allows no longer variable."""
+
+MAX_EXIT_S = 10.0
+"""How long a process may take to exit after the request."""
+
+MAX_SIGTERM_S = 2.0
+"""How long a process may take to exit after SIGTERM."""
+
+_MAX_SIGKILL_S = 5.0
+_POLL_S = 0.005
 
 
 class ManagedProcess:
@@ -182,3 +195,47 @@ def describe_exit(status: int) -> str:
     with contextlib.suppress(ValueError):
         return f"was killed by {signal.Signals(-status).name}"
     return f"was killed by signal {-status}"
+
+
+def end_sequentially(
+    processes: Sequence[ManagedProcess], on_poll: Callable[[], None], in_turn_s: float
+) -> list[str]:
+    """End some processes.
+
+    Args:
+        processes: in the order in which to end them.
+        on_poll: is called repeatedly while waiting.
+        in_turn_s: how long processes are waited for one by one, all together; then the rest are
+            asked at once (`Middleware.exit_in_turn_s`).
+
+    Returns:
+        The names of those that had to be killed.
+    """
+    began = time.monotonic()
+    for child in processes:
+        child.request_shutdown()
+        _wait_for([child], began + in_turn_s, on_poll)
+    _wait_for(processes, began + MAX_EXIT_S, on_poll)
+    _signal_all(processes, signal.SIGTERM)
+    _wait_for(processes, time.monotonic() + MAX_SIGTERM_S, on_poll)
+    killed = _signal_all(processes, signal.SIGKILL)
+    _wait_for(processes, time.monotonic() + _MAX_SIGKILL_S, on_poll)
+    # Grandchildren in the group that outlived their parent.
+    kill_process_groups([child.session for child in processes])
+    return killed
+
+
+def _wait_for(
+    processes: Sequence[ManagedProcess], deadline_s: float, on_poll: Callable[[], None]
+) -> None:
+    while any(child.is_running for child in processes) and time.monotonic() < deadline_s:
+        on_poll()
+        time.sleep(_POLL_S)
+
+
+def _signal_all(processes: Sequence[ManagedProcess], which: signal.Signals) -> list[str]:
+    """Send a signal to those that still run; returns their names."""
+    running = [child for child in processes if child.is_running]
+    for child in running:
+        child.signal(which)
+    return [child.name for child in running]

@@ -18,11 +18,15 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from r2bspec.execute.errors import NotInstalledError, ProcessDiedError, ProcessFailedError, RunError
-from r2bspec.execute.phase_clock import PhaseClock
-from r2bspec.execute.processes.process import ManagedProcess, describe_exit
+from r2bspec.execute.processes.middleware_setup import SharedMemoryModes
+from r2bspec.execute.processes.process import (
+    MAX_SIGTERM_S,
+    ManagedProcess,
+    describe_exit,
+    end_sequentially,
+)
 from r2bspec.execute.processes.process_logs import LogLimiter, open_log
-from r2bspec.execute.processes.shared_memory_modes import SharedMemoryModes
-from r2bspec.execute.processes.shutdown import MAX_SIGTERM_S, end_sequentially
+from r2bspec.execute.progress import PhaseClock
 from r2bspec.ipc import protocol
 from r2bspec.ipc.process_cleanup import SessionLeader, clean_up, run_processes
 from r2bspec.ipc.sample_files import is_refusal
@@ -36,6 +40,9 @@ NO_ANSWER = "R2B632"
 """The code of an error because a process does not respond in time."""
 
 _POLL_S = 0.05
+REPLY_TIMEOUT_S = 10.0
+"""For what a process answers at once; it may be in a callback."""
+
 _NOT_INSTALLED_PREFIX = "R2B62"
 """The codes for missing software: another attempt would not help."""
 
@@ -243,7 +250,11 @@ class ProcessSupervisor:
         )
 
     def request(
-        self, child: ManagedProcess, command: Any, kind: type[_Answer], timeout_s: float
+        self,
+        child: ManagedProcess,
+        command: Any,
+        kind: type[_Answer],
+        timeout_s: float = REPLY_TIMEOUT_S,
     ) -> _Answer:
         """Send a command and wait for its reply.
 

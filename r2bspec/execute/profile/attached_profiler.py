@@ -1,28 +1,39 @@
-"""A profiler that is attached to a running process of the graph, and its end."""
+"""A profiler that is attached to a running process of the graph, and the stacks that it takes.
+
+py-spy writes folded stacks. Those of perf are made of what ``perf script`` prints.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import signal
+import subprocess
+import threading
 import time
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 
 import psutil
 
 from r2bspec.execute.errors import RunError
+from r2bspec.execute.host.kernel_counters import family
 from r2bspec.execute.processes.environment import inherited_environment
 from r2bspec.execute.processes.process import describe_exit
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
-from r2bspec.execute.profile.perf_script import read_perf_stacks
 from r2bspec.execute.profile.profilers import Profiler, perf_file, stacks_file
-from r2bspec.record.folded_stacks import write_stacks
+from r2bspec.record.folded_stacks import Stacks, write_stacks
 
 _READY_TIMEOUT_S = 20.0
 _END_TIMEOUT_S = 60.0
 _POLL_S = 0.02
 _ENDED_BY_US = frozenset({0, -signal.SIGINT, 128 + signal.SIGINT})
+
+_FIELDS = "comm,ip,sym,dso"
+_UNKNOWN = "[unknown]"
+_SCRIPT_TIMEOUT_S = 120.0
 
 
 @dataclass
@@ -53,7 +64,7 @@ class AttachedProfiler:
         Raises:
             RunError: it cannot observe the process, or from `ProcessSupervisor.pump`.
         """
-        pids = observed_pids(observed.pid)
+        pids = family(observed.pid)
         if profiler.kind == "py-spy":
             pids = [each for each in pids if _runs_python(each)]
             if not pids:
@@ -124,14 +135,6 @@ class AttachedProfiler:
         return f"{self.profiler.name} {describe_exit(self.child.process.returncode)}{said}"
 
 
-def observed_pids(pid: int) -> list[int]:
-    """A process and all that it has started, those that it started after itself."""
-    with contextlib.suppress(psutil.Error):
-        process = psutil.Process(pid)
-        return [pid, *(each.pid for each in process.children(recursive=True))]
-    return [pid]
-
-
 def _runs_python(pid: int) -> bool:
     """Whether a process is an interpreter, or has loaded one."""
     with contextlib.suppress(psutil.Error, OSError):
@@ -148,3 +151,62 @@ def _has_perf_events(pid: int) -> bool:
         opened = Path(f"/proc/{pid}/fd").iterdir()
         return any("perf_event" in str(each.readlink()) for each in opened)
     return False
+
+
+def read_perf_stacks(perf: str, data: Path) -> Stacks:
+    """The stacks in a file of ``perf record``, each with the name of its thread as first frame.
+
+    Raises:
+        RunError: perf cannot read the file, or not in time.
+        OSError: perf cannot be started.
+    """
+    # Without the names of inlined functions, which take minutes, and symbols from the network.
+    command = [perf, "script", "--no-inline", "-F", _FIELDS, "-i", str(data)]
+    with subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        env=os.environ | {"DEBUGINFOD_URLS": ""},
+        errors="replace",
+    ) as process:
+        timer = threading.Timer(_SCRIPT_TIMEOUT_S, process.kill)
+        timer.start()
+        try:
+            found = Counter(stacks_of(process.stdout or ()))
+        finally:
+            timer.cancel()
+    if process.returncode:
+        raise RunError(f"'perf script' cannot read {data.name}")
+    return found
+
+
+def stacks_of(lines: Iterable[str]) -> Iterator[tuple[str, ...]]:
+    """The stack of each sample in the text that ``perf script`` prints.
+
+    A sample is a line with the name of its thread, then an indented line for each frame from the
+    last called to the first, with address, symbol and, in parentheses, file. An empty line ends it.
+    """
+    thread = ""
+    frames: list[str] = []
+    for line in (*lines, ""):
+        if line[:1].isspace() and line.strip():
+            frames.append(_frame(line))
+        elif line.strip():
+            thread = line.strip()
+        elif thread:
+            if frames:
+                yield (thread, *reversed(frames))
+            thread, frames = "", []
+
+
+def _frame(line: str) -> str:
+    """The symbol, or the file of a frame that has none."""
+    _, _, rest = line.strip().partition(" ")
+    # Symbols of C++ and paths may have parentheses, too.
+    start = max(rest.rfind(" (/"), rest.rfind(" (["))
+    symbol, file = (rest[:start], rest[start + 2 :]) if start >= 0 else (rest, "")
+    if symbol and symbol != _UNKNOWN:
+        return symbol
+    name = PurePath(file.removesuffix(")")).name
+    return f"[{name}]" if name and name != _UNKNOWN else _UNKNOWN

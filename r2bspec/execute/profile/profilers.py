@@ -1,21 +1,29 @@
-"""The profilers that a run can use, and the commands that start them.
+"""The profilers that a run can use, the commands that start them, and whether they work here.
 
 perf and py-spy attach to running processes. nsys, and any other program that runs a command given
 after its own words, has to start the process that it observes.
+
+A profiler that attaches is tried on a process of our own before anything is measured: whether the
+system permits it depends on its settings, on the container, and on the kernel for which perf was
+built.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shlex
 import shutil
+import subprocess
 import sys
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from r2bspec.errors import UsageError
+from r2bspec.execute.errors import ProfilerError
 
 OUTPUT = "$(profile)"
 """In the words of a prefix: the path, without a suffix, of the file that it should write."""
@@ -26,6 +34,23 @@ _SAMPLES_PER_SECOND = "199"
 _MAX_PERF_DATA = "512M"
 
 _NSYS = ("profile", "--trace=cuda,nvtx,osrt", "--force-overwrite=true", "--output", OUTPUT)
+
+_TRIAL_TIMEOUT_S = 20.0
+_SHOWN_LINES = 4
+
+_INSTALL = {
+    "perf": "Install it (Debian: apt install linux-perf; Ubuntu: apt install linux-tools-generic), "
+    "or use '--profile py-spy' for Python nodes.",
+    "py-spy": "pip install 'r2bspec[profile]'",
+    "nsys": "Install NVIDIA Nsight Systems, and see that its folder is in PATH.",
+}
+_PERMIT = {
+    "perf": "Allow it with 'sudo sysctl kernel.perf_event_paranoid=1'; in a container, start that "
+    "with --cap-add PERFMON and a seccomp profile that allows perf_event_open.",
+    "py-spy": "Allow it with 'sudo sysctl kernel.yama.ptrace_scope=0'; in a container, start that "
+    "with --cap-add SYS_PTRACE.",
+}
+_OBSERVED = "print(flush=True); input()"
 
 
 @dataclass(frozen=True)
@@ -99,3 +124,62 @@ def find_program(name: str) -> str:
     """
     own = Path(sys.executable).parent
     return shutil.which(name) or shutil.which(name, path=os.fspath(own)) or name
+
+
+def require_usable(profiler: Profiler) -> None:
+    """See that a profiler is installed and may observe processes of this user.
+
+    Raises:
+        ProfilerError: it is not, or may not.
+    """
+    program = profiler.words[0]
+    if "/" not in program or not Path(program).exists():
+        raise ProfilerError(
+            f"--profile: the program {program!r} is not installed",
+            hint=_INSTALL.get(profiler.name, "Install it, or give its full path."),
+        )
+    if not profiler.attaches:
+        return
+    with tempfile.TemporaryDirectory() as folder, _observed_process() as pid:
+        try:
+            done = subprocess.run(
+                _trial(profiler, pid, Path(folder) / "trial"),
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                timeout=_TRIAL_TIMEOUT_S,
+                errors="replace",
+                check=False,
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise ProfilerError(f"--profile: {profiler.name} cannot be run: {error}") from error
+    if done.returncode:
+        said = [line for line in done.stdout.splitlines() if line.strip()][:_SHOWN_LINES]
+        raise ProfilerError(
+            f"--profile: {profiler.name} cannot observe a process:\n" + "\n".join(said),
+            hint=_PERMIT[profiler.kind],
+        )
+
+
+def _trial(profiler: Profiler, pid: int, base: Path) -> list[str]:
+    """A command that observes a process for a moment."""
+    if profiler.kind == "py-spy":
+        return [*profiler.words, "dump", "--pid", str(pid)]
+    return [*profiler.attach_argv([pid], base), "--", sys.executable, "-S", "-c", ""]
+
+
+@contextlib.contextmanager
+def _observed_process() -> Iterator[int]:
+    """The id of a process of Python that waits."""
+    process = subprocess.Popen(
+        [sys.executable, "-S", "-c", _OBSERVED],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    try:
+        assert process.stdout is not None  # noqa: S101 - it is a pipe
+        process.stdout.readline()
+        yield process.pid
+    finally:
+        process.kill()
+        process.communicate()

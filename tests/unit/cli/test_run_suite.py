@@ -22,7 +22,7 @@ from r2bspec.cli.run_selection import run_items
 from r2bspec.cli.spec_selection import SpecSelection
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.execute.errors import InterruptedRunError
-from r2bspec.execute.identity import graph_identity
+from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.exit_status import ExitStatus
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.judge_run import to_json as result_json

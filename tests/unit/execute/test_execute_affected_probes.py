@@ -9,11 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.execute.host.host_watch import Interference, interference_of
-from r2bspec.execute.measurement.affected_probes import (
-    MAX_FUTILE_REPLAYS,
-    AffectedProbes,
-)
+from r2bspec.execute.host.resource_sampler import Interference, interference_of
 from r2bspec.execute.measurement.harness_overhead import _quietest
 from r2bspec.execute.measurement.peak_search import (
     LongPlays,
@@ -21,7 +17,8 @@ from r2bspec.execute.measurement.peak_search import (
     ProbeOutcome,
     unexplained_end,
 )
-from r2bspec.execute.measurement.time_budget import TimeBudget
+from r2bspec.execute.measurement.rate_probe import MAX_FUTILE_REPLAYS, AffectedProbes
+from r2bspec.execute.measurement.run_reporter import TimeBudget
 from r2bspec.judge.capacity_estimate import Departures
 from r2bspec.measure.host_usage import Surroundings
 from r2bspec.record.run_record import FloorRecord, Probe, SearchRecord, Segment

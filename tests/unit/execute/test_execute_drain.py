@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from r2bspec.execute.measurement.drain import DrainTimer, Outstanding, outstanding_answers
+from r2bspec.execute.measurement.segment_observation import (
+    DrainTimer,
+    Outstanding,
+    outstanding_answers,
+)
 from r2bspec.measure.matching import MatchedMonitor, match_monitor
 from run_simulation import MONITOR_PLAN, Played, monitor_rows, playback_rows
 

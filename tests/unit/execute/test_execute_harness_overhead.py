@@ -88,7 +88,7 @@ class Asked:
         self._readers = readers
         self.commands: list[Any] = []
 
-    def request(self, _child: Any, command: Any, _kind: Any, _timeout_s: float) -> Any:
+    def request(self, _child: Any, command: Any, _kind: Any) -> Any:
         self.commands.append(command)
         assert isinstance(command, protocol.CountMatches)
         return protocol.Matched(counts={"/image": self._readers})

@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 
-from r2bspec.execute.identity import graph_identity
 from r2bspec.execute.identity.file_digests import build_id
+from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.language.quantities import Duration
 from r2bspec.plan.plan import (
     AfterReadyPlan,

@@ -11,9 +11,9 @@ from typing import Any, cast
 import msgspec
 import pytest
 
-from r2bspec.execute.bringup.early_diagnosis import EarlyDiagnosis
+from r2bspec.execute.bringup.graph_matching import EarlyDiagnosis
 from r2bspec.execute.bringup.idle_nodes import IdleNodes, all_answer, patience_s
-from r2bspec.execute.diagnosis.graph_facts import GraphFacts
+from r2bspec.execute.diagnosis.observe_graph import GraphFacts
 from r2bspec.ipc.protocol import ParameterLists
 from r2bspec.language.quantities import Duration
 from r2bspec.plan.plan import NodePlan, ProcessPlan

@@ -9,9 +9,9 @@ from typing import Any, cast
 import msgspec
 import pytest
 
-from r2bspec.execute.measurement.iterations import IterationRunner
+from r2bspec.execute.measurement.measurement import IterationRunner
+from r2bspec.execute.measurement.run_reporter import TimeBudget
 from r2bspec.execute.measurement.segments import SegmentHeading
-from r2bspec.execute.measurement.time_budget import TimeBudget
 from r2bspec.judge.verdict import (
     EXIT_CODES,
     DisturbedIteration,

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.execute.bringup.graph_joins import Hello, is_meant
+from r2bspec.execute.bringup.graph_joins import Hello, is_target_process
 from r2bspec.execute.errors import NotJoinableError
-from r2bspec.execute.processes.joinable import require_joinable, why_not_joinable
+from r2bspec.execute.processes.executables import require_joinable, why_not_joinable
 
 FOREIGN_USER = 65534
 
@@ -123,4 +123,4 @@ def hello(*arguments: str, executable: str = "/usr/bin/python3.11") -> Hello:
     ],
 )
 def test_a_node_is_told_from_what_starts_it(asking: Hello, program: str, meant: bool) -> None:
-    assert is_meant(asking, program) is meant
+    assert is_target_process(asking, program) is meant

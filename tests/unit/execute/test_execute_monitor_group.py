@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from r2bspec.execute.processes.monitor_group import MonitorGroup
+from r2bspec.execute.bringup.harness_processes import MonitorGroup
 from r2bspec.execute.processes.process import ManagedProcess
 from r2bspec.ipc import protocol
 from r2bspec.language.spec import QoS

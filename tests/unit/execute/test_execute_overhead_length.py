@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from r2bspec.execute.measurement.overhead_length import median_is_known, overhead_length
+from r2bspec.execute.measurement.harness_overhead import median_is_known, overhead_length
 
 
 @pytest.mark.parametrize(

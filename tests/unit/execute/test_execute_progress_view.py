@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.execute.measurement.progress_view import MAX_ROWS, ProgressView
+from r2bspec.execute.measurement.segment_observation import MAX_ROWS, ProgressView
 from r2bspec.ipc.arrivals import ARRIVAL_FIELDS, ArrivalReader
 from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import RowWriter

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from r2bspec.execute.processes.environment import make_redactor
 from r2bspec.execute.processes.process import ManagedProcess
-from r2bspec.execute.processes.redaction import make_redactor
 from r2bspec.ipc.process_cleanup import SessionLeader
 
 ENVIRON = {

@@ -11,8 +11,7 @@ import pytest
 
 from r2bspec.api import prepare
 from r2bspec.execute.errors import SecretNotSetError
-from r2bspec.execute.processes.environment import RunEnvironment
-from r2bspec.execute.processes.secret_references import SecretReferences
+from r2bspec.execute.processes.environment import RunEnvironment, SecretReferences
 from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.plan import NodePlan, Plan
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.execute.bringup.start_deadline import StartDeadline
+from r2bspec.execute.bringup.readiness import StartDeadline
 
 
 class Clock:

@@ -24,7 +24,7 @@ from r2bspec.execute.errors import (
     RunError,
 )
 from r2bspec.execute.processes import process as child_module
-from r2bspec.execute.processes import process_logs, shutdown, supervisor
+from r2bspec.execute.processes import process_logs, supervisor
 from r2bspec.execute.processes.process import ManagedProcess, describe_exit
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.ipc import protocol
@@ -100,7 +100,7 @@ def open_files() -> int:
 def make_impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make the waits short that politeness costs."""
     for constant, seconds in (("MAX_EXIT_S", 0.4), ("MAX_SIGTERM_S", 0.3)):
-        monkeypatch.setattr(shutdown, constant, seconds)
+        monkeypatch.setattr(child_module, constant, seconds)
     monkeypatch.setattr(middleware_of({}), "exit_in_turn_s", 0.1)
     monkeypatch.setattr(supervisor, "MAX_SIGTERM_S", 0.3)
 
@@ -402,7 +402,7 @@ def test_one_that_hangs_does_not_keep_the_rest_waiting_in_turn(
     stage.children.request(polite, protocol.Play(rate_hz=1.0, steps=1), protocol.Played, HANG_S)
     monkeypatch.setattr(middleware_of({}), "exit_in_turn_s", 0.2)
     # What is left to the polite one, on however busy a machine.
-    monkeypatch.setattr(shutdown, "MAX_EXIT_S", 10.0)
+    monkeypatch.setattr(child_module, "MAX_EXIT_S", 10.0)
     stage.children.end([*hangs, polite])
     assert polite.process.returncode == 0
     assert {child.process.returncode for child in hangs} == {-signal.SIGTERM}
@@ -452,7 +452,7 @@ def test_a_child_that_has_never_answered_is_not_waited_for(
     stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Whoever waits for it waits longer than a test may take.
-    monkeypatch.setattr(shutdown, "MAX_EXIT_S", 3600.0)
+    monkeypatch.setattr(child_module, "MAX_EXIT_S", 3600.0)
     child = stage.start("ends = channel()\n" + SLEEPS)
     stage.pump_until(lambda: "here" in stage.said())
     stage.children.end([child])

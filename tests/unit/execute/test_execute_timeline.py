@@ -12,9 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from r2bspec.execute.errors import RunError, UnpairedInputError
-from r2bspec.execute.inputs.build_schedule import build_schedule
+from r2bspec.execute.inputs.build_schedule import build_schedule, place_transforms
 from r2bspec.execute.inputs.timeline import make_timeline
-from r2bspec.execute.inputs.transform_schedule import place_transforms
 from r2bspec.ipc.buffers import BufferIndex, write_index
 from r2bspec.ipc.schedule import NO_STEP, TimelineSchedule
 from r2bspec.language.spec import QoS

@@ -6,11 +6,7 @@ from collections.abc import Mapping
 
 import pytest
 
-from r2bspec.execute.bringup.undeclared_parameters import (
-    ExpectedParameters,
-    is_typing_error,
-    undeclared,
-)
+from r2bspec.execute.bringup.spec_mismatches import ExpectedParameters, is_typing_error, undeclared
 from r2bspec.ipc.protocol import ParameterLists
 
 NODE = ExpectedParameters("/r2b/a", ("gian", "speed", "size"), own_node_name=True)

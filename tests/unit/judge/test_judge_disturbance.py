@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.execute.measurement.iterations import iterations_to_rerun
+from r2bspec.execute.measurement.measurement import iterations_to_rerun
 from r2bspec.judge.affected_iterations import find_affected_iterations, interference_reasons
 from r2bspec.judge.best_case import best_case_iteration, waiting_share
 from r2bspec.judge.judge_samples import judge

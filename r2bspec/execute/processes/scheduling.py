@@ -1,10 +1,15 @@
-"""The time slice of a process: how soon one of its threads gets a core when it has to."""
+"""How the kernel schedules a process that has just been started: CPUs, priority, time slice."""
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
+import os
 import platform
 from typing import Final
+
+from r2bspec.execute.errors import RunError
+from r2bspec.plan.plan import ProcessPlan
 
 SLICE_NS: Final = 500_000
 """Less than the kernel's default, which is 1.4 ms on two cores and more on larger machines, and
@@ -13,6 +18,39 @@ longer than most of what player and monitor do for one message."""
 _SCHED_OTHER: Final = 0
 _SYSCALLS: Final = {"x86_64": (314, 315), "aarch64": (274, 275)}
 """sched_setattr and sched_getattr, which neither Python nor glibc before 2.41 can call."""
+
+
+def apply_affinity(plan: ProcessPlan, pid: int) -> None:
+    """Bind a process that has just been started to its CPUs, and set its priority.
+
+    This is done before the program starts its first thread; threads and descendants inherit both.
+
+    Raises:
+        RunError: the machine has no such CPU, or does not permit the priority.
+    """
+    with contextlib.suppress(ProcessLookupError):
+        if plan.cpus:
+            try:
+                os.sched_setaffinity(pid, plan.cpus)
+            except ProcessLookupError:
+                raise
+            except (OSError, ValueError) as error:
+                available = ", ".join(map(str, sorted(os.sched_getaffinity(0))))
+                raise RunError(
+                    f"process {plan.name} cannot run on CPUs "
+                    f"{', '.join(map(str, plan.cpus))}; available: {available}",
+                    hint="Correct 'cpus', or use a machine that has these CPUs.",
+                    code="R2B636",
+                ) from error
+        if plan.nice:
+            try:
+                os.setpriority(os.PRIO_PROCESS, pid, plan.nice)
+            except PermissionError as error:
+                raise RunError(
+                    f"process {plan.name}: a nice value of {plan.nice} is not permitted",
+                    hint="Only a privileged user may set values below 0.",
+                    code="R2B637",
+                ) from error
 
 
 class _SchedAttr(ctypes.Structure):
