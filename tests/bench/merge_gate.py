@@ -1,7 +1,7 @@
 """How often the merge gate errs on real pull requests: neutral ones, and ones 15 % slower.
 
-Each is a repository of its own, gated by ``r2bspec run --against main`` on real ROS 2, one after the
-other. Prints a row for each kind, with the load of the machine. Usage::
+Each is a repository of its own, gated by ``r2bspec run --against main`` on real ROS 2, one after
+the other. Prints a row for each kind, with the load of the machine. Usage::
 
     PYTHONPATH=tests/support python tests/bench/merge_gate.py [--each 10] [--pairs 5]
 """
@@ -12,6 +12,7 @@ import argparse
 import json
 import os
 import statistics
+import sys
 import tempfile
 from collections import Counter
 from pathlib import Path
@@ -28,8 +29,10 @@ def main() -> None:
     parser.add_argument("--each", type=int, default=10, help="pull requests of each kind")
     parser.add_argument("--pairs", type=int, default=5)
     options = parser.parse_args()
-    print("| pull request | PASS | FAIL | INCONCLUSIVE | error | ratio, min … max | load |")
-    print("| --- | --- | --- | --- | --- | --- | --- |")
+    sys.stdout.write(
+        "| pull request | PASS | FAIL | INCONCLUSIVE | error | ratio, min … max | load |" + "\n"
+    )
+    sys.stdout.write(f"{'| --- ' * 7}|\n")
     for kind, cost_ms in COST_MS.items():
         outcomes: Counter[str] = Counter()
         ratios, loads = [], []
@@ -41,7 +44,8 @@ def main() -> None:
             ratios += [ratio] if ratio is not None else []
         counts = " | ".join(str(outcomes[name]) for name in (*OUTCOMES.values(), "error"))
         span = f"{min(ratios):.3f} … {max(ratios):.3f}" if ratios else ""
-        print(f"| {kind} | {counts} | {span} | {statistics.median(loads):.1f} |", flush=True)
+        sys.stdout.write(f"| {kind} | {counts} | {span} | {statistics.median(loads):.1f} |" + "\n")
+        sys.stdout.flush()
 
 
 def gated(folder: Path, cost_ms: float, pairs: int) -> tuple[str, float | None]:
