@@ -26,7 +26,10 @@ def run_single(selection: SpecSelection, options: RunOptions) -> int:
     Raises:
         R2bspecError: it could not be run; with the run folder as a note, where there is one.
     """
-    with _json_of_failures(options, folder := _Folder()):
+    with (
+        _json_of_failures(options, folder := _Folder()),
+        _reports_of_failures(options, folder, selection.spec),
+    ):
         return _run(selection, options, folder)
 
 
@@ -256,6 +259,20 @@ def write_reports_of(options: RunOptions, folder: Path, spec: Path) -> None:
         verbose=options.verbose,
         suite_page=options.suite_page,
     )
+
+
+@contextlib.contextmanager
+def _reports_of_failures(options: RunOptions, folder: _Folder, spec: Path) -> Iterator[None]:
+    """The requested reports say why there is no run, if not even its folder was made."""
+    try:
+        yield
+    except R2bspecError as error:
+        from r2bspec.report.failure_reports import write_failure_reports
+
+        if folder.path is None or not folder.path.exists():
+            with contextlib.suppress(R2bspecError):
+                write_failure_reports(options.reports, error, spec)
+        raise
 
 
 @contextlib.contextmanager

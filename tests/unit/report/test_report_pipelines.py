@@ -255,7 +255,7 @@ def test_the_base_is_fetched_if_the_clone_lacks_it(
 # ---- forged repositories -----------------------------------------------------------------------
 
 FORGED_RESULT = '{"verdict": {"outcome": "pass\\nstatus=0"}}'
-INVALID = "r2bspec: 1\nname: forged\nbenchmark: {duration: forever}\n"
+INVALID = "r2bspec: 1\nname: strange\nbenchmark: {duration: forever}\n"
 
 Forge = Callable[[Workplace], dict[str, str]]
 """Makes a repository; returns variables of the pipeline, `spec` among them if it is another."""
@@ -443,10 +443,10 @@ def forged_repository(request: pytest.FixtureRequest, place: Workplace) -> Forge
     outside = place.runner.parent / "outside"
     outside.mkdir()
     (outside / "kept").write_text("kept")
-    place.write("forged.r2b.yaml", INVALID)
+    place.write("strange.r2b.yaml", INVALID)
     variables = request.param(place)
     variables.setdefault("HOME", str(place.runner))
-    spec = variables.pop("spec", "forged.r2b.yaml")
+    spec = variables.pop("spec", "strange.r2b.yaml")
     marker = str(place.runner.parent / "executed")
     return Forgery(place, spec, {**variables, "MARKER": marker})
 
@@ -473,5 +473,5 @@ def test_the_spec_of_the_forged_repositories_is_read_and_invalid(
     place: Workplace, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """So that a forgery is refused for its spec, as it is without any forgery."""
-    assert main(["validate", str(place.write("forged.r2b.yaml", INVALID))]) == 1
+    assert main(["validate", str(place.write("strange.r2b.yaml", INVALID))]) == 1
     assert "R2B" in capsys.readouterr().out
