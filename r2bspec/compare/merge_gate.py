@@ -303,7 +303,7 @@ class MergeGate:
 
     def alone_without_base(self, head: Prepared, error: R2bspecError) -> GateSides:
         """The head alone, because the base cannot run, and that is allowed."""
-        first = self._named(str(error)).splitlines()[0]
+        first = self._named(str(error)).splitlines()[0].removesuffix("; its last output:")
         return self.alone(head, f"Allowed: base. {self.tree.name} cannot run: {first}")
 
     def check_loaded_files(self, side: str, folder: Path) -> None:

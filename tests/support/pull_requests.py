@@ -22,7 +22,7 @@ from ros_runs import IMAGE, quick_input, write_bag
 PACKAGE = "src/blur/blur"
 SPEC = "bench/blur.r2b.yaml"
 PARAMETERS = "src/blur/config/blur.yaml"
-DEPENDENCY = "site/kernels"
+_RECIPE = Path(__file__).parents[2] / "ci" / "shell" / "gate.sh"
 
 _NODE = """\
 import rclpy
@@ -169,24 +169,27 @@ class Workspace:
         return {**os.environ, "PYTHONPATH": os.pathsep.join(path)}
 
     def gate(self, *arguments: str, against: str = "main") -> Gated:
-        """Run the gate as a pipeline does."""
+        """Run the gate as a pipeline does: by the shell recipe, with further arguments of `run`."""
         self.runs += 1
-        folder = self.top.parent / f"gated-{self.runs}"
-        base = ("--against", against) if against else ()
-        command = (sys.executable, "-m", "r2bspec", "run", "--require-slos", *base)
-        options = ("--no-lock", "--output", str(folder))
-        named = arguments if any(map(_is_spec, arguments)) else (SPEC, *arguments)
+        output = self.top.parent / f"gated-{self.runs}"
+        specs = [argument for argument in arguments if _is_spec(argument)]
+        options = [argument for argument in arguments if not _is_spec(argument)]
+        variables = {
+            "R2BSPEC_PYTHON": sys.executable,
+            "R2BSPEC_OUTPUT": str(output),
+            "R2BSPEC_ARGUMENTS": "\n".join(["--no-lock", *options]),
+        }
         done = subprocess.run(
-            [*command, *options, *named],
+            ["sh", str(_RECIPE), *(specs or [SPEC]), against or "none"],  # noqa: S607
             cwd=self.top,
-            env=self.environment(),
+            env=self.environment() | variables,
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
             timeout=250,
             check=False,
         )
-        return Gated(done.returncode, done.stdout, done.stderr, folder)
+        return Gated(done.returncode, done.stdout, done.stderr, output / "run")
 
 
 @dataclass(frozen=True)

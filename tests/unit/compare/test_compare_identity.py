@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import msgspec
+import pytest
 
 from pair_simulation import Comparison, latencies
 from r2bspec.compare.comparison_subject import read_compared_result
@@ -156,3 +157,13 @@ def test_words_of_strangers_do_no_harm(tmp_path: Path) -> None:
         assert "\x07" not in shown
         assert not any(line.startswith("::") for line in shown.splitlines())
         assert name == "text" or "<script>\x07" not in shown
+
+
+@pytest.mark.parametrize("name", ["html", "markdown", "text", "junit", "github"])
+def test_a_comparison_that_ended_before_any_run_is_reported(tmp_path: Path, name: str) -> None:
+    Comparison([0.02] * 2, [0.02] * 2).write(tmp_path)
+    result = judge_comparison_folder(open_comparison(tmp_path)).result
+    nothing = msgspec.structs.replace(
+        result, status="incomplete", machine={}, dataset={}, versions={}, identity=None
+    )
+    assert text(nothing, name)
