@@ -8,11 +8,12 @@ an answer that does not fit the types of the protocol. `MessageInput` mends the 
 from __future__ import annotations
 
 import re
-import sys
 from typing import Any, BinaryIO, Final
 
 from pygls.exceptions import JsonRpcException, JsonRpcInvalidRequest
 from pygls.protocol import LanguageServerProtocol
+
+from r2bspec.report.output import echo
 
 MAX_MESSAGE_BYTES: Final = 1 << 27
 """Of one message; many times the largest document that is read."""
@@ -43,12 +44,12 @@ class MessageInput:
             return line
         digits = length[1]
         if len(digits) > len(str(MAX_MESSAGE_BYTES)) or int(digits) > MAX_MESSAGE_BYTES:
-            sys.stderr.write(
+            echo(
                 f"r2bspec lsp: a message of {digits[:20].decode()}"
                 f"{'...' if len(digits) > 20 else ''} bytes is passed over; "
-                f"at most {MAX_MESSAGE_BYTES} are read\n"
+                f"at most {MAX_MESSAGE_BYTES} are read",
+                err=True,
             )
-            sys.stderr.flush()
             return b"Passed-Over: 1\r\n"
         return b"Content-Length: %s\r\n" % digits
 

@@ -7,7 +7,6 @@ import asyncio
 import json
 import re
 import shutil
-import sys
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
@@ -16,6 +15,7 @@ import pytest_lsp
 from lsprotocol import types
 from pytest_lsp import ClientServerConfig, LanguageClient, client_capabilities
 
+import patient_language_server
 from open_document import OpenDocument, edited
 from r2bspec.cli.main import main
 from report_runs import SIMULATIONS
@@ -108,7 +108,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest_lsp.fixture(  # type: ignore[untyped-decorator]
-    config=ClientServerConfig(server_command=[sys.executable, "-m", "r2bspec", "lsp"]),
+    config=ClientServerConfig(server_command=patient_language_server.COMMAND),
     scope="module",
 )
 async def client(lsp_client: LanguageClient, folder: Path) -> AsyncIterator[None]:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 import runpy
-import sys
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -17,6 +16,7 @@ import yaml
 from lsprotocol import types
 from pytest_lsp import ClientServerConfig, LanguageClient, client_capabilities
 
+import patient_language_server
 from tutorial_page import page_files
 from typing_editor import TypingEditor
 
@@ -28,7 +28,7 @@ TYPED = [
 
 
 @pytest_lsp.fixture(  # type: ignore[untyped-decorator]
-    config=ClientServerConfig(server_command=[sys.executable, "-m", "r2bspec", "lsp"]),
+    config=ClientServerConfig(server_command=patient_language_server.COMMAND),
 )
 async def client(lsp_client: LanguageClient, tmp_path: Path) -> AsyncIterator[None]:
     await lsp_client.initialize_session(
