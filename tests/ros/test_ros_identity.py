@@ -79,7 +79,7 @@ def test_a_run_names_its_sources_its_revision_and_what_was_loaded(tmp_path: Path
     assert again.result()["changes"] == ["gains.py changed"]
     assert again.result()["base_identity"]["digest"] == record.identity.digest
     assert "gains.py changed" in again.stdout
-    assert "+dirty · base" in again.stdout
+    assert "+dirty, base" in again.stdout
     judged = bench.judge(again.folder)
     assert judged.status in {0, 4}
     assert judged.result()["changes"] == ["gains.py changed"]
