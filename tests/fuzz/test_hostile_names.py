@@ -50,7 +50,7 @@ def test_long_texts_of_a_history_are_clipped(tmp_path: Path) -> None:
     _history(file)
     with sqlite3.connect(file) as database:
         row = ["x" * 1_000_000] * 9
-        database.execute("INSERT INTO runs VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, 1)", row)
+        database.execute("INSERT INTO runs VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, 1, '')", row)
     database.close()
     status, said = r2bspec("history", "list", "--file", file, cwd=tmp_path)
     assert status == 0
