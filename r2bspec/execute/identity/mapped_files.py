@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Final
 
 import msgspec
-import psutil
 
+from r2bspec.execute.host.kernel_counters import family
 from r2bspec.untrusted.safe_json import read_json
 
 _TOOL: Final = f"{Path(__file__).parents[2]}/"
@@ -29,7 +29,7 @@ _INSTALLED: Final = ("/site-packages/", "/dist-packages/")
 def mapped_files(pid: int) -> frozenset[str]:
     """The files that a process and its descendants have mapped; none of one that has ended."""
     files: set[str] = set()
-    for member in _with_descendants(pid):
+    for member in family(pid):
         files.update(_maps(member))
     return frozenset(loaded_by_graph(files))
 
@@ -56,13 +56,6 @@ def loaded_by_graph(files: Iterable[str]) -> Iterator[str]:
         is_standard = file.startswith(library) and not any(name in file for name in _INSTALLED)
         if not is_of_tool and not is_standard:
             yield file
-
-
-def _with_descendants(pid: int) -> list[int]:
-    try:
-        return [pid, *(child.pid for child in psutil.Process(pid).children(recursive=True))]
-    except psutil.Error:
-        return [pid]
 
 
 def _maps(pid: int) -> Iterator[str]:
