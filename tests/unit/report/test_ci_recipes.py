@@ -8,28 +8,24 @@ from __future__ import annotations
 
 import os
 import re
-import shlex
 import subprocess
 import sys
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 import yaml
 
 from git_repositories import git, write_files
-from github_runner import Event, ExpressionError, Job, Runner, evaluate, expand
-from github_service import CommentService, Upstream
+from github_runner import Event, ExpressionError, evaluate, expand
+from github_service import Upstream
 from page_blocks import ROOT, page_blocks, page_file
 from pipelines import TEMPLATE, Workplace, stand_in
 from r2bspec.compare.base_reference import parse_base_reference
 from r2bspec.compare.base_tree import open_base_tree
+from recipe_hosts import GATE, WORKFLOW, Hosts, given_arguments
+from review_services import review_service
 
-WORKFLOW = page_file("ci.md", ".github/workflows/benchmark.yml")
 GITLAB = page_file("ci.md", ".gitlab-ci.yml")
-JENKINSFILE = (ROOT / "ci/jenkins/Jenkinsfile").read_text()
-GATE = ROOT / "ci/shell/gate.sh"
 
 NODE = "src/blur/blur/blur.py"
 SPEC = """\
@@ -59,97 +55,6 @@ def repository(tmp_path: Path) -> Upstream:
 @pytest.fixture(name="change")
 def pull_request(upstream: Upstream) -> Event:
     return upstream.pull_request({NODE: "# a slower node\n"})
-
-
-@dataclass(frozen=True)
-class Hosts:
-    """Runs a pull request by each of the recipes, with a program in place of r2bspec or with it."""
-
-    folder: Path
-    upstream: Upstream
-    python: str
-
-    def github(
-        self,
-        change: Event,
-        *,
-        inputs: Mapping[str, str] | None = None,
-        variables: Mapping[str, str] | None = None,
-        workflow: str = WORKFLOW,
-        environment: Mapping[str, str] | None = None,
-        **more: str,
-    ) -> tuple[Job, Runner]:
-        runner = Runner(
-            self.folder / "runner",
-            self.upstream.folder.as_uri(),
-            {"python": self.python, **(inputs or {})},
-            {**(environment or {}), **more},
-        )
-        return runner.run(workflow, change, variables), runner
-
-    def checkout(self, change: Event, *options: str) -> Path:
-        return self.upstream.clone(self.folder / "checkout", change.ref, *options)
-
-    def recipe(
-        self,
-        name: str,
-        change: Event,
-        *,
-        allow: str = "",
-        inconclusive: str = "",
-        **environment: str,
-    ) -> tuple[int, str, list[str]]:
-        """Run a pull request; the exit status, what was printed, and the arguments of r2bspec."""
-        values = {"R2BSPEC_ALLOW": allow, "STATUS": "0", **environment}
-        if inconclusive:
-            values["R2BSPEC_INCONCLUSIVE"] = inconclusive
-        if name == "github":
-            inputs = {"allow": allow, "token": "", "inconclusive": inconclusive or "fail"}
-            job, runner = self.github(change, inputs=inputs, environment=values)
-            # The job fails if the step fails, whatever its status.
-            code = int(job.outputs["gate"]["status"]) if job.failed else 0
-            return code, job.printed, _arguments(runner.checkout)
-        checkout = self.checkout(change)
-        runner_folder = self.folder / "runner"
-        runner_folder.mkdir()
-        place = Workplace(checkout, runner_folder)
-        base = change.payload["pull_request"]["base"]["sha"]
-        if name == "gitlab":
-            variables = {"CI_MERGE_REQUEST_DIFF_BASE_SHA": base, **values}
-            done = place.job(self.python, "bench", "sh", **variables)
-            return done.code, done.printed, _arguments(checkout)
-        if name == "jenkins":
-            variables = {
-                **jenkins_environment(),
-                "R2BSPEC_PYTHON": self.python,
-                "CHANGE_TARGET": "main",
-                **values,
-            }
-            code, printed = place.shell("sh", jenkins_script(), **variables)
-            return code, printed, _arguments(checkout)
-        git(checkout, "fetch", "--quiet", "origin", "main:refs/remotes/origin/main")
-        code, printed = place.shell(
-            "sh", f"sh {shlex.quote(str(GATE))} bench", R2BSPEC_PYTHON=self.python, **values
-        )
-        return code, printed, _arguments(checkout)
-
-
-def _arguments(checkout: Path) -> list[str]:
-    """What the stand-in was called with."""
-    kept = checkout / "arguments.txt"
-    return kept.read_text().splitlines() if kept.exists() else []
-
-
-def jenkins_script() -> str:
-    """The only `sh` step of the Jenkinsfile, as Groovy reads it: it has no escapes."""
-    (script,) = re.findall(r"sh '''(.*?)'''", JENKINSFILE, re.DOTALL)
-    assert "\\" not in script
-    return str(script)
-
-
-def jenkins_environment() -> dict[str, str]:
-    (block,) = re.findall(r"environment \{(.*?)\n  \}", JENKINSFILE, re.DOTALL)
-    return dict(re.findall(r"^\s+(\w+) = '(.*?)'", block, re.MULTILINE))
 
 
 @pytest.fixture(name="hosts")
@@ -267,9 +172,8 @@ def test_a_fork_is_compared_with_a_base_that_reads_variables(
 
 
 def test_the_workflow_reports_uploads_and_gates(hosts: Hosts, change: Event) -> None:
-    service = CommentService.create(hosts.folder / "bin")
-    path = f"{service.folder}:{os.environ['PATH']}"
-    job, runner = hosts.github(change, STATUS="1", PATH=path)
+    with review_service() as service:
+        job, runner = hosts.github(change, STATUS="1", GITHUB_API_URL=service.url)
     assert job.failed
     assert job.outputs["gate"]["outcome"] == "fail"
     assert job.summary == "### summary\n"
@@ -278,61 +182,18 @@ def test_the_workflow_reports_uploads_and_gates(hosts: Hosts, change: Event) -> 
     (comment,) = service.comments
     assert "### summary" in comment["body"]
     assert "https://github.com/owner/robot/actions/runs/4711" in comment["body"]
-    # The token is the header's alone: in no command line, and not where nodes run.
-    assert "ghs_of_the_job" in service.calls[0]["header"]
-    assert "ghs_of_the_job" not in str([call["words"] for call in service.calls])
+    # The token is not where nodes run.
+    assert service.requests[0].headers["Authorization"] == "Bearer ghs_of_the_job"
     assert "ghs_of_the_job" not in (runner.checkout / "environment.txt").read_text()
+    assert "ghs_of_the_job" not in job.printed
     assert job.skipped == ["Install"]
 
 
-def test_the_comment_is_updated(hosts: Hosts, change: Event) -> None:
-    others = [
-        {"id": number, "body": body, "user": {"type": "User"}, "author_association": "NONE"}
-        for number, body in enumerate(["hello", None, *["more"] * 120])
-    ]
-    service = CommentService.create(hosts.folder / "bin", others)
-    path = f"{service.folder}:{os.environ['PATH']}"
-    hosts.github(change, STATUS="1", PATH=path)
-    assert [call["method"] for call in service.calls] == ["GET", "GET", "POST"]
-    hosts.github(change, STATUS="0", PATH=path, NO_RESULT="1")
-    assert [call["method"] for call in service.calls[3:]] == ["GET", "GET", "PATCH"]
-    assert len(service.comments) == len(others) + 1
-    # Another job has a comment of its own.
-    hosts.github(change, STATUS="1", PATH=path, workflow=WORKFLOW.replace("benchmark:", "other:"))
-    assert len(service.comments) == len(others) + 2
-
-
-def test_a_strangers_comment_is_never_taken_for_its_own(hosts: Hosts, change: Event) -> None:
-    service = CommentService.create(hosts.folder / "bin")
-    path = f"{service.folder}:{os.environ['PATH']}"
-    hosts.github(change, STATUS="0", PATH=path)
-    (own,) = service.comments
-    forged = {**own, "id": 7, "user": {"type": "User"}, "author_association": "CONTRIBUTOR"}
-    again = CommentService.create(hosts.folder / "bin2", [forged])
-    hosts.github(change, STATUS="0", PATH=f"{again.folder}:{os.environ['PATH']}")
-    assert again.comments[0]["body"] == own["body"]
-    assert len(again.comments) == 2
-
-
-@pytest.mark.parametrize("fails", ["GET", "POST"])
-@pytest.mark.parametrize("status", ["0", "1"])
-def test_a_comment_that_fails_is_no_verdict(
-    hosts: Hosts, change: Event, fails: str, status: str
-) -> None:
-    service = CommentService.create(hosts.folder / "bin", fails=[fails])
-    path = f"{service.folder}:{os.environ['PATH']}"
-    job, _ = hosts.github(change, STATUS=status, PATH=path)
-    assert job.failed is (status == "1")
-    assert "::warning title=r2bspec::The comment on the pull request could not be" in job.printed
-    assert service.comments == []
-
-
 def test_without_a_token_nobody_comments(hosts: Hosts, change: Event) -> None:
-    service = CommentService.create(hosts.folder / "bin")
-    path = f"{service.folder}:{os.environ['PATH']}"
-    job, _ = hosts.github(change, inputs={"token": ""}, STATUS="0", PATH=path)
+    with review_service() as service:
+        job, _ = hosts.github(change, inputs={"token": ""}, STATUS="0", GITHUB_API_URL=service.url)
     assert not job.failed
-    assert service.calls == []
+    assert service.requests == []
     assert "Comment on the pull request" in job.skipped
 
 
@@ -345,7 +206,7 @@ def test_the_base_can_be_chosen(
 ) -> None:
     inputs = {"against": against, "require-slos": "false", "token": ""}
     _, runner = hosts.github(change, inputs=inputs, STATUS="0")
-    words = _arguments(runner.checkout)
+    words = given_arguments(runner.checkout)
     assert [word for word in words if word.startswith("--against")] == expected
     assert "--require-slos" not in words
 
@@ -361,7 +222,7 @@ def test_other_events_have_no_base_but_that_of_a_merge_queue(
             event, workflow=workflow, inputs={"allow": "base" * bool(expected)}, STATUS="0"
         )
         assert not job.failed, job.printed
-        words = _arguments(runner.checkout)
+        words = given_arguments(runner.checkout)
         assert [word for word in words if word.startswith("--against")] == expected
 
 
@@ -391,7 +252,7 @@ def test_what_is_allowed_comes_from_a_variable_of_the_repository(
         workflow=yaml.safe_dump(workflow),
         STATUS="0",
     )
-    words = _arguments(runner.checkout)
+    words = given_arguments(runner.checkout)
     assert {"--allow=objective fast", "--allow=duration"} <= set(words)
 
 
@@ -413,7 +274,7 @@ def test_the_job_of_the_page_is_the_template(hosts: Hosts, change: Event) -> Non
         STATUS="0",
     )
     assert done.code == 0, done.printed
-    assert f"--against={hosts.upstream.main}" in _arguments(place.checkout)
+    assert f"--against={hosts.upstream.main}" in given_arguments(place.checkout)
 
 
 def test_jenkins_runs_forks_as_untrusted(hosts: Hosts, change: Event) -> None:
@@ -447,7 +308,7 @@ def test_the_commands_of_the_page(hosts: Hosts, upstream: Upstream, change: Even
             text=True,
         )
         assert done.returncode == 0, done.stderr
-        words = _arguments(checkout)
+        words = given_arguments(checkout)
         assert "bench" in words
         assert "--require-slos" in words
         at = next(i for i, word in enumerate(words) if word.startswith("--against"))
