@@ -45,8 +45,7 @@ class Reviewed:
                 self.change,
                 workflow=WORKFLOW.replace("  benchmark:\n", f"  {job}:\n"),
                 inputs={"token": token},
-                GITHUB_API_URL=service.url,
-                **{"STATUS": "0", **environment},
+                environment={"STATUS": "0", "GITHUB_API_URL": service.url, **environment},
             )
             assert len(ran.summary.encode()) <= 1 << 20
             return (int(ran.outputs["gate"]["status"]) if ran.failed else 0), ran.printed
