@@ -20,7 +20,8 @@ if [ -n "${R2BSPEC_OUTPUT:-}" ]; then
 else
   folder=$(mktemp -d "${TMPDIR:-/tmp}/r2bspec.XXXXXXXXXX") || exit 2
 fi
-mkdir -p "$folder/reports" || exit 2
+# Of two jobs with one folder, the second ends here.
+mkdir -p -- "$folder" && mkdir -- "$folder/reports" || exit 2
 
 python=${R2BSPEC_PYTHON:-python3}
 set -- --require-slos --output "$folder/run" \

@@ -55,6 +55,7 @@ class Hosts:
         *,
         allow: str = "",
         inconclusive: str = "",
+        spec: str = "bench",
         **environment: str,
     ) -> tuple[int, str, list[str]]:
         """Run a pull request; the exit status, what was printed, and the arguments of r2bspec."""
@@ -62,32 +63,38 @@ class Hosts:
         if inconclusive:
             values["R2BSPEC_INCONCLUSIVE"] = inconclusive
         if name == "github":
-            inputs = {"allow": allow, "token": "", "inconclusive": inconclusive or "fail"}
+            inputs = {
+                "allow": allow,
+                "token": "",
+                "inconclusive": inconclusive or "fail",
+                "spec": spec,
+            }
             job, runner = self.github(change, inputs=inputs, environment=values)
             # The job fails if the step fails, whatever its status.
             code = int(job.outputs["gate"]["status"]) if job.failed else 0
             return code, job.printed, given_arguments(runner.checkout)
         checkout = self.checkout(change)
         runner_folder = self.folder / "runner"
-        runner_folder.mkdir()
+        runner_folder.mkdir(parents=True)
         place = Workplace(checkout, runner_folder)
         base = change.payload["pull_request"]["base"]["sha"]
         if name == "gitlab":
             variables = {"CI_MERGE_REQUEST_DIFF_BASE_SHA": base, **values}
-            done = place.job(self.python, "bench", "sh", **variables)
+            done = place.job(self.python, spec, "sh", **variables)
             return done.code, done.printed, given_arguments(checkout)
         if name == "jenkins":
             variables = {
-                **_jenkins_environment(),
+                **jenkins_environment(),
                 "R2BSPEC_PYTHON": self.python,
                 "CHANGE_TARGET": "main",
+                "R2BSPEC_SPEC": spec,
                 **values,
             }
-            code, printed = place.shell("sh", _jenkins_script(), **variables)
+            code, printed = place.shell("sh", jenkins_script(), **variables)
             return code, printed, given_arguments(checkout)
         git(checkout, "fetch", "--quiet", "origin", "main:refs/remotes/origin/main")
         code, printed = place.shell(
-            "sh", f"sh {shlex.quote(str(GATE))} bench", R2BSPEC_PYTHON=self.python, **values
+            "sh", shlex.join(["sh", str(GATE), spec]), R2BSPEC_PYTHON=self.python, **values
         )
         return code, printed, given_arguments(checkout)
 
@@ -98,13 +105,13 @@ def given_arguments(checkout: Path) -> list[str]:
     return kept.read_text().splitlines() if kept.exists() else []
 
 
-def _jenkins_script() -> str:
+def jenkins_script() -> str:
     """The only `sh` step of the Jenkinsfile, as Groovy reads it: it has no escapes."""
     (script,) = re.findall(r"sh '''(.*?)'''", _JENKINSFILE, re.DOTALL)
     assert "\\" not in script
     return str(script)
 
 
-def _jenkins_environment() -> dict[str, str]:
+def jenkins_environment() -> dict[str, str]:
     (block,) = re.findall(r"environment \{(.*?)\n  \}", _JENKINSFILE, re.DOTALL)
     return dict(re.findall(r"^\s+(\w+) = '(.*?)'", block, re.MULTILINE))

@@ -10,6 +10,8 @@ import os
 import re
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -22,7 +24,14 @@ from page_blocks import ROOT, page_blocks, page_file
 from pipelines import TEMPLATE, Workplace, stand_in
 from r2bspec.compare.base_reference import parse_base_reference
 from r2bspec.compare.base_tree import open_base_tree
-from recipe_hosts import GATE, WORKFLOW, Hosts, given_arguments
+from recipe_hosts import (
+    GATE,
+    WORKFLOW,
+    Hosts,
+    given_arguments,
+    jenkins_environment,
+    jenkins_script,
+)
 from review_services import review_service
 
 GITLAB = page_file("ci.md", ".gitlab-ci.yml")
@@ -152,6 +161,96 @@ def test_a_pull_request_cannot_weaken_its_gate(
     assert code == 2, printed
     assert message in printed
     assert "Traceback" not in printed
+
+
+@EVERY_RECIPE
+def test_a_spec_may_have_spaces_and_a_leading_dash(
+    tmp_path: Path, upstream: Upstream, recipe: str
+) -> None:
+    path = "-a $(touch made)/--help; it's.r2b.yaml"
+    upstream.replace_main({path: SPEC})
+    change = upstream.pull_request({path: WEAKER})
+    hosts = Hosts(tmp_path, upstream, sys.executable)
+    code, printed, _ = hosts.recipe(recipe, change, spec=path)
+    assert code == 2, printed
+    assert "objective fast" in printed
+    assert not list(tmp_path.rglob("made"))
+
+
+@EVERY_RECIPE
+def test_no_name_or_title_of_a_change_is_a_command(
+    hosts: Hosts, upstream: Upstream, recipe: str
+) -> None:
+    """Names of branches may have almost any character, and titles every one."""
+    name = "a;touch${IFS}made;$(touch${IFS}made)`touch${IFS}made`'\"&|touch${IFS}made"
+    git(upstream.folder, "branch", name)
+    change = upstream.pull_request({NODE: "# another\n"})
+    pull_request = change.payload["pull_request"]
+    pull_request |= {"title": name, "body": name}
+    pull_request["head"] |= {"ref": name}
+    pull_request["base"] |= {"ref": name}
+    variables = (
+        *("GITHUB_HEAD_REF", "GITHUB_BASE_REF", "CI_MERGE_REQUEST_TITLE"),
+        *("CI_MERGE_REQUEST_SOURCE_BRANCH_NAME", "CI_MERGE_REQUEST_TARGET_BRANCH_NAME"),
+        *("CHANGE_TITLE", "CHANGE_BRANCH", "CHANGE_TARGET"),
+    )
+    code, printed, words = hosts.recipe(recipe, change, **dict.fromkeys(variables, name))
+    assert code == 0, printed
+    assert words[-2:] == ["--", "bench"]
+    if recipe == "jenkins":
+        assert f"--against=origin/{name}..." in words
+        reference = parse_base_reference([f"origin/{name}..."])
+        with open_base_tree(reference, hosts.folder / "checkout/bench") as tree:
+            assert tree.revision is not None
+            assert tree.revision.commit == upstream.main
+    assert not list(hosts.folder.rglob("made"))
+
+
+@pytest.mark.parametrize("recipe", ["gitlab", "jenkins", "shell"])
+def test_of_two_jobs_in_one_work_tree_each_has_its_own_verdict(
+    hosts: Hosts, upstream: Upstream, change: Event, recipe: str
+) -> None:
+    place = Workplace(hosts.checkout(change), hosts.folder / "runner")
+    place.runner.mkdir()
+    git(place.checkout, "fetch", "--quiet", "origin", "main:refs/remotes/origin/main")
+
+    def gated(status: int) -> int:
+        variables = {"STATUS": str(status), "R2BSPEC_PYTHON": hosts.python}
+        if recipe == "gitlab":
+            base = {"CI_MERGE_REQUEST_DIFF_BASE_SHA": upstream.main}
+            return place.job(hosts.python, "bench", "sh", **variables, **base).code
+        script = jenkins_script() if recipe == "jenkins" else f"sh '{GATE}' bench"
+        job = {**jenkins_environment(), "CHANGE_TARGET": "main"} if recipe == "jenkins" else {}
+        return place.shell("sh", script, **{**job, **variables})[0]
+
+    statuses = [0, 1, 0, 1]
+    with ThreadPoolExecutor(len(statuses)) as pool:
+        assert list(pool.map(gated, statuses)) == statuses
+
+
+def test_the_script_writes_no_page_where_its_extra_is_missing(hosts: Hosts, change: Event) -> None:
+    program = hosts.folder / "without the extra"
+    program.write_text(f'#!/bin/sh\n[ "$2" = -c ] && exit 1\nexec "{hosts.python}" "$@"\n')
+    program.chmod(0o755)
+    for python, has_page in ((str(program), False), (hosts.python, True)):
+        folder = hosts.folder / f"page {has_page}"
+        shell = replace(hosts, folder=folder, python=python)
+        code, printed, words = shell.recipe("shell", change)
+        assert code == 0, printed
+        assert any(word.startswith("html=") for word in words) is has_page
+        assert ("pip install 'r2bspec[report]'" not in printed) is has_page
+
+
+def test_two_jobs_cannot_have_one_folder(hosts: Hosts, change: Event) -> None:
+    results = [
+        hosts_of_one.recipe("shell", change, STATUS=status, R2BSPEC_OUTPUT=str(hosts.folder / "o"))
+        for hosts_of_one, status in (
+            (replace(hosts, folder=hosts.folder / "first"), "1"),
+            (replace(hosts, folder=hosts.folder / "second"), "0"),
+        )
+    ]
+    assert [code for code, _, _ in results] == [1, 2]
+    assert "File exists" in results[1][1]
 
 
 def test_a_fork_is_compared_with_a_base_that_reads_variables(
