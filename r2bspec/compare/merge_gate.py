@@ -38,7 +38,7 @@ from r2bspec.compare.gate_strength import (
 from r2bspec.compare.interleaved_runs import BaseFailsError, ComparisonSide
 from r2bspec.compare.spec_sets import SpecName, compare_spec_sets, spec_name
 from r2bspec.diagnostics.quote import clip
-from r2bspec.errors import R2bspecError
+from r2bspec.errors import R2bspecError, without_output
 from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.execute.processes.workspaces import applied_environment
@@ -302,7 +302,7 @@ class MergeGate:
 
     def alone_without_base(self, head: Prepared, error: R2bspecError) -> GateSides:
         """The head alone, because the base cannot run, and that is allowed."""
-        first = self._named(str(error)).splitlines()[0].removesuffix("; its last output:")
+        first = without_output(self._named(str(error)))
         return self.alone(head, f"Allowed: base. {self.tree.name} cannot run: {first}")
 
     def check_loaded_files(self, side: str, folder: Path) -> None:
