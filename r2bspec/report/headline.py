@@ -34,9 +34,6 @@ from r2bspec.report.report_wording import (
 _MOST_DIGITS: Final = 6
 """Digits of a value that looks like its limit with fewer."""
 
-_HOLDS_FOR: Final = {"<": "<", "<=": "<=", ">": ">", ">=": ">="}
-"""For which of less, equal and more an operator holds."""
-
 _SUSTAINED: Final = {
     "pass": "was sustained",
     "fail": "was not sustained",
@@ -182,8 +179,9 @@ def _relation(verdict: RequirementVerdict, requirement: Requirement) -> str:
     if limit is None:
         return show(estimate, verdict.unit)
     sign = "=" if estimate == limit else ">" if estimate > limit else "<"
-    if verdict.outcome == "pass" and sign in _HOLDS_FOR.get(requirement.op, ""):
-        sign = requirement.op
+    operator = requirement.op
+    if verdict.outcome == "pass" and operator in {"<", "<=", ">", ">="} and sign in operator:
+        sign = operator
     for digits in range(3, _MOST_DIGITS + 1):
         shown, bound = (show(value, verdict.unit, digits) for value in (estimate, limit))
         if shown != bound or "=" in sign:
