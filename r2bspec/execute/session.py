@@ -66,8 +66,8 @@ from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import (
     AccuracyRecord,
     HarnessOverheadRecord,
-    Segment,
     OutputGapRecord,
+    Segment,
     UnplayedMessages,
 )
 
@@ -383,7 +383,11 @@ class Session:
         graph starts: a graph would answer what is played.
         """
         inputs = self._plan.inputs
-        if self._is_later or "harness_overhead" not in self._plan.phases or not can_be_measured(inputs):
+        if (
+            self._is_later
+            or "harness_overhead" not in self._plan.phases
+            or not can_be_measured(inputs)
+        ):
             return
         rows_dir = self._rows_dir / "overhead"
         rows_dir.mkdir()

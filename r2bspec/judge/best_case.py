@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.judge.waiting_bound import MAX_SHARE, shortest_latencies, taken_share
-from r2bspec.measure.host_usage import ResourceUse, HostInterference
+from r2bspec.measure.host_usage import HostInterference, ResourceUse
 from r2bspec.measure.matching import match_monitor
 from r2bspec.measure.samples import (
     MonitorSamples,

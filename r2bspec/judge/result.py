@@ -15,9 +15,9 @@ from r2bspec.record.run_record import (
     AccuracyRecord,
     Difference,
     HarnessOverheadRecord,
+    OutputGapRecord,
     ProcessRecord,
     ProfileRecord,
-    OutputGapRecord,
     StartRecord,
     UnplayedMessages,
 )

@@ -240,7 +240,9 @@ def _foreign_cores(
     return max(0.0, busy_s / ((ended_ns - began_ns) / 1e9) - known)
 
 
-def harness_slowdown(usual: tuple[HarnessOverheadRecord, ...], now: tuple[HarnessOverheadRecord, ...]) -> float | None:
+def harness_slowdown(
+    usual: tuple[HarnessOverheadRecord, ...], now: tuple[HarnessOverheadRecord, ...]
+) -> float | None:
     """The latency of the harness alone over its usual one: the largest ratio of the inputs.
 
     Medians of the same input are compared. A difference below `_MIN_LATENCY_DIFFERENCE_NS` is

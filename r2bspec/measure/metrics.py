@@ -22,7 +22,7 @@ from r2bspec.measure.distribution import (
     part_value,
 )
 from r2bspec.measure.hop_latency import HopSamples, pool_hops
-from r2bspec.measure.host_usage import ResourceUse, HostInterference
+from r2bspec.measure.host_usage import HostInterference, ResourceUse
 from r2bspec.measure.samples import (
     MonitorSamples,
     PlaybackSamples,

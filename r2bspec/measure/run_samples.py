@@ -244,7 +244,10 @@ def run_samples(
         # The segments at the peak are then played at the peak of the first session.
         second = replace(second, peak_hz=first.peak_hz)
     return replace(
-        first, confirmation=_calibrated(second, harness_slowdown(record.harness_overhead, fresh.harness_overhead))
+        first,
+        confirmation=_calibrated(
+            second, harness_slowdown(record.harness_overhead, fresh.harness_overhead)
+        ),
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.measure.hop_latency import HopSamples
-from r2bspec.measure.host_usage import ResourceUse, HostInterference
+from r2bspec.measure.host_usage import HostInterference, ResourceUse
 from r2bspec.measure.matching import NO_MATCH, MatchedMonitor, Matching, source_times_ns
 from r2bspec.measure.times import (
     Seconds,

@@ -28,7 +28,9 @@ def joined_notes(result: Result) -> Iterator[str]:
 def overhead_notes(result: Result) -> Iterator[str]:
     """With which placement of the harness the overhead was measured, and how large it is."""
     where = overhead_placement(result.harness_overhead)
-    known = [each.latency_p50_ns for each in result.harness_overhead if each.latency_p50_ns is not None]
+    known = [
+        each.latency_p50_ns for each in result.harness_overhead if each.latency_p50_ns is not None
+    ]
     if where and known:
         placement = result.harness_overhead[0].placement
         yield (

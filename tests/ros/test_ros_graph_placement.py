@@ -59,7 +59,11 @@ def test_a_python_node_has_the_harness_in_its_process(bench: Bench) -> None:
         ("relay", "host", 0),
     ]
     (overhead,) = done.run().record.harness_overhead
-    assert (overhead.placement, overhead.processes, overhead.received) == ("graph", 1, overhead.sent)
+    assert (overhead.placement, overhead.processes, overhead.received) == (
+        "graph",
+        1,
+        overhead.sent,
+    )
     assert "latency without the graph, within one process" in done.stdout
 
 

@@ -96,7 +96,9 @@ def _stalls(random: np.random.Generator, share: float) -> Stalls:
     return found
 
 
-def _with(samples: RunSamples, change: Callable[[HostInterference], HostInterference | None]) -> RunSamples:
+def _with(
+    samples: RunSamples, change: Callable[[HostInterference], HostInterference | None]
+) -> RunSamples:
     """The run, with something else known about its machine."""
     return replace(
         samples,

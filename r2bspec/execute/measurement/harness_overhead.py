@@ -192,7 +192,9 @@ def overhead_rate_hz(plan: Plan) -> float:
     return min(rates, default=_DEFAULT_HZ)
 
 
-def overhead_record(topic: str, rate_hz: float, playback: Rows, received: Rows) -> HarnessOverheadRecord:
+def overhead_record(
+    topic: str, rate_hz: float, playback: Rows, received: Rows
+) -> HarnessOverheadRecord:
     """The overhead on one input.
 
     Args:

@@ -99,9 +99,13 @@ class Measurement:
         """The probes of rates to be sustained."""
         return tuple(self._sustained)
 
-    def confirmation(self, harness_overhead: tuple[HarnessOverheadRecord, ...]) -> ConfirmationRecord:
+    def confirmation(
+        self, harness_overhead: tuple[HarnessOverheadRecord, ...]
+    ) -> ConfirmationRecord:
         """The record of a confirmation run with this harness overhead."""
-        return ConfirmationRecord(search=self.search, sustained=self.sustained, harness_overhead=harness_overhead)
+        return ConfirmationRecord(
+            search=self.search, sustained=self.sustained, harness_overhead=harness_overhead
+        )
 
     def measure(self) -> tuple[Verdict, int]:
         """Measure what the plan requests.

@@ -95,7 +95,9 @@ def share_test(
         lower=lower_bound(sample.bad_messages, sample.messages, confidence),
         upper=upper_bound(sample.bad_messages, sample.messages, confidence),
         allowed=allowed,
-        burst_tolerance=burst_tolerance(sample.bad, sample.n, allowed, confidence) if ceiling else None,
+        burst_tolerance=burst_tolerance(sample.bad, sample.n, allowed, confidence)
+        if ceiling
+        else None,
     )
 
 

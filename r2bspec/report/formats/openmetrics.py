@@ -202,7 +202,9 @@ def _summary(times: Distribution, labels: Labels) -> Iterator[tuple[str, Labels,
     yield "_sum", labels, (times.mean or 0.0) * times.n
 
 
-def _harness_overhead(harness_overhead: tuple[HarnessOverheadRecord, ...], named: Labels) -> _Family:
+def _harness_overhead(
+    harness_overhead: tuple[HarnessOverheadRecord, ...], named: Labels
+) -> _Family:
     about = "Latency of harness and transport without the graph; included in the latencies."
     family = _Family("r2bspec_harness_overhead_seconds", "summary", about, "seconds")
     for each in harness_overhead:

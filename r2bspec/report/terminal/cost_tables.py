@@ -35,7 +35,9 @@ def load_section(metrics: RunMetrics, width: int) -> RenderableType | None:
     )
 
 
-def harness_overhead_section(harness_overhead: tuple[HarnessOverheadRecord, ...]) -> RenderableType | None:
+def harness_overhead_section(
+    harness_overhead: tuple[HarnessOverheadRecord, ...],
+) -> RenderableType | None:
     """The latency of harness and transport without the graph; None if not measured."""
     if not harness_overhead:
         return None

@@ -30,7 +30,9 @@ HOPELESS = RANDOM.uniform(5.0, 6.0, 300)
 ASKED = "latency.p90 < 50 ms"
 
 
-def run(path: Path, latency: np.ndarray, *around: HostInterference, rerun: bool = False) -> RunSamples:
+def run(
+    path: Path, latency: np.ndarray, *around: HostInterference, rerun: bool = False
+) -> RunSamples:
     """A run of equal iterations; on request the affected ones were played again, undisturbed."""
     count = len(around) + (sum(each is BUSY for each in around) if rerun else 0)
     samples = read_samples(Simulation(segments=[Played(30, latency)] * count).write(path))

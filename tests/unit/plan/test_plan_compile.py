@@ -202,7 +202,14 @@ def test_only_phases_that_happen_are_listed() -> None:
         *("load", "preprocess", "start", "harness_overhead", "graph", "warm_up"),
         *("search", "sustained", "play", "collect"),
     )
-    assert plan(STRAIGHT).phases == ("load", "start", "harness_overhead", "graph", "play", "collect")
+    assert plan(STRAIGHT).phases == (
+        "load",
+        "start",
+        "harness_overhead",
+        "graph",
+        "play",
+        "collect",
+    )
 
 
 def test_each_rate_is_played_once_and_sustained_rates_are_sorted() -> None:

@@ -31,7 +31,9 @@ def noted(folder: Path) -> tuple[Run, Result]:
     """A run about which there is more to say than a report says."""
     run = USUAL.write(folder)
     result = result_of(run)
-    silence = OutputGapRecord(segment="iteration-001", topic="/r2b/out", way=(), reason="It crashed.")
+    silence = OutputGapRecord(
+        segment="iteration-001", topic="/r2b/out", way=(), reason="It crashed."
+    )
     first = result.verdict.requirements[0]
     about = msgspec.structs.replace(first, notes=("A note about one requirement.",))
     verdict = msgspec.structs.replace(
