@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from r2bspec.errors import R2bspecError
+from r2bspec.errors import R2bspecError, without_output
 from r2bspec.execute.controller import run_plan
 from r2bspec.execute.errors import InterruptedRunError, RunError, UnwritableRunError
 from r2bspec.execute.processes.signals import Interrupts
@@ -223,7 +223,8 @@ class _PairRunner:
         return judged.verdict
 
     def _play_again(self, pair: PairRecord, why: str) -> PairRecord:
-        self._note(f"pair {pair.number} is played again: {why}")
+        # The record has all of it; a side that fails again is an error that has it, too.
+        self._note(f"pair {pair.number} is played again: {without_output(why)}")
         again = self._play(pair.number, pair.order, confirms=pair.confirms, again=True)
         if again.unusable:
             self._note(f"pair {pair.number} again cannot be judged: {again.unusable}")

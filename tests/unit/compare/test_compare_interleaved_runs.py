@@ -14,6 +14,7 @@ from r2bspec.compare import interleaved_runs
 from r2bspec.compare.interleaved_comparison import compare
 from r2bspec.compare.interleaved_runs import BaseFailsError, ComparisonSide, ComparisonSpec
 from r2bspec.execute.errors import NotReadyError, ProcessDiedError, RunError, UnwritableRunError
+from r2bspec.execute.progress import NullProgress
 from r2bspec.exit_status import ExitStatus
 from r2bspec.plan.plan import Plan
 from r2bspec.record.comparison_folder import PairedComparison, open_comparison
@@ -100,6 +101,36 @@ def test_on_a_host_that_is_always_busy_two_pairs_are_played_again_and_no_more(ho
     pairs = host.compare().record
     assert len(again(host.folders)) == 2 * 2
     assert any("the machine is always busy" in note for note in pairs.notes)
+
+
+class Notes(NullProgress):
+    """What is said while a comparison is made."""
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+
+    def note(self, text: str) -> None:
+        self.texts.append(text)
+
+
+@pytest.mark.parametrize("host", [[CALM]], indirect=True)
+def test_the_output_of_a_base_that_fails_twice_is_told_once(
+    host: Host, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run_plan(plan: Plan, *, folder: RunFolder, **others: object) -> None:
+        if folder.path.parent.name == "base":
+            raise RunError("relay ended; its last output:\nTraceback\nKeyError: 'gain'")
+        host.run_plan(plan, folder=folder, **others)
+
+    monkeypatch.setattr(interleaved_runs, "run_plan", run_plan)
+    side = ComparisonSide(template().plan(), tmp_path, "")
+    notes = Notes()
+    with pytest.raises(BaseFailsError, match="Traceback\nKeyError: 'gain'"):
+        compare(ComparisonSpec(side, side, PAIRS), tmp_path / "pairs", notes)
+    assert "pair 1 is played again: the base failed: relay ended" in notes.texts
+    assert not any("Traceback" in text for text in notes.texts)
+    (pair, *_) = open_comparison(tmp_path / "pairs").record.pairs
+    assert pair.unusable.endswith("KeyError: 'gain'")
 
 
 @pytest.mark.parametrize("host", [[BUSY] * PAIRS + [CALM]], indirect=True)
