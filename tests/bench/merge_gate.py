@@ -74,8 +74,7 @@ def keep_output(done: Gated) -> Path:
     """Keep what a gate printed, and its run folder; the folder that has them."""
     place = Path(tempfile.mkdtemp(prefix="r2bspec-bench-"))
     (place / "exit_status").write_text(f"{done.status}\n")
-    (place / "stdout").write_text(done.stdout)
-    (place / "stderr").write_text(done.stderr)
+    (place / "output").write_text(done.said)
     if done.folder.exists():
         shutil.copytree(done.folder, place / "run", symlinks=True)
     return place
