@@ -1,12 +1,114 @@
-"""``r2bspec completion``: the script with which a shell completes command lines of r2bspec."""
+"""``r2bspec completion``, and what a shell proposes for the values of options and arguments.
+
+A proposal never fails: where something cannot be read, nothing is proposed.
+"""
 
 from __future__ import annotations
 
+import functools
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 import click
-from click.shell_completion import get_completion_class
 
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo_document
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
+Complete = Callable[[click.Context, click.Parameter, str], "list[CompletionItem]"]
+
+
+def _proposals(values: Callable[[click.Context], Iterable[str]]) -> Complete:
+    """A function for ``shell_complete`` that proposes the values with the typed beginning."""
+
+    @functools.wraps(values)
+    def complete(
+        ctx: click.Context, _param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        try:
+            from click.shell_completion import CompletionItem
+
+            return [CompletionItem(each) for each in values(ctx) if each.startswith(incomplete)]
+        except Exception:  # a traceback in the middle of a command line helps no user
+            return []
+
+    return complete
+
+
+def _spec_of(_ctx: click.Context) -> Path:
+    """The spec that the command line names.
+
+    From the words that the shell passes on: an option without a value, which is what is completed,
+    ends the parsing of the command line, so that click does not know its arguments.
+    """
+    import shlex
+
+    words = shlex.split(os.environ.get("COMP_WORDS", ""))
+    return next(Path(word) for word in words[2:] if Path(word).is_file())
+
+
+@_proposals
+def complete_case(ctx: click.Context) -> Iterable[str]:
+    """The cases of the spec, and ``all``."""
+    from r2bspec.language.load_spec import load_cases
+
+    return [*(each.case for each in load_cases(_spec_of(ctx)) if each.case), "all"]
+
+
+@_proposals
+def complete_variable(ctx: click.Context) -> Iterable[str]:
+    """The variables that the spec declares, as ``NAME=``."""
+    from r2bspec.language.load_spec import load_cases
+
+    spec = load_cases(_spec_of(ctx))[0].spec
+    return [f"{name}=" for name in (spec.variables if spec is not None else ())]
+
+
+@_proposals
+def complete_template(_ctx: click.Context) -> Iterable[str]:
+    """The templates of ``init``."""
+    from r2bspec.language.templates import templates
+
+    return list(templates())
+
+
+@_proposals
+def complete_code(_ctx: click.Context) -> Iterable[str]:
+    """Codes, their slugs, and metrics."""
+    from r2bspec.diagnostics.code_pages import all_pages
+    from r2bspec.measure.metric_catalogue import names
+
+    pages = all_pages()
+    return [*pages, *(page.slug for page in pages.values()), *names()]
+
+
+@_proposals
+def complete_metric(_ctx: click.Context) -> Iterable[str]:
+    """The metrics."""
+    from r2bspec.measure.metric_catalogue import names
+
+    return names()
+
+
+@_proposals
+def complete_dataset(_ctx: click.Context) -> Iterable[str]:
+    """The datasets."""
+    from r2bspec.datasets.locate_bag import known_datasets
+
+    return known_datasets()
+
+
+@_proposals
+def complete_report(_ctx: click.Context) -> Iterable[str]:
+    """The formats of reports, as ``FORMAT=``."""
+    from r2bspec.report.format_registry import FORMATS
+
+    return [f"{name}=" for name in FORMATS]
+
 
 _VARIABLE = "_R2BSPEC_COMPLETE"
 """Set by the script when it asks for proposals; the name is click's for ``r2bspec``."""
@@ -19,6 +121,8 @@ def command(shell: str) -> int:
 
     For bash: r2bspec completion bash > ~/.local/share/bash-completion/completions/r2bspec
     """
+    from click.shell_completion import get_completion_class
+
     from r2bspec.cli.main import command as r2bspec
 
     made = get_completion_class(shell)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, get_args
 import click
 
 from r2bspec.bags.recording import WritableStorage
-from r2bspec.cli.completions import complete_dataset
+from r2bspec.cli.completion import complete_dataset
 from r2bspec.cli.shared_options import max_bytes_option
 from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.spec_files import SUFFIX
+from r2bspec.cli.spec_selection import SUFFIX
 from r2bspec.diagnostics import Diagnostic, Severity
 from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus
@@ -197,8 +197,7 @@ class _Scripts:
 
     def _add_errors_of(self, spec: ImportedSpec, target: Path | None) -> None:
         """Add what `validate` calls an error in the spec, whatever this machine has."""
-        from r2bspec.cli.check_files import check_text
-        from r2bspec.cli.file_report import CheckOptions
+        from r2bspec.cli.check_files import CheckOptions, check_text
 
         name = str(target) if target is not None else f"{spec.name}{SUFFIX}"
         findings = check_text(spec.text, name, CheckOptions(offline=True))

@@ -9,7 +9,6 @@ import contextlib
 import errno
 import importlib
 import io
-import keyword
 import os
 import signal
 import sys
@@ -49,6 +48,23 @@ _VERBS = {
 }
 """Each verb and its line in the help, so that listing them needs no import."""
 
+_PLACES = {
+    "init": "authoring:init_command",
+    "interfaces": "authoring:interfaces_command",
+    "explain": "reference:explain_command",
+    "metrics": "reference:metrics_command",
+    "schema": "reference:schema_command",
+    "docs": "reference:docs_command",
+    "judge": "finished_runs:judge_command",
+    "report": "finished_runs:report_command",
+    "compare": "finished_runs:compare_command",
+    "history": "finished_runs:history_command",
+    "calibrate": "proposals:calibrate_command",
+    "suggest": "proposals:suggest_command",
+    "import": "import_:command",
+}
+"""Where the command of a verb is, if not under the name `command` in a module of its own."""
+
 
 _COMMANDS_MEANT = {"gate": "run SPEC --against REVISION"}
 """What people call a command that is no verb, and the command."""
@@ -66,10 +82,9 @@ class _Verbs(click.Group):
     def get_command(self, _ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _VERBS:
             return None
-        # A keyword cannot be the name of a module: `import` is in `import_`.
-        name = f"{cmd_name}_" if keyword.iskeyword(cmd_name) else cmd_name
-        module = importlib.import_module(f"r2bspec.cli.{name}")
-        found: click.Command = module.command
+        place, _, name = _PLACES.get(cmd_name, f"{cmd_name}:command").partition(":")
+        module = importlib.import_module(f"r2bspec.cli.{place}")
+        found: click.Command = getattr(module, name)
         return found
 
     def resolve_command(

@@ -14,7 +14,7 @@ from r2bspec.report.output import echo, echo_document
 
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
-    from r2bspec.cli.run_options import RunOptions
+    from r2bspec.cli.run import RunOptions
     from r2bspec.compare.merge_gate import MergeGate
     from r2bspec.judge.result import Result
     from r2bspec.plan.time_estimate import TimeEstimate
@@ -230,7 +230,7 @@ def execute(
 def _ways(prepared: PreparedBenchmark, options: RunOptions) -> dict[str, Any]:
     """The history and the stored run by which a single run is judged, too."""
     from r2bspec import api
-    from r2bspec.cli.history import history_file
+    from r2bspec.cli.finished_runs import history_file
 
     history = history_file(options.history) if options.history is not None else None
     stored = None

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.run_selection import RunItem
 from r2bspec.cli.run_single import (
     OutputFolder,
     estimate_of,
@@ -23,15 +22,14 @@ from r2bspec.cli.run_single import (
     reported_failures,
     show_differences,
 )
-from r2bspec.cli.spec_selection import prepare_and_report
-from r2bspec.cli.suite_entry import Executor, SuiteEntry
+from r2bspec.cli.spec_selection import Executor, RunItem, SuiteEntry, prepare_and_report
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo, echo_document
 from r2bspec.untrusted.safe_file import is_regular
 
 if TYPE_CHECKING:
-    from r2bspec.cli.run_options import RunOptions
+    from r2bspec.cli.run import RunOptions
     from r2bspec.compare.merge_gate import MergeGate
     from r2bspec.judge.result import Result
     from r2bspec.record.graph_identity import GraphIdentity
@@ -132,8 +130,7 @@ def _compare_spec_sets(
         WeakerGateError: specs of the base, or cases of them, are gone.
         click.UsageError: neither the head nor the base has one of the paths.
     """
-    from r2bspec.cli.run_selection import selected_files
-    from r2bspec.cli.spec_files import present_spec_files, spec_files
+    from r2bspec.cli.spec_selection import present_spec_files, selected_files, spec_files
 
     base: list[str] = []
     for path in paths:

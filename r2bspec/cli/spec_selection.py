@@ -1,15 +1,86 @@
-"""A spec as selected on the command line, prepared, with its findings printed."""
+"""The specs that a command line selects: files, cases, labels and scanned values.
+
+Each spec is prepared here, with its findings printed; several of them are the entries of a suite.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING
+import contextlib
+import fnmatch
+import glob
+import itertools
+import os
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
 
+import click
+
+from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.language.selected_spec import SpecSelection as SpecSelection
+from r2bspec.untrusted.safe_file import is_folder, is_regular
 
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
     from r2bspec.compare.base_reference import BaseReference
+    from r2bspec.language.load_spec import LoadedSpec
+    from r2bspec.plan.time_estimate import TimeEstimate
+    from r2bspec.report.suite_summary import SuiteRun
+
+SUFFIX = ".r2b.yaml"
+
+ALL_CASES = "all"
+"""The value of ``--case`` that selects every case of a matrix."""
+
+
+def spec_files(paths: Iterable[str]) -> list[str]:
+    """The files of `paths`, each once: in the given order, folders and patterns sorted by name.
+
+    Raises:
+        click.UsageError: a path that does not exist, or without a spec.
+    """
+    return list(dict.fromkeys(file for path in paths for file in _expand_path(path)))
+
+
+def present_spec_files(paths: Iterable[str]) -> list[str]:
+    """The same without the paths that do not exist, or have no spec."""
+    files: list[str] = []
+    for path in paths:
+        with contextlib.suppress(click.UsageError):
+            files += _expand_path(path)
+    return list(dict.fromkeys(files))
+
+
+def _expand_path(path: str) -> list[str]:
+    if path == "-":
+        return [path]
+    place = Path(path)
+    if is_folder(place):
+        return _require_files(
+            sorted(_find_specs(path)), f"the folder {path!r} has no *{SUFFIX} file"
+        )
+    if os.path.lexists(place):
+        return [path]
+    if glob.has_magic(path):
+        # Path.glob refuses absolute patterns.
+        matches = glob.glob(path, recursive=True)  # noqa: PTH207
+        files = sorted(each for each in matches if is_regular(Path(each)))
+        return _require_files(files, f"no file matches {path!r}")
+    raise click.UsageError(f"{path!r} does not exist")
+
+
+def _require_files(files: list[str], message: str) -> list[str]:
+    if not files:
+        raise click.UsageError(message)
+    return files
+
+
+def _find_specs(folder: str) -> Iterator[str]:
+    """All specs below a folder, hidden folders left out."""
+    for parent, folders, files in os.walk(folder):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        yield from (str(Path(parent, name)) for name in files if name.endswith(SUFFIX))
 
 
 def prepare_and_report(
@@ -75,3 +146,167 @@ def base_selection(head: SpecSelection, reference: BaseReference) -> SpecSelecti
         sets=(*head.sets, *reference.sets),
         variables={**(head.variables or {}), **reference.variables},
     )
+
+
+@dataclass(frozen=True)
+class RunItem:
+    """One run to be made.
+
+    Attributes:
+        suffix: added to the name of the benchmark, such as ``[rate=5 Hz]`` of a scan.
+    """
+
+    selection: SpecSelection
+    suffix: str = ""
+
+
+def is_file_list(paths: Sequence[str]) -> bool:
+    """Whether each path is written as a file, not as a folder or a pattern."""
+    return all(Path(each).is_file() for each in paths)
+
+
+def run_items(
+    selection: SpecSelection,
+    files: Sequence[str],
+    select: Sequence[str] = (),
+    scan: Sequence[str] = (),
+) -> list[RunItem]:
+    """Every run, in the order of files, cases and scanned values.
+
+    A matrix is run with all its cases, unless the selection names one.
+
+    Args:
+        selection: the options that apply to each file.
+        files: specs and plans.
+        select: ``LABEL=PATTERN``; a spec must match all.
+        scan: ``NAME=VALUE,VALUE``; each combination of the values is a run.
+
+    Raises:
+        UsageError: nothing is left to run, or an option is malformed.
+    """
+    wanted = [_parse_label(each) for each in select]
+    scans = [_parse_scan(each) for each in scan]
+    items = [
+        item
+        for file in files
+        for loaded, case in _cases_of(replace(selection, spec=Path(file)))
+        if _matches(loaded, wanted)
+        for item in _scanned(replace(selection, spec=Path(file), case=case), loaded, scans)
+    ]
+    if not items:
+        raise UsageError(f"no spec has the labels {', '.join(select)}")
+    return items
+
+
+def selected_files(files: Sequence[str], select: Sequence[str]) -> list[str]:
+    """The files of which a case has all labels of ``--select``.
+
+    Raises:
+        click.UsageError: a label is malformed.
+    """
+    labels = [_parse_label(text) for text in select]
+    return [
+        file
+        for file in files
+        if any(_matches(loaded, labels) for loaded, _ in _cases_of(SpecSelection(Path(file))))
+    ]
+
+
+def _cases_of(selection: SpecSelection) -> Iterator[tuple[LoadedSpec | None, str]]:
+    """The cases of a file; a plan has one, and so has a document with errors."""
+    if selection.spec.suffix == ".json":
+        yield None, ""
+        return
+    wanted = "" if selection.case == ALL_CASES else selection.case
+    found = replace(selection, case=wanted).load_cases()
+    for loaded in found:
+        # An unknown case stays: its error is that of the run.
+        case = selection.case if selection.case != ALL_CASES else ""
+        yield loaded, loaded.case or case
+
+
+def _parse_label(text: str) -> tuple[str, str]:
+    name, equals, pattern = text.partition("=")
+    if not equals or not name:
+        raise click.UsageError(f"--select takes LABEL=VALUE, not {text!r}")
+    return name, pattern
+
+
+def _matches(loaded: LoadedSpec | None, wanted: Sequence[tuple[str, str]]) -> bool:
+    if not wanted:
+        return True
+    labels = loaded.spec.labels if loaded is not None and loaded.spec is not None else {}
+    return all(
+        name in labels and fnmatch.fnmatchcase(_label_text(labels[name]), pattern)
+        for name, pattern in wanted
+    )
+
+
+def _label_text(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _parse_scan(text: str) -> tuple[str, tuple[str, ...]]:
+    name, equals, rest = text.partition("=")
+    values = tuple(each.strip() for each in rest.split(",") if each.strip())
+    if not equals or not name or not values:
+        raise click.UsageError(f"--scan takes NAME=VALUE,VALUE..., not {text!r}")
+    return name, values
+
+
+def _scanned(
+    selection: SpecSelection,
+    loaded: LoadedSpec | None,
+    scans: Sequence[tuple[str, tuple[str, ...]]],
+) -> Iterator[RunItem]:
+    """The runs of one case: a variable of the spec is set, or else the key of that path."""
+    spec = loaded.spec if loaded is not None else None
+    declared = spec.variables if spec is not None else {}
+    for values in itertools.product(*(each for _, each in scans)):
+        sets, variables = list(selection.sets), dict(selection.variables or {})
+        pairs = list(zip((name for name, _ in scans), values, strict=True))
+        for name, value in pairs:
+            if name in declared:
+                variables[name] = value
+            else:
+                sets.append(f"{name}={value}")
+        suffix = f"[{','.join(f'{name}={value}' for name, value in pairs)}]" if pairs else ""
+        yield RunItem(replace(selection, sets=tuple(sets), variables=variables), suffix)
+
+
+@dataclass
+class SuiteEntry:
+    """One run of the suite.
+
+    Attributes:
+        host: of a fleet, if the run is made on that host; empty if any may make it, and here.
+        folder: of the run.
+    """
+
+    item: RunItem
+    name: str
+    prepared: PreparedBenchmark | None = None
+    error: R2bspecError | None = None
+    estimate: TimeEstimate | None = None
+    folder: Path = field(default_factory=Path)
+    host: str = ""
+
+    @property
+    def seconds(self) -> float:
+        """The expected time of the run."""
+        return self.estimate.seconds if self.estimate is not None else 0.0
+
+
+class Executor(Protocol):
+    """Makes the runs of a suite: on this host, or on others."""
+
+    def place(self, entries: Sequence[SuiteEntry]) -> list[SuiteEntry]:
+        """The entries, one for each run: an entry may be run on several hosts."""
+
+    def announce(self, entries: Sequence[SuiteEntry]) -> str:
+        """How long the runs will take, in words."""
+
+    def play(
+        self, entries: Sequence[SuiteEntry]
+    ) -> Generator[tuple[SuiteEntry, SuiteRun], None, None]:
+        """Every run when it has ended; closing the iterator ends the suite."""

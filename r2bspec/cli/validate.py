@@ -1,4 +1,4 @@
-"""``r2bspec validate``: check specs before anything starts.
+"""``r2bspec validate``: check specs before anything starts, once or whenever a file changes.
 
 Nothing that a spec names is executed or imported. Findings are printed to standard output;
 the exit status says whether one of them is an error.
@@ -7,17 +7,21 @@ the exit status says whether one of them is an error.
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, NoReturn
+import time
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Final, NoReturn
 
 import click
 
+from r2bspec.cli.check_files import FileReport
 from r2bspec.cli.shared_options import SpecValues, max_bytes_option, spec_options
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.findings.finding_formats import FORMATS
 from r2bspec.report.output import echo, echo_document
+from r2bspec.untrusted.looked_up_files import Lookups, Stamp, looked_up_files, shared_lookups, stamp
 
 if TYPE_CHECKING:
-    from r2bspec.cli.file_report import CheckOptions, FileReport
+    from r2bspec.cli.check_files import CheckOptions, FileReport
     from r2bspec.diagnostics import Diagnostic
     from r2bspec.errors import R2bspecError
 
@@ -69,10 +73,9 @@ def command(
     PATH is a file, a folder (all *.r2b.yaml below it), a pattern such as 'specs/*.yaml', or -
     for standard input. All cases of a matrix are checked, unless --case selects one.
     """
-    from r2bspec.cli.check_files import check_files, check_text
-    from r2bspec.cli.file_report import CheckOptions
+    from r2bspec.cli.check_files import CheckOptions, check_files, check_text
     from r2bspec.cli.internal_error import InternalError, WorkerEndedError
-    from r2bspec.cli.spec_files import spec_files
+    from r2bspec.cli.spec_selection import spec_files
 
     check_options = CheckOptions(
         *values, offline=offline, resolved=resolved, require_slos=require_slos
@@ -88,7 +91,7 @@ def command(
     if fix and (diff or "-" in files):
         raise click.UsageError("--fix cannot be combined with --diff or with '-'")
     if fix or diff:
-        from r2bspec.cli.fix import repair
+        from r2bspec.cli.check_files import repair
 
         changes = repair(files, lambda text, file: check_text(text, file, check_options), write=fix)
         if diff:
@@ -116,8 +119,7 @@ def _watch(paths: tuple[str, ...], options: CheckOptions, *, quiet: bool) -> NoR
     from functools import partial
 
     from r2bspec.cli.check_files import check_file, naming_the_file
-    from r2bspec.cli.spec_files import spec_files
-    from r2bspec.cli.spec_watch import SpecWatch
+    from r2bspec.cli.spec_selection import spec_files
 
     check = partial(naming_the_file, partial(check_file, options=options))
     for checked in SpecWatch(partial(spec_files, paths), check).updates():
@@ -173,3 +175,80 @@ def _print_resolved(checked: list[FileReport]) -> None:
         if len(documents) > 1:
             echo(f"{'---' if number else ''}\n# {name}".strip())
         echo(text, nl=False)
+
+
+POLL_S: Final = 0.2
+"""Time between two looks at the files: a system call for each."""
+
+
+class SpecWatch:
+    """The reports of specs, each kept as long as nothing changes that its check looked up.
+
+    Args:
+        find: lists the specs; it raises click.UsageError where there is none.
+        check: makes the report of one.
+    """
+
+    def __init__(self, find: Callable[[], list[str]], check: Callable[[str], FileReport]) -> None:
+        self._find = find
+        self._check = check
+        self._known: dict[str, tuple[FileReport, Lookups]] = {}
+        self._stamps: dict[str, Stamp] = {}
+
+    def updates(self) -> Iterator[list[FileReport]]:
+        """All reports, now and whenever there is something new to tell; never ends.
+
+        That is: a spec or a file that one names has been saved, even if the findings are the same,
+        or the findings are others, even if only the installation has changed.
+
+        Raises:
+            click.UsageError: at the beginning there is no spec.
+        """
+        files = self._find()
+        while True:
+            changed = self._changed()
+            stale = [file for file in files if self._is_stale(file, changed)]
+            gone = self._known.keys() - set(files)
+            with shared_lookups():
+                told = [self._check_again(file, changed) for file in stale]
+            if stale or gone:
+                self._known = {file: self._known[file] for file in files}
+                self._stamps = self._agreed_stamps()
+            if any(told) or gone:
+                yield [report for report, _ in self._known.values()]
+            time.sleep(POLL_S)
+            try:
+                files = self._find()
+            except click.UsageError:
+                # An editor may remove a file before it writes a new one in its place.
+                files = [*self._known]
+
+    def _changed(self) -> set[str]:
+        """The paths that are no longer what a check saw; each is looked at once for all specs."""
+        return {path for path, before in self._stamps.items() if stamp(path) != before}
+
+    def _is_stale(self, file: str, changed: set[str]) -> bool:
+        known = self._known.get(file)
+        return known is None or not changed.isdisjoint(known[1].files)
+
+    def _check_again(self, file: str, changed: set[str]) -> bool:
+        """Make a new report; returns whether there is something new to tell."""
+        before = self._known.get(file)
+        with looked_up_files() as seen:
+            report = self._check(file)
+        self._known[file] = report, seen
+        return before is None or report != before[0] or not changed.isdisjoint(before[1].read)
+
+    def _agreed_stamps(self) -> dict[str, Stamp]:
+        """What the checks saw; of a path that changed between two of them, what the first saw."""
+        stamps: dict[str, Stamp] = {}
+        for _, seen in self._known.values():
+            for path, one in seen.files.items():
+                if stamps.setdefault(path, one) != one:
+                    # Not what it is now for one of them: both are checked again.
+                    stamps[path] = _NEVER
+        return stamps
+
+
+_NEVER: Final = (-1, -1, -1, -1)
+"""The stamp of no file."""

@@ -17,8 +17,7 @@ import pytest
 from nightly import only_nightly, size
 from r2bspec.check.check_context import Context
 from r2bspec.check.rules import requirement_duplicate
-from r2bspec.cli.check_files import check_file
-from r2bspec.cli.file_report import CheckOptions
+from r2bspec.cli.check_files import CheckOptions, check_file
 
 MAX_RATIO = 2.5
 REPETITIONS = 3

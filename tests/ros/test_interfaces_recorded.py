@@ -11,7 +11,7 @@ pytest.importorskip("rclpy")
 from click.testing import CliRunner
 
 from r2bspec.check import check
-from r2bspec.cli.interfaces import command
+from r2bspec.cli.authoring import interfaces_command as command
 from r2bspec.language.load_spec import load_spec
 from r2bspec.wiring.companion_files import read_companion_files
 from ros_runs import nothing_left as nothing_left

@@ -9,8 +9,7 @@ import pytest
 import r2bspec.cli.check_files as check_files_module
 from example_spec import example
 from r2bspec.api import InvalidSpecError, prepare
-from r2bspec.cli.check_files import check_files
-from r2bspec.cli.file_report import CheckOptions
+from r2bspec.cli.check_files import CheckOptions, check_files
 from r2bspec.cli.main import main
 
 

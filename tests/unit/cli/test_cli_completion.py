@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from example_spec import example
-from r2bspec.cli.docs import docs_folder
 from r2bspec.cli.main import main
+from r2bspec.cli.reference import docs_folder
 
 
 def proposed(*words: str) -> set[str]:

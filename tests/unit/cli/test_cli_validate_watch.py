@@ -12,11 +12,10 @@ import pytest
 
 from data_bags import chatter, write_bag
 from example_spec import example
-from r2bspec.cli import spec_watch
-from r2bspec.cli.check_files import check_file
-from r2bspec.cli.file_report import CheckOptions, FileReport
+from r2bspec.cli import validate
+from r2bspec.cli.check_files import CheckOptions, FileReport, check_file
 from r2bspec.cli.main import main
-from r2bspec.cli.spec_watch import SpecWatch
+from r2bspec.cli.validate import SpecWatch
 from r2bspec.untrusted.looked_up_files import (
     looked_up_files,
     note_lookup,
@@ -174,7 +173,7 @@ class Polls:
         self.looks = 0
         self.between: list[object] = []
         self._common = common
-        monkeypatch.setattr(spec_watch, "stamp", self._stamp)
+        monkeypatch.setattr(validate, "stamp", self._stamp)
         monkeypatch.setattr("time.sleep", self._sleep)
         self.updates = SpecWatch(lambda: [*map(str, self.files)], self._check).updates()
 

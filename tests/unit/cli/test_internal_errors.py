@@ -18,7 +18,7 @@ import pytest
 import r2bspec.cli.check_files as check_files_module
 from example_spec import example
 from r2bspec.cli import main as cli
-from r2bspec.cli.file_report import CheckOptions
+from r2bspec.cli.check_files import CheckOptions
 from r2bspec.cli.internal_error import MAX_FAILURES, Crash, InternalError, WorkerEndedError
 from r2bspec.cli.worker_processes import map_in_processes
 from r2bspec.errors import UsageError

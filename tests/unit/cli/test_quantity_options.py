@@ -6,7 +6,7 @@ import click
 import pytest
 
 from r2bspec.cli.main import main
-from r2bspec.cli.quantity_options import duration, share
+from r2bspec.cli.shared_options import duration, share
 from r2bspec.language.quantities import Duration, Share
 
 

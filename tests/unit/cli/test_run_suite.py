@@ -18,8 +18,7 @@ from example_spec import example
 from r2bspec import api
 from r2bspec.cli.main import main
 from r2bspec.cli.run import command as run_verb
-from r2bspec.cli.run_selection import run_items
-from r2bspec.cli.spec_selection import SpecSelection
+from r2bspec.cli.spec_selection import SpecSelection, run_items
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.identity.identify_graph import graph_identity

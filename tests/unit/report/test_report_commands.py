@@ -18,9 +18,9 @@ import numpy as np
 import pytest
 
 from r2bspec import api
-from r2bspec.cli.compare import command as compare
+from r2bspec.cli.finished_runs import compare_command as compare
+from r2bspec.cli.finished_runs import report_command as report
 from r2bspec.cli.import_ import command as import_
-from r2bspec.cli.report import command as report
 from r2bspec.cli.run import command as run_verb
 from r2bspec.compare.errors import IncomparableError, UnreadableResultError
 from r2bspec.errors import R2bspecError

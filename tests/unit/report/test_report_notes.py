@@ -8,8 +8,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from r2bspec.cli.judge import command as judge
-from r2bspec.cli.report import command as report
+from r2bspec.cli.finished_runs import judge_command as judge
+from r2bspec.cli.finished_runs import report_command as report
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.result import Result

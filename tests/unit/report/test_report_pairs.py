@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from pair_simulation import Comparison
-from r2bspec.cli.compare import command as compare
-from r2bspec.cli.judge import command as judge
-from r2bspec.cli.report import command as report
+from r2bspec.cli.finished_runs import compare_command as compare
+from r2bspec.cli.finished_runs import judge_command as judge
+from r2bspec.cli.finished_runs import report_command as report
 from r2bspec.compare.load_results import read_folder
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.verdict import RequirementVerdict

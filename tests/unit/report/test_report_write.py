@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from r2bspec.cli.judge import command as judge
+from r2bspec.cli.finished_runs import judge_command as judge
 from r2bspec.cli.main import main
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of

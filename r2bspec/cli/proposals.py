@@ -1,4 +1,4 @@
-"""``r2bspec calibrate``: measure the noise of a graph on this machine."""
+"""The verbs that propose changes of a spec from what was measured: ``calibrate``, ``suggest``."""
 
 from __future__ import annotations
 
@@ -10,13 +10,16 @@ import click
 
 from r2bspec.cli.shared_options import SpecValues, max_bytes_option, spec_options
 from r2bspec.cli.spec_selection import SpecSelection, prepare_and_report
+from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo
 
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
+    from r2bspec.compare.objective_proposals import Proposal
     from r2bspec.record.calibration_file import Calibration
     from r2bspec.record.comparison_folder import PairedComparison
+    from r2bspec.record.run_folder import Run
 
 
 @click.command("calibrate")
@@ -44,7 +47,7 @@ if TYPE_CHECKING:
 @spec_options
 @max_bytes_option
 @click.option("--quiet", "-q", is_flag=True, help="Show no progress.")
-def command(
+def calibrate_command(
     spec: Path,
     pairs: int | None,
     runs: int | None,
@@ -73,20 +76,22 @@ def command(
 
     selection = SpecSelection(spec, *values)
     prepared = prepare_and_report(selection)
-    folder = source or _run(prepared, pairs or 10, output, quiet=quiet)
+    folder = source or _run_pairs(prepared, pairs or 10, output, quiet=quiet)
     compared = open_comparison(folder)
     _require_same_graph(prepared, compared, folder)
     found = compute_calibration(compared)
     path = store_calibration(spec, compared, found)
-    _show(found, prepared.plan.name, compared)
+    _show_noise(found, prepared.plan.name, compared)
     echo(f"stored in {path}", err=True)
-    _propose(selection, prepared, found, write=write)
+    _propose_limits(selection, prepared, found, write=write)
     return ExitStatus.OK
 
 
-def _run(prepared: PreparedBenchmark, pairs: int, output: Path | None, *, quiet: bool) -> Path:
+def _run_pairs(
+    prepared: PreparedBenchmark, pairs: int, output: Path | None, *, quiet: bool
+) -> Path:
     from r2bspec import api
-    from r2bspec.cli.run_options import RunOptions
+    from r2bspec.cli.run import RunOptions
     from r2bspec.cli.run_single import locked_host
     from r2bspec.plan.time_estimate import estimate_pairs
     from r2bspec.report.progress_display import shown_progress
@@ -115,7 +120,7 @@ def _require_same_graph(prepared: PreparedBenchmark, pairs: PairedComparison, fo
         )
 
 
-def _show(found: Calibration, name: str, pairs: PairedComparison) -> None:
+def _show_noise(found: Calibration, name: str, pairs: PairedComparison) -> None:
     """Print the noise: a line for each metric, the smallest change by the number of pairs."""
     from r2bspec.measure.units import show
 
@@ -159,11 +164,11 @@ def _change_text(margin: float) -> str:
     return show(change, "share") if change <= 1 else "> 100 %"
 
 
-def _propose(
+def _propose_limits(
     selection: SpecSelection, prepared: PreparedBenchmark, found: Calibration, *, write: bool
 ) -> None:
     """Print the proposed change of the spec as a patch, or apply it."""
-    from r2bspec.cli.fix import read_text, write_text
+    from r2bspec.cli.check_files import read_text, write_text
     from r2bspec.compare.margin_proposals import propose_limits
     from r2bspec.diagnostics.edits import unified_diff
 
@@ -183,4 +188,93 @@ def _propose(
     else:
         echo()
         echo(unified_diff(before, after, file), nl=False)
+        echo("--write applies this change", err=True)
+
+
+@click.command("suggest")
+@click.argument("spec", type=click.Path(path_type=Path, dir_okay=False))
+@click.argument("run", type=click.Path(path_type=Path, file_okay=False))
+@click.option("--write", is_flag=True, help="Apply the proposed change to SPEC.")
+@click.option("--force", is_flag=True, help="Use a run of another graph than that of SPEC.")
+@spec_options
+def suggest_command(spec: Path, run: Path, write: bool, force: bool, values: SpecValues) -> int:
+    """Propose objectives for SPEC from the finished run in the folder RUN, as a patch.
+
+    Limits of latencies are prediction bounds from the scatter of the iterations, with the margin of
+    'r2bspec calibrate' if the spec has been calibrated. Each proposed requirement is one that the
+    run passes. What the spec already requires is left alone.
+    """
+    if spec.suffix == ".json":
+        raise click.UsageError("objectives cannot be proposed for a plan: give the spec")
+    from r2bspec.record.run_folder import open_run
+
+    prepared = prepare_and_report(SpecSelection(spec, *values))
+    finished = open_run(run)
+    if not force:
+        _require_run_of(prepared, finished, run)
+    _propose_objectives(spec, prepared, run, finished, write=write)
+    return ExitStatus.OK
+
+
+def _require_run_of(prepared: PreparedBenchmark, finished: Run, folder: Path) -> None:
+    from r2bspec.compare.errors import IncomparableError
+    from r2bspec.plan.comparability import difference_lines, graph_differences, measured_hash
+
+    if measured_hash(prepared.plan) != measured_hash(finished.plan):
+        differences = difference_lines(graph_differences(finished.plan, prepared.plan))
+        raise IncomparableError(
+            f"the run in {folder} is not of this spec:\n"
+            + "\n".join(f"  {each}" for each in differences),
+            hint="Run it again, or add --force.",
+        )
+
+
+def _propose_objectives(
+    spec: Path, prepared: PreparedBenchmark, folder: Path, finished: Run, *, write: bool
+) -> None:
+    from r2bspec.cli.check_files import read_text
+    from r2bspec.compare.load_results import read_folder
+    from r2bspec.compare.objective_proposals import propose_objectives
+    from r2bspec.judge.judge_run import result_of
+
+    before = read_text(str(spec))
+    if before is None or prepared.loaded is None:
+        raise UsageError(f"{spec} cannot be changed: it is a link, or not a spec")
+    proposal = propose_objectives(
+        prepared.loaded,
+        before,
+        read_folder(folder).result,
+        lambda objectives: result_of(finished, objectives, prepared.plan.name),
+        _calibrations(spec, prepared),
+    )
+    _show_proposal(spec, before, proposal, write=write)
+
+
+def _calibrations(spec: Path, prepared: PreparedBenchmark) -> list[Calibration]:
+    from r2bspec.record.calibration_file import calibration_path, read_calibration_file
+    from r2bspec.untrusted.safe_file import is_regular
+
+    file = calibration_path(spec)
+    if not is_regular(file) or prepared.loaded is None:
+        return []
+    found = read_calibration_file(file)
+    if found is None:
+        return []
+    return list(found.benchmarks.get(prepared.loaded.id, {}).values())
+
+
+def _show_proposal(spec: Path, before: str, proposal: Proposal, *, write: bool) -> None:
+    from r2bspec.cli.check_files import write_text
+    from r2bspec.diagnostics.edits import unified_diff
+
+    for each in proposal.notes:
+        echo(each, err=True)
+    if proposal.text == before:
+        if not proposal.notes:
+            echo("the spec has a requirement for all that was measured", err=True)
+    elif write:
+        write_text(str(spec), proposal.text)
+        echo(f"{spec} was changed", err=True)
+    else:
+        echo(unified_diff(before, proposal.text, str(spec)), nl=False)
         echo("--write applies this change", err=True)

@@ -1,0 +1,388 @@
+"""The verbs about finished runs: ``judge``, ``report``, ``compare`` and ``history``."""
+
+from __future__ import annotations
+
+import datetime
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from r2bspec.cli.shared_options import junit_option, reports_option, share, verbose_option
+from r2bspec.diagnostics.quote import clip
+from r2bspec.exit_status import ExitStatus
+from r2bspec.language.quantities import Share
+from r2bspec.report.output import echo, echo_document
+
+if TYPE_CHECKING:
+    from r2bspec.compare.history import HistoryEntry
+    from r2bspec.language.spec import Spec
+    from r2bspec.report.write_reports import ReportRequest
+
+
+@click.command("judge")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option(
+    "--spec",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="SPEC",
+    help="Judge by the SLOs and the gate of this spec instead of the run's own.",
+)
+@click.option(
+    "--format",
+    "output_format",
+    type=click.Choice(["text", "json"]),
+    default="text",
+    show_default=True,
+    help="The output format.",
+)
+@click.option("--write", is_flag=True, help="Replace result.json in the run folder.")
+@reports_option
+@junit_option
+@verbose_option
+def judge_command(
+    run: Path,
+    spec: Path | None,
+    output_format: str,
+    write: bool,
+    reports: tuple[ReportRequest, ...],
+    junit: tuple[ReportRequest, ...],
+    verbose: bool,
+) -> int:
+    """Judge the finished run or comparison in the folder RUN again; needs no ROS.
+
+    The folder is not changed without --write. The same folder gives the same bytes each time. Of
+    the gate of --spec, time_budget has no effect, because nothing is played. RUN
+    may also be a report of ros2_benchmark, to be judged by the SLOs of --spec.
+    """
+    from r2bspec.compare.load_results import read_folder
+    from r2bspec.judge.judge_run import to_json
+    from r2bspec.plan.compile_plan import gate_plan
+    from r2bspec.record.run_folder import RunFolder
+    from r2bspec.report.terminal import show_result
+    from r2bspec.report.write_reports import takes_stdout, write_reports
+    from r2bspec.untrusted.safe_file import is_regular
+
+    if is_regular(run):
+        return _judge_report(run, spec, output_format, plain=not (write or reports or junit))
+    if spec is None:
+        found = read_folder(run)
+    else:
+        other = _load_objectives(spec)
+        found = read_folder(
+            run,
+            spec_file=spec,
+            objectives=other.slos,
+            judged_by=other.name,
+            gate=gate_plan(other),
+        )
+    if write:
+        RunFolder(run.absolute()).write_result(to_json(found.result))
+    if not takes_stdout(reports + junit):
+        show_result(found.result, output_format, run, verbose=verbose)
+    write_reports(reports + junit, replace(found, verbose=verbose))
+    return found.result.verdict.exit_code
+
+
+def _judge_report(report: Path, spec: Path | None, output_format: str, *, plain: bool) -> int:
+    """Judge a report of the reference tool, which has no run folder and no samples."""
+    from r2bspec.interop.imported_verdicts import judge_report
+    from r2bspec.interop.ros2_benchmark import read_report
+    from r2bspec.plan.compile_plan import gate_plan
+    from r2bspec.report.terminal import show_verdict
+
+    found = read_report(report)
+    if spec is None:
+        raise click.UsageError(f"{report} has no SLOs: give a spec with --spec")
+    if not plain:
+        raise click.UsageError("--write, --report and --junit-xml need a run folder")
+    other = _load_objectives(spec)
+    verdict = judge_report(found, other.slos, gate_plan(other))
+    show_verdict(found.name or str(report), verdict, output_format)
+    return verdict.exit_code
+
+
+def _load_objectives(path: Path) -> Spec:
+    """The other spec, with the findings about its SLOs and its gate only.
+
+    Its bag and its nodes may be missing here: nothing is run.
+
+    Raises:
+        InvalidSpecError: it is not valid; the findings have been shown.
+    """
+    from r2bspec.api import InvalidSpecError
+    from r2bspec.check import check
+    from r2bspec.language.load_spec import load_spec
+    from r2bspec.report.findings.print_findings import show
+
+    loaded = load_spec(path)
+    found = [
+        each
+        for each in check(loaded, offline=True)
+        if loaded.spec is None
+        or each.path[:1] == ("slos",)
+        or each.path[:2] == ("benchmark", "gate")
+    ]
+    show(found, loaded.texts)
+    if loaded.spec is None or any(each.severity == "error" for each in found):
+        raise InvalidSpecError(loaded, found)
+    return loaded.spec
+
+
+def _list_formats(ctx: click.Context, _param: click.Parameter, list_formats: bool) -> None:
+    if not list_formats:
+        return
+    from r2bspec.report.format_registry import FORMATS
+
+    width = max(map(len, FORMATS))
+    for name, each in FORMATS.items():
+        echo(f"{name:{width}}  {each.what}")
+    ctx.exit()
+
+
+@click.command("report")
+@click.argument("run", type=click.Path(path_type=Path))
+@reports_option
+@junit_option
+@verbose_option
+@click.option(
+    "--spec",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="SPEC",
+    help="The spec of the run, so that annotations can refer to its lines.",
+)
+@click.option(
+    "--against",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="BASE",
+    help="Another run folder, shown next to RUN where a report supports it (html).",
+)
+@click.option(
+    "--formats",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_list_formats,
+    help="List the formats and exit.",
+)
+def report_command(
+    run: Path,
+    reports: tuple[ReportRequest, ...],
+    junit: tuple[ReportRequest, ...],
+    verbose: bool,
+    spec: Path | None,
+    against: Path | None,
+) -> int:
+    """Write reports of RUN: the folder of a run or a comparison, or a result.json.
+
+    A result.json gives fewer charts than the folder, which has every message. The exit status says
+    whether the reports were written; for the verdict, use 'r2bspec judge'.
+    """
+    from r2bspec.compare.load_results import read_report_input
+    from r2bspec.record.run_folder import open_run
+    from r2bspec.report.errors import ReportUsageError
+    from r2bspec.report.write_reports import write_reports
+
+    requests = reports + junit
+    if not requests:
+        raise ReportUsageError(
+            "no report was requested", hint="Name a format and a file: --report html=report.html"
+        )
+    baseline = open_run(against) if against is not None else None
+    found = read_report_input(run, spec_file=spec, baseline=baseline)
+    write_reports(requests, replace(found, verbose=verbose))
+    return ExitStatus.OK
+
+
+_COMPARISON_FORMATS = ("text", "json", "markdown", "html", "csv", "github")
+
+_RESULT = click.Path(path_type=Path)
+
+
+@click.command("compare")
+@click.argument("base", type=_RESULT)
+@click.argument("heads", type=_RESULT, nargs=-1, required=True, metavar="HEAD...")
+@click.option(
+    "--margin",
+    type=share("0.001 %", "100 %"),
+    default="5 %",
+    show_default=True,
+    help="Differences up to this share count as none.",
+)
+@click.option("--force", is_flag=True, help="Compare even if load, data or machine differ.")
+@click.option(
+    "--format",
+    "output_format",
+    type=click.Choice(_COMPARISON_FORMATS),
+    default="text",
+    show_default=True,
+    help="The output format.",
+)
+def compare_command(
+    base: Path, heads: tuple[Path, ...], margin: Share, force: bool, output_format: str
+) -> int:
+    """Compare each HEAD with BASE, metric by metric.
+
+    Each is a run folder, a result.json, or a report of ros2_benchmark. Differences do not change
+    the exit status: comparisons of stored results are advisory. To gate, use 'r2bspec run
+    --against'.
+    """
+    from r2bspec.compare.comparison_subject import read_compared_result
+    from r2bspec.compare.result_comparison import compare
+    from r2bspec.report.comparison.comparison_formats import render
+
+    first = read_compared_result(base)
+    found = [
+        compare(first, read_compared_result(head), margin=margin.fraction, force=force)
+        for head in heads
+    ]
+    width = shutil.get_terminal_size((100, 24)).columns
+    content = render(found, output_format, width)
+    echo_document(content, nl=False)
+    return ExitStatus.OK
+
+
+USER_HISTORY = "user"
+"""The name of the user's own history."""
+
+_MAX_CELL = 300
+
+_history_option = click.option(
+    "--history",
+    "--file",
+    "file",
+    default=USER_HISTORY,
+    show_default=True,
+    metavar="FILE",
+    help="The history file; 'user' is a file in your data folder.",
+)
+
+
+def history_file(text: str) -> Path:
+    """The file of a history, as the user names it."""
+    from r2bspec.compare.history import user_history
+
+    return user_history() if text == USER_HISTORY else Path(text)
+
+
+@click.group("history")
+def history_command() -> None:
+    """List and delete the runs stored by 'r2bspec run --history'."""
+
+
+@history_command.command("list")
+@_history_option
+@click.option("--name", default="", help="Only runs of this benchmark.")
+@click.option(
+    "--format",
+    "output_format",
+    type=click.Choice(["text", "json"]),
+    default="text",
+    show_default=True,
+    help="The output format.",
+)
+def list_runs(file: str, name: str, output_format: str) -> int:
+    """List the runs, oldest first."""
+    from r2bspec.compare.history import open_history
+
+    with open_history(history_file(file)) as history:
+        runs = history.runs(name=name)
+    if output_format == "json":
+        import msgspec
+
+        echo_document(msgspec.json.format(msgspec.json.encode(runs), indent=2).decode())
+        return ExitStatus.OK
+    for line in _history_table(runs):
+        echo(line)
+    return ExitStatus.OK
+
+
+def _history_table(runs: tuple[HistoryEntry, ...]) -> list[str]:
+    if not runs:
+        return ["no runs"]
+    rows = [("run", "started", "benchmark", "plan", "machine", "outcome")]
+    rows += [
+        (
+            clip(one.run_id, _MAX_CELL),
+            clip(one.started_at, _MAX_CELL),
+            clip(one.name, _MAX_CELL),
+            one.plan.removeprefix("sha256:")[:12],
+            clip(f"{one.host} ({one.machine})", _MAX_CELL),
+            clip(f"{one.outcome}, accepted" if one.accepted else one.outcome, _MAX_CELL),
+        )
+        for one in runs
+    ]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    return [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
+
+
+@history_command.command("accept")
+@click.argument("run_id", metavar="RUN_ID")
+@_history_option
+def accept(run_id: str, file: str) -> int:
+    """Let a failed run count as a baseline: the change is intended."""
+    from r2bspec.compare.history import HistoryError, open_history
+
+    with open_history(history_file(file)) as history:
+        if not history.accept(run_id):
+            raise HistoryError(
+                f"the history has no run {run_id!r}", hint="'r2bspec history list' lists the runs."
+            )
+    echo(f"run {run_id} now counts as a baseline", err=True)
+    return ExitStatus.OK
+
+
+@history_command.command("prune")
+@_history_option
+@click.option("--keep", type=click.IntRange(min=0), help="Keep this number of the latest runs.")
+@click.option(
+    "--before", metavar="DATE", help="Delete runs started before this date, such as 2026-01-31."
+)
+@click.option(
+    "--run", "run_ids", multiple=True, metavar="RUN_ID", help="Delete this run; may be repeated."
+)
+@click.option("--name", default="", help="Only runs of this benchmark.")
+def prune(
+    file: str, keep: int | None, before: str | None, run_ids: tuple[str, ...], name: str
+) -> int:
+    """Delete runs: all but the latest, older ones, or single ones.
+
+    --keep counts the runs of each plan on each kind of machine separately.
+    """
+    if keep is None and before is None and not run_ids:
+        raise click.UsageError("name the runs to delete: --keep N, --before DATE or --run RUN_ID")
+    from r2bspec.compare.history import open_history
+
+    since = parse_time(before) if before is not None else None
+    with open_history(history_file(file)) as history:
+        groups: dict[tuple[str, str, str], list[HistoryEntry]] = {}
+        for one in history.runs(name=name):
+            groups.setdefault((one.plan, one.host, one.dataset), []).append(one)
+        removed_ids = set(run_ids)
+        for runs in groups.values():
+            kept = [one for one in runs if one.run_id not in removed_ids]
+            if since is not None:
+                removed_ids |= {one.run_id for one in kept if parse_time(one.started_at) < since}
+            if keep is not None:
+                removed_ids |= {one.run_id for one in kept[: max(len(kept) - keep, 0)]}
+        number = history.remove(sorted(removed_ids))
+    echo(f"{number} run{'' if number == 1 else 's'} deleted", err=True)
+    return ExitStatus.OK
+
+
+def parse_time(text: str) -> datetime.datetime:
+    """A date or a time in ISO 8601; without a zone, in local time.
+
+    Raises:
+        click.UsageError: it is neither.
+    """
+    try:
+        found = datetime.datetime.fromisoformat(text)
+    except ValueError as error:
+        raise click.UsageError(f"{text!r} is not a date; write it like 2026-01-31") from error
+    return found.astimezone() if found.tzinfo is None else found
