@@ -10,7 +10,13 @@ from typing import Any
 import click
 
 from r2bspec.cli.completion import complete_template
-from r2bspec.cli.shared_options import SpecValues, duration, spec_options
+from r2bspec.cli.shared_options import (
+    SpecValues,
+    duration,
+    repeatable_option,
+    spec_argument,
+    spec_options,
+)
 from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.language.quantities import Duration
@@ -225,10 +231,8 @@ _INTERFACE_HEAD = (
 @click.command(
     "interfaces", epilog=f"Exit status {ExitStatus.RUN_FAILED} if a node could not be inspected."
 )
-@click.argument("spec", type=click.Path(path_type=Path, dir_okay=False))
-@click.option(
-    "--node", "only", multiple=True, metavar="KEY", help="Only this node; may be repeated."
-)
+@spec_argument
+@repeatable_option("--node", "only", metavar="KEY", help="Only this node")
 @click.option(
     "--timeout",
     type=duration("1 s", "10 min"),

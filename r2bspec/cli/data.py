@@ -13,10 +13,10 @@ import click
 
 from r2bspec.bags.recording import WritableStorage
 from r2bspec.cli.completion import complete_dataset
-from r2bspec.cli.shared_options import max_bytes_option
+from r2bspec.cli.shared_options import format_option, max_bytes_option
 from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus
-from r2bspec.report.output import console, echo, echo_document
+from r2bspec.report.output import console, echo, echo_json
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -28,15 +28,6 @@ if TYPE_CHECKING:
 _PIPED_WIDTH = 240
 
 _MAX_WRAPPED_ROWS = 1000
-
-_format_option = click.option(
-    "--format",
-    "output",
-    type=click.Choice(["text", "json"]),
-    default="text",
-    show_default=True,
-    help="The output format.",
-)
 
 
 def _duration_ns(
@@ -60,8 +51,8 @@ def command() -> None:
 
 
 @command.command(name="list")
-@_format_option
-def list_datasets(output: str) -> None:
+@format_option()
+def list_datasets(output_format: str) -> None:
     """List the datasets that a spec can name.
 
     Synthetic ones are rendered on first use. A folder of that name under $R2B_DATASETS takes
@@ -71,8 +62,8 @@ def list_datasets(output: str) -> None:
     from r2bspec.datasets.sequences import SEQUENCES
 
     found = {name: locate_dataset(name) for name in known_datasets()}
-    if output == "json":
-        _print_json(
+    if output_format == "json":
+        echo_json(
             [
                 {
                     "name": name,
@@ -114,7 +105,7 @@ def list_datasets(output: str) -> None:
     show_default=True,
     help="The storage format of the bag.",
 )
-@_format_option
+@format_option()
 def make(
     dataset: str,
     topics: tuple[str, ...],
@@ -122,7 +113,7 @@ def make(
     start: int | None,
     end: int | None,
     storage: Any,
-    output: str,
+    output_format: str,
 ) -> None:
     """Create a synthetic DATASET in the cache and print its path."""
     from r2bspec.bags.bag_index import index_bag
@@ -134,8 +125,8 @@ def make(
         made = make_dataset(
             dataset, names or None, selected_window, storage=storage, progress=progress
         )
-    if output == "json":
-        _print_json({"path": str(made.path), "sha256": made.content_sha256, "made": made.made})
+    if output_format == "json":
+        echo_json({"path": str(made.path), "sha256": made.content_sha256, "made": made.made})
         return
     state = "created" if made.made else "already in the cache"
     if made.damaged:
@@ -146,8 +137,8 @@ def make(
 @command.command()
 @click.argument("bag", shell_complete=complete_dataset)
 @max_bytes_option
-@_format_option
-def info(bag: str, output: str) -> None:
+@format_option()
+def info(bag: str, output_format: str) -> None:
     """Print the content of BAG (a path, or the name of a dataset).
 
     The sha256 of a bag on disk can be pinned in a spec; 'data make' prints that of a synthetic one.
@@ -158,10 +149,10 @@ def info(bag: str, output: str) -> None:
     location = locate(bag, Path.cwd())
     result = index(location)
     digest = "" if location.path is None else hash_files(location.path)
-    if output == "json":
+    if output_format == "json":
         import msgspec
 
-        _print_json({**msgspec.to_builtins(result), "sha256": digest})
+        echo_json({**msgspec.to_builtins(result), "sha256": digest})
     else:
         _print_index(result, _origin(location), digest)
 
@@ -169,9 +160,9 @@ def info(bag: str, output: str) -> None:
 @command.command(epilog=f"Exit status {ExitStatus.FINDINGS_OR_FAILED} if something is wrong.")
 @click.argument("bag", shell_complete=complete_dataset)
 @max_bytes_option
-@_format_option
+@format_option()
 @click.pass_context
-def verify(context: click.Context, bag: str, output: str) -> None:
+def verify(context: click.Context, bag: str, output_format: str) -> None:
     """Read the whole BAG (a path, or the name of a dataset) and check its metadata.
 
     A synthetic dataset that is not in the cache is created first.
@@ -180,8 +171,8 @@ def verify(context: click.Context, bag: str, output: str) -> None:
 
     path = _bag_on_disk(bag)
     problems = verify_bag(path)
-    if output == "json":
-        _print_json({"path": str(path), "problems": problems})
+    if output_format == "json":
+        echo_json({"path": str(path), "problems": problems})
     else:
         for problem in problems:
             echo(problem)
@@ -335,9 +326,3 @@ def _print_index(index: BagIndex, origin: str, sha256: str) -> None:
 def _storage_text(index: BagIndex) -> str:
     how = "" if index.compression == "none" else f", each {index.compression} compressed"
     return f"{index.storage}{how}"
-
-
-def _print_json(value: Any) -> None:
-    import msgspec
-
-    echo_document(msgspec.json.format(msgspec.json.encode(value), indent=2))

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from r2bspec.cli.shared_options import FOLDER, format_option
 from r2bspec.diagnostics.plain_text import plain
 from r2bspec.exit_status import ExitStatus
-from r2bspec.report.output import echo, echo_document
+from r2bspec.report.output import echo, echo_json
 
 if TYPE_CHECKING:
     from r2bspec.doctor.checkup import CheckResult, Status
@@ -33,19 +34,12 @@ _MARKS: dict[Status, tuple[str, str]] = {
 )
 @click.option(
     "--runs",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     default=Path("runs"),
     show_default=True,
     help="The folder of run folders, or one run folder, searched for leftovers.",
 )
-@click.option(
-    "--format",
-    "output_format",
-    type=click.Choice(["text", "json"]),
-    default="text",
-    show_default=True,
-    help="The output format.",
-)
+@format_option()
 def command(clean: bool, runs: Path, output_format: str) -> int:
     """Check this machine's fitness for benchmarking, with advice for each problem.
 
@@ -61,10 +55,8 @@ def command(clean: bool, runs: Path, output_format: str) -> int:
     checks = list(examine(system))
     status = worst_status(checks)
     if output_format == "json":
-        import msgspec
-
         answer = {"r2bspec_doctor": 1, "status": status, "removed": removed, "checks": checks}
-        echo_document(msgspec.json.format(msgspec.json.encode(answer), indent=2))
+        echo_json(answer)
     else:
         for line in removed:
             echo(f"removed {line}")

@@ -10,11 +10,20 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.shared_options import junit_option, reports_option, share, verbose_option
+from r2bspec.cli.shared_options import (
+    FILE,
+    FOLDER,
+    format_option,
+    junit_option,
+    repeatable_option,
+    reports_option,
+    share,
+    verbose_option,
+)
 from r2bspec.diagnostics.quote import clip
 from r2bspec.exit_status import ExitStatus
 from r2bspec.language.quantities import Share
-from r2bspec.report.output import echo, echo_document
+from r2bspec.report.output import echo, echo_document, echo_json
 
 if TYPE_CHECKING:
     from r2bspec.compare.history import HistoryEntry
@@ -26,18 +35,11 @@ if TYPE_CHECKING:
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option(
     "--spec",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=FILE,
     metavar="SPEC",
     help="Judge by the SLOs and the gate of this spec instead of the run's own.",
 )
-@click.option(
-    "--format",
-    "output_format",
-    type=click.Choice(["text", "json"]),
-    default="text",
-    show_default=True,
-    help="The output format.",
-)
+@format_option()
 @click.option("--write", is_flag=True, help="Replace result.json in the run folder.")
 @reports_option
 @junit_option
@@ -149,13 +151,13 @@ def _list_formats(ctx: click.Context, _param: click.Parameter, list_formats: boo
 @verbose_option
 @click.option(
     "--spec",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=FILE,
     metavar="SPEC",
     help="The spec of the run, so that annotations can refer to its lines.",
 )
 @click.option(
     "--against",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     metavar="BASE",
     help="Another run folder, shown next to RUN where a report supports it (html).",
 )
@@ -196,8 +198,6 @@ def report_command(
     return ExitStatus.OK
 
 
-_COMPARISON_FORMATS = ("text", "json", "markdown", "html", "csv", "github")
-
 _RESULT = click.Path(path_type=Path)
 
 
@@ -212,14 +212,7 @@ _RESULT = click.Path(path_type=Path)
     help="Differences up to this share count as none.",
 )
 @click.option("--force", is_flag=True, help="Compare even if load, data or machine differ.")
-@click.option(
-    "--format",
-    "output_format",
-    type=click.Choice(_COMPARISON_FORMATS),
-    default="text",
-    show_default=True,
-    help="The output format.",
-)
+@format_option("text", "json", "markdown", "html", "csv", "github")
 def compare_command(
     base: Path, heads: tuple[Path, ...], margin: Share, force: bool, output_format: str
 ) -> int:
@@ -275,14 +268,7 @@ def history_command() -> None:
 @history_command.command("list")
 @_history_option
 @click.option("--name", default="", help="Only runs of this benchmark.")
-@click.option(
-    "--format",
-    "output_format",
-    type=click.Choice(["text", "json"]),
-    default="text",
-    show_default=True,
-    help="The output format.",
-)
+@format_option()
 def list_runs(file: str, name: str, output_format: str) -> int:
     """List the runs, oldest first."""
     from r2bspec.compare.history import open_history
@@ -290,9 +276,7 @@ def list_runs(file: str, name: str, output_format: str) -> int:
     with open_history(history_file(file)) as history:
         runs = history.runs(name=name)
     if output_format == "json":
-        import msgspec
-
-        echo_document(msgspec.json.format(msgspec.json.encode(runs), indent=2).decode())
+        echo_json(runs)
         return ExitStatus.OK
     for line in _history_table(runs):
         echo(line)
@@ -343,9 +327,7 @@ def accept(run_id: str, file: str) -> int:
 @click.option(
     "--before", metavar="DATE", help="Delete runs started before this date, such as 2026-01-31."
 )
-@click.option(
-    "--run", "run_ids", multiple=True, metavar="RUN_ID", help="Delete this run; may be repeated."
-)
+@repeatable_option("--run", "run_ids", metavar="RUN_ID", help="Delete this run")
 @click.option("--name", default="", help="Only runs of this benchmark.")
 def prune(
     file: str, keep: int | None, before: str | None, run_ids: tuple[str, ...], name: str

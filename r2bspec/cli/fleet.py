@@ -8,13 +8,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from r2bspec.cli.shared_options import connection_options
+from r2bspec.cli.shared_options import (
+    FOLDER,
+    connection_options,
+    format_option,
+    parse_pairs,
+    repeatable_option,
+)
 from r2bspec.exit_status import ExitStatus
-from r2bspec.report.output import echo, echo_document
+from r2bspec.report.output import echo, echo_json
 
 if TYPE_CHECKING:
     from r2bspec.fleet.hosts import Host
-    from r2bspec.fleet.security import FleetAddress
 
 _UNLIMITED_WIDTH = 10_000
 
@@ -32,31 +37,18 @@ def command() -> None:
     """
 
 
-def address_of(on: str, options: dict[str, Any]) -> FleetAddress:
-    """The address of a scheduler with the options of the connection, which are taken out.
-
-    Raises:
-        InsecureFleetError: TLS is missing where it is needed.
-    """
-    from r2bspec.fleet.security import fleet_address
-
-    named = {name: options.pop(name) for name in ("ca", "certificate", "key", "insecure")}
-    return fleet_address(on, **named)
-
-
 @command.command("worker")
 @click.argument("scheduler")
 @click.option("--name", default="", help="The name of this host.  [default: its host name]")
-@click.option(
+@repeatable_option(
     "--label",
     "labels",
-    multiple=True,
     metavar="NAME=VALUE",
-    help="A label of this host, such as robot=carter; may be repeated.",
+    help="A label of this host, such as robot=carter",
 )
 @click.option(
     "--folder",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     help="Where recordings and runs are kept.  [default: the cache folder of the user]",
 )
 @click.option(
@@ -66,12 +58,11 @@ def address_of(on: str, options: dict[str, Any]) -> FleetAddress:
     metavar="SIZE",
     help="The most that is kept.",
 )
-@click.option(
+@repeatable_option(
     "--recordings",
     "shared",
-    multiple=True,
     type=click.Path(path_type=Path, file_okay=False, exists=True),
-    help="A folder of recordings that several hosts reach; may be repeated.",
+    help="A folder of recordings that several hosts reach",
 )
 @click.option(
     "--allow-commands", is_flag=True, help="Run commands and setup steps that specs bring along."
@@ -98,13 +89,13 @@ def worker(
     allow_python: bool,
     listen: str,
     no_doctor: bool,
-    **options: Any,
+    connection: dict[str, Any],
 ) -> int:
     """Let this machine run benchmarks for the fleet of SCHEDULER, an address or a cluster file.
 
     The worker ends with Ctrl-C, and connects again by itself when the scheduler was restarted.
     """
-    from r2bspec.fleet.security import listen_address, require_distributed
+    from r2bspec.fleet.security import fleet_address, listen_address, require_distributed
 
     require_distributed()
     from r2bspec.fleet.host_service import HostService
@@ -116,14 +107,14 @@ def worker(
     from r2bspec.private_files import private_files
 
     _check_installation()
-    address = address_of(scheduler, options)
+    address = fleet_address(scheduler, **connection)
     listen = listen_address(address, listen)
     try:
         limit_bytes = parse_size_option(cache_limit)
     except ValueError as error:
         raise click.UsageError(f"--cache-limit: {error}") from error
     allows = (*([COMMANDS] if allow_commands else []), *([PYTHON] if allow_python else []))
-    facts = describe_host(name, _parse_labels(labels), allows=allows, doctor=not no_doctor)
+    facts = describe_host(name, parse_pairs("--label", labels), allows=allows, doctor=not no_doctor)
     store = HostStore((folder or _default_folder()).absolute(), limit_bytes, shared)
     with private_files(), store.locked(_EARLIER_RUN_S) as lock:
         if lock is None:
@@ -146,27 +137,17 @@ def _check_installation() -> None:
         )
 
 
-_format_option = click.option(
-    "--format",
-    "output_format",
-    type=click.Choice(["text", "json"]),
-    default="text",
-    show_default=True,
-    help="The output format.",
-)
-
-
 @command.command("hosts")
 @click.argument("scheduler")
-@_format_option
+@format_option()
 @connection_options
-def hosts(scheduler: str, output_format: str, **options: Any) -> int:
+def hosts(scheduler: str, output_format: str, connection: dict[str, Any]) -> int:
     """Show the hosts of a fleet: machine, software, labels, and what 'doctor' warns of there."""
     from r2bspec.language.quantities import Size
 
-    found = _hosts_of(scheduler, options)
+    found = _hosts_of(scheduler, connection)
     if output_format == "json":
-        _print_json({"r2bspec_hosts": 1, "hosts": [each.facts for each in found]})
+        echo_json({"r2bspec_hosts": 1, "hosts": [each.facts for each in found]})
         return ExitStatus.OK
     rows = [
         (
@@ -192,17 +173,17 @@ def hosts(scheduler: str, output_format: str, **options: Any) -> int:
 
 @command.command("status")
 @click.argument("scheduler")
-@_format_option
+@format_option()
 @connection_options
-def status(scheduler: str, output_format: str, **options: Any) -> int:
+def status(scheduler: str, output_format: str, connection: dict[str, Any]) -> int:
     """Show what every host of a fleet does now, and when it was last heard of."""
     from r2bspec.measure.units import show
     from r2bspec.plan.time_estimate import time_text
 
-    found = _hosts_of(scheduler, options)
+    found = _hosts_of(scheduler, connection)
     if output_format == "json":
         states = [{"host": each.name, "seen_s": each.seen_s, **each.state} for each in found]
-        _print_json({"r2bspec_fleet": 1, "hosts": states})
+        echo_json({"r2bspec_fleet": 1, "hosts": states})
         return ExitStatus.OK
     rows = []
     for each in found:
@@ -223,12 +204,11 @@ def status(scheduler: str, output_format: str, **options: Any) -> int:
 
 
 @command.command("certificates")
-@click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
-@click.option(
+@click.argument("folder", type=FOLDER)
+@repeatable_option(
     "--host",
     "names",
-    multiple=True,
-    help="A host name or an address for the certificates; may be repeated.",
+    help="A host name or an address for the certificates",
 )
 def certificates(folder: Path, names: tuple[str, ...]) -> int:
     """Make an authority in FOLDER, and certificates for scheduler, workers and clients."""
@@ -239,17 +219,12 @@ def certificates(folder: Path, names: tuple[str, ...]) -> int:
     return ExitStatus.OK
 
 
-def _hosts_of(scheduler: str, options: dict[str, Any]) -> list[Host]:
+def _hosts_of(scheduler: str, connection: dict[str, Any]) -> list[Host]:
     from r2bspec.fleet.client import FleetClient
+    from r2bspec.fleet.security import fleet_address
 
-    with FleetClient(address_of(scheduler, options)) as client:
+    with FleetClient(fleet_address(scheduler, **connection)) as client:
         return [each for _, each in sorted(client.hosts.items())]
-
-
-def _print_json(content: object) -> None:
-    import msgspec
-
-    echo_document(msgspec.json.format(msgspec.json.encode(content), indent=2))
 
 
 def _print_table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
@@ -270,13 +245,3 @@ def _default_folder() -> Path:
     import platformdirs
 
     return Path(platformdirs.user_cache_dir("r2bspec")) / "fleet"
-
-
-def _parse_labels(options: tuple[str, ...]) -> dict[str, str]:
-    found = {}
-    for option in options:
-        name, equals, value = option.partition("=")
-        if not equals or not name:
-            raise click.UsageError(f"--label takes NAME=VALUE, not {option!r}")
-        found[name] = value
-    return found

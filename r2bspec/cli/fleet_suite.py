@@ -44,13 +44,12 @@ def fleet_executor(suite: Suite, root: Path, options: RunOptions) -> Iterator[Fl
         FleetError: it cannot be reached.
         UsageError: another client runs the suite in this folder.
     """
-    from r2bspec.cli.fleet import address_of
     from r2bspec.fleet.client import FleetClient
     from r2bspec.fleet.journal import Journal
+    from r2bspec.fleet.security import fleet_address
 
     assert options.on is not None  # noqa: S101 - see the caller
-    address = address_of(options.on, dict(options.connection))
-    with FleetClient(address) as client:
+    with FleetClient(fleet_address(options.on, **options.connection)) as client:
         journal = Journal(root)
         try:
             yield FleetExecutor(suite, root, options, client, journal)

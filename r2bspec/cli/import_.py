@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from r2bspec.cli.shared_options import FILE, FOLDER, repeatable_option
 from r2bspec.cli.spec_selection import SUFFIX
 from r2bspec.diagnostics import Diagnostic, Severity
 from r2bspec.errors import UsageError
@@ -47,7 +48,7 @@ _COLUMNS = (
     nargs=-1,
     required=True,
     metavar="FILE...",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=FILE,
 )
 @click.option("--check", is_flag=True, help="Only look for mistakes in scripts; write no spec.")
 @click.option(
@@ -65,13 +66,12 @@ _COLUMNS = (
     help="Write to this file, or for several scripts into this folder, instead of printing. "
     "A report is written as JSON, for 'r2bspec compare'.",
 )
-@click.option(
+@repeatable_option(
     "--package-path",
     "package_paths",
-    multiple=True,
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     help="A folder with packages whose modules and launch files a script names, in addition to "
-    "the folders above the script; may be repeated.",
+    "the folders above the script",
 )
 @click.option("--force", is_flag=True, help="Overwrite specs that exist.")
 def command(

@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.shared_options import SpecValues, max_bytes_option, spec_options
+from r2bspec.cli.shared_options import (
+    FILE,
+    SpecValues,
+    max_bytes_option,
+    spec_argument,
+    spec_options,
+)
 from r2bspec.cli.spec_selection import SpecSelection, prepare_and_report
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo, echo_document
@@ -16,11 +22,9 @@ if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec
     from r2bspec.plan.plan import Plan
 
-_SPEC = click.Path(path_type=Path, dir_okay=False)
-
 
 @click.command("plan")
-@click.argument("spec", type=_SPEC)
+@spec_argument
 @click.option(
     "--graph",
     type=click.Choice(["mermaid", "dot", "html"]),
@@ -29,7 +33,7 @@ _SPEC = click.Path(path_type=Path, dir_okay=False)
 @click.option(
     "--diff",
     "other",
-    type=_SPEC,
+    type=FILE,
     metavar="OTHER",
     help="Print the differences from OTHER, a spec or a plan, instead; exit status "
     f"{ExitStatus.FINDINGS_OR_FAILED} if any.",

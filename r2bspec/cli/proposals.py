@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.cli.shared_options import SpecValues, max_bytes_option, spec_options
+from r2bspec.cli.shared_options import (
+    FOLDER,
+    SpecValues,
+    max_bytes_option,
+    quiet_option,
+    spec_argument,
+    spec_options,
+)
 from r2bspec.cli.spec_selection import SpecSelection, prepare_and_report
 from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus
@@ -16,14 +24,14 @@ from r2bspec.report.output import echo
 
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
-    from r2bspec.compare.objective_proposals import Proposal
+    from r2bspec.plan.plan import Plan
     from r2bspec.record.calibration_file import Calibration
     from r2bspec.record.comparison_folder import PairedComparison
     from r2bspec.record.run_folder import Run
 
 
 @click.command("calibrate")
-@click.argument("spec", type=click.Path(path_type=Path, dir_okay=False))
+@spec_argument
 @click.option(
     "--pairs",
     type=click.IntRange(min=3),
@@ -33,20 +41,20 @@ if TYPE_CHECKING:
 @click.option(
     "--from",
     "source",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     metavar="FOLDER",
     help="Use the folder of an earlier calibration or 'run --control' instead of running.",
 )
 @click.option(
     "--output",
     "-o",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     help="The folder of the runs, new or empty.  [default: runs/NAME-pairs-TIME]",
 )
 @click.option("--write", is_flag=True, help="Apply the proposed changes to SPEC.")
 @spec_options
 @max_bytes_option
-@click.option("--quiet", "-q", is_flag=True, help="Show no progress.")
+@quiet_option
 def calibrate_command(
     spec: Path,
     pairs: int | None,
@@ -78,7 +86,9 @@ def calibrate_command(
     prepared = prepare_and_report(selection)
     folder = source or _run_pairs(prepared, pairs or 10, output, quiet=quiet)
     compared = open_comparison(folder)
-    _require_same_graph(prepared, compared, folder)
+    _require_same_graph(
+        prepared, compared.plan, f"the runs in {folder} are", "Run again without --from."
+    )
     found = compute_calibration(compared)
     path = store_calibration(spec, compared, found)
     _show_noise(found, prepared.plan.name, compared)
@@ -107,16 +117,20 @@ def _run_pairs(
     return folder
 
 
-def _require_same_graph(prepared: PreparedBenchmark, pairs: PairedComparison, folder: Path) -> None:
+def _require_same_graph(prepared: PreparedBenchmark, measured: Plan, what: str, hint: str) -> None:
+    """Refuse what was measured of another graph.
+
+    Raises:
+        IncomparableError: the graphs differ.
+    """
     from r2bspec.compare.errors import IncomparableError
     from r2bspec.plan.comparability import difference_lines, graph_differences, measured_hash
 
-    if measured_hash(prepared.plan) != measured_hash(pairs.plan):
-        differences = difference_lines(graph_differences(pairs.plan, prepared.plan))
+    if measured_hash(prepared.plan) != measured_hash(measured):
+        differences = difference_lines(graph_differences(measured, prepared.plan))
         raise IncomparableError(
-            f"the runs in {folder} are not of this spec:\n"
-            + "\n".join(f"  {each}" for each in differences),
-            hint="Run again without --from.",
+            f"{what} not of this spec:\n" + "\n".join(f"  {each}" for each in differences),
+            hint=hint,
         )
 
 
@@ -168,32 +182,43 @@ def _propose_limits(
     selection: SpecSelection, prepared: PreparedBenchmark, found: Calibration, *, write: bool
 ) -> None:
     """Print the proposed change of the spec as a patch, or apply it."""
-    from r2bspec.cli.check_files import read_text, write_text
+    from r2bspec.cli.check_files import read_text
     from r2bspec.compare.margin_proposals import propose_limits
-    from r2bspec.diagnostics.edits import unified_diff
 
     file = str(selection.spec)
     before = read_text(file)
     if before is None or prepared.loaded is None:
         return
     after, notes = propose_limits(prepared.loaded, found, before)
-    for each in notes:
-        echo(each, err=True)
+    if after != before and not write:
+        echo()  # between the table and the patch
+    nothing = "every margin is above the noise: nothing is proposed"
+    _show_change(file, before, after, notes, nothing, write=write)
+
+
+def _show_change(
+    file: str, before: str, after: str, notes: Sequence[str], nothing: str, *, write: bool
+) -> None:
+    """Print the proposed change of a spec as a patch, or apply it; `nothing` says there is none."""
+    from r2bspec.cli.check_files import write_text
+    from r2bspec.diagnostics.edits import unified_diff
+
+    for note in notes:
+        echo(note, err=True)
     if after == before:
         if not notes:
-            echo("every margin is above the noise: nothing is proposed", err=True)
+            echo(nothing, err=True)
     elif write:
         write_text(file, after)
         echo(f"{file} was changed", err=True)
     else:
-        echo()
         echo(unified_diff(before, after, file), nl=False)
         echo("--write applies this change", err=True)
 
 
 @click.command("suggest")
-@click.argument("spec", type=click.Path(path_type=Path, dir_okay=False))
-@click.argument("run", type=click.Path(path_type=Path, file_okay=False))
+@spec_argument
+@click.argument("run", type=FOLDER)
 @click.option("--write", is_flag=True, help="Apply the proposed change to SPEC.")
 @click.option("--force", is_flag=True, help="Use a run of another graph than that of SPEC.")
 @spec_options
@@ -211,22 +236,11 @@ def suggest_command(spec: Path, run: Path, write: bool, force: bool, values: Spe
     prepared = prepare_and_report(SpecSelection(spec, *values))
     finished = open_run(run)
     if not force:
-        _require_run_of(prepared, finished, run)
+        _require_same_graph(
+            prepared, finished.plan, f"the run in {run} is", "Run it again, or add --force."
+        )
     _propose_objectives(spec, prepared, run, finished, write=write)
     return ExitStatus.OK
-
-
-def _require_run_of(prepared: PreparedBenchmark, finished: Run, folder: Path) -> None:
-    from r2bspec.compare.errors import IncomparableError
-    from r2bspec.plan.comparability import difference_lines, graph_differences, measured_hash
-
-    if measured_hash(prepared.plan) != measured_hash(finished.plan):
-        differences = difference_lines(graph_differences(finished.plan, prepared.plan))
-        raise IncomparableError(
-            f"the run in {folder} is not of this spec:\n"
-            + "\n".join(f"  {each}" for each in differences),
-            hint="Run it again, or add --force.",
-        )
 
 
 def _propose_objectives(
@@ -247,7 +261,8 @@ def _propose_objectives(
         lambda objectives: result_of(finished, objectives, prepared.plan.name),
         _calibrations(spec, prepared),
     )
-    _show_proposal(spec, before, proposal, write=write)
+    nothing = "the spec has a requirement for all that was measured"
+    _show_change(str(spec), before, proposal.text, proposal.notes, nothing, write=write)
 
 
 def _calibrations(spec: Path, prepared: PreparedBenchmark) -> list[Calibration]:
@@ -261,20 +276,3 @@ def _calibrations(spec: Path, prepared: PreparedBenchmark) -> list[Calibration]:
     if found is None:
         return []
     return list(found.benchmarks.get(prepared.loaded.id, {}).values())
-
-
-def _show_proposal(spec: Path, before: str, proposal: Proposal, *, write: bool) -> None:
-    from r2bspec.cli.check_files import write_text
-    from r2bspec.diagnostics.edits import unified_diff
-
-    for each in proposal.notes:
-        echo(each, err=True)
-    if proposal.text == before:
-        if not proposal.notes:
-            echo("the spec has a requirement for all that was measured", err=True)
-    elif write:
-        write_text(str(spec), proposal.text)
-        echo(f"{spec} was changed", err=True)
-    else:
-        echo(unified_diff(before, proposal.text, str(spec)), nl=False)
-        echo("--write applies this change", err=True)

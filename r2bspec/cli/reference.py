@@ -11,11 +11,12 @@ from pathlib import Path
 import click
 
 from r2bspec.cli.completion import complete_code, complete_metric
+from r2bspec.cli.shared_options import format_option
 from r2bspec.diagnostics.code_pages import FAMILIES, Page, all_pages
 from r2bspec.diagnostics.quote import printable
 from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus
-from r2bspec.report.output import echo, echo_document
+from r2bspec.report.output import echo, echo_document, echo_json
 
 _FILE = "example.r2b.yaml"
 _WIDTH = 88
@@ -134,14 +135,7 @@ _WIDTH = 88
 
 @click.command("metrics")
 @click.argument("names", nargs=-1, metavar="[METRIC]...", shell_complete=complete_metric)
-@click.option(
-    "--format",
-    "output_format",
-    type=click.Choice(["text", "json", "markdown"]),
-    default="text",
-    show_default=True,
-    help="The output format.",
-)
+@format_option("text", "json", "markdown")
 def metrics_command(names: tuple[str, ...], output_format: str) -> int:
     """List the metrics that the requirements of a spec can name.
 
@@ -156,10 +150,7 @@ def metrics_command(names: tuple[str, ...], output_format: str) -> int:
         meant = f"did you mean {error.suggestion}? " if error.suggestion else ""
         raise UsageError(str(error), hint=f"{meant}'r2bspec metrics' lists all") from error
     if output_format == "json":
-        import msgspec
-
-        content = msgspec.json.encode([reference.as_builtins(info) for info in infos])
-        echo_document(msgspec.json.format(content, indent=2))
+        echo_json([reference.as_builtins(info) for info in infos])
     elif output_format == "markdown":
         echo_document(reference.markdown_page(), nl=False)
     elif names:

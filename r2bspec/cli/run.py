@@ -14,10 +14,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from r2bspec.cli.shared_options import (
+    FOLDER,
     SpecValues,
     connection_options,
+    format_option,
     junit_option,
     max_bytes_option,
+    quiet_option,
+    repeatable_option,
     reports_option,
     spec_options,
     verbose_option,
@@ -111,9 +115,9 @@ class RunOptions:
             "--hosts": self.hosts != ("all",),
             **{f"--{name}": bool(value) for name, value in self.connection.items()},
         }
-        if self.on is None and any(for_fleet.values()):
-            name = next(name for name, given in for_fleet.items() if given)
-            raise click.UsageError(f"{name} needs --on")
+        for name, given in for_fleet.items():
+            if given and self.on is None:
+                raise click.UsageError(f"{name} needs --on")
         comparisons = {
             "--against": bool(self.against),
             "--control": self.control,
@@ -125,22 +129,19 @@ class RunOptions:
             raise click.UsageError(
                 f"{' and '.join(used_options)} cannot be combined: choose one comparison"
             )
-        if self.smoke and used_options:
+        judging_options = used_options + ["--require-slos"] * self.require_slos
+        if self.smoke and judging_options:
             raise click.UsageError(
-                f"--smoke cannot be combined with {used_options[0]}: it judges nothing"
+                f"--smoke cannot be combined with {judging_options[0]}: it judges nothing"
             )
-        if self.smoke and self.require_slos:
-            raise click.UsageError(
-                "--smoke cannot be combined with --require-slos: it judges nothing"
-            )
-        if self.abort_on_fail and self.compares:
-            raise click.UsageError("--abort-on-fail cannot be combined with --against or --control")
-        if self.record_outputs and self.compares:
-            raise click.UsageError(
-                "--record-outputs cannot be combined with --against or --control"
-            )
-        if self.profile is not None and self.compares:
-            raise click.UsageError("--profile cannot be combined with --against or --control")
+        of_one_run = {
+            "--abort-on-fail": self.abort_on_fail,
+            "--record-outputs": self.record_outputs,
+            "--profile": self.profile is not None,
+        }
+        for name, given in of_one_run.items():
+            if given and self.compares:
+                raise click.UsageError(f"{name} cannot be combined with --against or --control")
         if self.timings and (self.compares or self.needs_suite or self.on is not None):
             raise click.UsageError(
                 "--timings is of one run on this host; 'phases' in each record.json has the times"
@@ -152,11 +153,13 @@ class RunOptions:
             "--base-build": self.base_build,
             "--base-setup": self.base_setup,
         }
-        given = [name for name, value in of_gate.items() if value]
-        if given and not self.has_base_tree:
-            raise click.UsageError(f"{given[0]} needs --against with a revision or a work tree")
+        for name, value in of_gate.items():
+            if value and not self.has_base_tree:
+                raise click.UsageError(f"{name} needs --against with a revision or a work tree")
         if self.force and not (self.against or self.baseline is not None):
             raise click.UsageError("--force needs --against or --baseline")
+        if self.resume and self.output is None:
+            raise click.UsageError("--resume needs the --output of the earlier call")
 
     def check_pairs(self) -> None:
         """Report ``--pairs`` without a comparison.
@@ -182,8 +185,6 @@ class RunOptions:
         for name, given in without.items():
             if given:
                 raise click.UsageError(f"{name} cannot be combined with --on")
-        if self.resume and self.output is None:
-            raise click.UsageError("--resume needs the --output of the earlier call")
 
     def check_suite(self) -> None:
         """Report options that are for a single run.
@@ -198,8 +199,6 @@ class RunOptions:
             )
         if self.compares and (self.resume or self.scan):
             raise click.UsageError("--against cannot be combined with --resume and --scan")
-        if self.resume and self.output is None:
-            raise click.UsageError("--resume needs the --output of the earlier call")
 
 
 @click.command("run")
@@ -207,7 +206,7 @@ class RunOptions:
 @click.option(
     "--output",
     "-o",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     help="The run folder, new or empty.  [default: runs/NAME-TIME]",
 )
 @spec_options
@@ -218,17 +217,15 @@ class RunOptions:
 @click.option(
     "--each", is_flag=True, help="Run two specs one after the other; do not compare them."
 )
-@click.option(
+@repeatable_option(
     "--select",
-    multiple=True,
     metavar="LABEL=VALUE",
-    help="Only specs with this label, such as sensor=camera or sensor='cam*'; may be repeated.",
+    help="Only specs with this label, such as sensor=camera or sensor='cam*'",
 )
-@click.option(
+@repeatable_option(
     "--scan",
-    multiple=True,
     metavar="NAME=VALUE,...",
-    help="A run for each value of a variable, or of a key such as transport; may be repeated.",
+    help="A run for each value of a variable, or of a key such as transport",
 )
 @click.option(
     "--resume", is_flag=True, help="Run only what the folder of --output does not have yet."
@@ -288,14 +285,13 @@ class RunOptions:
 )
 @click.option("--no-wait", is_flag=True, help="Refuse to run while this host runs a benchmark.")
 @click.option("--no-lock", is_flag=True, help="Run even while this host runs a benchmark.")
-@click.option(
+@repeatable_option(
     "--against",
     "against",
-    multiple=True,
     metavar="REF",
     help="Compare with a base in interleaved runs: a revision of git such as origin/main, another "
     "work tree or spec, var:NAME=VALUE, set:PATH=VALUE, or env: with a setup file, an installed "
-    "workspace or NAME=VALUE; may be repeated.",
+    "workspace or NAME=VALUE",
 )
 @click.option(
     "--allow",
@@ -304,12 +300,11 @@ class RunOptions:
     help="With --against a revision: what may be weaker than in the base, such as 'objective "
     "fast', as the error names it; or 'base', which may fail. May be repeated.",
 )
-@click.option(
+@repeatable_option(
     "--base-build",
-    multiple=True,
     metavar="COMMAND",
     help="With --against a revision: how the base is built in its work tree, where its spec does "
-    "not say it (benchmark.gate.base); may be repeated.",
+    "not say it (benchmark.gate.base)",
 )
 @click.option(
     "--base-setup",
@@ -341,15 +336,8 @@ class RunOptions:
     help="Refuse a spec without an objective that can fail: nothing would gate.",
 )
 @click.option("--force", is_flag=True, help="Compare even if load, data or machine differ.")
-@click.option(
-    "--format",
-    "output_format",
-    type=click.Choice(["text", "json"]),
-    default="text",
-    show_default=True,
-    help="The output format.",
-)
-@click.option("--quiet", "-q", is_flag=True, help="Show no progress.")
+@format_option()
+@quiet_option
 @verbose_option
 @reports_option
 @junit_option
@@ -376,11 +364,8 @@ def command(
     --against REVISION is the gate of a pull request: the same spec with the code of the base and of
     this work tree. What the base demands must still be demanded ('r2bspec docs gate').
     """
-    connection = {name: others.pop(name) for name in ("ca", "certificate", "key", "insecure")}
     hosts = tuple(dict.fromkeys(each for each in others.pop("hosts").split(",") if each))
-    options = RunOptions(
-        reports=reports + junit, connection=connection, hosts=hosts or ("all",), **others
-    )
+    options = RunOptions(reports=reports + junit, hosts=hosts or ("all",), **others)
     options.check()
     from r2bspec.cli.run_single import run_single
     from r2bspec.cli.run_suite import run_suite

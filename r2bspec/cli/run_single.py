@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from r2bspec.cli.spec_selection import SpecSelection, base_selection, prepare_and_report
 from r2bspec.errors import R2bspecError
-from r2bspec.report.output import echo, echo_document
+from r2bspec.report.output import echo, echo_json
 
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
@@ -311,8 +311,6 @@ def _print_failure(error: R2bspecError, folder: Path | None) -> None:
         with contextlib.suppress(R2bspecError):
             show_result(read_folder(folder).result, "json")
             return
-    import msgspec
-
     content = {
         "r2bspec_error": 1,
         "code": error.code,
@@ -320,4 +318,4 @@ def _print_failure(error: R2bspecError, folder: Path | None) -> None:
         "hint": error.hint,
         "exit_status": int(error.exit_code),
     }
-    echo_document(msgspec.json.format(msgspec.json.encode(content), indent=2))
+    echo_json(content)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import click
 
@@ -15,6 +15,9 @@ from r2bspec.language.quantities import Duration, Quantity, QuantityError, Share
 if TYPE_CHECKING:
     from r2bspec.language.untrusted_environment import UntrustedSpecs
     from r2bspec.report.write_reports import ReportRequest
+
+
+Command = TypeVar("Command", bound=Callable[..., Any])
 
 
 class QuantityType(click.ParamType):  # type: ignore[type-arg, unused-ignore]
@@ -46,6 +49,32 @@ class QuantityType(click.ParamType):  # type: ignore[type-arg, unused-ignore]
         return self.name.upper()
 
 
+FILE = click.Path(path_type=Path, dir_okay=False)
+FOLDER = click.Path(path_type=Path, file_okay=False)
+
+spec_argument = click.argument("spec", type=FILE)
+
+quiet_option = click.option("--quiet", "-q", is_flag=True, help="Show no progress.")
+
+
+def format_option(*formats: str) -> Callable[[Command], Command]:
+    """The option ``--format``, passed as `output_format`; of text and JSON if none is named."""
+    return click.option(
+        "--format",
+        "output_format",
+        type=click.Choice(formats or ("text", "json")),
+        default="text",
+        show_default=True,
+        help="The output format.",
+    )
+
+
+def repeatable_option(*names: str, **settings: Any) -> Callable[[Command], Command]:
+    """An option that may be repeated, which its help says; its values are a tuple."""
+    settings["help"] += "; may be repeated."
+    return click.option(*names, multiple=True, **settings)
+
+
 def duration(lowest: str, highest: str) -> QuantityType:
     """The type of an option that takes a duration."""
     return QuantityType(Duration, lowest, highest)
@@ -56,21 +85,19 @@ def share(lowest: str, highest: str) -> QuantityType:
     return QuantityType(Share, lowest, highest)
 
 
-sets_option = click.option(
+sets_option = repeatable_option(
     "--set",
     "sets",
-    multiple=True,
     metavar="PATH=VALUE",
-    help="Set a value of the spec, such as benchmark.iterations=3; may be repeated.",
+    help="Set a value of the spec, such as benchmark.iterations=3",
 )
 
-variables_option = click.option(
+variables_option = repeatable_option(
     "--var",
     "variables",
-    multiple=True,
     metavar="NAME=VALUE",
     shell_complete=complete_variable,
-    help="Set a declared variable; may be repeated.",
+    help="Set a declared variable",
 )
 
 _case_option = click.option(
@@ -81,13 +108,12 @@ _case_option = click.option(
     help="The case of the matrix, such as threads=2; for 'run' also all.",
 )
 
-_allow_path_option = click.option(
+_allow_path_option = repeatable_option(
     "--allow-path",
     "allow_paths",
-    multiple=True,
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     metavar="PATH",
-    help="A folder, besides that of the spec, from which files may be extended; may be repeated.",
+    help="A folder, besides that of the spec, from which files may be extended",
 )
 
 
@@ -131,7 +157,15 @@ max_bytes_option = click.option(
 
 
 def connection_options(command: Callable[..., int]) -> Callable[..., int]:
-    """The options of a connection to a scheduler."""
+    """The options of a connection to a scheduler, which a verb takes as `connection`."""
+
+    @functools.wraps(command)
+    def with_connection(
+        ca: Path | None, certificate: Path | None, key: Path | None, insecure: bool, **others: Any
+    ) -> int:
+        connection = {"ca": ca, "certificate": certificate, "key": key, "insecure": insecure}
+        return command(connection=connection, **others)
+
     for option in (
         click.option(
             "--insecure",
@@ -141,38 +175,38 @@ def connection_options(command: Callable[..., int]) -> Callable[..., int]:
         ),
         click.option(
             "--key",
-            type=click.Path(path_type=Path, dir_okay=False),
+            type=FILE,
             help="Of a tls:// scheduler: the private key of --certificate.",
         ),
         click.option(
             "--certificate",
-            type=click.Path(path_type=Path, dir_okay=False),
+            type=FILE,
             help="Of a tls:// scheduler: the certificate that this command shows, such as "
             "client.pem.",
         ),
         click.option(
             "--ca",
-            type=click.Path(path_type=Path, dir_okay=False),
+            type=FILE,
             help="Of a tls:// scheduler: the certificate of the fleet's authority, ca.pem.",
         ),
     ):
-        command = option(command)
-    return command
+        with_connection = option(with_connection)
+    return with_connection
 
 
-def parse_variables(options: Iterable[str]) -> dict[str, str]:
-    """Split ``NAME=VALUE`` options.
+def parse_pairs(option: str, texts: Iterable[str]) -> dict[str, str]:
+    """The values of an option that takes ``NAME=VALUE``.
 
     Raises:
-        click.UsageError: one has no equals sign.
+        click.UsageError: one of them has no name, or no equals sign.
     """
-    found = {}
-    for option in options:
-        name, equals, value = option.partition("=")
-        if not equals:
-            raise click.UsageError(f"--var takes NAME=VALUE, not {option!r}")
-        found[name] = value
-    return found
+    pairs = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals or not name:
+            raise click.UsageError(f"{option} takes NAME=VALUE, not {text!r}")
+        pairs[name] = value
+    return pairs
 
 
 class SpecValues(NamedTuple):
@@ -209,7 +243,7 @@ def spec_options(command: Callable[..., int]) -> Callable[..., int]:
             from r2bspec.language.untrusted_environment import untrusted_specs
 
             stranger = untrusted_specs(Path.cwd(), untrusted=untrusted, base_ref=base_ref)
-        values = SpecValues(sets, parse_variables(variables), case, allow_paths, stranger)
+        values = SpecValues(sets, parse_pairs("--var", variables), case, allow_paths, stranger)
         return command(values=values, **others)
 
     return with_values

@@ -47,6 +47,13 @@ def echo_document(content: str | bytes, *, nl: bool = True) -> None:
     click.echo(escaped_json(content.encode() if isinstance(content, str) else content), nl=nl)
 
 
+def echo_json(content: object) -> None:
+    """Print a value as indented JSON, for programs."""
+    import msgspec
+
+    echo_document(msgspec.json.format(msgspec.json.encode(content), indent=2))
+
+
 def write(stream: TextIO, text: str) -> None:
     """Write a text, with or without colours around plain values, to a stream, at once."""
     stream.write(harmless(text, styled=True))
