@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING, TypeVar
 import click
 import msgspec
 
+from r2bspec.cli.shared_options import SpecValues
+from r2bspec.cli.text_output import counted
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.diagnostics.waivers import may_contain_waiver
 from r2bspec.errors import R2bspecError, UsageError
@@ -27,17 +29,12 @@ from r2bspec.untrusted.looked_up_files import shared_lookups
 if TYPE_CHECKING:
     from r2bspec.diagnostics.edits import FixResult
     from r2bspec.language.load_spec import LoadedSpec
-    from r2bspec.language.untrusted_environment import UntrustedSpecs
 
 
 class CheckOptions(msgspec.Struct, frozen=True):
     """The options for every file."""
 
-    sets: tuple[str, ...] = ()
-    variables: Mapping[str, str] | None = None
-    case: str = ""
-    allow_paths: tuple[Path, ...] = ()
-    untrusted: UntrustedSpecs | None = None
+    values: SpecValues = SpecValues()
     offline: bool = False
     resolved: bool = False
     require_slos: bool = False
@@ -166,15 +163,7 @@ def check_text(text: str, file: str, options: CheckOptions) -> list[Diagnostic]:
 def _load(source: Path | str, file: str, options: CheckOptions) -> tuple[LoadedSpec, ...]:
     from r2bspec.language.load_spec import load_cases
 
-    return load_cases(
-        source,
-        file=file,
-        sets=options.sets,
-        variables=options.variables,
-        case=options.case,
-        allow_paths=options.allow_paths,
-        untrusted=options.untrusted,
-    )
+    return load_cases(source, file=file, **options.values._asdict())
 
 
 def _findings(cases: tuple[LoadedSpec, ...], options: CheckOptions) -> list[Diagnostic]:
@@ -250,8 +239,7 @@ def repair(
             echo(unified_diff(before, bom + fixed.text, file), nl=False)
     if write or changed:
         verb = "repaired" if write else "can be repaired by --fix"
-        problems = f"{fixes} problem" if fixes == 1 else f"{fixes} problems"
-        echo(f"{problems} {verb} in {changed} of {len(files)} files", err=True)
+        echo(f"{counted(fixes, 'problem')} {verb} in {changed} of {len(files)} files", err=True)
     return changed
 
 

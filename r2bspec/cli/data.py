@@ -14,6 +14,7 @@ import click
 from r2bspec.bags.recording import WritableStorage
 from r2bspec.cli.completion import complete_dataset
 from r2bspec.cli.shared_options import format_option, max_bytes_option
+from r2bspec.cli.text_output import aligned_lines
 from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import console, echo, echo_json
@@ -249,7 +250,10 @@ def _console() -> Console:
 def _print_table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]], right: str = "") -> None:
     """Columns with a title in `right` are right-aligned."""
     if len(rows) > _MAX_WRAPPED_ROWS:
-        _print_long_table(header, rows, right)
+        # Wrapping takes a millisecond for each row.
+        right_columns = [number for number, title in enumerate(header) if title in right.split()]
+        for line in aligned_lines([header, *rows], right_columns):
+            echo(line)
         return
     from rich.table import Table
     from rich.text import Text
@@ -266,22 +270,6 @@ def _print_table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]], right
     # Without the padding of the last column, for diffs.
     for line in captured.get().splitlines():
         echo(line.rstrip())
-
-
-def _print_long_table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]], right: str) -> None:
-    """The same for many rows, without wrapping, which takes a millisecond for each."""
-    from rich.cells import cell_len
-
-    lines = [header, *rows]
-    widths = [max(map(cell_len, column)) for column in zip(*lines, strict=True)]
-    for line in lines:
-        cells = [
-            " " * (width - cell_len(cell)) + cell
-            if title in right.split()
-            else cell + " " * (width - cell_len(cell))
-            for title, cell, width in zip(header, line, widths, strict=True)
-        ]
-        echo("  ".join(cells).rstrip())
 
 
 def _print_index(index: BagIndex, origin: str, sha256: str) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from r2bspec.cli.shared_options import FOLDER, format_option
+from r2bspec.cli.text_output import counted, styled
 from r2bspec.diagnostics.plain_text import plain
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo, echo_json
@@ -72,37 +73,23 @@ def _show(checks: list[CheckResult], status: Status) -> None:
     topic = ""
     for check in checks:
         if check.topic != topic:
-            echo(("\n" if topic else "") + _style(check.topic, bold=True), styled=True)
+            echo(("\n" if topic else "") + styled(check.topic, bold=True), styled=True)
             topic = check.topic
         mark, colour = _MARKS[check.status]
         echo(
-            f"  {_style(mark, fg=colour)} {check.name:<{width}}  {plain(check.found)}",
+            f"  {styled(mark, fg=colour)} {check.name:<{width}}  {plain(check.found)}",
             styled=True,
         )
         if check.advice:
-            echo(f"    {'':<{width}}  {_style(f'→ {plain(check.advice)}', dim=True)}", styled=True)
+            echo(f"    {'':<{width}}  {styled(f'→ {plain(check.advice)}', dim=True)}", styled=True)
     echo()
     counts = {each: sum(check.status == each for check in checks) for each in _MARKS}
     words = {
         "ok": "This machine is fit for benchmarking.",
-        "warn": f"{_pluralize(counts['warn'], 'warning')}: benchmarks run, but results may be "
+        "warn": f"{counted(counts['warn'], 'warning')}: benchmarks run, but results may be "
         "affected.",
-        "problem": f"{_pluralize(counts['problem'], 'problem')} and "
-        f"{_pluralize(counts['warn'], 'warning')}.",
+        "problem": f"{counted(counts['problem'], 'problem')} and "
+        f"{counted(counts['warn'], 'warning')}.",
     }
     mark, colour = _MARKS[status]
-    echo(f"{_style(mark, fg=colour, bold=True)} {words[status]}", styled=True)
-
-
-def _pluralize(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
-
-
-def _style(text: str, *, fg: str | None = None, bold: bool = False, dim: bool = False) -> str:
-    import sys
-
-    from r2bspec.report.findings.print_findings import wants_colour
-
-    if not wants_colour(sys.stdout):
-        return text
-    return click.style(text, fg=fg, bold=bold or None, dim=dim or None)
+    echo(f"{styled(mark, fg=colour, bold=True)} {words[status]}", styled=True)

@@ -20,6 +20,7 @@ from r2bspec.cli.shared_options import (
     share,
     verbose_option,
 )
+from r2bspec.cli.text_output import aligned_lines, counted
 from r2bspec.diagnostics.quote import clip
 from r2bspec.exit_status import ExitStatus
 from r2bspec.language.quantities import Share
@@ -298,11 +299,7 @@ def _history_table(runs: tuple[HistoryEntry, ...]) -> list[str]:
         )
         for one in runs
     ]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    return [
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in rows
-    ]
+    return aligned_lines(rows)
 
 
 @history_command.command("accept")
@@ -353,7 +350,7 @@ def prune(
             if keep is not None:
                 removed_ids |= {one.run_id for one in kept[: max(len(kept) - keep, 0)]}
         number = history.remove(sorted(removed_ids))
-    echo(f"{number} run{'' if number == 1 else 's'} deleted", err=True)
+    echo(f"{counted(number, 'run')} deleted", err=True)
     return ExitStatus.OK
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from r2bspec.cli.spec_selection import SuiteEntry, base_selection, prepare_and_report
+from r2bspec.cli.text_output import counted
 from r2bspec.diagnostics.plain_text import plain
 from r2bspec.errors import R2bspecError
 from r2bspec.report.output import console, echo
@@ -119,9 +120,8 @@ class FleetExecutor:
             alone[entry.host] = alone.get(entry.host, 0.0) + entry.seconds
         hosts = max(len(self._client.hosts), 1)
         total = max(alone.pop("", 0.0) / hosts, *alone.values(), 0.0)
-        runs = f"{len(entries)} {'run' if len(entries) == 1 else 'runs'}"
-        on = f"{hosts} {'host' if hosts == 1 else 'hosts'}"
-        return f"{runs} on {on}: about {time_text(total)}"
+        runs = f"{counted(len(entries), 'run')} on {counted(hosts, 'host')}"
+        return f"{runs}: about {time_text(total)}"
 
     def play(
         self, entries: Sequence[SuiteEntry]

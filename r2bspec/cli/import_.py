@@ -6,7 +6,6 @@ spec that was made, what `validate` calls an error on any machine is a finding, 
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,12 +14,12 @@ import click
 
 from r2bspec.cli.shared_options import FILE, FOLDER, repeatable_option
 from r2bspec.cli.spec_selection import SUFFIX
+from r2bspec.cli.text_output import aligned_lines, counted, print_findings
 from r2bspec.diagnostics import Diagnostic, Severity
 from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.findings import finding_formats
 from r2bspec.report.findings.finding_formats import FORMATS
-from r2bspec.report.findings.print_findings import wants_colour
 from r2bspec.report.output import echo, echo_document
 from r2bspec.untrusted.safe_file import is_folder, is_there, open_regular
 
@@ -143,7 +142,7 @@ class _Scripts:
             script = self._read(file)
             if script is not None:
                 self._add(find_mistakes(script), script.texts)
-        self._print(output_format, to_stderr=False)
+        self._print(output_format)
         if output_format not in finding_formats.DOCUMENT_FORMATS:
             echo(self._summary())
         return self._status(Severity.ERROR, Severity.WARNING)
@@ -155,7 +154,7 @@ class _Scripts:
             UsageError: specs of several scripts have no folder, or a file exists.
         """
         written = [self._import(file, self._target(file)) for file in self.files]
-        self._print(output_format, to_stderr=True)
+        self._print(output_format, err=True)
         for target in filter(None, written):
             echo(f"wrote {target}; next: r2bspec validate {target}", err=True)
         return self._status(Severity.ERROR)
@@ -225,23 +224,13 @@ class _Scripts:
             output.mkdir(parents=True, exist_ok=True)
         return target
 
-    def _print(self, output_format: str, *, to_stderr: bool) -> None:
-        stream = sys.stderr if to_stderr else sys.stdout
-        colour = output_format == "text" and wants_colour(stream)
+    def _print(self, output_format: str, *, err: bool = False) -> None:
         names = [str(file) for file in self.files]
-        shown = finding_formats.render(
-            output_format, self.findings, self.sources, names, colour=colour
-        )
-        if output_format in {"json", "sarif"} and not to_stderr:
-            echo_document(shown, nl=False)
-        else:
-            is_github = output_format == "github"
-            echo(shown, err=to_stderr, nl=False, styled=colour, commands=is_github)
+        print_findings(output_format, self.findings, self.sources, names, err=err)
 
     def _summary(self) -> str:
-        number = len(self.files)
         counts = [
-            f"{count} {name}{'s' * (count != 1)}"
+            counted(count, name)
             for severity, name in (
                 (Severity.ERROR, "error"),
                 (Severity.WARNING, "warning"),
@@ -249,8 +238,7 @@ class _Scripts:
             )
             if (count := sum(finding.severity is severity for finding in self.findings))
         ]
-        scripts = "1 script" if number == 1 else f"{number} scripts"
-        return ", ".join([scripts, *(counts or ["no problems"])])
+        return ", ".join([counted(len(self.files), "script"), *(counts or ["no problems"])])
 
 
 def _import_report(report: Path, output_format: str, output: Path | None) -> int:
@@ -278,10 +266,7 @@ def _text(report: ReferenceReport) -> str:
     rows += [_row("at the peak", name, figures) for name, figures in report.peak.items()]
     for rate, monitors in sorted(report.rates.items(), key=lambda item: float(item[0])):
         rows += [_row(show(float(rate), "Hz"), name, figures) for name, figures in monitors.items()]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        cells = (cell.rjust(width) for cell, width in zip(row, widths, strict=True))
-        lines.append("  ".join(cells).rstrip())
+    lines += aligned_lines(rows, right_columns=range(len(rows[0])))
     return "\n".join([*lines, ""])
 
 

@@ -18,6 +18,7 @@ from r2bspec.cli.shared_options import (
     spec_options,
 )
 from r2bspec.cli.spec_selection import SpecSelection, prepare_and_report
+from r2bspec.cli.text_output import aligned_lines
 from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo
@@ -157,11 +158,8 @@ def _show_noise(found: Calibration, name: str, pairs: PairedComparison) -> None:
                 *(_change_text(one.margins[n]) for n in numbers),
             )
         )
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    for row in rows:
-        cells = [row[0].ljust(widths[0])]
-        cells += [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
-        echo("  ".join(cells).rstrip())
+    for line in aligned_lines(rows, right_columns=range(1, len(rows[0]))):
+        echo(line)
     if any(one.biased for one in found.metrics):
         echo(
             "biased: the second run of a pair differs from the first; noise alone causes this in "

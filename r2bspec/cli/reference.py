@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import sys
 import textwrap
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -12,6 +11,7 @@ import click
 
 from r2bspec.cli.completion import complete_code, complete_metric
 from r2bspec.cli.shared_options import format_option
+from r2bspec.cli.text_output import styled
 from r2bspec.diagnostics.code_pages import FAMILIES, Page, all_pages
 from r2bspec.diagnostics.quote import printable
 from r2bspec.errors import UsageError
@@ -86,17 +86,17 @@ def _list_codes(pages: Mapping[str, Page]) -> Iterator[str]:
             if family:
                 yield ""
             family = code[3]
-            yield _heading(FAMILIES.get(family, ""))
+            yield styled(FAMILIES.get(family, ""), bold=True)
         yield f"  {code}  {page.slug:<{width}}  {page.severity.value:<7}  {page.title}"
 
 
 def _explain_code(page: Page) -> Iterator[str]:
-    yield _heading(f"{page.code} {page.slug}: {page.title} ({page.severity.value})")
+    yield styled(f"{page.code} {page.slug}: {page.title} ({page.severity.value})", bold=True)
     yield ""
     yield from textwrap.wrap(page.why, _WIDTH)
     if page.failing:
         yield ""
-        yield _heading("Failing example")
+        yield styled("Failing example", bold=True)
         yield from _indent(page.failing)
         findings = _example_findings(page)
         if findings:
@@ -104,7 +104,7 @@ def _explain_code(page: Page) -> Iterator[str]:
             yield from _indent(findings)
     if page.passing:
         yield ""
-        yield _heading("Passing example")
+        yield styled("Passing example", bold=True)
         yield from _indent(page.passing)
 
 
@@ -122,12 +122,6 @@ def _example_findings(page: Page) -> str:
 def _indent(block: str) -> Iterator[str]:
     for line in block.rstrip("\n").split("\n"):
         yield f"    {printable(line)}".rstrip()
-
-
-def _heading(text: str) -> str:
-    from r2bspec.report.findings.print_findings import wants_colour
-
-    return click.style(text, bold=True) if wants_colour(sys.stdout) else text
 
 
 _WIDTH = 88

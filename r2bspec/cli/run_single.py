@@ -136,14 +136,6 @@ def gate_of(options: RunOptions, spec: Path) -> Iterator[MergeGate | None]:
     if not options.has_base_tree:
         yield None
         return
-    with _opened_gate(options, spec) as gate:
-        if not options.quiet:
-            echo(f"base: {gate.tree.name}", err=True)
-        yield gate
-
-
-def _opened_gate(options: RunOptions, spec: Path) -> contextlib.AbstractContextManager[MergeGate]:
-    """The merge gate of a base with a work tree of its own."""
     import shlex
 
     from r2bspec import api
@@ -157,7 +149,10 @@ def _opened_gate(options: RunOptions, spec: Path) -> contextlib.AbstractContextM
         force=options.force,
         known_names=options.known_names,
     )
-    return api.open_gate(options.against, spec, settings)
+    with api.open_gate(options.against, spec, settings) as gate:
+        if not options.quiet:
+            echo(f"base: {gate.tree.name}", err=True)
+        yield gate
 
 
 def execute(
@@ -270,33 +265,20 @@ def write_reports_of(options: RunOptions, folder: Path, spec: Path) -> None:
 
 @contextlib.contextmanager
 def reported_failures(options: RunOptions, folder: OutputFolder, spec: Path) -> Iterator[None]:
-    """The requested reports and ``--format json`` say why there is no run."""
-    with _json_of_failures(options, folder), _reports_of_failures(options, folder, spec):
-        yield
+    """The requested reports and ``--format json`` say why there is no run.
 
-
-@contextlib.contextmanager
-def _reports_of_failures(options: RunOptions, folder: OutputFolder, spec: Path) -> Iterator[None]:
-    """The requested reports say why there is no run, if not even its folder was made."""
+    The reports do if not even the folder of the run was made. The JSON has what was measured, or
+    else the error.
+    """
     try:
         yield
     except R2bspecError as error:
         from r2bspec.report.failure_reports import write_failure_reports
+        from r2bspec.report.write_reports import takes_stdout
 
         if folder.path is None or not folder.path.exists():
             with contextlib.suppress(R2bspecError):
                 write_failure_reports(options.reports, error, spec)
-        raise
-
-
-@contextlib.contextmanager
-def _json_of_failures(options: RunOptions, folder: OutputFolder) -> Iterator[None]:
-    """With ``--format json``, a failure prints JSON, too: what was measured, or else the error."""
-    from r2bspec.report.write_reports import takes_stdout
-
-    try:
-        yield
-    except R2bspecError as error:
         if options.output_format == "json" and not takes_stdout(options.reports):
             _print_failure(error, folder.path)
         raise

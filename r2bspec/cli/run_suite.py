@@ -23,6 +23,7 @@ from r2bspec.cli.run_single import (
     show_differences,
 )
 from r2bspec.cli.spec_selection import Executor, RunItem, SuiteEntry, prepare_and_report
+from r2bspec.cli.text_output import counted
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo, echo_document
@@ -430,17 +431,12 @@ class LocalExecutor:
         self._options = options
         self._gate = gate
 
-    def place(self, entries: Sequence[SuiteEntry]) -> list[SuiteEntry]:
-        """Every run is made here."""
-        return list(entries)
-
     def announce(self, entries: Sequence[SuiteEntry]) -> str:
         """How long all of it will take."""
         from r2bspec.plan.time_estimate import time_text
 
-        number = len(entries)
         total = time_text(sum(each.seconds for each in entries))
-        return f"{number} {'run' if number == 1 else 'runs'}: about {total}"
+        return f"{counted(len(entries), 'run')}: about {total}"
 
     def play(
         self, entries: Sequence[SuiteEntry]

@@ -300,9 +300,6 @@ class SuiteEntry:
 class Executor(Protocol):
     """Makes the runs of a suite: on this host, or on others."""
 
-    def place(self, entries: Sequence[SuiteEntry]) -> list[SuiteEntry]:
-        """The entries, one for each run: an entry may be run on several hosts."""
-
     def announce(self, entries: Sequence[SuiteEntry]) -> str:
         """How long the runs will take, in words."""
 

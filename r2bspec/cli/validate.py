@@ -6,7 +6,6 @@ the exit status says whether one of them is an error.
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Final, NoReturn
@@ -15,9 +14,10 @@ import click
 
 from r2bspec.cli.check_files import FileReport
 from r2bspec.cli.shared_options import SpecValues, max_bytes_option, spec_options
+from r2bspec.cli.text_output import counted, print_findings
 from r2bspec.exit_status import ExitStatus
-from r2bspec.report.findings.finding_formats import FORMATS
-from r2bspec.report.output import echo, echo_document
+from r2bspec.report.findings.finding_formats import DOCUMENT_FORMATS, FORMATS
+from r2bspec.report.output import echo
 from r2bspec.untrusted.looked_up_files import Lookups, Stamp, looked_up_files, shared_lookups, stamp
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def command(
     from r2bspec.cli.spec_selection import spec_files
 
     check_options = CheckOptions(
-        *values, offline=offline, resolved=resolved, require_slos=require_slos
+        values, offline=offline, resolved=resolved, require_slos=require_slos
     )
     if watch:
         if fix or diff or resolved or output_format != "text" or "-" in paths:
@@ -130,31 +130,22 @@ def _watch(paths: tuple[str, ...], options: CheckOptions, *, quiet: bool) -> NoR
 def _print_findings(
     checked: list[FileReport], output_format: str, *, offline: bool, quiet: bool
 ) -> None:
-    from r2bspec.report.findings import finding_formats
-    from r2bspec.report.findings.print_findings import wants_colour
-
     found = [one for each in checked for one in each.findings]
     sources = {name: text for each in checked for name, text in each.texts.items()}
-    colour = output_format == "text" and wants_colour(sys.stdout)
-    names = [each.file for each in checked]
-    shown = finding_formats.render(output_format, found, sources, names, colour=colour)
-    if output_format in {"json", "sarif"}:
-        echo_document(shown, nl=False)
-    else:
-        echo(shown, nl=False, styled=colour, commands=output_format == "github")
-    if not quiet and output_format not in finding_formats.DOCUMENT_FORMATS:
+    print_findings(output_format, found, sources, [each.file for each in checked])
+    if not quiet and output_format not in DOCUMENT_FORMATS:
         echo(_summary(checked, found, offline=offline))
 
 
 def _summary(checked: list[FileReport], found: list[Diagnostic], *, offline: bool) -> str:
     errors = sum(one.severity == "error" for one in found)
     warnings = sum(one.severity == "warning" for one in found)
-    parts = [_pluralize(len(checked), "file")]
+    parts = [counted(len(checked), "file")]
     cases = sum(each.cases for each in checked)
     if cases > len(checked):
-        parts.append(_pluralize(cases, "case"))
+        parts.append(counted(cases, "case"))
     if errors or warnings:
-        parts += [_pluralize(errors, "error"), _pluralize(warnings, "warning")]
+        parts += [counted(errors, "error"), counted(warnings, "warning")]
     else:
         parts.append("no problems")
     line = ", ".join(parts)
@@ -163,10 +154,6 @@ def _summary(checked: list[FileReport], found: list[Diagnostic], *, offline: boo
     elif offline:
         line += "; rules that read recorded data were skipped (--offline)"
     return line
-
-
-def _pluralize(number: int, noun: str) -> str:
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def _print_resolved(checked: list[FileReport]) -> None:

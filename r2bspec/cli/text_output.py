@@ -1,0 +1,74 @@
+"""What several verbs print alike: findings, columns of text, numbers of things."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from r2bspec.report.output import echo, echo_document
+
+if TYPE_CHECKING:
+    from r2bspec.diagnostics import Diagnostic
+
+
+def counted(number: int, noun: str) -> str:
+    """A number of things, such as ``1 file`` or ``2 files``."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def styled(text: str, **style: Any) -> str:
+    """A text with a style of click for standard output, if that has colours."""
+    from r2bspec.report.findings.print_findings import wants_colour
+
+    return click.style(text, **style) if wants_colour(sys.stdout) else text
+
+
+def aligned_lines(rows: Sequence[Sequence[str]], right_columns: Collection[int] = ()) -> list[str]:
+    """A line for each row, with columns as wide as a terminal shows their widest cell.
+
+    Args:
+        rows: the cells; all rows have the same number.
+        right_columns: the columns that are aligned to the right.
+    """
+    from rich.cells import cell_len
+
+    widths = [max(map(cell_len, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for row in rows:
+        cells = []
+        for column, (cell, width) in enumerate(zip(row, widths, strict=True)):
+            padding = " " * (width - cell_len(cell))
+            cells.append(padding + cell if column in right_columns else cell + padding)
+        lines.append("  ".join(cells).rstrip())
+    return lines
+
+
+def print_findings(
+    output_format: str,
+    findings: Sequence[Diagnostic],
+    sources: Mapping[str, str],
+    names: Sequence[str],
+    *,
+    err: bool = False,
+) -> None:
+    """Print the findings about files, in one of the formats of `finding_formats`.
+
+    Args:
+        output_format: the name of the format.
+        findings: what to print.
+        sources: the texts that the findings refer to, by file name.
+        names: all files that were checked.
+        err: to standard error instead of standard output.
+    """
+    from r2bspec.report.findings import finding_formats
+    from r2bspec.report.findings.print_findings import wants_colour
+
+    colour = output_format == "text" and wants_colour(sys.stderr if err else sys.stdout)
+    shown = finding_formats.render(output_format, findings, sources, names, colour=colour)
+    if output_format in {"json", "sarif"} and not err:
+        echo_document(shown, nl=False)
+    else:
+        echo(shown, err=err, nl=False, styled=colour, commands=output_format == "github")
