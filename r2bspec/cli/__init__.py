@@ -1,1 +1,1 @@
-"""The command line: one module per verb, each with a click command called `command`."""
+"""The command line: modules by subject; `main` has the table of verbs and their places."""

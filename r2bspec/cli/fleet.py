@@ -11,6 +11,7 @@ import click
 from r2bspec.cli.shared_options import (
     FOLDER,
     connection_options,
+    flag_options,
     format_option,
     parse_pairs,
     repeatable_option,
@@ -64,11 +65,11 @@ def command() -> None:
     type=click.Path(path_type=Path, file_okay=False, exists=True),
     help="A folder of recordings that several hosts reach",
 )
-@click.option(
-    "--allow-commands", is_flag=True, help="Run commands and setup steps that specs bring along."
-)
-@click.option(
-    "--allow-python", is_flag=True, help="Run Python and launch files that specs bring along."
+@flag_options(
+    {
+        "--allow-commands": "Run commands and setup steps that specs bring along.",
+        "--allow-python": "Run Python and launch files that specs bring along.",
+    }
 )
 @click.option(
     "--listen",

@@ -10,7 +10,7 @@ import os
 import sys
 import time
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -50,32 +50,22 @@ def fleet_executor(suite: Suite, root: Path, options: RunOptions) -> Iterator[Fl
     from r2bspec.fleet.security import fleet_address
 
     assert options.on is not None  # noqa: S101 - see the caller
-    with FleetClient(fleet_address(options.on, **options.connection)) as client:
-        journal = Journal(root)
-        try:
-            yield FleetExecutor(suite, root, options, client, journal)
-        finally:
-            journal.close()
+    connection = fleet_address(options.on, **options.connection)
+    with FleetClient(connection) as client, contextlib.closing(Journal(root)) as journal:
+        yield FleetExecutor(suite, root, options, client, journal)
 
 
+@dataclass
 class FleetExecutor:
     """Makes the runs of a suite on the hosts of a fleet."""
 
-    def __init__(
-        self,
-        suite: Suite,
-        root: Path,
-        options: RunOptions,
-        client: FleetClient,
-        journal: Journal,
-    ) -> None:
-        self._suite = suite
-        self._root = root
-        self._options = options
-        self._client = client
-        self._journal = journal
-        self._allowed: dict[int, frozenset[str]] = {}
-        self._heads: dict[int, SentSide] = {}
+    suite: Suite
+    root: Path
+    options: RunOptions
+    client: FleetClient
+    journal: Journal
+    _allowed: dict[int, frozenset[str]] = field(default_factory=dict)
+    _heads: dict[int, SentSide] = field(default_factory=dict)
 
     def place(self, entries: Sequence[SuiteEntry]) -> list[SuiteEntry]:
         """An entry for each run: with ``--hosts all`` one on every host that fits."""
@@ -83,14 +73,14 @@ class FleetExecutor:
         from r2bspec.fleet.hosts import place
 
         self._wait_for_hosts()
-        facts = {name: each.facts for name, each in self._client.hosts.items()}
+        facts = {name: each.facts for name, each in self.client.hosts.items()}
         placed = []
         for entry in entries:
             if entry.prepared is None:
                 placed.append(entry)
                 continue
-            expected = self._journal.hosts if self._options.resume else ()
-            for found in place(entry.prepared.plan, facts, self._options.hosts, expected):
+            expected = self.journal.hosts if self.options.resume else ()
+            for found in place(entry.prepared.plan, facts, self.options.hosts, expected):
                 one = replace(entry, host=found.host, error=found.error)
                 if found.error is not None:
                     show_error(found.error)
@@ -102,14 +92,14 @@ class FleetExecutor:
         """Wait a moment for a first host, or for those that are named."""
         from r2bspec.fleet.hosts import ALL, ANY
 
-        named = set(self._options.hosts) - {ALL, ANY}
+        named = set(self.options.hosts) - {ALL, ANY}
         deadline = time.monotonic() + _JOIN_S
         while time.monotonic() < deadline:
-            hosts = self._client.hosts
+            hosts = self.client.hosts
             if named <= set(hosts) if named else hosts:
                 return
             time.sleep(0.5)
-            self._client.refresh()
+            self.client.refresh()
 
     def announce(self, entries: Sequence[SuiteEntry]) -> str:
         """How long the runs will take if no host is lost."""
@@ -118,7 +108,7 @@ class FleetExecutor:
         alone: dict[str, float] = {}
         for entry in entries:
             alone[entry.host] = alone.get(entry.host, 0.0) + entry.seconds
-        hosts = max(len(self._client.hosts), 1)
+        hosts = max(len(self.client.hosts), 1)
         total = max(alone.pop("", 0.0) / hosts, *alone.values(), 0.0)
         runs = f"{counted(len(entries), 'run')} on {counted(hosts, 'host')}"
         return f"{runs}: about {time_text(total)}"
@@ -133,24 +123,24 @@ class FleetExecutor:
         by_folder: dict[Path, SuiteEntry] = {}
         runs: list[FleetRun] = []
         for entry in entries:
-            if (settled := self._suite.settled(entry)) is not None:
+            if (settled := self.suite.settled(entry)) is not None:
                 yield entry, settled
                 continue
             try:
                 runs.append(self._fleet_run(entry))
             except R2bspecError as error:
-                yield entry, self._suite.failed(entry, error)
+                yield entry, self.suite.failed(entry, error)
                 continue
             by_folder[entry.folder] = entry
         history = None
-        if self._options.history is not None:
-            history = FleetHistory(history_file(self._options.history))
+        if self.options.history is not None:
+            history = FleetHistory(history_file(self.options.history))
         limits = FleetLimits(
-            lost_s=self._options.host_timeout, retry_invalid=self._options.retry_invalid
+            lost_s=self.options.host_timeout, retry_invalid=self.options.retry_invalid
         )
-        with shown_table(len(runs), quiet=self._options.quiet) as table:
+        with shown_table(len(runs), quiet=self.options.quiet) as table:
             making = FleetRuns(
-                self._client, self._root, self._journal, limits, table.note, table.show, history
+                self.client, self.root, self.journal, limits, table.note, table.show, history
             )
             with contextlib.closing(making.play(runs)) as playing:
                 for ended in playing:
@@ -169,8 +159,8 @@ class FleetExecutor:
             result = read_folder(entry.folder).result
         except R2bspecError as error:
             show_error(error)
-            return self._suite.failed(entry, error, ended.host)
-        return self._suite.keep(entry, result, resumed=False, host=ended.host)
+            return self.suite.failed(entry, error, ended.host)
+        return self.suite.keep(entry, result, resumed=False, host=ended.host)
 
     def _fleet_run(self, entry: SuiteEntry) -> FleetRun:
         from r2bspec.fleet.bundle import SentSide
@@ -179,12 +169,12 @@ class FleetExecutor:
         prepared = entry.prepared
         assert prepared is not None  # noqa: S101 - others are settled
         fields: dict[str, Any] = {
-            "smoke": self._options.smoke,
-            "abort_on_fail": self._options.abort_on_fail,
-            "record_outputs": self._options.record_outputs,
+            "smoke": self.options.smoke,
+            "abort_on_fail": self.options.abort_on_fail,
+            "record_outputs": self.options.record_outputs,
         }
         base = None
-        if self._options.compares:
+        if self.options.compares:
             base, more = self._base(entry)
             fields |= more
         # One for all hosts: its files are read once.
@@ -205,7 +195,7 @@ class FleetExecutor:
         from r2bspec.compare.base_reference import parse_base_reference
         from r2bspec.fleet.bundle import SentSide
 
-        reference = parse_base_reference(self._options.against)
+        reference = parse_base_reference(self.options.against)
         base = None
         if reference.changes_spec:
             prepared = prepare_and_report(base_selection(entry.item.selection, reference))
@@ -214,9 +204,9 @@ class FleetExecutor:
             "compares": True,
             "against": reference.text,
             "environments": reference.environments,
-            "pairs": self._options.pairs,
-            "control": self._options.control,
-            "force": self._options.force,
+            "pairs": self.options.pairs,
+            "control": self.options.control,
+            "force": self.options.force,
         }
 
 

@@ -7,6 +7,7 @@ spec that was made, what `validate` calls an error on any machine is a finding, 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -110,29 +111,23 @@ def _is_script(file: Path) -> bool:
     return file.suffix == ".py" or b"import " in start
 
 
+@dataclass
 class _Scripts:
     """The scripts of one call, and the findings about them.
 
-    Args:
+    Attributes:
         files: the scripts.
         package_paths: folders with packages that scripts name.
         output: a file, or a folder for several scripts; None prints the spec.
         force: overwrite what exists.
     """
 
-    def __init__(
-        self,
-        files: Sequence[Path],
-        package_paths: Sequence[Path],
-        output: Path | None,
-        force: bool,
-    ) -> None:
-        self.files = files
-        self.package_paths = package_paths
-        self.output = output
-        self.force = force
-        self.findings: list[Diagnostic] = []
-        self.sources: dict[str, str] = {}
+    files: Sequence[Path]
+    package_paths: Sequence[Path]
+    output: Path | None
+    force: bool
+    findings: list[Diagnostic] = field(default_factory=list)
+    sources: dict[str, str] = field(default_factory=dict)
 
     def check(self, output_format: str) -> int:
         """Look for mistakes; returns the exit status."""

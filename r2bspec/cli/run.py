@@ -17,6 +17,7 @@ from r2bspec.cli.shared_options import (
     FOLDER,
     SpecValues,
     connection_options,
+    flag_options,
     format_option,
     junit_option,
     max_bytes_option,
@@ -211,11 +212,11 @@ class RunOptions:
 )
 @spec_options
 @max_bytes_option
-@click.option(
-    "--smoke", is_flag=True, help="One short iteration that shows whether all works; no verdict."
-)
-@click.option(
-    "--each", is_flag=True, help="Run two specs one after the other; do not compare them."
+@flag_options(
+    {
+        "--smoke": "One short iteration that shows whether all works; no verdict.",
+        "--each": "Run two specs one after the other; do not compare them.",
+    }
 )
 @repeatable_option(
     "--select",
@@ -227,19 +228,14 @@ class RunOptions:
     metavar="NAME=VALUE,...",
     help="A run for each value of a variable, or of a key such as transport",
 )
-@click.option(
-    "--resume", is_flag=True, help="Run only what the folder of --output does not have yet."
-)
-@click.option("--fail-fast", is_flag=True, help="End after the first run that does not pass.")
-@click.option(
-    "--abort-on-fail",
-    is_flag=True,
-    help="End a rate as soon as a requirement at it can no longer be met.",
-)
-@click.option(
-    "--record-outputs",
-    is_flag=True,
-    help="Record inputs and outputs of one more iteration, with latencies, as MCAP in 'outputs/'.",
+@flag_options(
+    {
+        "--resume": "Run only what the folder of --output does not have yet.",
+        "--fail-fast": "End after the first run that does not pass.",
+        "--abort-on-fail": "End a rate as soon as a requirement at it can no longer be met.",
+        "--record-outputs": "Record inputs and outputs of one more iteration, with latencies, as "
+        "MCAP in 'outputs/'.",
+    }
 )
 @click.option(
     "--profile",
@@ -280,11 +276,13 @@ class RunOptions:
     help="With --on: how often an invalid run is made again, on the same host.",
 )
 @connection_options
-@click.option(
-    "--timings", is_flag=True, help="Print where the time of the run went, to standard error."
+@flag_options(
+    {
+        "--timings": "Print where the time of the run went, to standard error.",
+        "--no-wait": "Refuse to run while this host runs a benchmark.",
+        "--no-lock": "Run even while this host runs a benchmark.",
+    }
 )
-@click.option("--no-wait", is_flag=True, help="Refuse to run while this host runs a benchmark.")
-@click.option("--no-lock", is_flag=True, help="Run even while this host runs a benchmark.")
 @repeatable_option(
     "--against",
     "against",
@@ -330,12 +328,12 @@ class RunOptions:
     metavar="RUN",
     help="Compare with a stored run or result; advisory, never gates.",
 )
-@click.option(
-    "--require-slos",
-    is_flag=True,
-    help="Refuse a spec without an objective that can fail: nothing would gate.",
+@flag_options(
+    {
+        "--require-slos": "Refuse a spec without an objective that can fail: nothing would gate.",
+        "--force": "Compare even if load, data or machine differ.",
+    }
 )
-@click.option("--force", is_flag=True, help="Compare even if load, data or machine differ.")
 @format_option()
 @quiet_option
 @verbose_option

@@ -6,7 +6,7 @@ import contextlib
 import datetime
 import time
 from collections.abc import Generator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -423,13 +423,13 @@ class Suite:
             echo_document(shown, nl=False)
 
 
+@dataclass
 class LocalExecutor:
     """Makes the runs of a suite on this host, one after the other."""
 
-    def __init__(self, suite: Suite, options: RunOptions, gate: MergeGate | None = None) -> None:
-        self._suite = suite
-        self._options = options
-        self._gate = gate
+    suite: Suite
+    options: RunOptions
+    gate: MergeGate | None = None
 
     def announce(self, entries: Sequence[SuiteEntry]) -> str:
         """How long all of it will take."""
@@ -443,7 +443,7 @@ class LocalExecutor:
     ) -> Generator[tuple[SuiteEntry, SuiteRun], None, None]:
         """The runs in their order."""
         for number, entry in enumerate(entries):
-            settled = self._suite.settled(entry)
+            settled = self.suite.settled(entry)
             yield entry, settled if settled is not None else self._make(number, entries)
 
     def _make(self, number: int, entries: Sequence[SuiteEntry]) -> SuiteRun:
@@ -455,13 +455,13 @@ class LocalExecutor:
         try:
             result = self._play(number, entries)
             show_differences(result, entry.prepared)
-            return self._suite.keep(entry, result, resumed=False)
+            return self.suite.keep(entry, result, resumed=False)
         except InterruptedRunError as error:
-            self._suite.add(number, self._suite.failed(entry, error))
+            self.suite.add(number, self.suite.failed(entry, error))
             raise
         except R2bspecError as error:
             show_error(error)
-            return self._suite.failed(entry, error)
+            return self.suite.failed(entry, error)
 
     def _play(self, number: int, entries: Sequence[SuiteEntry]) -> Result:
         from r2bspec.report.headline import headline
@@ -470,15 +470,15 @@ class LocalExecutor:
         entry = entries[number]
         assert entry.prepared is not None  # noqa: S101 - see the caller
         assert entry.estimate is not None  # noqa: S101 - prepared specs have one
-        if not self._options.quiet:
+        if not self.options.quiet:
             echo(f"[{number + 1}/{len(entries)}] {entry.name}: {entry.estimate.text()}", err=True)
         later_s = sum(each.seconds for each in entries[number + 1 :])
         remaining = RemainingTime(entry.estimate, after_s=later_s)
-        of_run = self._suite.options_of(entry)
+        of_run = self.suite.options_of(entry)
         result = execute(
-            entry.prepared, entry.item.selection, of_run, entry.folder, remaining, self._gate
+            entry.prepared, entry.item.selection, of_run, entry.folder, remaining, self.gate
         )
-        if not self._options.quiet:
+        if not self.options.quiet:
             echo(f"  {headline(result)}", err=True)
             for sentence in result.gate:
                 echo(f"  {sentence}", err=True)

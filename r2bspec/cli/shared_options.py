@@ -69,6 +69,17 @@ def format_option(*formats: str) -> Callable[[Command], Command]:
     )
 
 
+def flag_options(texts: dict[str, str]) -> Callable[[Command], Command]:
+    """Options without a value, by their names, each with its line in the help."""
+
+    def decorate(command: Command) -> Command:
+        for name, text in reversed(texts.items()):
+            command = click.option(name, is_flag=True, help=text)(command)
+        return command
+
+    return decorate
+
+
 def repeatable_option(*names: str, **settings: Any) -> Callable[[Command], Command]:
     """An option that may be repeated, which its help says; its values are a tuple."""
     settings["help"] += "; may be repeated."
@@ -156,9 +167,23 @@ max_bytes_option = click.option(
 )
 
 
+_CONNECTION_FILES = {
+    "--key": "Of a tls:// scheduler: the private key of --certificate.",
+    "--certificate": "Of a tls:// scheduler: the certificate that this command shows, such as "
+    "client.pem.",
+    "--ca": "Of a tls:// scheduler: the certificate of the fleet's authority, ca.pem.",
+}
+
+
 def connection_options(command: Callable[..., int]) -> Callable[..., int]:
     """The options of a connection to a scheduler, which a verb takes as `connection`."""
 
+    @click.option(
+        "--insecure",
+        is_flag=True,
+        help="Connect to a scheduler on another machine without TLS; every machine of the "
+        "network is trusted then.",
+    )
     @functools.wraps(command)
     def with_connection(
         ca: Path | None, certificate: Path | None, key: Path | None, insecure: bool, **others: Any
@@ -166,31 +191,8 @@ def connection_options(command: Callable[..., int]) -> Callable[..., int]:
         connection = {"ca": ca, "certificate": certificate, "key": key, "insecure": insecure}
         return command(connection=connection, **others)
 
-    for option in (
-        click.option(
-            "--insecure",
-            is_flag=True,
-            help="Connect to a scheduler on another machine without TLS; every machine of the "
-            "network is trusted then.",
-        ),
-        click.option(
-            "--key",
-            type=FILE,
-            help="Of a tls:// scheduler: the private key of --certificate.",
-        ),
-        click.option(
-            "--certificate",
-            type=FILE,
-            help="Of a tls:// scheduler: the certificate that this command shows, such as "
-            "client.pem.",
-        ),
-        click.option(
-            "--ca",
-            type=FILE,
-            help="Of a tls:// scheduler: the certificate of the fleet's authority, ca.pem.",
-        ),
-    ):
-        with_connection = option(with_connection)
+    for name, text in _CONNECTION_FILES.items():
+        with_connection = click.option(name, type=FILE, help=text)(with_connection)
     return with_connection
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final, NoReturn
 import click
 
 from r2bspec.cli.check_files import FileReport
-from r2bspec.cli.shared_options import SpecValues, max_bytes_option, spec_options
+from r2bspec.cli.shared_options import SpecValues, flag_options, max_bytes_option, spec_options
 from r2bspec.cli.text_output import counted, print_findings
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.findings.finding_formats import DOCUMENT_FORMATS, FORMATS
@@ -37,19 +37,15 @@ if TYPE_CHECKING:
 )
 @spec_options
 @max_bytes_option
-@click.option(
-    "--resolved",
-    is_flag=True,
-    help="Print the resolved document, one for each case, if there are no errors.",
-)
-@click.option(
-    "--offline", is_flag=True, help="Do not read recorded data; skip the rules that need it."
-)
-@click.option("--fix", is_flag=True, help="Apply safe fixes to the files.")
-@click.option("--diff", is_flag=True, help="Show the changes of --fix without writing them.")
-@click.option("--strict", is_flag=True, help="Warnings fail, too.")
-@click.option(
-    "--require-slos", is_flag=True, help="A spec without an objective that can fail is an error."
+@flag_options(
+    {
+        "--resolved": "Print the resolved document, one for each case, if there are no errors.",
+        "--offline": "Do not read recorded data; skip the rules that need it.",
+        "--fix": "Apply safe fixes to the files.",
+        "--diff": "Show the changes of --fix without writing them.",
+        "--strict": "Warnings fail, too.",
+        "--require-slos": "A spec without an objective that can fail is an error.",
+    }
 )
 @click.option(
     "--quiet", "-q", is_flag=True, help="Print nothing but findings: no summary at the end."
