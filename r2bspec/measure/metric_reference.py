@@ -209,14 +209,14 @@ def markdown_page() -> str:
         formula = meant.formula.replace(f"; {_PERCENTILE_RULE}", "").replace("; ", ";\n    ")
         block = [f"## {name}\n", f"{textwrap.fill(meant.text, 100)}\n", f"    {formula}\n"]
         if modes(infos[0]) != MODES:
-            block.append(f"In the modes {', '.join(modes(infos[0]))}.\n")
+            block.append(f"Modes: {', '.join(modes(infos[0]))}.\n")
         rows = list(_rows(infos))
         if len(rows) > 1:
             block += ["| name | unit | meaning | judged by |", "| --- | --- | --- | --- |"]
             block += [f"| {' | '.join(row)} |" for row in rows]
         else:
-            named, unit, description, judged = rows[0]
-            block.append(f"{named} ({unit}): {description}. Judged by: {judged}.")
+            _, unit, _, judged = rows[0]
+            block.append(f"In {unit}; judged by: {judged}.")
         blocks.append("\n".join(block) + "\n")
     return "\n".join(blocks)
 
