@@ -77,9 +77,9 @@ _JUDGED_SHORT: dict[Statistic, str] = {
     "share": "exact binomial",
     "mean": "Student's t",
     "observation": "observation",
-    "search": "bracket",
+    "search": "the bracket",
     "truth": "the value",
-    "sequential": "sequential probe",
+    "sequential": "a sequential probe",
 }
 """As in the table of docs/metrics.md; `JUDGED` in full."""
 
@@ -215,8 +215,8 @@ def markdown_page() -> str:
             block += ["| name | unit | meaning | judged by |", "| --- | --- | --- | --- |"]
             block += [f"| {' | '.join(row)} |" for row in rows]
         else:
-            _, unit, _, judged = rows[0]
-            block.append(f"In {unit}; judged by: {judged}.")
+            named, unit, _, judged = rows[0]
+            block.append(f"{named}: unit {unit}, judged by {judged}.")
         blocks.append("\n".join(block) + "\n")
     return "\n".join(blocks)
 
