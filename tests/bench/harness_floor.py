@@ -205,7 +205,7 @@ def _ablation_table(rows: dict[Case, Figures]) -> Iterator[str]:
 def _rate_table(options: argparse.Namespace) -> Iterator[str]:
     # In one process the middleware hands messages over by itself, whatever the transport.
     yield "| size | " + " | ".join([*TRANSPORTS, PLACEMENTS[1]]) + " |"
-    yield "| --- |" + " --- |" * len(ways)
+    yield "| --- |" + " --- |" * len(ROUTES)
     for workload in (WORKLOADS[0], *WORKLOADS[2:]):
         cells = []
         for transport, placement in ROUTES:
