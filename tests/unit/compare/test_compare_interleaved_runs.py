@@ -12,7 +12,9 @@ import pytest
 from pair_simulation import latencies
 from r2bspec.compare import interleaved_runs
 from r2bspec.compare.interleaved_comparison import compare
-from r2bspec.compare.interleaved_runs import ComparisonSide, ComparisonSpec
+from r2bspec.compare.interleaved_runs import BaseFailsError, ComparisonSide, ComparisonSpec
+from r2bspec.execute.errors import NotReadyError, ProcessDiedError, RunError, UnwritableRunError
+from r2bspec.exit_status import ExitStatus
 from r2bspec.plan.plan import Plan
 from r2bspec.record.comparison_folder import PairedComparison, open_comparison
 from r2bspec.record.run_folder import RunFolder
@@ -50,7 +52,7 @@ class Host:
         simulation = replace(
             template(),
             segments=[Played(30.0, latencies((0.022 if side == "head" else 0.020) * noise))],
-            surroundings=next(self._coming) if side == "head" else CALM,
+            interference=next(self._coming) if side == "head" else CALM,
         )
         folder.release()
         folder.path.rmdir()
@@ -107,3 +109,29 @@ def test_pairs_are_played_again_until_that_decides(host: Host) -> None:
     rerun = {each.number for each in pairs.record.pairs if each.again}
     assert 2 <= len(rerun) < PAIRS
     assert not any("always busy" in note for note in pairs.record.notes)
+
+
+@pytest.mark.parametrize("host", [[CALM]], indirect=True)
+@pytest.mark.parametrize(
+    ("cause", "status"),
+    [
+        (ProcessDiedError("the node blur exited with status 1"), ExitStatus.USAGE),
+        (NotReadyError("the graph is not ready"), ExitStatus.USAGE),
+        (UnwritableRunError("no space left on the device"), ExitStatus.RUN_FAILED),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_a_base_whose_code_fails_twice_is_not_to_be_tried_again(
+    host: Host, monkeypatch: pytest.MonkeyPatch, cause: RunError, status: ExitStatus
+) -> None:
+    """Pipelines retry a run that failed; another attempt mends a disk, but no code."""
+
+    def run_plan(plan: Plan, *, folder: RunFolder, **others: object) -> None:
+        if folder.path.parent.name == "base":
+            raise cause
+        host.run_plan(plan, folder=folder, **others)
+
+    monkeypatch.setattr(interleaved_runs, "run_plan", run_plan)
+    with pytest.raises(BaseFailsError) as raised:
+        host.compare()
+    assert raised.value.exit_code == status
