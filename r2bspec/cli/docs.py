@@ -17,12 +17,13 @@ _PACKAGE = Path(__file__).parents[1]
 @click.argument("page", required=False)
 @click.option("--path", "show_path", is_flag=True, help="Print the path instead of the text.")
 def command(page: str | None, show_path: bool) -> int:
-    """List the pages of the documentation, or print PAGE, such as running.
+    """List the pages of the documentation, or print PAGE, such as running or proofs/verdicts.
 
     Pages are Markdown.
     """
     folder = docs_folder()
-    pages = {each.stem: each for each in sorted(folder.glob("*.md"))}
+    files = (*sorted(folder.glob("*.md")), *sorted(folder.glob("*/*.md")))
+    pages = {file.relative_to(folder).with_suffix("").as_posix(): file for file in files}
     if page is None:
         if show_path:
             echo(str(folder))

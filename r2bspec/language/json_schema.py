@@ -199,11 +199,11 @@ def key_table(path: str) -> str:
         owner = owner.below(part) if owner is not None else None
     if owner is None or owner.keys is None:
         raise KeyError(f"the language has no map {path}")
-    lines = ["| key | value | default | meaning | example |", "| --- | --- | --- | --- | --- |"]
+    lines = ["| key | value | meaning |", "| --- | --- | --- |"]
     for name, rule in owner.keys.items():
-        default = "required" if name in owner.required else _default(rule)
-        cells = (f"`{name}`", _kind(rule), default, _cell(rule.description), _example(rule))
-        lines.append(f"| {' | '.join(cells)} |")
+        value = ", ".join(filter(None, (_kind(rule), _default(rule, name in owner.required))))
+        meaning = " ".join(filter(None, (_cell(rule.description), _example(rule))))
+        lines.append(f"| `{name}` | {value} | {meaning} |")
     return "\n".join(lines) + "\n"
 
 
@@ -221,14 +221,23 @@ def _kind(rule: Rule) -> str:
     return ", ".join([*words, *shown])
 
 
-def _default(rule: Rule) -> str:
+def _default(rule: Rule, required: bool) -> str:
+    if required:
+        return "required"
     default = rule.shown_default
-    return "" if default in (None, "", [], {}) and default is not False else f"`{_flow(default)}`"
+    shown = default not in (None, "", [], {}) or default is False
+    return f"default `{_flow(default)}`" if shown else ""
 
 
 def _example(rule: Rule) -> str:
-    shown = _flow(rule.about.examples[0]) if rule.about.examples else ""
-    return f"`{_cell(shown)}`" if shown and len(shown) <= 60 else ""
+    """An example, unless the column of values or a table of its own shows one."""
+    if not rule.about.examples or rule.is_choice or rule.const is not None or rule.keys is not None:
+        return ""
+    value = rule.about.examples[0]
+    shown = _flow(value)
+    if len(shown) > 60 or isinstance(value, bool) or value in (*rule.words, rule.shown_default):
+        return ""
+    return f"Example: `{_cell(shown)}`."
 
 
 def _flow(value: object) -> str:

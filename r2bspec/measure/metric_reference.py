@@ -72,6 +72,17 @@ JUDGED: dict[Statistic, str] = {
     "sequential": "one sequential probe",
 }
 
+_JUDGED_SHORT: dict[Statistic, str] = {
+    "percentile": "exact binomial",
+    "share": "exact binomial",
+    "mean": "Student's t",
+    "observation": "observation",
+    "search": "the bracket",
+    "truth": "the value",
+    "sequential": "a sequential probe",
+}
+"""As in the table of docs/metrics.md; `JUDGED` in full."""
+
 _BOUNDS: dict[Dimension, str] = {
     "time": "50 ms",
     "rate": "30 Hz",
@@ -182,8 +193,11 @@ Units are those of values in `result.json`; requirements write theirs, as in `la
 
 - *n* counts the outputs of one segment, *t* are their arrival times in ascending order.
 - *Expected* outputs are one for each step, or as many as `ratio` says; *answered* ones arrived.
-- The column "modes" lists the values of `playback.mode` for which there is a value.
-- [verdicts.md](verdicts.md) describes the tests of the column "judged by".
+- A percentile pQ is the k-th of the n values in ascending order, k = ceil(Q/100 · n): always an
+  observed value.
+- Metrics have a value in all modes of playback, unless their section says in which.
+- [verdicts.md](verdicts.md#which-test-decides-which-requirement) describes the tests by which
+  metrics are judged.
 """
 
 
@@ -192,18 +206,30 @@ def markdown_page() -> str:
     blocks = [_INTRODUCTION]
     for name, infos in groups():
         meant = definitions()[name]
-        formula = meant.formula.replace("; ", ";\n    ")
+        formula = meant.formula.replace(f"; {_PERCENTILE_RULE}", "").replace("; ", ";\n    ")
         block = [f"## {name}\n", f"{textwrap.fill(meant.text, 100)}\n", f"    {formula}\n"]
-        block += [
-            "| name | unit | meaning | modes | judged by |",
-            "| --- | --- | --- | --- | --- |",
-        ]
-        block += [f"| {' | '.join(_row(info))} |" for info in infos]
+        if modes(infos[0]) != MODES:
+            block.append(f"Modes: {', '.join(modes(infos[0]))}.\n")
+        rows = list(_rows(infos))
+        if len(rows) > 1:
+            block += ["| name | unit | meaning | judged by |", "| --- | --- | --- | --- |"]
+            block += [f"| {' | '.join(row)} |" for row in rows]
+        else:
+            named, unit, _, judged = rows[0]
+            block.append(f"{named}: unit {unit}, judged by {judged}.")
         blocks.append("\n".join(block) + "\n")
     return "\n".join(blocks)
 
 
-def _row(info: MetricInfo) -> tuple[str, ...]:
-    shown = "all" if modes(info) == MODES else ", ".join(modes(info))
-    description = info.description.replace("|", "\\|")
-    return f"`{info.name}`", info.unit or "–", description, shown, JUDGED[info.statistic]
+def _rows(infos: tuple[MetricInfo, ...]) -> Iterator[tuple[str, ...]]:
+    """One for each metric; percentiles of the same values share one."""
+    percentiles = [info for info in infos if info.statistic == "percentile"]
+    for info in infos:
+        if info in percentiles[1:]:
+            continue
+        members = percentiles if info in percentiles else [info]
+        description = info.description.replace("|", "\\|")
+        if info in percentiles:
+            description = description.partition(":")[0]
+        named = ", ".join(f"`{member.name}`" for member in members)
+        yield named, info.unit or "–", description, _JUDGED_SHORT[info.statistic]

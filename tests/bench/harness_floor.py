@@ -29,6 +29,11 @@ from floor_workloads import LARGE, MEDIUM, SMALL, WORKLOADS, Workload
 
 TRANSPORTS = ("shared_memory", "udp", "inherit")
 PLACEMENTS = ("two processes", "one process")
+# Inside one process the middleware hands messages over, whatever the transport is.
+ROUTES = (
+    *((transport, PLACEMENTS[0]) for transport in TRANSPORTS),
+    (TRANSPORTS[0], PLACEMENTS[1]),
+)
 MOST_HZ = {SMALL: 100_000.0, MEDIUM: 2_000.0, LARGE: 1_000.0}
 
 
@@ -127,19 +132,18 @@ def _cases(options: argparse.Namespace) -> list[Case]:
     changes, without = _changes(options), options.without
     cases = []
     for workload in WORKLOADS:
-        for transport in TRANSPORTS:
-            for placement in PLACEMENTS:
+        for transport, placement in ROUTES:
 
-                def measure(
-                    seconds: float,
-                    workload: Workload = workload,
-                    transport: str = transport,
-                    placement: str = placement,
-                ) -> Figures:
-                    with floor(workload, transport, placement, changes, without) as ready:
-                        return ready.measure(workload.rate_hz, seconds)
+            def measure(
+                seconds: float,
+                workload: Workload = workload,
+                transport: str = transport,
+                placement: str = placement,
+            ) -> Figures:
+                with floor(workload, transport, placement, changes, without) as ready:
+                    return ready.measure(workload.rate_hz, seconds)
 
-                cases.append(Case(workload, f"{transport}, {placement}", measure))
+            cases.append(Case(workload, f"{transport}, {placement}", measure))
 
         def peer(seconds: float, workload: Workload = workload) -> Figures:
             return measure_peer(workload, seconds)
@@ -200,12 +204,11 @@ def _ablation_table(rows: dict[Case, Figures]) -> Iterator[str]:
 
 def _rate_table(options: argparse.Namespace) -> Iterator[str]:
     # In one process the middleware hands messages over by itself, whatever the transport.
-    ways = [(each, PLACEMENTS[0]) for each in TRANSPORTS] + [(TRANSPORTS[0], PLACEMENTS[1])]
     yield "| size | " + " | ".join([*TRANSPORTS, PLACEMENTS[1]]) + " |"
-    yield "| --- |" + " --- |" * len(ways)
+    yield "| --- |" + " --- |" * len(ROUTES)
     for workload in (WORKLOADS[0], *WORKLOADS[2:]):
         cells = []
-        for transport, placement in ways:
+        for transport, placement in ROUTES:
             with floor(workload, transport, placement, _changes(options)) as ready:
                 rate = ready.highest_rate(MOST_HZ[workload.size], 1.0, 0.05)
             cells.append(f"{rate:,.0f} Hz" if rate else "10 Hz or less")

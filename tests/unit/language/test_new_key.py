@@ -73,7 +73,7 @@ def test_a_declaration_is_enough(package: Path) -> None:
         assert '"cool_down": {' in run(package, *program, "schema", kind)
     said = run(package, "-c", ASK)
     assert said.startswith("neither [] 2 s\n0 s\n")
-    assert "| `cool_down` | duration | `0 s` | How long is waited. | `2 s` |" in said
+    assert "| `cool_down` | duration, default `0 s` | How long is waited. Example: `2 s`. |" in said
 
 
 def test_its_mistakes_are_explained(package: Path) -> None:
