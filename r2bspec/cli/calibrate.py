@@ -90,8 +90,7 @@ def _run(prepared: PreparedBenchmark, pairs: int, output: Path | None, *, quiet:
     from r2bspec.cli.run_single import locked_host
     from r2bspec.plan.comparability import single_run_plan
     from r2bspec.plan.time_estimate import estimate_time
-    from r2bspec.report.progress_display import shown_progress
-    from r2bspec.report.remaining_time import RemainingTime
+    from r2bspec.report.progress import RemainingTime, shown_progress
 
     remaining = RemainingTime(estimate_time(single_run_plan(prepared.plan)), runs=2 * pairs)
     folder = output or api.default_run_folder(f"{prepared.plan.name}-pairs")

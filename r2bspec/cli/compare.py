@@ -47,7 +47,7 @@ def command(
     """
     from r2bspec.compare.comparison_subject import read_compared_result
     from r2bspec.compare.result_comparison import compare
-    from r2bspec.report.comparison.comparison_formats import render
+    from r2bspec.report.comparison_formats import render
 
     first = read_compared_result(base)
     found = [

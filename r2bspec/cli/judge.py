@@ -108,7 +108,7 @@ def _load(path: Path) -> Spec:
     from r2bspec.api import InvalidSpecError
     from r2bspec.check import check
     from r2bspec.language.load_spec import load_spec
-    from r2bspec.report.findings.print_findings import show
+    from r2bspec.report.findings_text import print_findings as show
 
     loaded = load_spec(path)
     found = [

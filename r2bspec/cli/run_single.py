@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from r2bspec.cli.run_options import RunOptions
     from r2bspec.compare.merge_gate import MergeGate
     from r2bspec.judge.result import Result
-    from r2bspec.report.remaining_time import RemainingTime
+    from r2bspec.report.progress import RemainingTime
 
 
 def run_single(selection: SpecSelection, options: RunOptions) -> int:
@@ -36,7 +36,7 @@ def run_single(selection: SpecSelection, options: RunOptions) -> int:
 def _run(selection: SpecSelection, options: RunOptions, folder: _Folder) -> int:
     from r2bspec import api
     from r2bspec.plan.time_estimate import estimate_time, time_text
-    from r2bspec.report.remaining_time import RemainingTime
+    from r2bspec.report.progress import RemainingTime
     from r2bspec.report.terminal import show_result
     from r2bspec.report.write_reports import takes_stdout
 
@@ -82,7 +82,7 @@ def _show_timings(folder: Path, waited_ns: int) -> None:
     import psutil
 
     from r2bspec.record.run_folder import open_run
-    from r2bspec.report.terminal.phase_table import show_phases
+    from r2bspec.report.terminal_tables import show_phases
 
     now_ns = time.monotonic_ns()
     began_ns = now_ns - round((time.time() - psutil.Process().create_time()) * 1e9)
@@ -178,8 +178,8 @@ def execute(
     from r2bspec import api
     from r2bspec.compare.gate_strength import WeakerGateError
     from r2bspec.record.errors import FolderTakenError
-    from r2bspec.report.findings.print_findings import show
-    from r2bspec.report.progress_display import shown_progress
+    from r2bspec.report.findings_text import print_findings as show
+    from r2bspec.report.progress import shown_progress
 
     # Before the run: what is stored may be unreadable.
     ways = _ways(prepared, options)
@@ -242,7 +242,7 @@ def _ways(prepared: PreparedBenchmark, options: RunOptions) -> dict[str, Any]:
 def show_differences(result: Result, prepared: PreparedBenchmark) -> None:
     """Print differences between graph and spec that did not end the run."""
     from r2bspec import api
-    from r2bspec.report.findings.print_findings import show
+    from r2bspec.report.findings_text import print_findings as show
 
     if prepared.loaded is not None:
         show(api.differences_to_diagnostics(result, prepared.loaded), prepared.loaded.texts)
@@ -267,7 +267,7 @@ def _reports_of_failures(options: RunOptions, folder: _Folder, spec: Path) -> It
     try:
         yield
     except R2bspecError as error:
-        from r2bspec.report.failure_reports import write_failure_reports
+        from r2bspec.report.write_reports import write_failure_reports
 
         if folder.path is None or not folder.path.exists():
             with contextlib.suppress(R2bspecError):

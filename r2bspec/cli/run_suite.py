@@ -433,7 +433,7 @@ class LocalExecutor:
 
     def _play(self, number: int, entries: Sequence[SuiteEntry]) -> Result:
         from r2bspec.report.headline import headline
-        from r2bspec.report.remaining_time import RemainingTime
+        from r2bspec.report.progress import RemainingTime
 
         entry = entries[number]
         assert entry.prepared is not None  # noqa: S101 - see the caller

@@ -1,4 +1,4 @@
-"""The wording shared by all reports: requirements, bounds, the search, and notes."""
+"""The wording shared by all reports: requirements, bounds, the search, harness and code."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from r2bspec.judge.verdict import OverallOutcome, RequirementVerdict, Verdict
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import show
 from r2bspec.record.graph_identity import revision_text
-from r2bspec.record.run_record import Probe, SearchRecord, StartRecord
+from r2bspec.record.run_record import FloorRecord, Probe, SearchRecord, StartRecord
 
 OUTCOME_WORDS: dict[OverallOutcome, str] = {
     "pass": "✔ PASS",
@@ -248,3 +248,31 @@ def starts_text(starts: Sequence[StartRecord]) -> str:
         text += f" and {confirming} to confirm"
     cost_s = statistics.median(each.cost_ns for each in (starts[1:] or starts)) / 1e9
     return f"{text}, {show(cost_s, 's', 2)}{' each' if len(starts) > 1 else ''}"
+
+
+def overhead_placement(floor: tuple[FloorRecord, ...]) -> str:
+    """Between how many processes the overhead was measured; empty in records without it."""
+    processes = max((each.processes for each in floor), default=0)
+    return {1: "within one process", 2: "between two processes"}.get(processes, "")
+
+
+def joined_notes(result: Result) -> Iterator[str]:
+    """In which processes of the graph player and monitors ran."""
+    seen = dict.fromkeys((each.name, each.parts) for each in result.processes if each.parts)
+    for name, parts in seen:
+        yield (
+            f"Process {name} contains the {' and the '.join(parts)} of the harness: its processor "
+            "time, memory and page faults include theirs"
+        )
+
+
+def overhead_notes(result: Result) -> Iterator[str]:
+    """With which placement of the harness the overhead was measured, and how large it is."""
+    where = overhead_placement(result.floor)
+    known = [each.latency_p50_ns for each in result.floor if each.latency_p50_ns is not None]
+    if where and known:
+        placement = result.floor[0].placement
+        yield (
+            f"The harness overhead is at most {show(max(known) / 1e9, 's')} at p50, {where} "
+            f"(harness.placement: {placement}); the latencies contain it"
+        )

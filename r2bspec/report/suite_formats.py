@@ -56,7 +56,7 @@ def to_text(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byte
     from rich.text import Text
 
     from r2bspec.report.output import console
-    from r2bspec.report.terminal.style import table
+    from r2bspec.report.terminal_tables import table
 
     buffer = io.StringIO()
     page = console(buffer, width=_WIDEST, color_system=None, legacy_windows=False)
@@ -75,7 +75,7 @@ def to_text(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byte
 
 def to_markdown(summary: SuiteSummary, results: Results, path: str = STDOUT) -> bytes:  # noqa: ARG001
     """The same for a comment or a step summary."""
-    from r2bspec.report.formats.markdown import escaped, table
+    from r2bspec.report.markdown import escaped, table
 
     lines = [f"### {escaped(_count_text(summary))}", ""]
     lines += table(_header(summary), [tuple(map(escaped, cells)) for cells in _table(summary)])
@@ -149,7 +149,7 @@ def to_junit(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byt
     """A test suite for each run, with a case for each requirement."""
     from junitparser import Error, JUnitXml, Skipped, TestCase, TestSuite
 
-    from r2bspec.report.formats.junit import to_suite
+    from r2bspec.report.pipelines import to_suite
 
     xml = JUnitXml("r2bspec")
     for run in summary.runs:

@@ -16,8 +16,7 @@ from xml.etree import ElementTree as ET
 
 from r2bspec.diagnostics.quote import clip
 from r2bspec.record.folded_stacks import Stacks
-from r2bspec.report.html.canvas import Chart
-from r2bspec.report.html.svg import PALETTE
+from r2bspec.report.html.chart import PALETTE, Chart
 
 _WIDTH: Final = 605.0
 _ROW: Final = 13.0

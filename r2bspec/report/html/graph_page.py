@@ -7,9 +7,9 @@ import hashlib
 
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.time_estimate import estimate_time
+from r2bspec.report.html.chart import PALETTE
 from r2bspec.report.html.graph_drawing import lay_out
-from r2bspec.report.html.page_templates import own_text, render_template
-from r2bspec.report.html.svg import PALETTE
+from r2bspec.report.html.page import own_text, render_template
 
 _WIDE = "header,main{max-width:none}\n"
 """The drawing has the whole width of the window, or of the panel of an editor."""

@@ -1,7 +1,9 @@
-"""From a result to the page: the template's context, and the charts."""
+"""From a result to the page: the context of its template, its charts, and its linked numbers."""
 
 from __future__ import annotations
 
+import importlib.resources
+import re
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
@@ -23,10 +25,7 @@ from r2bspec.measure.units import at_rate, show, show_rate
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import ProfileRecord
 from r2bspec.report.headline import headline, reason_after
-from r2bspec.report.html.canvas import Chart
-from r2bspec.report.html.number_links import Numbers
-from r2bspec.report.html.page_templates import own_text, render_template
-from r2bspec.report.html.svg import PALETTE
+from r2bspec.report.html.chart import PALETTE, Chart
 from r2bspec.report.notes import notes, profile_notes
 from r2bspec.report.report_wording import (
     OUTCOME_WORDS,
@@ -47,7 +46,82 @@ from r2bspec.report.report_wording import (
 )
 
 if TYPE_CHECKING:
+    from markupsafe import Markup
+
     from r2bspec.report.html.graph_drawing import Drawing
+
+
+class Numbers:
+    """Writes a value of the result as ``<data value="0.0123" data-path="…">12.3 ms</data>``.
+
+    The exact value is in the markup of the rounded text, so that a program, or a test, can read the
+    page and compare it with the file.
+    """
+
+    def __init__(self, result: Any) -> None:
+        self._result = result
+
+    def __call__(self, path: str, unit: str) -> Markup:
+        """The value at a path, a JSON pointer without its first slash; or a dash.
+
+        Raises:
+            KeyError: the result has no such place.
+        """
+        from markupsafe import Markup
+
+        value = self._result
+        for part in path.split("/"):
+            value = value[int(part)] if isinstance(value, list | tuple) else value[_unescaped(part)]
+        if value is None:
+            return Markup("-")
+        return Markup('<data value="{}" data-path="{}">{}</data>').format(
+            repr(value), path, show(float(value), unit)
+        )
+
+
+def pointer(key: str) -> str:
+    """A key as a part of a JSON pointer (RFC 6901)."""
+    return key.replace("~", "~0").replace("/", "~1")
+
+
+def _unescaped(part: str) -> str:
+    return part.replace("~1", "/").replace("~0", "~")
+
+
+_CONTROL_CHARACTERS = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
+
+
+def render_template(name: str, context: dict[str, Any]) -> bytes:
+    """A page, UTF-8. The same context gives the same bytes.
+
+    Args:
+        name: of a file in the folder of this module.
+        context: the names that the template uses; every text is escaped.
+    """
+    import jinja2
+
+    files = importlib.resources.files("r2bspec.report.html")
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(lambda each: files.joinpath(each).read_text("utf-8")),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["pointer"] = pointer
+    page = environment.get_template(name).render(context)
+    # HTML cannot contain control characters and the lone surrogates of broken file names.
+    text = _CONTROL_CHARACTERS.sub("\N{REPLACEMENT CHARACTER}", page)
+    return text.encode("utf-8", errors="replace") + b"\n"
+
+
+def own_text(name: str) -> Markup:
+    """A file in the folder of this module, which a template contains without escapes."""
+    from markupsafe import Markup
+
+    files = importlib.resources.files("r2bspec.report.html")
+    return Markup(files.joinpath(name).read_text("utf-8"))  # noqa: S704 - our file
+
 
 _ORDER = ("fail", "inconclusive", "pass")
 
@@ -161,14 +235,14 @@ def _charts(report_input: ReportInput, monitors: list[str]) -> dict[str, list[Ch
         each: [] for each in ("latency", "offered", "loads", "baseline", "profiles")
     }
     if any(rate.offered_hz for rate in metrics.rates):
-        from r2bspec.report.html.load_curve import load_curve_chart
+        from r2bspec.report.html.throughput_charts import load_curve_chart
 
         verdict = report_input.result.verdict
         found["offered"].append(load_curve_chart("offered", metrics, report_input.run, verdict))
     if report_input.run is not None:
         found["latency"] = [*_latency_charts(report_input, monitors)]
         found["baseline"] = [*_baseline_charts(report_input, monitors)]
-        from r2bspec.report.html.load_chart import loads_chart
+        from r2bspec.report.html.load_charts import loads_chart
 
         loads = loads_chart("loads", report_input.run)
         found["loads"] = [loads] if loads is not None else []
@@ -197,8 +271,7 @@ def _flame_graph(name: str, run: Run, profile: ProfileRecord) -> Chart | None:
 
 
 def _latency_charts(report_input: ReportInput, monitors: list[str]) -> Iterator[Chart]:
-    from r2bspec.report.html.message_chart import messages_chart
-    from r2bspec.report.html.percentile_curve import percentile_chart
+    from r2bspec.report.html.latency_charts import messages_chart, percentile_chart
 
     samples, run = report_input.samples, report_input.run
     verdict = report_input.result.verdict
@@ -211,7 +284,7 @@ def _latency_charts(report_input: ReportInput, monitors: list[str]) -> Iterator[
 
 
 def _baseline_charts(report_input: ReportInput, monitors: list[str]) -> Iterator[Chart]:
-    from r2bspec.report.html.latency_distribution import ecdf_chart
+    from r2bspec.report.html.latency_charts import ecdf_chart
 
     samples, baseline = report_input.samples, report_input.baseline_samples
     if samples is None or baseline is None:

@@ -21,8 +21,8 @@ from r2bspec.judge.judge_run import to_json as result_json
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import SearchRecord
-from r2bspec.report.comparison.text import to_json, to_markdown, to_text
-from r2bspec.report.formats.ros2_benchmark import render
+from r2bspec.report.comparison_formats import to_json, to_markdown, to_text
+from r2bspec.report.ros2_benchmark import render
 from report_runs import TWO, GraphSimulation, skewed
 from run_simulation import Played, Simulation, probe
 

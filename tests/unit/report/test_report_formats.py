@@ -267,7 +267,7 @@ def test_github_commands_stay_on_their_lines(tmp_path: Path) -> None:
 
 
 def test_ranks_of_a_large_run_stay_few(tmp_path: Path) -> None:
-    from r2bspec.report.html.percentile_curve import _ranks
+    from r2bspec.report.html.latency_charts import _ranks
 
     ranks = _ranks(200_000)
     assert ranks.size <= 300

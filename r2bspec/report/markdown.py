@@ -1,0 +1,218 @@
+"""Markdown for a pull request or a step summary: the verdict visible, the rest folded.
+
+GitHub rejects comments of more than 65,536 characters; the tables are cut, with a count of the
+omitted rows, long before that.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable, Iterator, Sequence
+
+from r2bspec.compare.report_input import ReportInput
+from r2bspec.judge.result import Result
+from r2bspec.judge.verdict import Verdict
+from r2bspec.measure.distribution import (
+    MAIN_PERCENTILES,
+    SHORT_PERCENTILES,
+    part_title,
+    part_value,
+)
+from r2bspec.measure.metrics import RunMetrics
+from r2bspec.measure.units import show, show_rate
+from r2bspec.report.headline import headline, reason_after
+from r2bspec.report.notes import notes
+from r2bspec.report.report_wording import (
+    bounds_text,
+    code_facts,
+    code_text,
+    comparison,
+    estimate_text,
+    loaded_rmw,
+    overhead_notes,
+    own_pace,
+    peak_text,
+    reasons,
+    requirement_text,
+    several_monitors,
+    starts_text,
+    verdict_word,
+)
+
+_MAX_ROWS = 60
+"""The largest number of rows of a table."""
+
+_LATENCIES = (*MAIN_PERCENTILES, "max")
+
+_ORDER = ("fail", "inconclusive", "pass")
+
+
+def render(report_input: ReportInput) -> bytes:
+    """The report: CommonMark with the tables and folding of GitHub and GitLab."""
+    return "\n".join(_lines(report_input)).encode()
+
+
+def _lines(report_input: ReportInput) -> Iterator[str]:
+    result = report_input.result
+    verdict = result.verdict
+    line = headline(result)
+    yield f"### {escaped(line)}"
+    yield ""
+    if reason := reason_after(line, verdict):
+        yield escaped(reason)
+        yield ""
+    if result.title and result.title != result.name:
+        yield escaped(result.title)
+        yield ""
+    if facts := [*filter(None, (loaded_rmw(result), code_text(result)))]:
+        yield " · ".join(map(code, facts))
+        yield ""
+    if compared := [*comparison(result)]:
+        yield from (f"{escaped(each)}  " for each in compared)
+        yield ""
+    if verdict.requirements:
+        verbose = report_input.verbose
+        yield from _requirements(verdict, own_pace(result.metrics), verbose=verbose)
+    told = notes(result, verbose=report_input.verbose)
+    yield from (f"> {escaped(note)}  " for note in (*told.shown, told.more) if note)
+    yield ""
+    yield from folded("Measurements", _measured(result, told.shown))
+    yield from folded("Environment", _provenance(report_input))
+
+
+def _bounds_heading(verdict: Verdict) -> str:
+    """The heading of the bounds, with their confidence if it is the same for all."""
+    confidences = {one.confidence for one in verdict.requirements}
+    return f"{show(confidences.pop(), 'share', 4)} bounds" if len(confidences) == 1 else "bounds"
+
+
+def _requirements(verdict: Verdict, pace: str, *, verbose: bool) -> Iterator[str]:
+    several = several_monitors(verdict)
+    ordered = sorted(verdict.requirements, key=lambda one: _ORDER.index(one.outcome))
+    yield from table(
+        ("verdict", "requirement", "at", "estimate", _bounds_heading(verdict), "limit"),
+        [
+            (
+                verdict_word(one),
+                f"{escaped(one.objective)}: {code(requirement_text(one, name_monitor=several))}",
+                show_rate(one.at_hz, pace) if one.at_hz is not None else "",
+                escaped(estimate_text(one)),
+                escaped(bounds_text(one)),
+                show(one.limit, one.unit) if one.limit is not None else "",
+            )
+            for one in ordered
+        ],
+    )
+    # The table does not show the values behind a ratio that passes.
+    explained = [
+        one for one in ordered if verbose or one.outcome != "pass" or one.compared is not None
+    ][:_MAX_ROWS]
+    for one, texts in zip(explained, reasons(explained, name_monitor=several), strict=True):
+        text = code(requirement_text(one, name_monitor=several))
+        yield f"- **{escaped(one.objective)}** {text}: {' '.join(map(escaped, texts))}"
+    yield ""
+
+
+def _measured(result: Result, said: Collection[str]) -> Iterator[str]:
+    metrics = result.metrics
+    names = dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.monitors)
+    for name in names:
+        yield f"**{escaped(result.monitor_title(name))}**"
+        yield ""
+        yield from table(
+            ("offered", "throughput", *map(part_title, _LATENCIES), "sent", "missed"),
+            [
+                (
+                    show_rate(rate.offered_hz, rate.pace),
+                    show(seen.throughput_hz, "Hz"),
+                    *(show(part_value(seen.latency, part), "s") for part in _LATENCIES),
+                    show(seen.sent, "count"),
+                    show(seen.missed, "count"),
+                )
+                for rate in metrics.rates
+                if (seen := rate.pooled.monitors[name])
+            ],
+        )
+        yield from _hops(metrics, name)
+    if metrics.search is not None and metrics.search.probes:
+        yield f"Peak {escaped(peak_text(metrics.search))}"
+        yield ""
+    for text in overhead_notes(result):
+        if text not in said:
+            yield escaped(text)
+            yield ""
+
+
+def _hops(metrics: RunMetrics, monitor: str) -> Iterator[str]:
+    """The latency of the hops to a monitor; nothing where it is not tapped."""
+    rows = [
+        (
+            show_rate(rate.offered_hz, rate.pace),
+            escaped(f"{hop.source} → {hop.target}"),
+            *(show(part_value(hop.latency, part), "s") for part in SHORT_PERCENTILES),
+            show(hop.matched, "count"),
+            show(hop.missed, "count"),
+        )
+        for rate in metrics.rates
+        for hop in rate.pooled.monitors[monitor].hops
+    ]
+    if rows:
+        yield f"Hops to **{escaped(monitor)}**"
+        yield ""
+        shown = map(part_title, SHORT_PERCENTILES)
+        yield from table(("offered", "from → to", *shown, "matched", "missed"), rows)
+
+
+def _provenance(report_input: ReportInput) -> Iterator[str]:
+    result = report_input.result
+    facts = {
+        "run": result.run_id,
+        "started": result.started_at,
+        "plan": result.plan_hash,
+        "starts": starts_text(result.starts),
+        **{f"dataset {key}": value for key, value in result.dataset.items()},
+        **{f"machine {key}": value for key, value in result.machine.items()},
+        **{f"version of {key}": value for key, value in result.versions.items()},
+        **code_facts(result),
+    }
+    yield from table(
+        ("what", "value"),
+        [(escaped(str(key)), escaped(str(value))) for key, value in facts.items() if value != ""],
+    )
+
+
+def folded(title: str, lines: Iterable[str]) -> Iterator[str]:
+    """Lines folded below a title; nothing if there are none."""
+    content = [*lines]
+    if content:
+        yield from (f"<details><summary>{escaped(title)}</summary>", "", *content)
+        yield from ("</details>", "")
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    """A table; its cells are Markdown already."""
+    yield f"| {' | '.join(header)} |"
+    yield f"| {' | '.join('---' for _ in header)} |"
+    yield from (f"| {' | '.join(row)} |" for row in rows[:_MAX_ROWS])
+    yield ""
+    if len(rows) > _MAX_ROWS:
+        yield f"{len(rows) - _MAX_ROWS} more rows are not shown."
+        yield ""
+
+
+def escaped(text: str) -> str:
+    """Text shown literally by Markdown: no markup, no links, no mentions, on one line."""
+    line = " ".join(text.split())
+    line = line.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    line = re.sub(r"([\\`*_\[\]|~#$])", r"\\\1", line)
+    # Entities keep '@name' from being a mention, and 'http://' from being a link.
+    return line.replace("@", "&#64;").replace("://", "&#58;//")
+
+
+def code(text: str) -> str:
+    """Text in a code span, fit for the cell of a table."""
+    line = " ".join(text.split()).replace("|", "\\|")
+    longest = max((len(run) for run in re.findall(r"`+", line)), default=0)
+    fence = "`" * (longest + 1)
+    pad = " " if longest else ""
+    return f"{fence}{pad}{line}{pad}{fence}"
