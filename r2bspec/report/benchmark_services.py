@@ -10,106 +10,105 @@ github-action-benchmark reads a list, of which either the smaller or the bigger 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterable, Iterator
+from typing import Any, Final
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics.plain_text import escaped_json
-from r2bspec.measure.distribution import MAIN_PERCENTILES, part_value
+from r2bspec.measure.distribution import MAIN_PERCENTILES
 from r2bspec.measure.metrics import MonitorMetrics, RateMetrics
-from r2bspec.measure.units import at_rate, rate_name, show_range
+from r2bspec.measure.units import at_rate, rate_name
 from r2bspec.report.report_wording import peak_text
+from r2bspec.report.result_table import Measured, measured
 
-_MEASURES = (
-    ("latency", "latency.mean", 1e9),
-    *((f"latency-{part}", f"latency.{part}", 1e9) for part in MAIN_PERCENTILES),
-    ("throughput", "throughput.mean", 1.0),
-    ("drop-rate", "drop_rate", 1.0),
-)
+_MEASURES: Final = {
+    "latency": ("latency.mean", 1e9),
+    **{f"latency-{part}": (f"latency.{part}", 1e9) for part in MAIN_PERCENTILES},
+    "throughput": ("throughput.mean", 1.0),
+    "drop-rate": ("drop_rate", 1.0),
+}
+"""The measures of Bencher: metric, and factor to the unit of the measure."""
+
+_SMALLER: Final = {
+    **{f"latency.{part}": ("ms", 1e3) for part in ("mean", *MAIN_PERCENTILES)},
+    "drop_rate": ("%", 100.0),
+}
+_BIGGER: Final = {"throughput.mean": ("Hz", 1.0)}
+"""The metrics of which the smaller, or the bigger, value is better: unit, and factor to it."""
 
 
 def render_bencher(report_input: ReportInput) -> bytes:
     """The object, for ``bencher run --adapter json``."""
     result = report_input.result
-    found: dict[str, Any] = {}
-    for rate in result.metrics.rates:
-        for monitor in rate.pooled.monitors:
-            found[f"{result.name}/{monitor}@{rate_name(rate.offered_hz, rate.pace)}"] = _measures(
-                rate, monitor
-            )
+    benchmarks: dict[str, Any] = {}
+    for row in measured(result.metrics):
+        rate = rate_name(row.rate.offered_hz, row.rate.pace)
+        benchmarks[f"{result.name}/{row.monitor}@{rate}"] = _measures(row)
     search = result.metrics.search
     if search is not None and search.holds_hz is not None:
         peak = {"value": search.holds_hz, "lower_value": search.holds_hz}
         if search.upper_hz is not None:
             peak["upper_value"] = search.upper_hz
-        found[f"{result.name}/peak"] = {"throughput": peak}
-    return (json.dumps(found, indent=2) + "\n").encode()
+        benchmarks[f"{result.name}/peak"] = {"throughput": peak}
+    return (json.dumps(benchmarks, indent=2) + "\n").encode()
 
 
-def _measures(rate: RateMetrics, monitor: str) -> dict[str, Any]:
-    seen, spread = rate.pooled.monitors[monitor], rate.spread[monitor]
-    values = {
-        "throughput.mean": seen.throughput_hz,
-        "drop_rate": seen.drop_rate,
-        **{
-            f"latency.{part}": part_value(seen.latency, part)
-            for part in ("mean", *MAIN_PERCENTILES)
-        },
-    }
-    found: dict[str, Any] = {}
-    for slug, metric, factor in _MEASURES:
-        value = values[metric]
+def _measures(row: Measured) -> dict[str, Any]:
+    measures: dict[str, Any] = {}
+    for name, (metric, factor) in _MEASURES.items():
+        value, spread = row.value(metric), row.spread(metric)
         if value is None:
             continue
-        found[slug] = {"value": value * factor}
-        if metric in spread:
+        measures[name] = {"value": value * factor}
+        if spread is not None:
             # Pooled percentiles may lie outside the range of the iterations.
-            found[slug]["lower_value"] = min(spread[metric].low, value) * factor
-            found[slug]["upper_value"] = max(spread[metric].high, value) * factor
-    return found
+            measures[name]["lower_value"] = min(spread.low, value) * factor
+            measures[name]["upper_value"] = max(spread.high, value) * factor
+    return measures
 
 
-_SMALLER = (
-    *((f"latency.{part}", "s", 1e3, "ms") for part in ("mean", *MAIN_PERCENTILES)),
-    ("drop_rate", "share", 100.0, "%"),
-)
-_BIGGER = (("throughput.mean", "Hz", 1.0, "Hz"),)
+def render_smaller(report_input: ReportInput) -> bytes:
+    """The list for github-action-benchmark's tool ``customSmallerIsBetter``."""
+    return _to_list(
+        entry
+        for row in measured(report_input.result.metrics)
+        for entry in _entries(report_input.result.name, row, _SMALLER)
+    )
 
 
-def to_json(report_input: ReportInput, *, bigger: bool) -> bytes:
-    """The list for ``customBiggerIsBetter`` or for ``customSmallerIsBetter``."""
+def render_bigger(report_input: ReportInput) -> bytes:
+    """The list for its tool ``customBiggerIsBetter``, with the peak at its end."""
     result = report_input.result
     entries = [
-        entry
-        for rate in result.metrics.rates
-        for monitor in rate.pooled.monitors
-        for entry in _entries(result.name, rate, monitor, bigger=bigger)
+        entry for row in measured(result.metrics) for entry in _entries(result.name, row, _BIGGER)
     ]
     search = result.metrics.search
-    if bigger and search is not None and search.holds_hz is not None:
-        found = {"name": f"{result.name}: peak", "unit": "Hz", "value": search.holds_hz}
-        entries.append(found | {"extra": peak_text(search)})
-    return escaped_json((json.dumps(entries, indent=2, ensure_ascii=False) + "\n").encode())
+    if search is not None and search.holds_hz is not None:
+        peak = {"name": f"{result.name}: peak", "unit": "Hz", "value": search.holds_hz}
+        entries.append(peak | {"extra": peak_text(search)})
+    return _to_list(entries)
+
+
+def _to_list(entries: Iterable[dict[str, Any]]) -> bytes:
+    text = json.dumps([*entries], indent=2, ensure_ascii=False)
+    return escaped_json(f"{text}\n".encode())
 
 
 def _entries(
-    name: str, rate: RateMetrics, monitor: str, *, bigger: bool
+    name: str, row: Measured, metrics: dict[str, tuple[str, float]]
 ) -> Iterator[dict[str, Any]]:
-    seen, spread = rate.pooled.monitors[monitor], rate.spread[monitor]
-    for metric, unit, factor, shown in _BIGGER if bigger else _SMALLER:
-        family, _, part = metric.partition(".")
-        value = {"throughput": seen.throughput_hz, "drop_rate": seen.drop_rate}.get(family)
-        value = part_value(seen.latency, part) if family == "latency" else value
+    for metric, (unit, factor) in metrics.items():
+        value = row.value(metric)
         if value is None:
             continue
         entry: dict[str, Any] = {
-            "name": f"{name}: {monitor} {metric} {_at(rate)}",
-            "unit": shown,
+            "name": f"{name}: {row.monitor} {metric} {_at(row.rate)}",
+            "unit": unit,
             "value": value * factor,
-            "extra": f"{len(rate.iterations)} iterations, {_missed(seen)}",
+            "extra": f"{len(row.rate.iterations)} iterations, {_missed(row.seen)}",
         }
-        if metric in spread:
-            entry["range"] = show_range(spread[metric].low, spread[metric].high, unit)
+        if row.spread(metric) is not None:
+            entry["range"] = row.range_text(metric)
         yield entry
 
 
@@ -122,13 +121,3 @@ def _missed(seen: MonitorMetrics) -> str:
     if seen.sent is None:
         return f"{seen.received} received"
     return f"{seen.missed} of {seen.expected} missed"
-
-
-def render_bigger(report_input: ReportInput) -> bytes:
-    """The list; see `r2bspec.report.benchmark_services`."""
-    return to_json(report_input, bigger=True)
-
-
-def render_smaller(report_input: ReportInput) -> bytes:
-    """The list; see `r2bspec.report.benchmark_services`."""
-    return to_json(report_input, bigger=False)

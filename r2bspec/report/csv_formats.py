@@ -10,7 +10,7 @@ import csv
 import io
 
 from r2bspec.compare.report_input import ReportInput
-from r2bspec.report.result_rows import result_rows
+from r2bspec.report.result_table import result_rows
 from r2bspec.report.timeline import expected_answers
 
 VALUES_HEADER = ("run_id", "name", "offered_hz", "iteration", "monitor", "metric", "unit", "value")

@@ -38,7 +38,7 @@ from r2bspec.diagnostics.quote import printable
 from r2bspec.report.findings_text import code_with_slug, render_text, slug_of
 
 if TYPE_CHECKING:
-    from junitparser import TestCase
+    from junitparser import JUnitXml, TestCase
 
 
 FORMATS = {
@@ -251,6 +251,11 @@ def _junit(diagnostics: Sequence[Diagnostic], files: Iterable[str]) -> str:
             was_checked = not unusable or family in _DOCUMENT_FAMILIES
             suite.add_testcase(_case(f"R2B{family}xx {title}", file, own, was_checked=was_checked))
         xml.add_testsuite(suite)
+    return junit_text(xml)
+
+
+def junit_text(xml: JUnitXml) -> str:
+    """A document of JUnit XML as text, with a newline at its end."""
     buffer = io.BytesIO()
     xml.write(buffer, pretty=True)
     return buffer.getvalue().decode().rstrip() + "\n"
@@ -305,12 +310,17 @@ def _github(diagnostics: Sequence[Diagnostic], _files: Iterable[str]) -> str:
 
 
 def _annotation(found: Diagnostic) -> str:
-    span = found.span
+    text = f"{found.message}\n{found.help}" if found.help else found.message
+    title = code_with_slug(found.code)
+    return command(_COMMANDS[found.severity], title, text, command_place(found.span))
+
+
+def command_place(span: Span) -> dict[str, str]:
+    """The properties of a workflow command that place it on the lines of a file."""
     place = {"file": span.file, "line": str(span.line), "endLine": str(span.end_line)}
     if span.end_line == span.line:  # GitHub refuses columns for a span of several lines
         place |= {"col": str(span.column), "endColumn": str(span.end_column)}
-    text = f"{found.message}\n{found.help}" if found.help else found.message
-    return command(_COMMANDS[found.severity], code_with_slug(found.code), text, place)
+    return place
 
 
 def command(kind: str, title: str, text: str, place: Mapping[str, str]) -> str:

@@ -23,28 +23,32 @@ from r2bspec.measure.units import show, show_rate
 from r2bspec.report.headline import headline, reason_after
 from r2bspec.report.notes import notes
 from r2bspec.report.report_wording import (
-    bounds_text,
     code_facts,
     code_text,
     comparison,
-    estimate_text,
     loaded_rmw,
     overhead_notes,
     own_pace,
     peak_text,
-    reasons,
-    requirement_text,
-    several_monitors,
     starts_text,
-    verdict_word,
+)
+from r2bspec.report.result_table import (
+    METRICS,
+    measured,
+    monitor_names,
+    reasons,
+    requirement_rows,
 )
 
 _MAX_ROWS = 60
 """The largest number of rows of a table."""
 
-_LATENCIES = (*MAIN_PERCENTILES, "max")
-
-_ORDER = ("fail", "inconclusive", "pass")
+_COLUMNS = (
+    "throughput.mean",
+    *(f"latency.{part}" for part in (*MAIN_PERCENTILES, "max")),
+    *("sent", "missed"),
+)
+"""The metrics of the table of a monitor."""
 
 
 def render(report_input: ReportInput) -> bytes:
@@ -87,50 +91,43 @@ def _bounds_heading(verdict: Verdict) -> str:
 
 
 def _requirements(verdict: Verdict, pace: str, *, verbose: bool) -> Iterator[str]:
-    several = several_monitors(verdict)
-    ordered = sorted(verdict.requirements, key=lambda one: _ORDER.index(one.outcome))
+    rows = requirement_rows(verdict, worst_first=True)
     yield from table(
         ("verdict", "requirement", "at", "estimate", _bounds_heading(verdict), "limit"),
         [
             (
-                verdict_word(one),
-                f"{escaped(one.objective)}: {code(requirement_text(one, name_monitor=several))}",
-                show_rate(one.at_hz, pace) if one.at_hz is not None else "",
-                escaped(estimate_text(one)),
-                escaped(bounds_text(one)),
-                show(one.limit, one.unit) if one.limit is not None else "",
+                row.word,
+                f"{escaped(row.verdict.objective)}: {code(row.text)}",
+                show_rate(row.verdict.at_hz, pace) if row.verdict.at_hz is not None else "",
+                escaped(row.estimate),
+                escaped(row.bounds),
+                row.limit,
             )
-            for one in ordered
+            for row in rows
         ],
     )
     # The table does not show the values behind a ratio that passes.
     explained = [
-        one for one in ordered if verbose or one.outcome != "pass" or one.compared is not None
+        row
+        for row in rows
+        if verbose or row.verdict.outcome != "pass" or row.verdict.compared is not None
     ][:_MAX_ROWS]
-    for one, texts in zip(explained, reasons(explained, name_monitor=several), strict=True):
-        text = code(requirement_text(one, name_monitor=several))
-        yield f"- **{escaped(one.objective)}** {text}: {' '.join(map(escaped, texts))}"
+    for row, texts in zip(explained, reasons(explained), strict=True):
+        name = f"- **{escaped(row.verdict.objective)}** {code(row.text)}"
+        yield f"{name}: {' '.join(map(escaped, texts))}"
     yield ""
 
 
 def _measured(result: Result, said: Collection[str]) -> Iterator[str]:
     metrics = result.metrics
-    names = dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.monitors)
-    for name in names:
+    for name in monitor_names(metrics):
         yield f"**{escaped(result.monitor_title(name))}**"
         yield ""
         yield from table(
-            ("offered", "throughput", *map(part_title, _LATENCIES), "sent", "missed"),
+            ("offered", *(METRICS[metric].title for metric in _COLUMNS)),
             [
-                (
-                    show_rate(rate.offered_hz, rate.pace),
-                    show(seen.throughput_hz, "Hz"),
-                    *(show(part_value(seen.latency, part), "s") for part in _LATENCIES),
-                    show(seen.sent, "count"),
-                    show(seen.missed, "count"),
-                )
-                for rate in metrics.rates
-                if (seen := rate.pooled.monitors[name])
+                (row.offered, *(row.text(metric) for metric in _COLUMNS))
+                for row in measured(metrics, name)
             ],
         )
         yield from _hops(metrics, name)
@@ -147,14 +144,14 @@ def _hops(metrics: RunMetrics, monitor: str) -> Iterator[str]:
     """The latency of the hops to a monitor; nothing where it is not tapped."""
     rows = [
         (
-            show_rate(rate.offered_hz, rate.pace),
+            row.offered,
             escaped(f"{hop.source} → {hop.target}"),
             *(show(part_value(hop.latency, part), "s") for part in SHORT_PERCENTILES),
             show(hop.matched, "count"),
             show(hop.missed, "count"),
         )
-        for rate in metrics.rates
-        for hop in rate.pooled.monitors[monitor].hops
+        for row in measured(metrics, monitor)
+        for hop in row.seen.hops
     ]
     if rows:
         yield f"Hops to **{escaped(monitor)}**"

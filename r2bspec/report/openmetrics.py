@@ -11,10 +11,11 @@ from dataclasses import dataclass, field
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.verdict import EXIT_CODES
 from r2bspec.measure.distribution import PERCENTILES, Distribution, part_value
-from r2bspec.measure.metrics import RateMetrics
+from r2bspec.measure.metrics import RateMetrics, RunMetrics
 from r2bspec.measure.units import rate_name
 from r2bspec.record.run_record import FloorRecord
 from r2bspec.report.report_wording import own_pace
+from r2bspec.report.result_table import METRICS, measured
 
 _SUMMARIES = {
     "latency": "Time from publication of the input to reception of the output.",
@@ -23,17 +24,25 @@ _SUMMARIES = {
     "jitter": "Absolute difference of consecutive intervals.",
 }
 
-_COUNTS = {
-    "sent": "Steps played.",
-    "answered": "Expected outputs received.",
-    "missed": "Expected outputs not received.",
-    "received": "Messages received, matched or not.",
-    "duplicates": "Repeated outputs of a step.",
-    "reordered": "Outputs received after that of a later step.",
-    "unmatched": "Messages that match no step.",
-    "late": "Outputs received after the period of the last step.",
-    "overdue": "Unmatched messages that match a step of an earlier segment.",
+_GAUGES = {
+    "throughput.mean": ("throughput_hertz", "hertz", "Outputs per second."),
+    "drop_rate": ("drop_ratio", "ratio", "Missed outputs / expected outputs."),
+    **{
+        count: (f"{count}_messages", "messages", about)
+        for count, about in {
+            "sent": "Steps played.",
+            "answered": "Expected outputs received.",
+            "missed": "Expected outputs not received.",
+            "received": "Messages received, matched or not.",
+            "duplicates": "Repeated outputs of a step.",
+            "reordered": "Outputs received after that of a later step.",
+            "unmatched": "Messages that match no step.",
+            "late": "Outputs received after the period of the last step.",
+            "overdue": "Unmatched messages that match a step of an earlier segment.",
+        }.items()
+    },
 }
+"""The metrics of a monitor that are one number: name of the family, unit, and description."""
 
 _OUTCOMES = ("pass", "fail", "inconclusive")
 
@@ -75,7 +84,7 @@ def _families(report_input: ReportInput) -> Iterator[_Family]:
     yield _states("r2bspec_verdict", "Outcome of the run.", named, result.verdict.outcome)
     yield _requirements(report_input)
     yield _ratios(report_input)
-    yield from _of_monitors(result.metrics.rates, named)
+    yield from _of_monitors(result.metrics, named)
     yield from _of_processes(result.metrics.rates, named)
     peak = _Family(
         "r2bspec_peak_hertz", "gauge", "Highest sustained rate: lower bound of the peak.", "hertz"
@@ -161,34 +170,32 @@ def _ratios(report_input: ReportInput) -> _Family:
     return family
 
 
-def _of_monitors(rates: tuple[RateMetrics, ...], named: Labels) -> Iterator[_Family]:
-    seen = [
-        ({**named, "offered_hz": _rate(rate.offered_hz, rate.pace), "monitor": monitor}, metrics)
-        for rate in rates
-        for monitor, metrics in rate.pooled.monitors.items()
+def _of_monitors(metrics: RunMetrics, named: Labels) -> Iterator[_Family]:
+    rows = [
+        (
+            {
+                **named,
+                "offered_hz": _rate(row.rate.offered_hz, row.rate.pace),
+                "monitor": row.monitor,
+            },
+            row.seen,
+        )
+        for row in measured(metrics)
     ]
     for key, about in _SUMMARIES.items():
         family = _Family(f"r2bspec_{key}_seconds", "summary", about, "seconds")
-        for labels, metrics in seen:
-            times = getattr(metrics, key)
+        for labels, seen in rows:
+            times = getattr(seen, key)
             # In a live run, what was sent is unknown, and so are some times.
-            if times.n or metrics.sent is not None:
+            if times.n or seen.sent is not None:
                 family.samples += _summary(times, labels)
         yield family
-    gauge = _Family("r2bspec_throughput_hertz", "gauge", "Outputs per second.", "hertz")
-    gauge.samples += [("", labels, metrics.throughput_hz) for labels, metrics in seen]
-    yield gauge
-    gauge = _Family("r2bspec_drop_ratio", "gauge", "Missed outputs / expected outputs.", "ratio")
-    gauge.samples += [
-        ("", labels, metrics.drop_rate) for labels, metrics in seen if metrics.drop_rate is not None
-    ]
-    yield gauge
-    for key, about in _COUNTS.items():
-        gauge = _Family(f"r2bspec_{key}_messages", "gauge", about, "messages")
+    for metric, (name, unit, about) in _GAUGES.items():
+        gauge = _Family(f"r2bspec_{name}", "gauge", about, unit)
         gauge.samples += [
-            ("", labels, count)
-            for labels, metrics in seen
-            if (count := getattr(metrics, key)) is not None
+            ("", labels, value)
+            for labels, seen in rows
+            if (value := METRICS[metric].value(seen)) is not None
         ]
         yield gauge
 

@@ -14,9 +14,7 @@ drops the rest without a message: a last line says how many were omitted.
 from __future__ import annotations
 
 import datetime
-import io
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,20 +25,16 @@ from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.located_tree import ListNode, ScalarNode, lookup
-from r2bspec.measure.units import at_rate, show
-from r2bspec.report.finding_formats import command
+from r2bspec.report.finding_formats import command, command_place, junit_text
 from r2bspec.report.headline import headline, reason_after, requirement_headline
 from r2bspec.report.notes import notes, particular_sentences, unplayed_notes
 from r2bspec.report.report_wording import (
-    bounds_text,
     code_text,
     comparison,
-    estimate_text,
     outcome_title,
-    requirement_text,
     several_monitors,
-    verdict_word,
 )
+from r2bspec.report.result_table import RequirementRow, requirement_rows
 from r2bspec.untrusted.safe_file import is_regular
 
 if TYPE_CHECKING:
@@ -49,24 +43,26 @@ if TYPE_CHECKING:
 
 def render_junit(report_input: ReportInput) -> bytes:
     """The XML, with inconclusive requirements as errors."""
-    return to_xml(report_input, lenient=False)
+    return _to_xml(report_input, lenient=False)
 
 
-def to_xml(report_input: ReportInput, *, lenient: bool) -> bytes:
-    """The XML; with `lenient`, inconclusive requirements are skipped cases instead of errors."""
+def render_junit_lenient(report_input: ReportInput) -> bytes:
+    """The XML, with inconclusive requirements as skipped cases."""
+    return _to_xml(report_input, lenient=True)
+
+
+def _to_xml(report_input: ReportInput, *, lenient: bool) -> bytes:
     from junitparser import JUnitXml
 
     suite = to_suite(report_input, lenient=lenient)
     xml = JUnitXml(suite.name)
     xml.add_testsuite(suite)
     xml.time = suite.time
-    buffer = io.BytesIO()
-    xml.write(buffer, pretty=True)
-    return buffer.getvalue().rstrip() + b"\n"
+    return junit_text(xml).encode()
 
 
 def to_suite(report_input: ReportInput, *, lenient: bool) -> TestSuite:
-    """The test suite of one run; see `to_xml`."""
+    """The test suite of one run; see `render_junit` and `render_junit_lenient`."""
     from junitparser import TestSuite
 
     result = report_input.result
@@ -80,8 +76,8 @@ def to_suite(report_input: ReportInput, *, lenient: bool) -> TestSuite:
     for key, value in result.labels.items():
         suite.add_property(printable(f"label.{key}"), printable(str(value)))
     suite.add_testcase(_run_case(report_input, name))
-    for one in result.verdict.requirements:
-        suite.add_testcase(_requirement_case(one, result, lenient=lenient))
+    for row in requirement_rows(result.verdict):
+        suite.add_testcase(_requirement_case(row, result, lenient=lenient))
     # After the cases: adding one makes the suite sum up the times of all.
     suite.time = _duration_s(result.started_at, result.ended_at)
     return suite
@@ -111,32 +107,27 @@ def _run_case(report_input: ReportInput, name: str) -> TestCase:
     return case
 
 
-def _requirement_case(one: RequirementVerdict, result: Result, *, lenient: bool) -> TestCase:
+def _requirement_case(row: RequirementRow, result: Result, *, lenient: bool) -> TestCase:
     from junitparser import Error, Failure, Skipped, TestCase
 
-    name, several = printable(result.name), several_monitors(result.verdict)
-    text = requirement_text(one, name_monitor=several)
-    at = f" {at_rate(one.at_hz)}" if one.at_hz else ""
-    case = TestCase(printable(f"{text}{at}"), printable(f"{name}.{one.objective}"))
+    verdict = row.verdict
+    case = TestCase(printable(row.title), printable(f"{result.name}.{verdict.objective}"))
     # The notes of all requirements are those of the run, among the output of its case.
-    reason = printable_lines(" ".join(filter(None, (one.reason, one.settle))))
-    if one.outcome == "pass" or one.level != "error":
-        case.system_out = f"{verdict_word(one)}: {reason}\n{_numbers(one)}"
-    else:
-        kind = Failure if one.outcome == "fail" else Skipped if lenient else Error
-        line = requirement_headline(one, result, name_monitor=several)
-        found = kind(printable_lines(line), one.outcome)
-        found.text = f"{reason}\n{_numbers(one)}"
-        case.result = [found]
-    return case
-
-
-def _numbers(one: RequirementVerdict) -> str:
-    limit = show(one.limit, one.unit) if one.limit is not None else "-"
-    return (
-        f"estimate {estimate_text(one)}, bounds {bounds_text(one) or '-'}, limit {limit}, "
-        f"n {one.n}, {one.method}, confidence {one.confidence:g}"
+    reason = printable_lines(" ".join(filter(None, (verdict.reason, verdict.settle))))
+    numbers = (
+        f"estimate {row.estimate}, bounds {row.bounds or '-'}, limit {row.limit or '-'}, "
+        f"n {verdict.n}, {verdict.method}, confidence {verdict.confidence:g}"
     )
+    if verdict.outcome == "pass" or verdict.level != "error":
+        case.system_out = f"{row.word}: {reason}\n{numbers}"
+    else:
+        kind = Failure if verdict.outcome == "fail" else Skipped if lenient else Error
+        several = several_monitors(result.verdict)
+        line = requirement_headline(verdict, result, name_monitor=several)
+        problem = kind(printable_lines(line), verdict.outcome)
+        problem.text = f"{reason}\n{numbers}"
+        case.result = [problem]
+    return case
 
 
 def _duration_s(started: str, ended: str) -> float:
@@ -145,11 +136,6 @@ def _duration_s(started: str, ended: str) -> float:
     except ValueError:
         return 0.0
     return max(span.total_seconds(), 0.0)
-
-
-def render_junit_lenient(report_input: ReportInput) -> bytes:
-    """The XML; see `r2bspec.report.pipelines`."""
-    return to_xml(report_input, lenient=True)
 
 
 MAX_ANNOTATIONS = 9
@@ -171,7 +157,7 @@ def _commands(report_input: ReportInput) -> Iterator[str]:
     # GitHub identifies files by their path in the repository, the working folder of a job.
     if spec_file is not None and spec_file.is_absolute() and spec_file.is_relative_to(Path.cwd()):
         spec_file = spec_file.relative_to(Path.cwd())
-    locations = read_requirement_locations(spec_file)
+    loaded = _locations(spec_file)
     file = str(spec_file) if spec_file is not None else ""
     kind = {"pass": "notice", "inconclusive": "warning"}.get(verdict.outcome, "error")
     title = f"{report_input.result.name}: {outcome_title(verdict)}"
@@ -184,57 +170,43 @@ def _commands(report_input: ReportInput) -> Iterator[str]:
         shown = "warning" if one_input.is_warning else "notice"
         where = {"file": file} if file else {}
         yield command(shown, f"{report_input.result.name}: {one_input.topic}", text, where)
-    several = several_monitors(verdict)
-    annotated = [
-        one for outcome in _COMMANDS for one in verdict.requirements if one.outcome == outcome
-    ]
-    annotated.sort(key=lambda one: one.level in _ADVISORY_COMMANDS)
-    for one in annotated[:MAX_ANNOTATIONS]:
-        text = requirement_text(one, name_monitor=several)
-        at = f" {at_rate(one.at_hz)}" if one.at_hz else ""
-        texts = "\n".join(particular_sentences(one))
-        shown = _ADVISORY_COMMANDS.get(one.level, _COMMANDS[one.outcome])
-        place = _place(one, locations, file)
-        yield command(shown, f"{one.objective}: {text}{at}", texts, place)
+    rows = requirement_rows(verdict)
+    annotated = [row for outcome in _COMMANDS for row in rows if row.verdict.outcome == outcome]
+    annotated.sort(key=lambda row: row.verdict.level in _ADVISORY_COMMANDS)
+    for row in annotated[:MAX_ANNOTATIONS]:
+        requirement = row.verdict
+        texts = "\n".join(particular_sentences(requirement))
+        kind = _ADVISORY_COMMANDS.get(requirement.level, _COMMANDS[requirement.outcome])
+        place = _place(requirement, loaded, file)
+        yield command(kind, f"{requirement.objective}: {row.title}", texts, place)
     if len(annotated) > MAX_ANNOTATIONS:
         omitted = len(annotated) - MAX_ANNOTATIONS
         yield f"{omitted} more requirements are not annotated; see the report"
 
 
-def _place(
-    one: RequirementVerdict, locations: RequirementLocations | None, file: str
-) -> dict[str, str]:
-    if locations is None:
+def _place(requirement: RequirementVerdict, loaded: LoadedSpec | None, file: str) -> dict[str, str]:
+    if loaded is None:
         return {"file": file} if file else {}
-    span: Span = locations.find(one)
+    span = _location(loaded, requirement)
     # A value from an option has a location without a file.
-    if not span.line or span.file != locations.loaded.file:
+    if not span.line or span.file != loaded.file:
         return {"file": file}
-    found = {"file": span.file, "line": str(span.line), "endLine": str(span.end_line)}
-    if span.line == span.end_line:  # GitHub refuses columns of a span of several lines
-        found |= {"col": str(span.column), "endColumn": str(span.end_column)}
-    return found
+    return command_place(span)
 
 
-@dataclass(frozen=True)
-class RequirementLocations:
-    """The locations of a spec's requirements."""
-
-    loaded: LoadedSpec
-
-    def find(self, one: RequirementVerdict) -> Span:
-        """The location of a requirement; else of its objective; else the whole file."""
-        path = ("slos", one.objective, "require")
-        listed = lookup(self.loaded.tree, path) if self.loaded.tree is not None else None
-        for item in listed.items if isinstance(listed, ListNode) else ():
-            if isinstance(item, ScalarNode) and item.text.strip() == one.text.strip():
-                return item.span
-        return self.loaded.span(("slos", one.objective), key=True)
-
-
-def read_requirement_locations(spec_file: Path | None) -> RequirementLocations | None:
-    """The locations in a file; None if it is unknown, missing, or not a spec."""
+def _locations(spec_file: Path | None) -> LoadedSpec | None:
+    """The spec that has the lines of requirements; None if it is unknown, missing, or no spec."""
     if spec_file is None or not is_regular(spec_file) or spec_file.suffix == ".json":
         return None
     loaded = load_spec(spec_file)
-    return RequirementLocations(loaded) if loaded.tree is not None else None
+    return loaded if loaded.tree is not None else None
+
+
+def _location(loaded: LoadedSpec, requirement: RequirementVerdict) -> Span:
+    """The location of a requirement; else of its objective; else the whole file."""
+    path = ("slos", requirement.objective, "require")
+    listed = lookup(loaded.tree, path) if loaded.tree is not None else None
+    for item in listed.items if isinstance(listed, ListNode) else ():
+        if isinstance(item, ScalarNode) and item.text.strip() == requirement.text.strip():
+            return item.span
+    return loaded.span(("slos", requirement.objective), key=True)

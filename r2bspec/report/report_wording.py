@@ -44,24 +44,6 @@ def sentences(one: RequirementVerdict) -> list[str]:
     return [text for text in (one.reason, *one.notes, one.settle) if text]
 
 
-def reasons(requirements: Sequence[RequirementVerdict], *, name_monitor: bool) -> list[list[str]]:
-    """The reason of each requirement and what would decide it; nothing is said twice.
-
-    Of several requirements with one reason, such as a monitor that received nothing, the others
-    refer to the first.
-    """
-    first: dict[str, str] = {}
-    texts: list[list[str]] = []
-    for verdict in requirements:
-        own = [text for text in (verdict.reason, verdict.settle) if text]
-        if own and own[0] in first:
-            own = [f"As for {first[own[0]]}."]
-        elif own:
-            first[own[0]] = requirement_text(verdict, name_monitor=name_monitor)
-        texts.append(own)
-    return texts
-
-
 def several_monitors(verdict: Verdict) -> bool:
     """Whether requirements need the monitor's name to be distinguished."""
     return len({one.monitor for one in verdict.requirements} - {None}) > 1

@@ -8,7 +8,6 @@ from __future__ import annotations
 import io
 import shutil
 import sys
-from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.judge.judge_run import to_json
 from r2bspec.judge.result import Result
-from r2bspec.judge.verdict import RequirementVerdict, Verdict
+from r2bspec.judge.verdict import Verdict
 from r2bspec.measure.units import at_rate, show
 from r2bspec.record.run_record import SearchRecord
 from r2bspec.report.findings_text import wants_colour
@@ -31,28 +30,24 @@ from r2bspec.report.headline import headline, reason_after, verdict_headline
 from r2bspec.report.notes import Notes, notes
 from r2bspec.report.output import console, echo
 from r2bspec.report.report_wording import (
-    bounds_text,
     code_text,
     comparison,
-    estimate_text,
     loaded_rmw,
     own_pace,
     peak_text,
     probe_mark,
-    reasons,
-    requirement_text,
-    several_monitors,
     starts_text,
 )
+from r2bspec.report.result_table import RequirementRow, reasons, requirement_rows
 from r2bspec.report.terminal_tables import (
     DIM_STYLE,
+    OUTCOME_STYLES,
     harness_overhead_section,
     heading,
     hop_sections,
     load_section,
     monitor_sections,
     outcome_text,
-    verdict_text,
 )
 
 _MIN_WIDTH = 60
@@ -274,17 +269,6 @@ _REASON_INDENT = 4
 _MIN_TEXT_WIDTH = 16
 
 
-@dataclass(frozen=True)
-class _Line:
-    """The cells of one requirement: its text, the estimate, and its bounds."""
-
-    verdict: RequirementVerdict
-    text: str
-    estimate: str
-    bounds: str
-    reasons: tuple[str, ...]
-
-
 def verdict_section(
     verdict: Verdict, width: int, pace: str = "", *, verbose: bool = False
 ) -> RenderableType | None:
@@ -298,58 +282,50 @@ def verdict_section(
     """
     if not verdict.requirements:
         return None
-    lines = _lines(verdict, verbose=verbose)
-    widths = _widths(lines, width)
+    rows = requirement_rows(verdict)
+    texts = {row.index: own for row, own in zip(rows, reasons(rows), strict=True)}
+    widths = _widths(rows, width)
     parts: list[RenderableType] = []
     for (name, at_hz), group in groupby(
-        lines, key=lambda line: (line.verdict.objective, line.verdict.at_hz)
+        rows, key=lambda row: (row.verdict.objective, row.verdict.at_hz)
     ):
         if parts:
             parts.append("")
         parts.append(heading(name, at_rate(at_hz, pace) if at_hz or pace else ""))
-        for line in group:
-            parts += _requirement(line, widths)
+        for row in group:
+            explained = verbose or row.verdict.outcome != "pass"
+            parts += _requirement(row, texts[row.index] if explained else [], widths)
     return Group(*parts)
 
 
-def _lines(verdict: Verdict, *, verbose: bool) -> list[_Line]:
-    several = several_monitors(verdict)
-    return [
-        _Line(
-            verdict=one,
-            text=requirement_text(one, name_monitor=several),
-            estimate=estimate_text(one),
-            bounds=bounds_text(one),
-            reasons=tuple(texts) if verbose or one.outcome != "pass" else (),
-        )
-        for one, texts in zip(
-            verdict.requirements, reasons(verdict.requirements, name_monitor=several), strict=True
-        )
-    ]
-
-
-def _widths(lines: list[_Line], width: int) -> tuple[int, int, int, int]:
-    """Column widths for all lines; without enough room, the requirements are wrapped."""
-    outcome = max(verdict_text(line.verdict).cell_len for line in lines)
-    estimate = max(len(line.estimate) for line in lines)
-    bounds = max(len(line.bounds) for line in lines)
+def _widths(rows: list[RequirementRow], width: int) -> tuple[int, int, int, int]:
+    """Column widths for all rows; without enough room, the requirements are wrapped."""
+    outcome = max(Text(row.word).cell_len for row in rows)
+    estimate = max(len(row.estimate) for row in rows)
+    bounds = max(len(row.bounds) for row in rows)
     room = width - _INDENT - outcome - estimate - bounds - 2 * 3
-    text = min(max(len(line.text) for line in lines), max(room, _MIN_TEXT_WIDTH))
+    text = min(max(len(row.text) for row in rows), max(room, _MIN_TEXT_WIDTH))
     return outcome, text, estimate, bounds
 
 
-def _requirement(line: _Line, widths: tuple[int, int, int, int]) -> list[RenderableType]:
+def _requirement(
+    row: RequirementRow, texts: list[str], widths: tuple[int, int, int, int]
+) -> list[RenderableType]:
     cells = Table.grid(padding=(0, 2, 0, 0), pad_edge=False)
     for number, column in enumerate(widths):
         cells.add_column(width=column, overflow="fold", justify="left" if number < 2 else "right")
-    word = verdict_text(line.verdict)
-    cells.add_row(word, *map(Text, (line.text, line.estimate, line.bounds)))
-    texts = [
-        Text(text, style=DIM_STYLE if number else "") for number, text in enumerate(line.reasons)
-    ]
+    word = Text(row.word, style=OUTCOME_STYLES[row.verdict.outcome])
+    cells.add_row(word, *map(Text, (row.text, row.estimate, row.bounds)))
     return [
         Padding(cells, (0, 0, 0, _INDENT)),
-        *(Padding(text, (0, 0, 0, _REASON_INDENT), expand=False) for text in texts),
+        *(
+            Padding(
+                Text(text, style=DIM_STYLE if number else ""),
+                (0, 0, 0, _REASON_INDENT),
+                expand=False,
+            )
+            for number, text in enumerate(texts)
+        ),
     ]
 
 

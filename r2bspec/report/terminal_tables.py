@@ -9,15 +9,14 @@ from __future__ import annotations
 
 import shutil
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
 
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from r2bspec.judge.result import Result
-from r2bspec.judge.verdict import OverallOutcome, RequirementVerdict
+from r2bspec.judge.verdict import OverallOutcome
 from r2bspec.measure.distribution import (
     MAIN_PERCENTILES,
     SHORT_PERCENTILES,
@@ -25,14 +24,15 @@ from r2bspec.measure.distribution import (
     part_title,
     part_value,
 )
-from r2bspec.measure.metrics import MonitorMetrics, RateMetrics, RunMetrics, UseMetrics
-from r2bspec.measure.units import at_rate, show, show_range, show_rate, significant
+from r2bspec.measure.metrics import RateMetrics, RunMetrics, UseMetrics
+from r2bspec.measure.units import at_rate, show, show_rate, significant
 from r2bspec.record.phase_times import PhaseTime
 from r2bspec.record.run_record import FloorRecord, RunRecord
 from r2bspec.report.output import console
-from r2bspec.report.report_wording import OUTCOME_WORDS, overhead_placement, verdict_word
+from r2bspec.report.report_wording import OUTCOME_WORDS, overhead_placement
+from r2bspec.report.result_table import METRICS, Measured, measured, monitor_names
 
-_STYLES: dict[OverallOutcome, str] = {
+OUTCOME_STYLES: dict[OverallOutcome, str] = {
     "pass": "bold green",
     "fail": "bold red",
     "inconclusive": "bold yellow",
@@ -45,12 +45,7 @@ DIM_STYLE = "dim"
 
 def outcome_text(outcome: OverallOutcome) -> Text:
     """An outcome as a word with its mark and colour."""
-    return Text(OUTCOME_WORDS[outcome], style=_STYLES[outcome])
-
-
-def verdict_text(one: RequirementVerdict) -> Text:
-    """The same for a requirement, with its level."""
-    return Text(verdict_word(one), style=_STYLES[one.outcome])
+    return Text(OUTCOME_WORDS[outcome], style=OUTCOME_STYLES[outcome])
 
 
 def heading(text: str, aside: str = "") -> Text:
@@ -71,42 +66,18 @@ def table(columns: Sequence[str]) -> Table:
     return made
 
 
-@dataclass(frozen=True)
-class _Column:
-    """A column: the metric of the range below the value, and the width from which it is shown."""
-
-    name: str
-    unit: str
-    value: Callable[[MonitorMetrics], float | None]
-    spread: str = ""
-    min_width: int = 0
-
-
-def _latency_column(part: str) -> _Column:
-    narrow = part in (*SHORT_PERCENTILES, "max")
-    return _Column(
-        part_title(part),
-        "s",
-        lambda seen: part_value(seen.latency, part),
-        f"latency.{part}",
-        0 if narrow else 100,
-    )
-
-
-_COLUMNS = (
-    _Column("throughput", "Hz", lambda seen: seen.throughput_hz, "throughput.mean"),
-    *(_latency_column(part) for part in (*MAIN_PERCENTILES, "max")),
-    _Column(
-        f"jitter {part_title(TAIL_PERCENTILE)}",
-        "s",
-        lambda seen: part_value(seen.jitter, TAIL_PERCENTILE),
-        f"jitter.{TAIL_PERCENTILE}",
-        110,
-    ),
-    _Column("sent", "count", lambda seen: seen.sent),
-    _Column("missed", "count", lambda seen: seen.missed),
-    _Column("received", "count", lambda seen: seen.received),
-)
+_MIN_WIDTHS = {
+    "throughput.mean": 0,
+    **{
+        f"latency.{part}": 0 if part in (*SHORT_PERCENTILES, "max") else 100
+        for part in (*MAIN_PERCENTILES, "max")
+    },
+    f"jitter.{TAIL_PERCENTILE}": 110,
+    "sent": 0,
+    "missed": 0,
+    "received": 0,
+}
+"""The columns of a monitor: each metric, with the width of the report from which it is shown."""
 
 _PLAYED_COLUMNS, _LIVE_COLUMNS = ("sent", "missed"), ("received",)
 """Columns of a run with playback, and of a live run, in which what was sent is unknown."""
@@ -115,62 +86,45 @@ _PLAYED_COLUMNS, _LIVE_COLUMNS = ("sent", "missed"), ("received",)
 def monitor_sections(result: Result, width: int) -> Iterator[RenderableType]:
     """A table for each monitor of the run."""
     metrics = result.metrics
-    names = dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.monitors)
     live = any(rate.pace == "source" for rate in metrics.rates)
     columns = [
-        column
-        for column in _COLUMNS
-        if column.min_width <= width
-        and column.name not in (_PLAYED_COLUMNS if live else _LIVE_COLUMNS)
+        metric
+        for metric, min_width in _MIN_WIDTHS.items()
+        if min_width <= width and metric not in (_PLAYED_COLUMNS if live else _LIVE_COLUMNS)
     ]
-    for name in names:
-        yield _section(name, result.monitor_title(name), metrics.rates, columns)
+    for name in monitor_names(metrics):
+        yield _section(result.monitor_title(name), [*measured(metrics, name)], columns)
 
 
-def _section(
-    name: str, title: str, rates: tuple[RateMetrics, ...], columns: list[_Column]
-) -> RenderableType:
-    made = table(["offered", *(column.name for column in columns)])
-    for rate in rates:
-        seen = rate.pooled.monitors[name]
-        made.add_row(
-            show_rate(rate.offered_hz, rate.pace),
-            *(show(column.value(seen), column.unit) for column in columns),
-        )
-        if len(rate.iterations) > 1:
-            made.add_row(
-                Text(f"× {len(rate.iterations)}", style=DIM_STYLE),
-                *(Text(_spread(rate, name, column), style=DIM_STYLE) for column in columns),
-            )
+def _section(title: str, rows: list[Measured], columns: list[str]) -> RenderableType:
+    made = table(["offered", *(METRICS[metric].title for metric in columns)])
     aside = "latency"
-    if any(len(rate.iterations) > 1 for rate in rates):
-        aside += "; below each line, the range over the iterations"
+    for row in rows:
+        made.add_row(row.offered, *map(row.text, columns))
+        count = len(row.rate.iterations)
+        if count > 1:
+            aside = "latency; below each line, the range over the iterations"
+            ranges = (f"× {count}", *map(row.range_text, columns))
+            made.add_row(*(Text(text, style=DIM_STYLE) for text in ranges))
     return Group(heading(title, aside), made)
-
-
-def _spread(rate: RateMetrics, monitor: str, column: _Column) -> str:
-    """The range of a metric over the iterations, or nothing if there is none."""
-    spread = rate.spread[monitor].get(column.spread)
-    return show_range(spread.low, spread.high, column.unit) if spread is not None else ""
 
 
 def hop_sections(metrics: RunMetrics) -> Iterator[RenderableType]:
     """A table for each tapped monitor at each rate."""
-    for rate in metrics.rates:
-        for name, seen in rate.pooled.monitors.items():
-            if not seen.hops:
-                continue
-            made = table(["from → to", *map(part_title, SHORT_PERCENTILES), "matched", "missed"])
-            for hop in seen.hops:
-                made.add_row(
-                    f"{hop.source} → {hop.target}",
-                    *(show(part_value(hop.latency, part), "s") for part in SHORT_PERCENTILES),
-                    show(hop.matched, "count"),
-                    show(hop.missed, "count"),
-                )
-            at = at_rate(rate.offered_hz, rate.pace)
-            aside = f"path to {name} {at}; percentiles do not add up"
-            yield Group(heading("hops", aside), made)
+    for row in measured(metrics):
+        if not row.seen.hops:
+            continue
+        made = table(["from → to", *map(part_title, SHORT_PERCENTILES), "matched", "missed"])
+        for hop in row.seen.hops:
+            made.add_row(
+                f"{hop.source} → {hop.target}",
+                *(show(part_value(hop.latency, part), "s") for part in SHORT_PERCENTILES),
+                show(hop.matched, "count"),
+                show(hop.missed, "count"),
+            )
+        at = at_rate(row.rate.offered_hz, row.rate.pace)
+        aside = f"path to {row.monitor} {at}; percentiles do not add up"
+        yield Group(heading("hops", aside), made)
 
 
 _MEMORY_WIDTH = 9

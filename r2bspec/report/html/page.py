@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import importlib.resources
 import re
-from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from r2bspec.compare.report_input import ReportInput
-from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.measure.distribution import (
     MAIN_PERCENTILES,
     PARTS,
@@ -30,19 +30,22 @@ from r2bspec.report.notes import notes, profile_notes
 from r2bspec.report.report_wording import (
     OUTCOME_WORDS,
     PROBE_PURPOSES,
-    bounds_text,
     code_facts,
     code_text,
     comparison,
-    estimate_text,
     loaded_rmw,
     own_pace,
     peak_text,
-    reasons,
-    requirement_text,
-    several_monitors,
     starts_text,
-    verdict_word,
+)
+from r2bspec.report.result_table import (
+    METRICS,
+    measured,
+    measured_iterations,
+    monitor_names,
+    pointer,
+    reasons,
+    requirement_rows,
 )
 
 if TYPE_CHECKING:
@@ -77,11 +80,6 @@ class Numbers:
         return Markup('<data value="{}" data-path="{}">{}</data>').format(
             repr(value), path, show(float(value), unit)
         )
-
-
-def pointer(key: str) -> str:
-    """A key as a part of a JSON pointer (RFC 6901)."""
-    return key.replace("~", "~0").replace("/", "~1")
 
 
 def _unescaped(part: str) -> str:
@@ -123,7 +121,20 @@ def own_text(name: str) -> Markup:
     return Markup(files.joinpath(name).read_text("utf-8"))  # noqa: S704 - our file
 
 
-_ORDER = ("fail", "inconclusive", "pass")
+_LATENCY_COLUMNS = (
+    *(f"latency.{part}" for part in PARTS),
+    *(f"{family}.{TAIL_PERCENTILE}" for family in ("jitter", "latency_from_due")),
+)
+_THROUGHPUT_COLUMNS = (
+    *("throughput.mean", "sent", "answered", "missed", "drop_rate"),
+    *("late", "duplicates", "reordered", "unmatched", "overdue"),
+)
+_ITERATION_COLUMNS = (
+    "throughput.mean",
+    *(f"latency.{part}" for part in (*SHORT_PERCENTILES, "max")),
+    *("sent", "missed"),
+)
+"""The metrics of the tables of a monitor."""
 
 _MAX_SHOWN_RATES = 4
 """Rates whose numbers are written into the drawing of the graph."""
@@ -137,10 +148,8 @@ def render(report_input: ReportInput) -> bytes:
 def _context(report_input: ReportInput) -> dict[str, Any]:
     result = report_input.result
     metrics = result.metrics
-    several = several_monitors(result.verdict)
-    indices = {id(one): number for number, one in enumerate(result.verdict.requirements)}
-    ordered = sorted(result.verdict.requirements, key=lambda one: _ORDER.index(one.outcome))
-    monitors = [*dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.monitors)]
+    ordered = requirement_rows(result.verdict, worst_first=True)
+    monitors = monitor_names(metrics)
     processes = [*dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.processes)]
     charts = _charts(report_input, monitors)
     line = headline(result)
@@ -148,20 +157,9 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "result": result,
         "metrics": metrics,
         "words": OUTCOME_WORDS,
-        "counts": _counts(ordered),
-        "has_lost": any(one.lost for one in ordered),
-        "requirements": [
-            {
-                "one": one,
-                "index": indices[id(one)],
-                "word": verdict_word(one),
-                "text": requirement_text(one, name_monitor=several),
-                "estimate": estimate_text(one),
-                "bounds": bounds_text(one),
-                "reasons": texts,
-            }
-            for one, texts in zip(ordered, reasons(ordered, name_monitor=several), strict=True)
-        ],
+        "counts": Counter(row.verdict.outcome for row in ordered),
+        "has_lost": any(row.verdict.lost for row in ordered),
+        "requirements": [*zip(ordered, reasons(ordered), strict=True)],
         "notes": notes(result),
         "line": line,
         "reason": reason_after(line, result.verdict),
@@ -169,9 +167,7 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "profiles": [*profile_notes(result.profiles)],
         "comparison": [*comparison(result)],
         "compared": [
-            {"one": one, "index": number, "text": requirement_text(one, name_monitor=several)}
-            for number, one in enumerate(result.verdict.requirements)
-            if one.compared is not None
+            row for row in requirement_rows(result.verdict) if row.verdict.compared is not None
         ],
         "has_interference": any(
             one.surroundings for rate in metrics.rates for one in rate.iterations
@@ -189,9 +185,12 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "baseline": report_input.baseline.record if report_input.baseline is not None else None,
         "has_samples": report_input.run is not None,
         "number": Numbers(msgspec.to_builtins(result)),
-        "parts": PARTS,
+        "measured": partial(measured, metrics),
+        "iterations": partial(measured_iterations, metrics),
+        "latency_columns": [METRICS[name] for name in _LATENCY_COLUMNS],
+        "throughput_columns": [METRICS[name] for name in _THROUGHPUT_COLUMNS],
+        "iteration_columns": [METRICS[name] for name in _ITERATION_COLUMNS],
         "main_parts": ("mean", *MAIN_PERCENTILES, "max"),
-        "short_parts": (*SHORT_PERCENTILES, "max"),
         "tail": TAIL_PERCENTILE,
         "part_title": part_title,
         "show": show,
@@ -215,11 +214,6 @@ def _safe(chart: Chart) -> dict[str, Any]:
 
     svg = Markup(chart.svg)  # noqa: S704 - serialised from a tree, which escapes every text
     return {"name": chart.name, "title": chart.title, "note": chart.note, "svg": svg}
-
-
-def _counts(requirements: Sequence[RequirementVerdict]) -> list[tuple[str, int]]:
-    outcomes = [one.outcome for one in requirements]
-    return [(outcome, outcomes.count(outcome)) for outcome in _ORDER if outcome in outcomes]
 
 
 def _plain(value: object) -> str:
