@@ -196,7 +196,7 @@ class _SpecFile(pytest.File):
 
         stored = self.config.getoption("--r2bspec-runs")
         if stored is not None:
-            from r2bspec.compare.load_results import read_folder
+            from r2bspec.compare.report_input import read_folder
 
             return read_folder(_stored_folder(Path(stored), loaded.id)).result
         output = self.config.getoption("--r2bspec-output")

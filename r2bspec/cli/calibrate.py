@@ -164,7 +164,7 @@ def _propose(
 ) -> None:
     """Print the proposed change of the spec as a patch, or apply it."""
     from r2bspec.cli.fix import read_text, write_text
-    from r2bspec.compare.margin_proposals import propose_limits
+    from r2bspec.compare.proposals import propose_limits
     from r2bspec.diagnostics.edits import unified_diff
 
     file = str(selection.spec)

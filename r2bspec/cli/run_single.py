@@ -289,7 +289,7 @@ def _json_of_failures(options: RunOptions, folder: _Folder) -> Iterator[None]:
 
 
 def _print_failure(error: R2bspecError, folder: Path | None) -> None:
-    from r2bspec.compare.load_results import read_folder
+    from r2bspec.compare.report_input import read_folder
     from r2bspec.record.errors import FolderTakenError
     from r2bspec.report.terminal import show_result
 

@@ -312,7 +312,7 @@ class Suite:
 
     def _earlier(self, entry: SuiteEntry) -> Result | None:
         """The result of a complete run of the same plan and code; any other makes room."""
-        from r2bspec.compare.load_results import read_folder
+        from r2bspec.compare.report_input import read_folder
         from r2bspec.execute.identity.identify_graph import graph_identity
         from r2bspec.plan.canonical_json import plan_hash
 

@@ -19,8 +19,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from r2bspec.compare.comparison import ComparedSource
-from r2bspec.compare.comparison_subject import ComparedResult, MetricSeries, SeriesKey
+from r2bspec.compare.comparison import ComparedResult, ComparedSource, MetricSeries, SeriesKey
 from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus

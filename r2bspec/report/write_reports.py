@@ -166,7 +166,7 @@ def write_folder_reports(
     """
     if not requests:
         return
-    from r2bspec.compare.load_results import read_folder
+    from r2bspec.compare.report_input import read_folder
 
     found = replace(read_folder(folder, spec_file=spec_file), verbose=verbose)
     write_reports(requests, replace(found, suite_page=suite_page))

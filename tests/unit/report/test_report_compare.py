@@ -11,11 +11,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.compare.comparison import Comparison, ComparisonLine
-from r2bspec.compare.comparison_subject import read_compared_result
+from r2bspec.compare.comparison import Comparison, ComparisonLine, compare, read_compared_result
 from r2bspec.compare.errors import IncomparableError, UnreadableResultError
 from r2bspec.compare.report_input import ReportInput
-from r2bspec.compare.result_comparison import compare
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.judge_run import to_json as result_json
 from r2bspec.plan.plan import Plan

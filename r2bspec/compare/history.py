@@ -1,4 +1,7 @@
-"""Reading and writing a history. Several programs may do so at once."""
+"""A history of runs in one SQLite file, used by `run --history`; several programs may share it.
+
+``PRAGMA user_version`` is the version of the format that a file has.
+"""
 
 from __future__ import annotations
 
@@ -6,24 +9,137 @@ import contextlib
 import sqlite3
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar
 
-from r2bspec.compare.history.errors import HistoryError
-from r2bspec.compare.history.model import HistoryEntry, HistoryMetric
-from r2bspec.compare.history.schema import (
-    APPLICATION_ID,
-    SCHEMA_VERSION,
-    create_tables,
-    is_upgradable,
-    schema_version,
-    upgrade,
-)
+from r2bspec.errors import R2bspecError
+from r2bspec.exit_status import ExitStatus
 from r2bspec.private_files import private_files
 from r2bspec.untrusted.errors import RefusedDataError
 from r2bspec.untrusted.safe_file import is_there
 from r2bspec.untrusted.safe_sqlite import check_schema, end_deadline, restrict
+
+
+class HistoryError(R2bspecError):
+    """A history that cannot be read or written: damaged, of a newer version, or locked."""
+
+    code = "R2B654"
+    exit_code = ExitStatus.USAGE
+
+
+@dataclass(frozen=True, kw_only=True)
+class HistoryMetric:
+    """A metric of a whole run: the mean of its iterations, in its SI unit.
+
+    Attributes:
+        at_hz: the offered rate; None for the whole run.
+        monitor: None for a metric without one.
+        value: None where an iteration had none.
+    """
+
+    at_hz: float | None
+    monitor: str | None
+    metric: str
+    unit: str
+    value: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class HistoryEntry:
+    """One run.
+
+    Attributes:
+        host: fingerprint of the kind of machine (`r2bspec.record.machine_fingerprint`).
+        machine: a description of it.
+        plan: hash of what was measured (`r2bspec.plan.comparability.measured_hash`).
+        dataset: hash of the recorded data.
+        outcome: of the verdict. A run that failed is no baseline for the next, unless `accepted`.
+        started_at: ISO 8601, UTC.
+        identity: what the graph was made of: `GraphIdentity` as JSON; empty if not known. Runs of
+            other code are what a run is compared with, so that it does not select them.
+    """
+
+    run_id: str
+    name: str
+    started_at: str
+    host: str
+    machine: str
+    plan: str
+    dataset: str
+    version: str
+    outcome: str
+    accepted: bool = False
+    identity: str = ""
+    metrics: tuple[HistoryMetric, ...] = ()
+
+
+APPLICATION_ID: Final = 0x52324253
+"""'R2BS' in ASCII: distinguishes a history from the database of another program."""
+
+SCHEMA_VERSION: Final = 3
+"""Version 1 was never released. Version 2 has no identities."""
+
+# A failed run counts as a baseline once it is accepted, as an intended regression.
+_STATEMENTS: Final = (
+    """
+    CREATE TABLE runs (
+        run_id TEXT PRIMARY KEY,
+        name TEXT NOT NULL,
+        started_at TEXT NOT NULL,
+        host TEXT NOT NULL,
+        machine TEXT NOT NULL,
+        plan TEXT NOT NULL,
+        dataset TEXT NOT NULL,
+        version TEXT NOT NULL,
+        outcome TEXT NOT NULL,
+        accepted INTEGER NOT NULL DEFAULT 0,
+        identity TEXT NOT NULL DEFAULT ''
+    ) STRICT
+    """,
+    """
+    CREATE TABLE metrics (
+        run_id TEXT NOT NULL REFERENCES runs (run_id) ON DELETE CASCADE,
+        at_hz REAL,
+        monitor TEXT,
+        metric TEXT NOT NULL,
+        unit TEXT NOT NULL,
+        value REAL
+    ) STRICT
+    """,
+    "CREATE INDEX metrics_of_run ON metrics (run_id)",
+    "CREATE INDEX runs_alike ON runs (host, plan, started_at)",
+    f"PRAGMA application_id = {APPLICATION_ID}",
+    f"PRAGMA user_version = {SCHEMA_VERSION}",
+)
+
+_UPGRADES: Final = {2: ("ALTER TABLE runs ADD COLUMN identity TEXT NOT NULL DEFAULT ''",)}
+"""The statements that turn each older version into the next one."""
+
+
+def schema_version(connection: sqlite3.Connection) -> int:
+    """The version of a file's format; 0 for a file without tables."""
+    return int(connection.execute("PRAGMA user_version").fetchone()[0])
+
+
+def is_upgradable(version: int) -> bool:
+    """Whether a file of an older version can be brought up to date."""
+    return version in _UPGRADES
+
+
+def upgrade(connection: sqlite3.Connection) -> None:
+    """Bring a file of an older version up to date, in the caller's transaction."""
+    while (version := schema_version(connection)) in _UPGRADES:
+        for statement in _UPGRADES[version]:
+            connection.execute(statement)
+        connection.execute(f"PRAGMA user_version = {version + 1}")
+
+
+def create_tables(connection: sqlite3.Connection) -> None:
+    """Create the tables in an empty file, in the caller's transaction."""
+    for statement in _STATEMENTS:
+        connection.execute(statement)
+
 
 T = TypeVar("T")
 
