@@ -5,7 +5,7 @@ All numbers are gauges or summaries over all iterations of a rate; times are sec
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from r2bspec.compare.report_input import ReportInput
@@ -44,6 +44,11 @@ _GAUGES = {
 }
 """The metrics of a monitor that are one number: name of the family, unit, and description."""
 
+_PEAKS = {
+    "r2bspec_peak_hertz": "Highest sustained rate: lower bound of the peak.",
+    "r2bspec_peak_below_hertz": "Lowest rate not sustained: upper bound of the peak.",
+}
+
 _OUTCOMES = ("pass", "fail", "inconclusive")
 
 Labels = Mapping[str, str]
@@ -81,27 +86,22 @@ def _families(report_input: ReportInput) -> Iterator[_Family]:
     result = report_input.result
     named = {"benchmark": result.name}
     yield _info(report_input)
-    yield _states("r2bspec_verdict", "Outcome of the run.", named, result.verdict.outcome)
+    verdict = _Family("r2bspec_verdict", "stateset", "Outcome of the run.")
+    verdict.samples += _states(verdict.name, named, EXIT_CODES, result.verdict.outcome)
+    yield verdict
     yield _requirements(report_input)
     yield _ratios(report_input)
     yield from _of_monitors(result.metrics, named)
     yield from _of_processes(result.metrics.rates, named)
-    peak = _Family(
-        "r2bspec_peak_hertz", "gauge", "Highest sustained rate: lower bound of the peak.", "hertz"
-    )
-    below = _Family(
-        "r2bspec_peak_below_hertz",
-        "gauge",
-        "Lowest rate not sustained: upper bound of the peak.",
-        "hertz",
-    )
     search = result.metrics.search
-    if search is not None and search.holds_hz is not None:
-        peak.samples.append(("", named, search.holds_hz))
-        if search.upper_hz is not None:
-            below.samples.append(("", named, search.upper_hz))
-    yield peak
-    yield below
+    peaks = (
+        (search.holds_hz, search.upper_hz)
+        if search is not None and search.holds_hz is not None
+        else ()
+    )
+    for (name, about), value in zip(_PEAKS.items(), peaks, strict=False):
+        if value is not None:
+            yield _Family(name, "gauge", about, "hertz", [("", named, value)])
     yield _harness_overhead(result.floor, named)
 
 
@@ -120,27 +120,25 @@ def _info(report_input: ReportInput) -> _Family:
     return family
 
 
-def _states(name: str, about: str, labels: Labels, outcome: str) -> _Family:
-    family = _Family(name, "stateset", about)
-    for each in EXIT_CODES:
-        family.samples.append(("", {**labels, name: each}, int(each == outcome)))
-    return family
+def _states(
+    name: str, labels: Labels, states: Iterable[str], current: str
+) -> Iterator[tuple[str, Labels, float]]:
+    for state in states:
+        yield "", {**labels, name: state}, int(state == current)
 
 
 def _requirements(report_input: ReportInput) -> _Family:
-    name = "r2bspec_requirement"
-    family = _Family(name, "stateset", "Outcome of each requirement.")
+    family = _Family("r2bspec_requirement", "stateset", "Outcome of each requirement.")
     pace = own_pace(report_input.result.metrics)
-    for one in report_input.result.verdict.requirements:
+    for requirement in report_input.result.verdict.requirements:
         labels = {
             "benchmark": report_input.result.name,
-            "objective": one.objective,
-            "requirement": one.text.strip(),
-            "monitor": one.monitor or "",
-            "offered_hz": _rate(one.at_hz, pace) if one.at_hz is not None else "",
+            "objective": requirement.objective,
+            "requirement": requirement.text.strip(),
+            "monitor": requirement.monitor or "",
+            "offered_hz": _rate(requirement.at_hz, pace) if requirement.at_hz is not None else "",
         }
-        for each in _OUTCOMES:
-            family.samples.append(("", {**labels, name: each}, int(each == one.outcome)))
+        family.samples += _states(family.name, labels, _OUTCOMES, requirement.outcome)
     return family
 
 

@@ -87,6 +87,11 @@ def probe_mark(probe: Probe) -> str:
     return KEPT_UP_MARK if probe.keeps_up and probe.holds is None else PROBE_MARKS[probe.holds]
 
 
+def all_probes(metrics: RunMetrics) -> list[Probe]:
+    """The probes of the search, then those of required rates."""
+    return [*(metrics.search.probes if metrics.search is not None else ()), *metrics.sustained]
+
+
 PROBE_PURPOSES = {"saturation": "overload", "confirmation": "played whole"}
 """Why a rate was played, where it was not only to test it."""
 

@@ -59,19 +59,21 @@ class LoadSample:
     memory_bytes: int
 
 
-def phases(run: Run) -> list[tuple[str, int, int]]:
-    """Each phase with its beginning and its end; the last one ends with the last segment."""
+def phases(run: Run, end_ns: int | None = None) -> list[tuple[str, int, int]]:
+    """Each phase with its beginning and its end.
+
+    The last one ends at `end_ns`, or, where that is None, with the last segment.
+    """
     begun = [
         (text.removeprefix("phase "), at_ns)
         for at_ns, text in run.record.events
         if text.startswith("phase ")
     ]
-    last = max(
-        [each.ended_ns for each in run.record.segments] + [at_ns for at_ns, _ in run.record.events],
-        default=0,
-    )
-    ends = [*(at_ns for _, at_ns in begun[1:]), last]
+    if end_ns is None:
+        ends = [segment.ended_ns for segment in run.record.segments]
+        end_ns = max([*ends, *(at_ns for at_ns, _ in run.record.events)], default=0)
     # Without any recorded phase, the last end is left over.
+    ends = [*(at_ns for _, at_ns in begun[1:]), end_ns]
     return [(name, at_ns, max(end, at_ns)) for (name, at_ns), end in zip(begun, ends, strict=False)]
 
 

@@ -13,6 +13,7 @@ from r2bspec.measure.host_usage import MACHINE_INDEX, spaced_indices
 from r2bspec.record.run_folder import Run
 from r2bspec.record.sample_arrays import Rows
 from r2bspec.report.html.chart import PALETTE, Chart, ChartBuilder, colour, draw, line_style
+from r2bspec.report.timeline import phases
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -135,14 +136,8 @@ def _means(values: NDArray[np.float64], ends: NDArray[np.int64]) -> NDArray[np.f
 
 
 def _phases(run: Run, panels: Sequence[Axes], start_ns: int, end_ns: int) -> None:
-    begun = [
-        (at_ns, text.removeprefix("phase "))
-        for at_ns, text in run.record.events
-        if text.startswith("phase ")
-    ]
-    ends = [at_ns for at_ns, _ in begun[1:]] + [end_ns]
     whole = max(end_ns - start_ns, 1)
-    for number, ((at_ns, phase), phase_end) in enumerate(zip(begun, ends, strict=False)):
+    for number, (phase, at_ns, phase_end) in enumerate(phases(run, end_ns)):
         first, last = (max(at_ns, start_ns) - start_ns) / 1e9, (phase_end - start_ns) / 1e9
         if last <= first:
             continue

@@ -12,7 +12,7 @@ from r2bspec.judge.verdict import Verdict
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import show
 from r2bspec.record.run_folder import Run
-from r2bspec.record.run_record import Probe, Segment
+from r2bspec.record.run_record import Segment
 from r2bspec.report.html.chart import (
     OUTCOME_COLOURS,
     PALETTE,
@@ -25,6 +25,8 @@ from r2bspec.report.html.chart import (
     plain_numbers,
 )
 from r2bspec.report.html.latency_charts import step_latencies
+from r2bspec.report.report_wording import all_probes
+from r2bspec.report.result_table import monitor_names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,7 +48,7 @@ _COLOURS: Final = {True: "good", False: "bad", None: "quiet"}
 
 def load_curve_chart(name: str, metrics: RunMetrics, run: Run | None, verdict: Verdict) -> Chart:
     """Above the throughput, below the drop rate. Probes of the search are hollow."""
-    probes = [*(metrics.search.probes if metrics.search is not None else ()), *metrics.sustained]
+    probes = all_probes(metrics)
     rates = [*(rate.offered_hz for rate in metrics.rates), *(probe.rate_hz for probe in probes)]
     description = (
         "Throughput above and drop rate below, by offered rate. On the dotted line all offered "
@@ -62,7 +64,7 @@ def load_curve_chart(name: str, metrics: RunMetrics, run: Run | None, verdict: V
         ends = (min(rates) * 0.85, max(rates) * 1.15) if wide else (0, max(rates) * 1.08)
         upper.plot(ends, ends, ":", color=PALETTE["quiet"], label="offered rate")
         _bracket(metrics, (upper, lower))
-        for number, monitor in enumerate(_monitors(metrics)):
+        for number, monitor in enumerate(monitor_names(metrics)):
             _monitor(sketch, (upper, lower), number, monitor, metrics)
         _probes(sketch, upper, metrics)
         if run is not None:
@@ -90,18 +92,13 @@ def load_curve_chart(name: str, metrics: RunMetrics, run: Run | None, verdict: V
 
 
 def _min_delivered(metrics: RunMetrics) -> float:
-    probes = [*(metrics.search.probes if metrics.search is not None else ()), *metrics.sustained]
-    delivered = [probe.delivered_hz for probe in probes]
+    delivered = [probe.delivered_hz for probe in all_probes(metrics)]
     for rate in metrics.rates:
         delivered += [
             one.low for name in rate.spread if (one := rate.spread[name].get(_THROUGHPUT))
         ]
         delivered += [seen.throughput_hz for seen in rate.pooled.monitors.values()]
     return min(delivered, default=0.0)
-
-
-def _monitors(metrics: RunMetrics) -> list[str]:
-    return [*dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.monitors)]
 
 
 def _monitor(
@@ -133,44 +130,27 @@ def _monitor(
                 axes.vlines(rate.offered_hz, low, high, color=ink, linewidth=4, alpha=0.4)
 
 
-def _probes(sketch: ChartBuilder, axes: Axes, metrics: RunMetrics) -> None:
-    probes = [*(metrics.search.probes if metrics.search is not None else ()), *metrics.sustained]
-    for holds, shape, name in _PROBE_MARKERS:
-        found = [probe for probe in probes if probe.holds is holds]
-        if not found:
-            continue
-        (line,) = axes.plot(
-            [probe.rate_hz for probe in found],
-            [probe.delivered_hz for probe in found],
-            linestyle="none",
-            marker=shape,
-            markersize=6,
-            markerfacecolor="none",
-            color=PALETTE[_COLOURS[holds]],
-            label=name,
-            zorder=3,
-        )
-        sketch.series(line, name)
-    _disturbed_probes(sketch, axes, probes)
-
-
-def _disturbed_probes(sketch: ChartBuilder, axes: Axes, probes: Sequence[Probe]) -> None:
-    """A square around each probe that other programs disturbed."""
-    found = [probe for probe in probes if probe.disturbed]
-    if not found:
+def _draw_probes(
+    sketch: ChartBuilder, axes: Axes, points: Sequence[tuple[float, float]], **style: Any
+) -> None:
+    """Hollow marks; those with a label are a series of the legend."""
+    if not points:
         return
-    (line,) = axes.plot(
-        [probe.rate_hz for probe in found],
-        [probe.delivered_hz for probe in found],
-        linestyle="none",
-        marker="s",
-        markersize=11,
-        markerfacecolor="none",
-        color=PALETTE["quiet"],
-        label=_DISTURBED,
-        zorder=2,
-    )
-    sketch.series(line, _DISTURBED)
+    style = {"linestyle": "none", "markerfacecolor": "none", "markersize": 6, **style}
+    (line,) = axes.plot(*zip(*points, strict=True), **style)
+    sketch.series(line, style.get("label", "probe: drop rate"))
+
+
+def _probes(sketch: ChartBuilder, axes: Axes, metrics: RunMetrics) -> None:
+    """What each probe delivered, with a square around those that other programs disturbed."""
+    probes = all_probes(metrics)
+    for holds, shape, name in _PROBE_MARKERS:
+        points = [(probe.rate_hz, probe.delivered_hz) for probe in probes if probe.holds is holds]
+        ink = PALETTE[_COLOURS[holds]]
+        _draw_probes(sketch, axes, points, marker=shape, color=ink, label=name, zorder=3)
+    points = [(probe.rate_hz, probe.delivered_hz) for probe in probes if probe.disturbed]
+    square = {"marker": "s", "markersize": 11, "color": PALETTE["quiet"], "zorder": 2}
+    _draw_probes(sketch, axes, points, label=_DISTURBED, **square)
 
 
 def _probe_drops(sketch: ChartBuilder, axes: Axes, metrics: RunMetrics, run: Run) -> None:
@@ -182,18 +162,9 @@ def _probe_drops(sketch: ChartBuilder, axes: Axes, metrics: RunMetrics, run: Run
         points = []
         for segment in run.record.segments:
             if segment.id in outcomes and outcomes[segment.id] is holds and segment.kind == "probe":
-                lost = [_lost(run, segment, each.name) for each in run.plan.monitors]
+                lost = [_lost(run, segment, monitor.name) for monitor in run.plan.monitors]
                 points.append((segment.rate_hz, max(lost, default=0.0) * 100))
-        if points:
-            (line,) = axes.plot(
-                *zip(*points, strict=True),
-                linestyle="none",
-                marker=shape,
-                markersize=6,
-                markerfacecolor="none",
-                color=PALETTE[_COLOURS[holds]],
-            )
-            sketch.series(line, "probe: drop rate")
+        _draw_probes(sketch, axes, points, marker=shape, color=PALETTE[_COLOURS[holds]])
 
 
 def _lost(run: Run, segment: Segment, monitor: str) -> float:
