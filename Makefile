@@ -11,11 +11,12 @@ comma := ,
 EXTRAS := $(if $(HAVE_ROS),vision,ros$(comma)vision)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo suite test install install-dev lint types imports unit coverage ros generated bench clean
+.PHONY: help demo suite test install install-dev lint types imports unit coverage ros nightly generated bench clean
 
 help:
 	@echo "make demo      install, then run specs/apriltag_node.r2b.yaml on real ROS 2"
 	@echo "make test      install, then run every check and test"
+	@echo "make nightly   the same with every test at its full size (hours)"
 	@echo "make suite     run specs/suite and print its table (SMOKE=1: one short iteration of each)"
 	@echo "make generated write schemas, reference tables and expected outputs anew"
 	@echo "make bench     measure the harness, and rewrite the tables of docs/performance.md"
@@ -68,13 +69,15 @@ coverage: install-dev
 	$(BIN)/pytest tests --ignore=tests/ros --ignore=tests/fault --ignore=tests/fleet --cov --cov-report=term:skip-covered
 
 # Two files of tests at a time: they assert what is true on a busy machine, too. Faults one by one:
-# they fill disks and shared memory, and end processes. A shared machine can stop for seconds, so a
-# test that fails is run once more; the summary names it, and it is a defect to look for.
-RERUN := --reruns 1 -rfER
-
+# they fill disks and shared memory, and end processes.
 ros: install-dev
-	$(BIN)/pytest $(RERUN) -n 2 --dist loadfile tests/ros
-	$(BIN)/pytest $(RERUN) tests/fault tests/fleet
+	$(BIN)/pytest -n 2 --dist loadfile tests/ros
+	$(BIN)/pytest tests/fault tests/fleet
+
+# Every test at its full size: whole simulations, every kind of pull request through every recipe,
+# fleets under kills. Hours; before a release, and where a pipeline asks for it.
+nightly: export R2BSPEC_NIGHTLY := 1
+nightly: test
 
 # Read the difference before it is committed: a golden is what somebody wanted.
 generated: install-dev

@@ -192,8 +192,12 @@ class SpecLanguageServer(LanguageServer):
                     self._send(file, [])
 
     def _send(self, file: str, diagnostics: list[types.Diagnostic]) -> None:
+        """The version is of the text that was analysed: a newer one is analysed first."""
+        document = self.workspace.text_documents.get(uri(file))
         self.text_document_publish_diagnostics(
-            types.PublishDiagnosticsParams(uri(file), diagnostics)
+            types.PublishDiagnosticsParams(
+                uri(file), diagnostics, document.version if document else None
+            )
         )
 
     def start_command(self, name: str, argument: Mapping[str, Any]) -> None:

@@ -13,7 +13,7 @@ from r2bspec.judge.verdict import EXIT_CODES
 from r2bspec.measure.distribution import PERCENTILES, Distribution, part_value
 from r2bspec.measure.metrics import RateMetrics, RunMetrics
 from r2bspec.measure.units import rate_name
-from r2bspec.record.run_record import FloorRecord
+from r2bspec.record.run_record import HarnessOverheadRecord
 from r2bspec.report.report_wording import own_pace
 from r2bspec.report.result_table import METRICS, measured
 
@@ -102,7 +102,7 @@ def _families(report_input: ReportInput) -> Iterator[_Family]:
     for (name, about), value in zip(_PEAKS.items(), peaks, strict=False):
         if value is not None:
             yield _Family(name, "gauge", about, "hertz", [("", named, value)])
-    yield _harness_overhead(result.floor, named)
+    yield _harness_overhead(result.harness_overhead, named)
 
 
 def _info(report_input: ReportInput) -> _Family:
@@ -207,22 +207,22 @@ def _summary(times: Distribution, labels: Labels) -> Iterator[tuple[str, Labels,
     yield "_sum", labels, (times.mean or 0.0) * times.n
 
 
-def _harness_overhead(floor: tuple[FloorRecord, ...], named: Labels) -> _Family:
+def _harness_overhead(overheads: tuple[HarnessOverheadRecord, ...], named: Labels) -> _Family:
     about = "Latency of harness and transport without the graph; included in the latencies."
     family = _Family("r2bspec_harness_overhead_seconds", "summary", about, "seconds")
-    for each in floor:
+    for overhead in overheads:
         labels = {
             **named,
-            "topic": each.topic,
-            "offered_hz": _rate(each.rate_hz),
-            "placement": each.placement,
-            "processes": str(each.processes or ""),
+            "topic": overhead.topic,
+            "offered_hz": _rate(overhead.rate_hz),
+            "placement": overhead.placement,
+            "processes": str(overhead.processes or ""),
         }
         family.samples += [
             ("", {**labels, "quantile": f"{PERCENTILES[part]:g}"}, value_ns / 1e9)
-            for part, value_ns in each.latencies_ns.items()
+            for part, value_ns in overhead.latencies_ns.items()
         ]
-        family.samples.append(("_count", labels, each.received))
+        family.samples.append(("_count", labels, overhead.received))
     return family
 
 

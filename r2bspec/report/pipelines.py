@@ -113,7 +113,7 @@ def _requirement_case(row: RequirementRow, result: Result, *, lenient: bool) -> 
     verdict = row.verdict
     case = TestCase(printable(row.title), printable(f"{result.name}.{verdict.objective}"))
     # The notes of all requirements are those of the run, among the output of its case.
-    reason = printable_lines(" ".join(filter(None, (verdict.reason, verdict.settle))))
+    reason = printable_lines(" ".join(filter(None, (verdict.reason, verdict.remedy))))
     numbers = (
         f"estimate {row.estimate}, bounds {row.bounds or '-'}, limit {row.limit or '-'}, "
         f"n {verdict.n}, {verdict.method}, confidence {verdict.confidence:g}"

@@ -12,7 +12,7 @@ from r2bspec.judge.verdict import OverallOutcome, RequirementVerdict, Verdict
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import show
 from r2bspec.record.graph_identity import revision_text
-from r2bspec.record.run_record import FloorRecord, Probe, SearchRecord, StartRecord
+from r2bspec.record.run_record import HarnessOverheadRecord, Probe, SearchRecord, StartRecord
 
 OUTCOME_WORDS: dict[OverallOutcome, str] = {
     "pass": "✔ PASS",
@@ -41,7 +41,7 @@ def verdict_word(one: RequirementVerdict) -> str:
 
 def sentences(one: RequirementVerdict) -> list[str]:
     """The reason of a verdict, its notes, and what would decide it."""
-    return [text for text in (one.reason, *one.notes, one.settle) if text]
+    return [text for text in (one.reason, *one.notes, one.remedy) if text]
 
 
 def several_monitors(verdict: Verdict) -> bool:
@@ -237,9 +237,9 @@ def starts_text(starts: Sequence[StartRecord]) -> str:
     return f"{text}, {show(cost_s, 's', 2)}{' each' if len(starts) > 1 else ''}"
 
 
-def overhead_placement(floor: tuple[FloorRecord, ...]) -> str:
+def overhead_placement(overheads: tuple[HarnessOverheadRecord, ...]) -> str:
     """Between how many processes the overhead was measured; empty in records without it."""
-    processes = max((each.processes for each in floor), default=0)
+    processes = max((overhead.processes for overhead in overheads), default=0)
     return {1: "within one process", 2: "between two processes"}.get(processes, "")
 
 
@@ -255,10 +255,12 @@ def joined_notes(result: Result) -> Iterator[str]:
 
 def overhead_notes(result: Result) -> Iterator[str]:
     """With which placement of the harness the overhead was measured, and how large it is."""
-    where = overhead_placement(result.floor)
-    known = [each.latency_p50_ns for each in result.floor if each.latency_p50_ns is not None]
+    where = overhead_placement(result.harness_overhead)
+    known = [
+        each.latency_p50_ns for each in result.harness_overhead if each.latency_p50_ns is not None
+    ]
     if where and known:
-        placement = result.floor[0].placement
+        placement = result.harness_overhead[0].placement
         yield (
             f"The harness overhead is at most {show(max(known) / 1e9, 's')} at p50, {where} "
             f"(harness.placement: {placement}); the latencies contain it"

@@ -26,7 +26,7 @@ from r2bspec.measure.metrics import (
     UseMetrics,
 )
 from r2bspec.measure.units import at_rate, show, show_range, show_rate
-from r2bspec.record.run_record import FloorRecord
+from r2bspec.record.run_record import HarnessOverheadRecord
 from r2bspec.report.report_wording import (
     bounds_text,
     estimate_text,
@@ -96,7 +96,7 @@ def reasons(rows: Sequence[RequirementRow]) -> list[list[str]]:
     first: dict[str, str] = {}
     texts: list[list[str]] = []
     for row in rows:
-        own = [text for text in (row.verdict.reason, row.verdict.settle) if text]
+        own = [text for text in (row.verdict.reason, row.verdict.remedy) if text]
         if own and own[0] in first:
             own = [f"As for {first[own[0]]}."]
         elif own:
@@ -265,9 +265,9 @@ def _all_values(result: Result) -> Iterator[tuple[float | None, int | None, _Val
         yield None, None, ("", "peak.rate", "Hz", search.holds_hz)
         # Without it the peak has no upper bound.
         yield None, None, ("", "peak.below", "Hz", search.upper_hz)
-    for floor in result.floor:
-        for value in _harness_overhead(floor):
-            yield floor.rate_hz, None, value
+    for overhead in result.harness_overhead:
+        for value in _harness_overhead(overhead):
+            yield overhead.rate_hz, None, value
     for requirement in result.verdict.requirements:
         for value in _compared(requirement):
             yield requirement.at_hz, None, value
@@ -296,12 +296,12 @@ def _use(process: str, use: UseMetrics) -> Iterator[_Value]:
     yield "", f"minor_faults.{process}.per_message", "count", use.faults_per_message
 
 
-def _harness_overhead(floor: FloorRecord) -> Iterator[_Value]:
+def _harness_overhead(overhead: HarnessOverheadRecord) -> Iterator[_Value]:
     """The overhead on one input, whose topic is the monitor of these rows."""
-    for part, value_ns in floor.latencies_ns.items():
-        yield floor.topic, f"harness_overhead.{part}", "s", value_ns / 1e9
-    yield floor.topic, "harness_overhead.received", "count", floor.received
-    yield floor.topic, "harness_overhead.processes", "count", floor.processes
+    for part, value_ns in overhead.latencies_ns.items():
+        yield overhead.topic, f"harness_overhead.{part}", "s", value_ns / 1e9
+    yield overhead.topic, "harness_overhead.received", "count", overhead.received
+    yield overhead.topic, "harness_overhead.processes", "count", overhead.processes
 
 
 def _compared(requirement: RequirementVerdict) -> Iterator[_Value]:

@@ -27,7 +27,7 @@ from r2bspec.measure.distribution import (
 from r2bspec.measure.metrics import RateMetrics, RunMetrics, UseMetrics
 from r2bspec.measure.units import at_rate, show, show_rate, significant
 from r2bspec.record.phase_times import PhaseTime
-from r2bspec.record.run_record import FloorRecord, RunRecord
+from r2bspec.record.run_record import HarnessOverheadRecord, RunRecord
 from r2bspec.report.output import console
 from r2bspec.report.report_wording import OUTCOME_WORDS, overhead_placement
 from r2bspec.report.result_table import METRICS, Measured, measured, monitor_names
@@ -151,20 +151,20 @@ def load_section(metrics: RunMetrics, width: int) -> RenderableType | None:
     )
 
 
-def harness_overhead_section(floor: tuple[FloorRecord, ...]) -> RenderableType | None:
+def harness_overhead_section(overheads: tuple[HarnessOverheadRecord, ...]) -> RenderableType | None:
     """The latency of harness and transport without the graph; None if not measured."""
-    if not floor:
+    if not overheads:
         return None
     made = table(["input", "size", "at", "p50", "p99", "received"])
-    for each in floor:
+    for overhead in overheads:
         made.add_row(
-            each.topic,
-            show(float(each.bytes), "B"),
-            show_rate(each.rate_hz, "recording"),
-            *(_ns(value) for value in (each.latency_p50_ns, each.latency_p99_ns)),
-            f"{each.received} of {each.sent}",
+            overhead.topic,
+            show(float(overhead.bytes), "B"),
+            show_rate(overhead.rate_hz, "recording"),
+            *(_ns(value) for value in (overhead.latency_p50_ns, overhead.latency_p99_ns)),
+            f"{overhead.received} of {overhead.sent}",
         )
-    where = overhead_placement(floor)
+    where = overhead_placement(overheads)
     what = f"latency without the graph{where and ', '}{where}; included in the latencies above"
     return Group(heading("harness overhead", what), made)
 

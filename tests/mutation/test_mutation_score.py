@@ -9,6 +9,8 @@ import mutation_score as score
 import pytest
 from mutants import KINDS, mutants
 
+from nightly import only_nightly
+
 SMALL = """\
 r2bspec: 1
 labels: {a: 1, bee: x} # kept
@@ -42,6 +44,13 @@ def test_mutants_of_a_small_spec() -> None:
     assert all(one.text != SMALL for one in made.values())
 
 
+def test_no_mistake_in_a_spec_is_silent() -> None:
+    """A sample; `test_the_score_does_not_drop` is about all specs."""
+    now = score.report(score.SPECS[::8])
+    assert [line for line in now.splitlines() if line.startswith("silent ")] == []
+
+
+@only_nightly()
 def test_the_score_does_not_drop() -> None:
     now = score.report(score.SPECS)
     kept = score.kept_shares(score.KEPT.read_text(encoding="utf-8"))

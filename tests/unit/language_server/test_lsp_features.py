@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 import pytest_lsp
 from lsprotocol import types
-from pytest_lsp import ClientServerConfig, LanguageClient, client_capabilities
+from pytest_lsp import ClientServerConfig, client_capabilities
 
 import patient_language_server
-from open_document import OpenDocument, edited
+from open_document import OpenDocument, VersionedClient, edited
 from r2bspec.cli.main import main
 from report_runs import SIMULATIONS
 
@@ -108,10 +108,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest_lsp.fixture(  # type: ignore[untyped-decorator]
-    config=ClientServerConfig(server_command=patient_language_server.COMMAND),
+    config=ClientServerConfig(
+        client_factory=VersionedClient, server_command=patient_language_server.COMMAND
+    ),
     scope="module",
 )
-async def client(lsp_client: LanguageClient, folder: Path) -> AsyncIterator[None]:
+async def client(lsp_client: VersionedClient, folder: Path) -> AsyncIterator[None]:
     @lsp_client.feature(types.WORKSPACE_CODE_LENS_REFRESH)  # type: ignore[untyped-decorator]
     def refresh(params: None) -> None:
         """An editor would ask for the lenses again."""
@@ -135,7 +137,7 @@ def installed(folder: Path) -> Iterator[None]:
 
 
 @pytest.fixture
-def document(client: LanguageClient, folder: Path) -> Iterator[OpenDocument]:
+def document(client: VersionedClient, folder: Path) -> Iterator[OpenDocument]:
     document = OpenDocument(client, folder / "robot.r2b.yaml")
     yield document
     document.close()
@@ -460,7 +462,7 @@ async def test_an_interface_counts_as_it_is_in_the_editor(
     await document.write(changed("monitors:\n", UNKNOWN))
     assert not [each for each in document.found().values() if "'found'" in each.message]
     other = OpenDocument(document.client, folder / "interfaces" / "other.yaml")
-    document.client.diagnostics.pop(document.uri)
+    document.forget_diagnostics()
     item = types.TextDocumentItem(other.uri, "yaml", 1, saved.replace("found", "detected"))
     document.client.text_document_did_open(types.DidOpenTextDocumentParams(item))
     await document.published()

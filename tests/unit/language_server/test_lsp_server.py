@@ -12,9 +12,9 @@ import pytest
 import pytest_lsp
 from lsprotocol import types
 from pygls.exceptions import JsonRpcException
-from pytest_lsp import ClientServerConfig, LanguageClient, client_capabilities
+from pytest_lsp import ClientServerConfig, client_capabilities
 
-from open_document import OpenDocument, edited
+from open_document import OpenDocument, VersionedClient, edited
 
 SPEC = """\
 r2bspec: 1
@@ -56,11 +56,13 @@ refreshes: list[None] = []
 
 
 @pytest_lsp.fixture(  # type: ignore[untyped-decorator]
-    config=ClientServerConfig(server_command=[sys.executable, "-m", "r2bspec", "lsp"]),
+    config=ClientServerConfig(
+        client_factory=VersionedClient, server_command=[sys.executable, "-m", "r2bspec", "lsp"]
+    ),
     scope="module",
 )
 async def client(
-    lsp_client: LanguageClient, tmp_path_factory: pytest.TempPathFactory
+    lsp_client: VersionedClient, tmp_path_factory: pytest.TempPathFactory
 ) -> AsyncIterator[None]:
     folder = tmp_path_factory.mktemp("workspace")
 
@@ -80,7 +82,7 @@ async def client(
 
 
 @pytest.fixture
-def document(client: LanguageClient, tmp_path: Path) -> Iterator[OpenDocument]:
+def document(client: VersionedClient, tmp_path: Path) -> Iterator[OpenDocument]:
     document = OpenDocument(client, tmp_path / "robot.r2b.yaml")
     yield document
     document.close()
@@ -141,7 +143,7 @@ def document_text(document: OpenDocument, where: types.Range) -> str:
 
 @in_module
 async def test_a_parent_counts_as_it_is_in_the_editor(
-    client: LanguageClient, tmp_path: Path
+    client: VersionedClient, tmp_path: Path
 ) -> None:
     base, child = tmp_path / "base.yaml", tmp_path / "child.r2b.yaml"
     base.write_text("variables: {rate: 10 Hz}\n")
@@ -288,7 +290,7 @@ async def test_definition_references_and_rename_of_a_topic(document: OpenDocumen
 
 @in_module
 async def test_rename_reaches_the_files_that_are_extended(
-    client: LanguageClient, tmp_path: Path
+    client: VersionedClient, tmp_path: Path
 ) -> None:
     base, child = tmp_path / "base.yaml", tmp_path / "child.r2b.yaml"
     base.write_text("variables: {rate: 10 Hz}\n")
@@ -403,14 +405,14 @@ async def test_a_command_runs_the_command_line(document: OpenDocument) -> None:
         await asyncio.sleep(0.02)
 
 
-async def cases_of(client: LanguageClient, uri: str) -> object:
+async def cases_of(client: VersionedClient, uri: str) -> object:
     send = client.protocol.send_request_async
     return await send("r2bspec/cases", {"uri": uri})  # type: ignore[no-untyped-call]
 
 
 @in_module
 async def test_the_cases_of_a_spec_are_told_of_a_file_that_is_not_open(
-    client: LanguageClient, tmp_path: Path
+    client: VersionedClient, tmp_path: Path
 ) -> None:
     path = tmp_path / "relay.r2b.yaml"
     matrix = "matrix: {axes: {rate: [10 Hz, 20 Hz]}}\n"
@@ -430,7 +432,7 @@ async def test_the_cases_of_an_open_spec_are_those_of_its_text(document: OpenDoc
 
 
 @in_module
-async def test_a_command_without_a_file_is_refused(client: LanguageClient) -> None:
+async def test_a_command_without_a_file_is_refused(client: VersionedClient) -> None:
     with pytest.raises(JsonRpcException, match="absolute path"):
         await client.workspace_execute_command_async(
             types.ExecuteCommandParams("r2bspec.run", [{"file": "relative.yaml"}])
@@ -441,7 +443,7 @@ async def test_a_command_without_a_file_is_refused(client: LanguageClient) -> No
 @pytest.mark.parametrize(
     "text", ["", "\ufeff", "a: [", "- x\n- y", "🤖", "x: &a [*a]", "\t", "r2bspec: 1\n%"]
 )
-async def test_no_text_is_too_broken(client: LanguageClient, tmp_path: Path, text: str) -> None:
+async def test_no_text_is_too_broken(client: VersionedClient, tmp_path: Path, text: str) -> None:
     """Requests about any text have an answer, and the server goes on."""
     path = tmp_path / "broken.r2b.yaml"
     uri = path.as_uri()
@@ -456,7 +458,7 @@ async def test_no_text_is_too_broken(client: LanguageClient, tmp_path: Path, tex
     client.text_document_did_close(types.DidCloseTextDocumentParams(document))
 
 
-def shown_text(client: LanguageClient) -> str:
+def shown_text(client: VersionedClient) -> str:
     """What the server has logged or shown as a document."""
     files = [Path(unquote(urlparse(each.uri).path)) for each in client.shown_documents]
     said = [each.message for each in client.log_messages]

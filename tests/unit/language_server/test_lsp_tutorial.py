@@ -14,9 +14,10 @@ import pytest
 import pytest_lsp
 import yaml
 from lsprotocol import types
-from pytest_lsp import ClientServerConfig, LanguageClient, client_capabilities
+from pytest_lsp import ClientServerConfig, client_capabilities
 
 import patient_language_server
+from open_document import OpenDocument, VersionedClient
 from tutorial_page import page_files
 from typing_editor import TypingEditor
 
@@ -28,9 +29,11 @@ TYPED = [
 
 
 @pytest_lsp.fixture(  # type: ignore[untyped-decorator]
-    config=ClientServerConfig(server_command=patient_language_server.COMMAND),
+    config=ClientServerConfig(
+        client_factory=VersionedClient, server_command=patient_language_server.COMMAND
+    ),
 )
-async def client(lsp_client: LanguageClient, tmp_path: Path) -> AsyncIterator[None]:
+async def client(lsp_client: VersionedClient, tmp_path: Path) -> AsyncIterator[None]:
     await lsp_client.initialize_session(
         types.InitializeParams(
             capabilities=client_capabilities("visual-studio-code"),
@@ -52,32 +55,13 @@ def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.asyncio
-async def test_the_spec_of_the_tutorial(client: LanguageClient, robot: Path) -> None:
-    uri = (robot / "stereo.r2b.yaml").as_uri()
-    versions = iter(range(2, 1000))
-    client.text_document_did_open(
-        types.DidOpenTextDocumentParams(types.TextDocumentItem(uri, "r2bspec", 1, ""))
-    )
-
-    def change(text: str) -> None:
-        client.text_document_did_change(
-            types.DidChangeTextDocumentParams(
-                types.VersionedTextDocumentIdentifier(next(versions), uri),
-                [types.TextDocumentContentChangeWholeDocument(text)],
-            )
-        )
+async def test_the_spec_of_the_tutorial(client: VersionedClient, robot: Path) -> None:
+    document = OpenDocument(client, robot / "stereo.r2b.yaml")
 
     async def complete(text: str, offset: int) -> list[types.CompletionItem]:
-        client.diagnostics.pop(uri, None)
-        change(text)
-        while text.startswith("r2bspec:") and uri not in client.diagnostics:
-            await client.wait_for_notification(types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS)
-        before = text[:offset]
+        position = await document.write(f"{text[:offset]}¦{text[offset:]}")
         answer = await client.text_document_completion_async(
-            types.CompletionParams(
-                types.TextDocumentIdentifier(uri),
-                types.Position(before.count("\n"), len(before.rpartition("\n")[2])),
-            )
+            types.CompletionParams(document.id, position)
         )
         assert isinstance(answer, types.CompletionList)
         return list(answer.items)
@@ -88,13 +72,14 @@ async def test_the_spec_of_the_tutorial(client: LanguageClient, robot: Path) -> 
     assert yaml.safe_load(editor.text) == yaml.safe_load(wanted)
     assert editor.typed == TYPED
     assert not re.search(r"[ \t]+$", editor.text, re.MULTILINE), editor.text
-    client.diagnostics.pop(uri, None)
-    change(editor.text + "\n")
-    while uri not in client.diagnostics:
-        await client.wait_for_notification(types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS)
+    await document.write(editor.text + "\n")
     worse = types.DiagnosticSeverity.Warning
-    found = client.diagnostics[uri]
-    assert [each.message for each in found if (each.severity or 1) <= worse] == []
+    messages = [
+        diagnostic.message
+        for diagnostic in client.diagnostics[document.uri]
+        if (diagnostic.severity or 1) <= worse
+    ]
+    assert messages == []
 
 
 async def write_tutorial(editor: TypingEditor) -> None:

@@ -1,0 +1,24 @@
+"""How large a test is: a sample by default, the whole with ``R2BSPEC_NIGHTLY=1``."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+NIGHTLY = os.environ.get("R2BSPEC_NIGHTLY", "") not in {"", "0"}
+
+
+def size(sample: int, whole: int) -> int:
+    """The number of simulated runs, or of whatever else a test repeats.
+
+    Args:
+        sample: as many as take seconds.
+        whole: with which the stated errors are known to a fraction of themselves.
+    """
+    return whole if NIGHTLY else sample
+
+
+def only_nightly() -> pytest.MarkDecorator:
+    """The mark of a test that repeats at length what a sample already shows."""
+    return pytest.mark.skipif(not NIGHTLY, reason="only with R2BSPEC_NIGHTLY=1 (make nightly)")
