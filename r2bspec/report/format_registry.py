@@ -100,6 +100,9 @@ COMPARISON_FORMATS: Final = {
 GRAPH_PAGE: Final = "html.graph_page:render_graph"
 """The drawing of a plan as a page."""
 
+HOST_CHARTS: Final = "html.host_charts:host_charts"
+"""The charts of a suite that ran on several hosts."""
+
 
 def load(function: str) -> Callable[..., Any]:
     """A function that this registry names, imported now."""

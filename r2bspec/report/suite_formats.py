@@ -18,6 +18,7 @@ from r2bspec.diagnostics.quote import printable, printable_lines
 from r2bspec.judge.result import Result
 from r2bspec.measure.distribution import SHORT_PERCENTILES, part_title
 from r2bspec.measure.units import show, show_rate
+from r2bspec.report.format_registry import HOST_CHARTS, load
 from r2bspec.report.report_wording import OUTCOME_WORDS
 from r2bspec.report.suite_summary import SuiteRow, SuiteRun, SuiteSummary
 from r2bspec.report.write_reports import STDOUT, link_text
@@ -119,9 +120,7 @@ def _figures(summary: SuiteSummary, results: Results) -> Iterator[str]:
     if importlib.util.find_spec("matplotlib") is None:
         yield "<p>Hosts are drawn where r2bspec[report] is installed.</p>\n"
         return
-    from r2bspec.report.html.host_charts import host_charts
-
-    for chart in host_charts(summary, results):
+    for chart in load(HOST_CHARTS)(summary, results):
         note = f'<p class="note">{html.escape(chart.note)}</p>\n' if chart.note else ""
         yield (
             f"<figure>\n<figcaption>{html.escape(chart.title)}</figcaption>\n{chart.svg}\n"
