@@ -97,7 +97,7 @@ COMPARISON_FORMATS: Final = {
 }
 """The formats of a comparison of stored results."""
 
-GRAPH_PAGE: Final = "html.graph_page:render_graph"
+GRAPH_PAGE: Final = "html.graph_drawing:render_graph"
 """The drawing of a plan as a page."""
 
 HOST_CHARTS: Final = "html.host_charts:host_charts"

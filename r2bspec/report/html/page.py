@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.resources
-import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from functools import partial
@@ -26,6 +24,7 @@ from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import ProfileRecord
 from r2bspec.report.headline import headline, reason_after
 from r2bspec.report.html.chart import PALETTE, Chart
+from r2bspec.report.html.templates import own_text, render_template
 from r2bspec.report.notes import notes, profile_notes
 from r2bspec.report.report_wording import (
     OUTCOME_WORDS,
@@ -43,7 +42,6 @@ from r2bspec.report.result_table import (
     measured,
     measured_iterations,
     monitor_names,
-    pointer,
     reasons,
     requirement_rows,
 )
@@ -84,41 +82,6 @@ class Numbers:
 
 def _unescaped(part: str) -> str:
     return part.replace("~1", "/").replace("~0", "~")
-
-
-_CONTROL_CHARACTERS = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
-
-
-def render_template(name: str, context: dict[str, Any]) -> bytes:
-    """A page, UTF-8. The same context gives the same bytes.
-
-    Args:
-        name: of a file in the folder of this module.
-        context: the names that the template uses; every text is escaped.
-    """
-    import jinja2
-
-    files = importlib.resources.files("r2bspec.report.html")
-    environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(lambda each: files.joinpath(each).read_text("utf-8")),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["pointer"] = pointer
-    page = environment.get_template(name).render(context)
-    # HTML cannot contain control characters and the lone surrogates of broken file names.
-    text = _CONTROL_CHARACTERS.sub("\N{REPLACEMENT CHARACTER}", page)
-    return text.encode("utf-8", errors="replace") + b"\n"
-
-
-def own_text(name: str) -> Markup:
-    """A file in the folder of this module, which a template contains without escapes."""
-    from markupsafe import Markup
-
-    files = importlib.resources.files("r2bspec.report.html")
-    return Markup(files.joinpath(name).read_text("utf-8"))  # noqa: S704 - our file
 
 
 _LATENCY_COLUMNS = (
