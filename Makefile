@@ -22,11 +22,12 @@ help:
 	@echo "make bench     measure the harness, and rewrite the tables of docs/performance.md"
 	@echo "make clean     remove the environment and everything that was generated"
 
-# Exit status 3: a busy machine leaves some requirements open, which is no failure of the demo.
+# What a busy machine alone leaves open (exit status 3) is no failure of the demo; the run says so.
 demo: install
-	@$(BIN)/r2bspec run specs/apriltag_node.r2b.yaml || { status=$$?; [ $$status -eq 3 ] || exit $$status; \
-	echo "What is open above could not be decided in this run, mostly because other programs used the machine;"; \
-	echo "that is no failure: run 'make demo' again when the machine has nothing else to do."; }
+	@report=$$(mktemp) || exit; \
+	$(BIN)/r2bspec run specs/apriltag_node.r2b.yaml --report markdown=$$report; status=$$?; \
+	if [ $$status -eq 3 ] && grep -q "because other programs used the machine" $$report; then status=0; fi; \
+	rm -f $$report; exit $$status
 
 # Six specs, about ten minutes; SMOKE=1 plays one short iteration of each and judges nothing.
 SMOKE ?=

@@ -30,6 +30,11 @@ class R2bspecError(Exception):
             self.code = code
 
 
+def without_output(message: str) -> str:
+    """The first line of a message, without the output of a process that may follow it."""
+    return message.partition("\n")[0].removesuffix("; its last output:")
+
+
 class UsageError(R2bspecError):
     """Wrong usage, or an input that the command cannot use."""
 

@@ -5,7 +5,8 @@
 # revision of git that the clone has, another work tree, or 'none'; by default origin/main. The exit
 # status is that of 'r2bspec run'.
 #
-#   R2BSPEC_PYTHON        a Python interpreter that has r2bspec; by default python3
+#   R2BSPEC_PYTHON        a Python interpreter that has r2bspec; by default python3. For the HTML
+#                         report it needs what 'pip install "r2bspec[report]"' installs
 #   R2BSPEC_ALLOW         what may be weaker than in the base, one name per line
 #   R2BSPEC_INCONCLUSIVE  'fail', or 'pass' to let an inconclusive run pass
 #   R2BSPEC_ARGUMENTS     further arguments of 'r2bspec run', one per line
@@ -19,13 +20,21 @@ if [ -n "${R2BSPEC_OUTPUT:-}" ]; then
 else
   folder=$(mktemp -d "${TMPDIR:-/tmp}/r2bspec.XXXXXXXXXX") || exit 2
 fi
-mkdir -p "$folder/reports" || exit 2
+# Of two jobs with one folder, the second ends here.
+mkdir -p -- "$folder" && mkdir -- "$folder/reports" || exit 2
 
+python=${R2BSPEC_PYTHON:-python3}
 set -- --require-slos --output "$folder/run" \
-  --report "html=$folder/reports/report.html" \
   --report "junit=$folder/reports/junit.xml" \
   --report "markdown=$folder/reports/summary.md" \
   --report "json=$folder/reports/result.json"
+# -I: no module of the work tree is imported.
+if "$python" -I -c 'import importlib.util as u, sys
+sys.exit(not all(map(u.find_spec, ("jinja2", "matplotlib"))))'; then
+  set -- "$@" --report "html=$folder/reports/report.html"
+else
+  echo "There is no HTML report: install it with pip install 'r2bspec[report]'."
+fi
 set -f
 IFS='
 '
@@ -37,8 +46,7 @@ for argument in ${R2BSPEC_ARGUMENTS:-}; do set -- "$@" "$argument"; done
 unset IFS
 set +f
 
-# -I: no module of the work tree is imported.
-"${R2BSPEC_PYTHON:-python3}" -I -m r2bspec run "$@" -- "$spec" < /dev/null
+"$python" -I -m r2bspec run "$@" -- "$spec" < /dev/null
 status=$?
 echo "The reports are in $folder/reports."
 if [ "$status" = 0 ] && [ ! -s "$folder/reports/result.json" ]; then

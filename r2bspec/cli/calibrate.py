@@ -88,11 +88,10 @@ def _run(prepared: PreparedBenchmark, pairs: int, output: Path | None, *, quiet:
     from r2bspec import api
     from r2bspec.cli.run_options import RunOptions
     from r2bspec.cli.run_single import locked_host
-    from r2bspec.plan.comparability import single_run_plan
-    from r2bspec.plan.time_estimate import estimate_time
+    from r2bspec.plan.time_estimate import estimate_pairs
     from r2bspec.report.progress import RemainingTime, shown_progress
 
-    remaining = RemainingTime(estimate_time(single_run_plan(prepared.plan)), runs=2 * pairs)
+    remaining = RemainingTime(estimate_pairs(prepared.plan, pairs))
     folder = output or api.default_run_folder(f"{prepared.plan.name}-pairs")
     with (
         locked_host(f"{prepared.plan.name}-pairs", RunOptions()),

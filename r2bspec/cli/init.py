@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from r2bspec.report.output import echo
 
 _SCHEMA = "r2bspec-v1.schema.json"
 _DEFAULT_NAME = "my_benchmark"
+_MAX_IGNORE_BYTES = 1_000_000
 
 
 class _Template(click.ParamType):  # type: ignore[type-arg, unused-ignore]
@@ -132,7 +134,29 @@ def command(
     echo(f"created {spec_file}, and {schema} for editors. Next:")
     echo(f"  r2bspec validate {spec_file}    checks it")
     echo(f"  r2bspec run {spec_file}         runs it and judges it by its 'slos:'")
+    if _git_would_add_runs():
+        echo("Runs are stored below runs/, which git does not ignore yet:")
+        echo("  echo runs/ >> .gitignore")
     return ExitStatus.OK
+
+
+def _git_would_add_runs() -> bool:
+    """Whether no ``.gitignore`` of a work tree names the folder of runs, in the current folder."""
+    from r2bspec.untrusted.git import find_work_tree
+    from r2bspec.untrusted.safe_file import read_text
+
+    here = Path.cwd().resolve()
+    top = find_work_tree(here)
+    if top is None:
+        return False
+    for folder in (here, *here.parents):
+        with contextlib.suppress(OSError):
+            text = read_text(folder / ".gitignore", max_bytes=_MAX_IGNORE_BYTES)
+            if any(line.strip().strip("*/") == "runs" for line in text.splitlines()):
+                return False
+        if folder == top:
+            break
+    return True
 
 
 def _benchmark_name(name: str) -> str:

@@ -50,6 +50,9 @@ _VERBS = {
 """Each verb and its line in the help, so that listing them needs no import."""
 
 
+_COMMANDS_MEANT = {"gate": "run SPEC --against REVISION"}
+"""What people call a command that is no verb, and the command."""
+
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 """No fault of r2bspec: the file system has no room."""
 
@@ -75,7 +78,7 @@ class _Verbs(click.Group):
         if args and args[0] not in _VERBS and not args[0].startswith("-"):
             from r2bspec.diagnostics import did_you_mean
 
-            close = did_you_mean(args[0], _VERBS)
+            close = _COMMANDS_MEANT.get(args[0]) or did_you_mean(args[0], _VERBS)
             ctx.fail(
                 f"unknown verb {args[0]!r}"
                 + (f"; did you mean {close!r}?" if close else f"; verbs: {', '.join(_VERBS)}")

@@ -209,9 +209,11 @@ def command(
     from r2bspec.cli.run_selection import is_file_list, run_items
     from r2bspec.cli.run_single import run_single
     from r2bspec.cli.run_suite import run_suite
-    from r2bspec.cli.spec_files import spec_files
+    from r2bspec.cli.spec_files import present_spec_files, spec_files
 
-    several = options.needs_suite or values.case == ALL_CASES
+    # Whether a spec that is gone may be gone is for the gate to say, which knows the base.
+    files = present_spec_files(specs) if options.has_base_tree else None
+    several = options.needs_suite or values.case == ALL_CASES or files == []
     if options.on is not None:
         options.check_fleet()
     pair = len(specs) == 2 and not several and not options.smoke and not options.has_base_tree
@@ -228,9 +230,10 @@ def command(
         return run_single(SpecSelection(Path(specs[0]), *values), options)
     if options.on is None:
         options.check_suite()
-    items = run_items(
-        SpecSelection(Path(), *values), spec_files(specs), options.select, options.scan
-    )
+    if files is None:
+        files = spec_files(specs)
+    selection = SpecSelection(Path(), *values)
+    items = run_items(selection, files, options.select, options.scan) if files else []
     return run_suite(items, options, specs)
 
 

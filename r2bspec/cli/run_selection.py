@@ -69,6 +69,20 @@ def run_items(
     return items
 
 
+def selected_files(files: Sequence[str], select: Sequence[str]) -> list[str]:
+    """The files of which a case has all labels of ``--select``.
+
+    Raises:
+        click.UsageError: a label is malformed.
+    """
+    labels = [_parse_label(text) for text in select]
+    return [
+        file
+        for file in files
+        if any(_matches(loaded, labels) for loaded, _ in _cases(SpecSelection(Path(file))))
+    ]
+
+
 def _cases(selection: SpecSelection) -> Iterator[tuple[LoadedSpec | None, str]]:
     """The cases of a file; a plan has one, and so has a document with errors."""
     if selection.spec.suffix == ".json":

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from r2bspec.cli.run_options import RunOptions
     from r2bspec.compare.merge_gate import MergeGate
     from r2bspec.judge.result import Result
+    from r2bspec.plan.time_estimate import TimeEstimate
     from r2bspec.report.progress import RemainingTime
 
 
@@ -26,46 +27,30 @@ def run_single(selection: SpecSelection, options: RunOptions) -> int:
     Raises:
         R2bspecError: it could not be run; with the run folder as a note, where there is one.
     """
-    with (
-        _json_of_failures(options, folder := _Folder()),
-        _reports_of_failures(options, folder, selection.spec),
-    ):
+    with reported_failures(options, folder := OutputFolder(), selection.spec):
         return _run(selection, options, folder)
 
 
-def _run(selection: SpecSelection, options: RunOptions, folder: _Folder) -> int:
+def _run(selection: SpecSelection, options: RunOptions, folder: OutputFolder) -> int:
     from r2bspec import api
-    from r2bspec.plan.time_estimate import estimate_time, time_text
     from r2bspec.report.progress import RemainingTime
     from r2bspec.report.terminal import show_result
     from r2bspec.report.write_reports import takes_stdout
 
-    if options.has_base_tree and not selection.spec.exists():
-        with opened_gate(options, selection.spec.parent) as gate:
-            gate.require_spec(selection.spec)
     prepared = prepare_and_report(selection, smoke=options.smoke, require_slos=options.require_slos)
     name = prepared.plan.name
     name += "-pairs" if options.compares else "-smoke" if options.smoke else ""
     folder.path = options.output or api.default_run_folder(name)
-    remaining = None
-    if not options.compares:
-        estimate = estimate_time(prepared.plan)
-        remaining = RemainingTime(estimate)
-        text = estimate.text()
-    else:
-        from r2bspec.plan.comparability import pair_count, single_run_plan
-
-        runs = 2 * (options.pairs or pair_count(prepared.plan))
-        estimate = estimate_time(single_run_plan(prepared.plan))
-        remaining = RemainingTime(estimate, runs=runs)
-        text = f"about {time_text(runs * estimate.seconds)}, {runs} runs"
     asked_ns = time.monotonic_ns()
     with locked_host(name, options):
         waited_ns = time.monotonic_ns() - asked_ns
-        if not options.quiet:
-            echo(f"{name}: {text}", err=True)
         with gate_of(options, selection.spec) as gate:
-            result = execute(prepared, selection, options, folder.path, remaining, gate)
+            estimate = estimate_of(prepared, selection, options, gate)
+            if not options.quiet:
+                echo(f"{name}: {estimate.text()}", err=True)
+            result = execute(
+                prepared, selection, options, folder.path, RemainingTime(estimate), gate
+            )
     show_differences(result, prepared)
     if not takes_stdout(options.reports):
         show_result(result, options.output_format, folder.path, verbose=options.verbose)
@@ -89,7 +74,7 @@ def _show_timings(folder: Path, waited_ns: int) -> None:
     show_phases(open_run(folder).record, began_ns + waited_ns, now_ns)
 
 
-class _Folder:
+class OutputFolder:
     """The run folder, once it is known."""
 
     path: Path | None = None
@@ -115,6 +100,28 @@ def locked_host(what: str, options: RunOptions) -> Iterator[None]:
         yield
 
 
+def estimate_of(
+    prepared: PreparedBenchmark,
+    selection: SpecSelection,
+    options: RunOptions,
+    gate: MergeGate | None = None,
+) -> TimeEstimate:
+    """How long the run of a spec will take, or its comparison with a base.
+
+    Args:
+        prepared: the spec.
+        selection: from which it was prepared.
+        options: of the run.
+        gate: says whether the base has the spec; without it, the head is played alone.
+    """
+    from r2bspec.plan.time_estimate import estimate_pairs, estimate_time
+
+    alone = gate is not None and gate.base_spec(selection.spec, prepared) is None
+    if alone or not options.compares:
+        return estimate_time(prepared.plan)
+    return estimate_pairs(prepared.plan, options.pairs)
+
+
 @contextlib.contextmanager
 def gate_of(options: RunOptions, spec: Path) -> Iterator[MergeGate | None]:
     """The merge gate, if the base has a work tree of its own. The caller has the lock of the host.
@@ -129,13 +136,13 @@ def gate_of(options: RunOptions, spec: Path) -> Iterator[MergeGate | None]:
     if not options.has_base_tree:
         yield None
         return
-    with opened_gate(options, spec) as gate:
+    with _opened_gate(options, spec) as gate:
         if not options.quiet:
             echo(f"base: {gate.tree.name}", err=True)
         yield gate
 
 
-def opened_gate(options: RunOptions, spec: Path) -> contextlib.AbstractContextManager[MergeGate]:
+def _opened_gate(options: RunOptions, spec: Path) -> contextlib.AbstractContextManager[MergeGate]:
     """The merge gate of a base with a work tree of its own."""
     import shlex
 
@@ -262,7 +269,14 @@ def write_reports_of(options: RunOptions, folder: Path, spec: Path) -> None:
 
 
 @contextlib.contextmanager
-def _reports_of_failures(options: RunOptions, folder: _Folder, spec: Path) -> Iterator[None]:
+def reported_failures(options: RunOptions, folder: OutputFolder, spec: Path) -> Iterator[None]:
+    """The requested reports and ``--format json`` say why there is no run."""
+    with _json_of_failures(options, folder), _reports_of_failures(options, folder, spec):
+        yield
+
+
+@contextlib.contextmanager
+def _reports_of_failures(options: RunOptions, folder: OutputFolder, spec: Path) -> Iterator[None]:
     """The requested reports say why there is no run, if not even its folder was made."""
     try:
         yield
@@ -276,7 +290,7 @@ def _reports_of_failures(options: RunOptions, folder: _Folder, spec: Path) -> It
 
 
 @contextlib.contextmanager
-def _json_of_failures(options: RunOptions, folder: _Folder) -> Iterator[None]:
+def _json_of_failures(options: RunOptions, folder: OutputFolder) -> Iterator[None]:
     """With ``--format json``, a failure prints JSON, too: what was measured, or else the error."""
     from r2bspec.report.write_reports import takes_stdout
 

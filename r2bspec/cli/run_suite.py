@@ -14,10 +14,13 @@ import click
 
 from r2bspec.cli.run_selection import RunItem
 from r2bspec.cli.run_single import (
+    OutputFolder,
+    estimate_of,
     execute,
     folder_line,
     gate_of,
     locked_host,
+    reported_failures,
     show_differences,
 )
 from r2bspec.cli.spec_selection import prepare_and_report
@@ -53,37 +56,53 @@ def run_suite(items: Sequence[RunItem], options: RunOptions, paths: Sequence[str
     """Make all runs; returns the worst exit status.
 
     Args:
-        items: the runs.
+        items: the runs; none where the head of a gate has no spec any more.
         options: of all of them.
         paths: the files, folders and patterns that they are from.
 
     Raises:
+        WeakerGateError: specs of the base are gone; nothing has been played.
         InterruptedRunError: a signal ended a run; the summary of the others has been written.
         FleetError: the fleet of ``--on`` cannot be reached.
     """
     from r2bspec import api
-    from r2bspec.private_files import private_files
 
+    if not items:
+        options = _with_summaries_only(options)
     _check_reports(options)
     root = options.output or api.default_run_folder("smoke-suite" if options.smoke else "suite")
     entries = [_prepare(item, options) for item in items]
     suite = Suite(root, options)
-    with private_files():
-        root.mkdir(parents=True, exist_ok=True)
     if options.on is None:
-        with (
-            locked_host(f"{len(entries)} benchmarks", options),
-            gate_of(with_known_names(options, entries), _place(entries)) as gate,
-        ):
-            if gate is not None:
-                entries += _deleted_specs(gate, paths, entries)
-            suite.enter(entries, root)
-            return suite.run(LocalExecutor(suite, options, gate))
+        with locked_host(f"{len(entries)} benchmarks", options):
+            return _run_here(suite, entries, options, paths)
     from r2bspec.cli.fleet_suite import fleet_executor
+    from r2bspec.private_files import private_files
 
+    suite.create_folder()
     with private_files(), fleet_executor(suite, root, options) as executor:
-        suite.enter(executor.place(entries), root)
+        suite.enter(executor.place(entries))
         return suite.run(executor)
+
+
+def _run_here(
+    suite: Suite, entries: Sequence[SuiteEntry], options: RunOptions, paths: Sequence[str]
+) -> int:
+    """Make all runs on this host, whose lock the caller has."""
+    # All specs are in one work tree.
+    place = entries[0].item.selection.spec if entries else Path(paths[0])
+    with contextlib.ExitStack() as stack:
+        of_all = tuple(request for request in options.reports if _NAME_FIELD not in request.path)
+        with reported_failures(replace(options, reports=of_all), OutputFolder(), place):
+            gate = stack.enter_context(gate_of(with_known_names(options, entries), place))
+            if gate is not None:
+                suite.gate = _compare_spec_sets(gate, paths, entries, options.select)
+        for entry in entries:
+            if entry.prepared is not None:
+                entry.estimate = estimate_of(entry.prepared, entry.item.selection, options, gate)
+        suite.create_folder()
+        suite.enter(entries)
+        return suite.run(LocalExecutor(suite, options, gate))
 
 
 def with_known_names(options: RunOptions, entries: Sequence[SuiteEntry]) -> RunOptions:
@@ -92,40 +111,47 @@ def with_known_names(options: RunOptions, entries: Sequence[SuiteEntry]) -> RunO
     Raises:
         UsageError: one is known to none.
     """
-    if not options.allow:
+    prepared = [entry.prepared for entry in entries if entry.prepared is not None]
+    if not options.allow or not prepared:
         return options
     from r2bspec.compare.gate_strength import allowable_names, check_allowed
 
-    prepared = [entry.prepared for entry in entries if entry.prepared is not None]
     check_allowed(options.allow, [name for one in prepared for name in allowable_names(one, one)])
     return replace(options, known_names=options.allow)
 
 
-def _place(entries: Sequence[SuiteEntry]) -> Path:
-    """A spec of the suite: all of them are in one work tree."""
-    return entries[0].item.selection.spec
+def _compare_spec_sets(
+    gate: MergeGate, paths: Sequence[str], entries: Sequence[SuiteEntry], select: Sequence[str]
+) -> tuple[str, ...]:
+    """Compare the specs of the head with those of the base, before anything is played.
 
+    Returns:
+        What is gone and allowed, a sentence each.
 
-def _deleted_specs(
-    gate: MergeGate, paths: Sequence[str], entries: Sequence[SuiteEntry]
-) -> list[SuiteEntry]:
-    """An entry that fails, if specs of the base, or cases of them, are gone."""
-    from r2bspec.cli.main import show_error
-    from r2bspec.cli.spec_files import spec_files
-    from r2bspec.compare.gate_strength import WeakerGateError
+    Raises:
+        WeakerGateError: specs of the base, or cases of them, are gone.
+        click.UsageError: neither the head nor the base has one of the paths.
+    """
+    from r2bspec.cli.run_selection import selected_files
+    from r2bspec.cli.spec_files import present_spec_files, spec_files
 
-    base: list[Path] = []
+    base: list[str] = []
     for path in paths:
         place = gate.tree.in_base(Path(path))
-        with contextlib.suppress(click.UsageError):
-            base += map(Path, spec_files([str(place)]) if place is not None else [])
-    head = list(dict.fromkeys(entry.item.selection.spec for entry in entries))
-    try:
-        gate.require_specs(base, head)
-    except WeakerGateError as error:
-        show_error(error)
-        return [SuiteEntry(entries[0].item, "deleted specs", error=error)]
-    return []
+        files = present_spec_files([str(place)]) if place is not None else []
+        if not files:
+            spec_files([path])
+        base += files
+    head = dict.fromkeys(entry.item.selection.spec for entry in entries)
+    return gate.require_specs(map(Path, selected_files(base, select)), head)
+
+
+def _with_summaries_only(options: RunOptions) -> RunOptions:
+    """The options without reports that only a run could have: there is none."""
+    from r2bspec.report.suite_formats import SUITE_FORMATS
+
+    reports = (request for request in options.reports if request.format in SUITE_FORMATS)
+    return replace(options, reports=tuple(reports))
 
 
 def _check_reports(options: RunOptions) -> None:
@@ -143,7 +169,6 @@ def _check_reports(options: RunOptions) -> None:
 def _prepare(item: RunItem, options: RunOptions) -> SuiteEntry:
     """Check one spec before anything runs; its error is that of its run."""
     from r2bspec.cli.main import show_error
-    from r2bspec.plan.time_estimate import estimate_time
 
     try:
         prepared = prepare_and_report(
@@ -159,7 +184,8 @@ def _prepare(item: RunItem, options: RunOptions) -> SuiteEntry:
 
         named = msgspec.structs.replace(prepared.plan, name=f"{prepared.plan.name}{item.suffix}")
         prepared = replace(prepared, plan=named)
-    return SuiteEntry(item, prepared.plan.name, prepared, estimate=estimate_time(prepared.plan))
+    estimate = estimate_of(prepared, item.selection, options)
+    return SuiteEntry(item, prepared.plan.name, prepared, estimate=estimate)
 
 
 def _assign_folders(entries: Sequence[SuiteEntry], root: Path) -> None:
@@ -175,10 +201,15 @@ def _assign_folders(entries: Sequence[SuiteEntry], root: Path) -> None:
 
 
 class Suite:
-    """The runs that were made, and the summary of them."""
+    """The runs that were made, and the summary of them.
+
+    Attributes:
+        gate: what is said of the set of specs, beside that of the base.
+    """
 
     def __init__(self, root: Path, options: RunOptions) -> None:
         self.root = root
+        self.gate: tuple[str, ...] = ()
         self._options = options
         self._entries: Sequence[SuiteEntry] = ()
         self._started_at = _now()
@@ -186,14 +217,21 @@ class Suite:
         self._results: dict[str, Result] = {}
         self._written = self._writing = 0.0
 
-    def enter(self, entries: Sequence[SuiteEntry], root: Path) -> None:
+    def create_folder(self) -> None:
+        """Create the folder of the suite."""
+        from r2bspec.private_files import private_files
+
+        with private_files():
+            self.root.mkdir(parents=True, exist_ok=True)
+
+    def enter(self, entries: Sequence[SuiteEntry]) -> None:
         """Take the runs that are to be made, each with its folder."""
-        _assign_folders(entries, root)
+        _assign_folders(entries, self.root)
         self._entries = entries
 
     def run(self, executor: Executor) -> int:
         """Make the runs, then print the summary; returns the worst exit status."""
-        if not self._options.quiet:
+        if self._entries and not self._options.quiet:
             echo(executor.announce(self._entries), err=True)
         numbers = {id(entry): number for number, entry in enumerate(self._entries)}
         try:
@@ -361,6 +399,7 @@ class Suite:
             started_at=self._started_at,
             ended_at=_now(),
             exit_status=worst_status(one.exit_status for one in runs),
+            gate=self.gate,
             runs=runs,
         )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import glob
 import os
 from collections.abc import Iterable, Iterator
@@ -21,6 +22,15 @@ def spec_files(paths: Iterable[str]) -> list[str]:
         click.UsageError: a path that does not exist, or without a spec.
     """
     return list(dict.fromkeys(file for path in paths for file in _expand_path(path)))
+
+
+def present_spec_files(paths: Iterable[str]) -> list[str]:
+    """The same without the paths that do not exist, or have no spec."""
+    files: list[str] = []
+    for path in paths:
+        with contextlib.suppress(click.UsageError):
+            files += _expand_path(path)
+    return list(dict.fromkeys(files))
 
 
 def _expand_path(path: str) -> list[str]:

@@ -27,6 +27,7 @@ from pathlib import Path, PurePosixPath
 from typing import IO, BinaryIO
 
 from r2bspec.compare.base_reference import HINT, BaseReference
+from r2bspec.diagnostics import did_you_mean
 from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import UsageError
 from r2bspec.record.graph_identity import Revision, revision_text
@@ -36,6 +37,7 @@ from r2bspec.untrusted.git import (
     git_command,
     git_environment,
     inspect_work_tree,
+    ref_names,
     run_git,
 )
 
@@ -52,6 +54,7 @@ _LFS_POINTER = re.compile(
     rb"oid sha256:([0-9a-f]{64})\nsize (\d{1,15})\n"
 )
 _MAX_POINTER_BYTES = 1024
+_COMMIT = re.compile("[0-9a-f]{40}")
 
 
 class BaseRevisionError(UsageError):
@@ -161,18 +164,38 @@ def _commit(top: Path, text: str) -> str:
         commit = _output(top, "merge-base", commit, "HEAD") or None
     if commit is not None:
         return commit
+    raise _unknown_revision(top, name, branched_off=name != text)
+
+
+def _unknown_revision(top: Path, name: str, *, branched_off: bool) -> BaseRevisionError:
+    """The error that git does not know a commit, with the name that may be meant."""
     shallow = _output(top, "rev-parse", "--is-shallow-repository") == "true"
+    what = f"no commit from which HEAD and {name!r} branched off" if branched_off else repr(name)
+    message = f"git knows no revision {what}"
+    if shallow:
+        message += ": this clone is shallow, and does not have it"
+    if commit_of(top, name) is None and (close := did_you_mean(name, ref_names(top))):
+        message += f"; did you mean {close!r}?"
+    fetch = _fetch_of(top, name, shallow=shallow, branched_off=branched_off)
+    way_out = f"Fetch it first: {fetch}. The base can also be a work tree, or a spec."
+    return BaseRevisionError(message, hint=way_out if fetch else HINT)
+
+
+def _fetch_of(top: Path, name: str, *, shallow: bool, branched_off: bool) -> str:
+    """The command that gets a revision which this clone left out; empty if it left none out."""
+    depth = " --unshallow" if shallow and branched_off else " --depth=1" if shallow else ""
     remote, slash, branch = name.partition("/")
-    branched = bool(slash) and remote in _output(top, "remote").split()
-    source = f"{remote} {branch}:refs/remotes/{name}" if branched else f"origin {name}"
-    depth = " --unshallow" if name != text and shallow else " --depth=1" if shallow else ""
-    what = f"no commit from which HEAD and {name!r} branched off" if name != text else repr(name)
-    raise BaseRevisionError(
-        f"git knows no revision {what}"
-        + (": this clone is shallow, and does not have it" if shallow else ""),
-        hint=f"Fetch it first: git fetch{depth} {source}. The base can also be a work tree, or a "
-        "spec.",
-    )
+    if slash and remote in _output(top, "remote").split():
+        fetched = _output(top, "config", "--get-all", f"remote.{remote}.fetch").split()
+        has_all = any("refs/heads/*:" in refspec for refspec in fetched)
+        return (
+            f"git fetch{depth} {remote} {branch}:refs/remotes/{name}"
+            if shallow or not has_all
+            else ""
+        )
+    if shallow and commit_of(top, name) is not None:
+        return f"git fetch{depth}"
+    return f"git fetch{depth} origin {name}" if shallow and _COMMIT.fullmatch(name) else ""
 
 
 def _output(top: Path, *arguments: str) -> str:

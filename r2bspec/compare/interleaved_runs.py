@@ -17,12 +17,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from r2bspec.errors import R2bspecError
+from r2bspec.errors import R2bspecError, without_output
 from r2bspec.execute.controller import run_plan
-from r2bspec.execute.errors import InterruptedRunError, RunError
+from r2bspec.execute.errors import InterruptedRunError, RunError, UnwritableRunError
 from r2bspec.execute.processes.signals import Interrupts
 from r2bspec.execute.processes.workspaces import applied_environment
 from r2bspec.execute.progress import Progress
+from r2bspec.exit_status import ExitStatus
 from r2bspec.judge.confirmation import needs_confirmation
 from r2bspec.judge.pair_comparison import interference_text, why_unusable
 from r2bspec.judge.statistics.paired_ratio import PairOrder, pair_orders
@@ -64,10 +65,16 @@ class BaseFailsError(R2bspecError):
 
     @classmethod
     def of(cls, error: R2bspecError, text: str = "") -> BaseFailsError:
-        """An error of the base, with the exit status of its cause and the way out."""
+        """An error of the base, with the way out.
+
+        The exit status is that of its cause, which may say that another attempt can help. A run
+        that failed was already repeated, so its cause is the base's code, which no pipeline has
+        to try a third time; only a disk that cannot be written is no fault of the code.
+        """
         hint = "Mend the base, or judge the head alone: --allow base."
         failure = cls(text or f"the base fails: {error}", hint=hint)
-        failure.exit_code = error.exit_code
+        graph_failed = isinstance(error, RunError) and not isinstance(error, UnwritableRunError)
+        failure.exit_code = ExitStatus.USAGE if graph_failed else error.exit_code
         return failure
 
 
@@ -216,7 +223,8 @@ class _PairRunner:
         return judged.verdict
 
     def _play_again(self, pair: PairRecord, why: str) -> PairRecord:
-        self._note(f"pair {pair.number} is played again: {why}")
+        # The record has all of it; a side that fails again is an error that has it, too.
+        self._note(f"pair {pair.number} is played again: {without_output(why)}")
         again = self._play(pair.number, pair.order, confirms=pair.confirms, again=True)
         if again.unusable:
             self._note(f"pair {pair.number} again cannot be judged: {again.unusable}")

@@ -28,11 +28,16 @@ import msgspec
 from r2bspec.compare.base_environment import BaseBuildError, BaseBuilds, is_code_of
 from r2bspec.compare.base_reference import BaseReference
 from r2bspec.compare.base_tree import BaseRevisionError, BaseTree
-from r2bspec.compare.gate_strength import WeakerGateError, check_gate, weakening_diagnostics
+from r2bspec.compare.gate_strength import (
+    GateComparison,
+    WeakerGateError,
+    check_gate,
+    weakening_diagnostics,
+)
 from r2bspec.compare.interleaved_runs import BaseFailsError, ComparisonSide
 from r2bspec.compare.spec_sets import SpecName, compare_spec_sets, spec_name
 from r2bspec.diagnostics.quote import clip
-from r2bspec.errors import R2bspecError
+from r2bspec.errors import R2bspecError, without_output
 from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.execute.processes.workspaces import applied_environment
@@ -248,47 +253,41 @@ class MergeGate:
                 return path
         return None
 
-    def require_spec(self, spec: Path) -> None:
-        """Check that a spec of the base is not gone, unless that is allowed.
-
-        Raises:
-            WeakerGateError: the base has it, and the head does not.
-        """
-        same = self.tree.in_base(spec)
-        if not spec.exists() and same is not None and is_regular(same):
-            self.require_specs([same], [], renamed=self._renamed(same))
-
-    def _renamed(self, spec: Path) -> str:
-        """Where the head has a spec of the base under the same name; empty for nowhere."""
-        name = spec_name(SpecSelection(spec).load_cases()).name
-        for path in _specs_below(self.tree.head_top) if name else ():
-            if spec_name(SpecSelection(path).load_cases()).name == name:
+    def _place_of_name(self, gone: SpecName) -> str:
+        """Where the head has a spec of the same name; empty for nowhere."""
+        for path in _specs_below(self.tree.head_top) if gone.name else ():
+            if spec_name(SpecSelection(path).load_cases()).name == gone.name:
                 return str(path.relative_to(self.tree.head_top))
         return ""
 
-    def require_specs(
-        self, base: Iterable[Path], head: Iterable[Path], *, renamed: str = ""
-    ) -> None:
+    def require_specs(self, base: Iterable[Path], head: Iterable[Path]) -> tuple[str, ...]:
         """Check that the head has every spec of the base, and every case, unless that is allowed.
 
         Args:
             base: specs of the base.
             head: specs of the head.
-            renamed: where the head has the one that is gone, for the message.
+
+        Returns:
+            What is gone and allowed, a sentence each.
 
         Raises:
             WeakerGateError: some are gone.
         """
-        weaker = compare_spec_sets(
-            _spec_names(base, self.tree.top), _spec_names(head, self.tree.head_top)
-        ).weaker
-        refused = [each for each in weaker if each.name not in self.settings.allow]
+        base_names = _spec_names(base, self.tree.top)
+        compared = compare_spec_sets(base_names, _spec_names(head, self.tree.head_top))
+        refused = [weaker for weaker in compared.weaker if weaker.name not in self.settings.allow]
         if refused:
             diagnostics = weakening_diagnostics(refused, None, self.tree.name)
             error = WeakerGateError(refused, diagnostics, None, self.tree.name)
-            if renamed:
-                error.hint = f"{renamed} has its name: let the pipeline run that. {error.hint}"
+            allowed = self.settings.allow
+            gone = [path for path in compared.deleted if f"spec {path}" not in allowed]
+            places = list(filter(None, (self._place_of_name(base_names[path]) for path in gone)))
+            if places:
+                has = "has its name" if len(places) == 1 else "have their names"
+                where = ", ".join(map(clip, places))
+                error.hint = f"{where} {has}: let the pipeline run that. {error.hint}"
             raise error
+        return GateComparison(compared.weaker).sentences
 
     def alone(self, head: Prepared, *sentences: str) -> GateSides:
         """The head without a base: what only a comparison can tell is not asked of it."""
@@ -302,7 +301,7 @@ class MergeGate:
 
     def alone_without_base(self, head: Prepared, error: R2bspecError) -> GateSides:
         """The head alone, because the base cannot run, and that is allowed."""
-        first = self._named(str(error)).splitlines()[0].removesuffix("; its last output:")
+        first = without_output(self._named(str(error)))
         return self.alone(head, f"Allowed: base. {self.tree.name} cannot run: {first}")
 
     def check_loaded_files(self, side: str, folder: Path) -> None:

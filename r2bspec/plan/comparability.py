@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections import defaultdict
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any, Final
 
@@ -94,8 +95,40 @@ def load_differences(base: Plan, head: Plan) -> list[PlanDifference]:
 
 
 def graph_differences(base: Plan, head: Plan) -> list[PlanDifference]:
-    """The differences of two plans that may affect the measurement."""
-    return [each for each in diff_plans(base, head) if _change(each) != "neither"]
+    """The differences of two plans that may affect the measurement, each once.
+
+    Parameters of a node stand in the command line of its process, too.
+    """
+    differences = [each for each in diff_plans(base, head) if _change(each) != "neither"]
+    changed: dict[object, set[str]] = defaultdict(set)
+    for difference in differences:
+        match difference.path:
+            case ("processes", process, "nodes", _, "parameters", name, *_):
+                changed[process].add(str(name))
+    arguments = [
+        {process.name: process.argv for process in plan.processes} for plan in (base, head)
+    ]
+    repeating = {
+        process
+        for process, names in changed.items()
+        if len({_without_parameters(each.get(str(process), ()), names) for each in arguments}) == 1
+    }
+    return [
+        difference
+        for difference in differences
+        if difference.path[2:3] != ("argv",) or difference.path[1] not in repeating
+    ]
+
+
+def _without_parameters(argv: Sequence[str], names: Collection[str]) -> tuple[str, ...]:
+    """A command line without its ``-p NAME:=VALUE`` of these parameters."""
+    left: list[str] = []
+    words = iter(argv)
+    for word in words:
+        value = next(words, "") if word == "-p" else ""
+        if value.partition(":=")[0] not in names:
+            left += [word, value]
+    return tuple(left)
 
 
 def _change(difference: PlanDifference) -> Change:

@@ -1,4 +1,4 @@
-"""How long a run will take, from its plan alone: an estimate for people who wait.
+"""How long a run or a comparison will take, from its plan alone: an estimate for people who wait.
 
 What the plan declares is exact: iterations, warm-up and probes. What it does not know, such as the
 start of processes, is a typical value. Nothing is decided by these numbers.
@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from r2bspec.plan.comparability import pair_count, single_run_plan
 from r2bspec.plan.plan import Plan, PlayPlan
 
 _LOAD_S = 1.5
@@ -29,25 +30,34 @@ _SESSION_PHASES = ("start", "harness_overhead", "graph", "warm_up")
 
 @dataclass(frozen=True)
 class TimeEstimate:
-    """The expected time of a run.
+    """The expected time of a run, or of the runs of a comparison.
 
     Attributes:
-        phases: seconds by phase, in the order of the run; later starts are a part of ``play``.
-        at_most_s: with all additional iterations and the confirmation run that the plan allows.
+        phases: seconds by phase of one run, in its order; later starts are a part of ``play``.
+        at_most_s: of all runs, with all additional iterations and the confirmation that the plan
+            allows.
+        runs: how many are made one after the other: two for each pair of a comparison.
     """
 
     phases: Mapping[str, float]
     at_most_s: float
+    runs: int = 1
+
+    @property
+    def run_s(self) -> float:
+        """The time of one run: of everything that is played in any case."""
+        return sum(self.phases.values())
 
     @property
     def seconds(self) -> float:
-        """The time of everything that is played in any case."""
-        return sum(self.phases.values())
+        """The time of all runs."""
+        return self.runs * self.run_s
 
     def text(self) -> str:
-        """The estimate in words: ``about 40 s, up to 2 min``."""
+        """The estimate in words: ``about 40 s, up to 2 min``, ``about 3 min, 10 runs``."""
         expected, longest = time_text(self.seconds), time_text(self.at_most_s)
-        return f"about {expected}" + (f", up to {longest}" if longest != expected else "")
+        at_most = f", up to {longest}" if longest != expected else ""
+        return f"about {expected}{at_most}" + (f", {self.runs} runs" if self.runs > 1 else "")
 
 
 def estimate_time(plan: Plan) -> TimeEstimate:
@@ -84,6 +94,23 @@ def estimate_time(plan: Plan) -> TimeEstimate:
         declared = sum(phases.values())
         longest = max(declared, min(longest, declared - play_s + plan.gate.time_budget_ns / 1e9))
     return TimeEstimate(phases, longest)
+
+
+def estimate_pairs(plan: Plan, pairs: int | None = None) -> TimeEstimate:
+    """The time that interleaved runs of a base and of the plan will take.
+
+    Args:
+        plan: of the head, with all iterations.
+        pairs: how many; as many as the plan has iterations if None.
+    """
+    once = estimate_time(single_run_plan(plan))
+    played = pairs or pair_count(plan)
+    if plan.gate.time_budget_ns:
+        played = max(1, min(played, int(plan.gate.time_budget_ns / 1e9 / (2 * once.seconds))))
+    expected_s = 2 * played * once.seconds
+    # A comparison that failed is confirmed by as many new pairs.
+    confirmed = plan.gate.confirm and bool(plan.objectives)
+    return TimeEstimate(once.phases, expected_s * (2 if confirmed else 1), runs=2 * played)
 
 
 def _plays(plan: Plan) -> tuple[PlayPlan, ...]:

@@ -3,8 +3,9 @@
     ✘ FAIL blur: latency.p99 46.4 ms > 40 ms at 30 Hz; blur.py changed against origin/main@9b1e44f
 
 Of a FAIL it is the requirement furthest beyond its limit, of a PASS the one nearest to it, and of
-an INCONCLUSIVE the first that is open, with what would decide it. A ratio to a base is written with
-its interval: ``latency.p50 116 % [114, 119] of main@9b1e44f, limit 107 %``.
+an INCONCLUSIVE the first that is open, with what would decide it. Where runs are compared, a PASS
+names a ratio to the base before any other number. A ratio is written with its interval:
+``latency.p50 116 % [114, 119] of main@9b1e44f, limit 107 %``.
 """
 
 from __future__ import annotations
@@ -131,8 +132,11 @@ def _decisive(verdict: Verdict, base: str, pace: str) -> str:
         remedy = first.remedy.rstrip(".").rpartition(". ")[2]
         remedy = f"{remedy[:1].lower()}{remedy[1:]}"
         return f"{number}{value(first)}{f'; {remedy}' if remedy else ''}"
-    nearest = max(counted, key=_used)
-    place = f", the nearest of {len(counted)} to its limit" if len(counted) > 1 else ""
+    ratios = [requirement for requirement in counted if requirement.compared is not None]
+    of_kind = ratios or counted
+    nearest = max(of_kind, key=_used)
+    number = f"{len(of_kind)} ratios" if ratios else f"{len(of_kind)}"
+    place = f", the nearest of {number} to its limit" if len(of_kind) > 1 else ""
     return f"{value(nearest)}{place}"
 
 
@@ -163,18 +167,24 @@ def _value(verdict: RequirementVerdict, base: str, pace: str, *, name_monitor: b
     if verdict.outcome == "inconclusive":
         estimate = show(verdict.estimate, verdict.unit)
         return f"{name} {estimate}{_interval(verdict)}{windows}{at}, limit {limit}"
-    return f"{name} {_relation(verdict)}{windows}{at}"
+    return f"{name} {_relation(verdict, requirement)}{windows}{at}"
 
 
-def _relation(verdict: RequirementVerdict) -> str:
-    """The estimate and its limit with the sign between them: ``46.4 ms > 40 ms``."""
+def _relation(verdict: RequirementVerdict, requirement: Requirement) -> str:
+    """The estimate and its limit with the sign between them: ``46.4 ms > 40 ms``.
+
+    The sign of a requirement that is met is its own, as far as it holds for the estimate.
+    """
     estimate, limit = verdict.estimate or 0.0, verdict.limit
     if limit is None:
         return show(estimate, verdict.unit)
     sign = "=" if estimate == limit else ">" if estimate > limit else "<"
+    operator = requirement.op
+    if verdict.outcome == "pass" and operator in {"<", "<=", ">", ">="} and sign in operator:
+        sign = operator
     for digits in range(3, _MOST_DIGITS + 1):
         shown, bound = (show(value, verdict.unit, digits) for value in (estimate, limit))
-        if shown != bound or sign == "=":
+        if shown != bound or "=" in sign:
             break
     else:
         sign = "≈"

@@ -131,6 +131,7 @@ def _weighted(result: Result) -> Iterator[Note]:
         (Weight.BROKEN, _output_gap_notes(result)),
         # Each start has a process of the name; that all end in one way is one note.
         (Weight.BROKEN, _exit_notes(result)),
+        (Weight.OPEN, _machine_notes(result)),
         (Weight.OPEN, _requirement_notes(result, ("fail", "inconclusive"))),
         (Weight.INTERFERENCE, _of_pairs(result)),
         (Weight.INTERFERENCE, summary),
@@ -176,6 +177,23 @@ def _difference_notes(result: Result) -> Iterator[str]:
     for difference in result.differences:
         if difference.harmless:
             yield f"{difference.code}: {difference.message}; {difference.help}"
+
+
+def _machine_notes(result: Result) -> Iterator[str]:
+    """Whether nothing but host interference leaves a run open."""
+    verdict = result.verdict
+    open_requirements = [
+        requirement
+        for requirement in verdict.requirements
+        if requirement.level == "error" and requirement.outcome == "inconclusive"
+    ]
+    if verdict.outcome == "inconclusive" and all(
+        requirement.weakened for requirement in open_requirements
+    ):
+        yield (
+            "What is open could not be decided because other programs used the machine. That is no "
+            "failure of the graph: run again when the machine has nothing else to do."
+        )
 
 
 def _requirement_notes(result: Result, outcomes: Sequence[str]) -> Iterator[str]:

@@ -27,21 +27,19 @@ class RemainingTime:
         self,
         estimate: TimeEstimate,
         *,
-        runs: int = 1,
         after_s: float = 0.0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Start before the first phase.
 
         Args:
-            estimate: of one run.
-            runs: of the plan, one after the other.
+            estimate: of the runs.
             after_s: the time that other runs will take afterwards.
             clock: seconds, in steps of no fixed size.
         """
         self._estimate = estimate
         self._names = list(estimate.phases)
-        self._runs_left = runs
+        self._runs_left = estimate.runs
         self._after_s = after_s
         self._clock = clock
         self._phase = -1
@@ -73,7 +71,7 @@ class RemainingTime:
         later = sum(times[self._phase + 1 :])
         current = times[self._phase] if self._phase >= 0 else 0.0
         rest = max(0.0, current - (self._clock() - self._began_s))
-        return rest + later + (self._runs_left - 1) * self._estimate.seconds + self._after_s
+        return rest + later + (self._runs_left - 1) * self._estimate.run_s + self._after_s
 
     def text(self) -> str:
         """The rest in words."""

@@ -29,8 +29,9 @@ Results = Mapping[str, Result]
 _HEADER: Final = (
     *("benchmark", "rate", "monitor", "throughput"),
     *map(part_title, SHORT_PERCENTILES),
-    *("peak", "verdict"),
+    *("peak", "ratio to base", "verdict"),
 )
+_RATIO: Final = _HEADER.index("ratio to base")
 _NUMBERS: Final = frozenset(_HEADER[3:7])
 _WORDS: Final[dict[str, str]] = {
     **dict(OUTCOME_WORDS.items()),
@@ -68,9 +69,11 @@ def to_text(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byte
     for cells in _table(summary):
         made.add_row(*map(Text, cells))
     page.print(made)
-    lines = [f"{_count_text(summary)}\n", "\n"]
-    lines += [f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines()]
+    lines = [f"{_count_text(summary)}\n"]
+    if summary.runs:
+        lines += ["\n", *(f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines())]
     lines += [f"\n{_told(run)}\n" for run in _not_passed(summary)]
+    lines += [f"\n{sentence}\n" for sentence in _gate_sentences(summary)]
     return harmless("".join(lines)).encode()
 
 
@@ -79,8 +82,10 @@ def to_markdown(summary: SuiteSummary, results: Results, path: str = STDOUT) -> 
     from r2bspec.report.markdown import escaped, table
 
     lines = [f"### {escaped(_count_text(summary))}", ""]
-    lines += table(_header(summary), [tuple(map(escaped, cells)) for cells in _table(summary)])
+    if summary.runs:
+        lines += table(_header(summary), [tuple(map(escaped, cells)) for cells in _table(summary)])
     reasons = [f"- {escaped(_told(run))}" for run in _not_passed(summary)]
+    reasons += [f"- {escaped(sentence)}" for sentence in _gate_sentences(summary)]
     return harmless("\n".join([*lines, "", *reasons]).rstrip() + "\n").encode()
 
 
@@ -94,9 +99,8 @@ def to_html(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byte
     header = "".join(
         f'<th scope="col"{_class_of(each)}>{html.escape(each)}</th>' for each in _header(summary)
     )
-    reasons = "\n".join(
-        f"<p>{html.escape(printable_lines(_told(run)))}</p>" for run in _not_passed(summary)
-    )
+    paragraphs = [*map(_told, _not_passed(summary)), *_gate_sentences(summary)]
+    reasons = "\n".join(f"<p>{html.escape(printable_lines(text))}</p>" for text in paragraphs)
     title = html.escape(_count_text(summary))
     style = importlib.resources.files("r2bspec.report.html").joinpath("style.css")
     page = (
@@ -182,9 +186,22 @@ def _has_hosts(summary: SuiteSummary) -> bool:
     return any(run.host for run in summary.runs)
 
 
+def _has_ratios(summary: SuiteSummary) -> bool:
+    return any(row.ratio is not None for run in summary.runs for row in run.rows)
+
+
 def _header(summary: SuiteSummary) -> tuple[str, ...]:
-    """The titles of the columns; the host is one of them if runs were made on several."""
-    return (_HEADER[0], *(("host",) if _has_hosts(summary) else ()), *_HEADER[1:])
+    """The titles of the columns: hosts and ratios only where there are some."""
+    return _chosen(_HEADER, ("host",), summary)
+
+
+def _chosen(
+    cells: tuple[str, ...], host: tuple[str, ...], summary: SuiteSummary
+) -> tuple[str, ...]:
+    """The cells of a line, with the host after the first, that this table has columns for."""
+    if not _has_ratios(summary):
+        cells = (*cells[:_RATIO], *cells[_RATIO + 1 :])
+    return (cells[0], *(host if _has_hosts(summary) else ()), *cells[1:])
 
 
 def _table(summary: SuiteSummary) -> Iterator[tuple[str, ...]]:
@@ -195,12 +212,12 @@ def _table(summary: SuiteSummary) -> Iterator[tuple[str, ...]]:
 def _rows_of(run: SuiteRun, summary: SuiteSummary) -> Iterator[tuple[str, ...]]:
     """The lines of one run; its name and its outcome stand in the first."""
     word = _WORDS.get(run.outcome, run.outcome) + (" (earlier run)" if run.resumed else "")
-    named = (run.name, run.host) if _has_hosts(summary) else (run.name,)
     if not run.rows:
-        yield (*named, "", "", "", "", "", "", word)
+        empty = ("",) * (len(_HEADER) - 2)
+        yield _chosen((run.name, *empty, word), (run.host,), summary)
     for number, row in enumerate(run.rows):
-        first = named if number == 0 else tuple("" for _ in named)
-        yield (*first, *_cells(row), word if number == 0 else "")
+        name, host, outcome = (run.name, run.host, word) if number == 0 else ("", "", "")
+        yield _chosen((name, *_cells(row), outcome), (host,), summary)
 
 
 def _cells(row: SuiteRow) -> tuple[str, ...]:
@@ -210,7 +227,18 @@ def _cells(row: SuiteRow) -> tuple[str, ...]:
         show(row.throughput_hz, "Hz"),
         *(show(getattr(row, f"latency_{part}_s"), "s") for part in SHORT_PERCENTILES),
         show(row.peak_hz, "Hz"),
+        "" if row.ratio is None else f"{row.ratio_metric} {show(row.ratio, 'share')}",
     )
+
+
+def _gate_sentences(summary: SuiteSummary) -> Sequence[str]:
+    """What is said of the comparison with a base, each sentence once with the runs it is about."""
+    names: dict[str, list[str]] = {}
+    for run in summary.runs:
+        for sentence in run.gate:
+            names.setdefault(sentence, []).append(_called(run))
+    of_runs = [f"{', '.join(called)}: {sentence}" for sentence, called in names.items()]
+    return [*(f"{text[:1].upper()}{text[1:]}" for text in summary.gate), *of_runs]
 
 
 def _told(run: SuiteRun) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from typing import Final, Literal
 
@@ -10,6 +11,7 @@ import msgspec
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.judge.result import Result
+from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.report.headline import headline
 
 _SEVERITY: Final = (
@@ -24,12 +26,17 @@ _SEVERITY: Final = (
 """Exit statuses, the worst last: what a retry may mend is not as bad as what it cannot."""
 
 
+_URGENCY: Final = ("pass", "inconclusive", "fail")
+"""Outcomes of a requirement, the one that matters most last."""
+
+
 class SuiteRow(msgspec.Struct, frozen=True, kw_only=True):
     """One monitor at one rate; times in seconds, None where there is no value.
 
     Attributes:
         offered_hz: 0 where the recording or the graph sets the rate; `pace` says which.
         peak_hz: of the search of the run, the same in each of its rows.
+        ratio: to the base, of the metric `ratio_metric`: what decided, where several are required.
     """
 
     offered_hz: float
@@ -39,6 +46,8 @@ class SuiteRow(msgspec.Struct, frozen=True, kw_only=True):
     latency_p50_s: float | None
     latency_p99_s: float | None
     peak_hz: float | None
+    ratio: float | None = None
+    ratio_metric: str = ""
 
 
 class SuiteRun(msgspec.Struct, frozen=True, kw_only=True):
@@ -51,6 +60,7 @@ class SuiteRun(msgspec.Struct, frozen=True, kw_only=True):
         resumed: whether the run is an earlier one.
         host: of a fleet, that made it; empty on this host.
         line: the first line of its reports; empty where it has no result.
+        gate: what its comparison with a base is to be read with, a sentence each.
         report: its page in HTML; empty where it has none.
     """
 
@@ -64,6 +74,7 @@ class SuiteRun(msgspec.Struct, frozen=True, kw_only=True):
     host: str = ""
     rows: tuple[SuiteRow, ...] = ()
     line: str = ""
+    gate: tuple[str, ...] = ()
     report: str = ""
 
 
@@ -72,6 +83,7 @@ class SuiteSummary(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         exit_status: the worst of all; see `worst_status`.
+        gate: what is gone from the specs of the base and allowed, a sentence each.
     """
 
     r2bspec_suite: Literal[1] = 1
@@ -79,6 +91,7 @@ class SuiteSummary(msgspec.Struct, frozen=True, kw_only=True):
     ended_at: str
     machine: dict[str, str] = {}
     exit_status: int
+    gate: tuple[str, ...] = ()
     runs: tuple[SuiteRun, ...]
 
 
@@ -115,6 +128,7 @@ def run_with_result(
         host=host,
         rows=tuple(_rows(result)),
         line=headline(result),
+        gate=result.gate,
         report=report,
     )
 
@@ -141,10 +155,23 @@ def run_with_error(
     )
 
 
+def _decisive_ratio(result: Result, rate_hz: float, monitor: str) -> RequirementVerdict | None:
+    """The ratio to a base at a rate that matters most: one that failed, or else is open."""
+    ratios = [
+        requirement
+        for requirement in result.verdict.requirements
+        if requirement.compared is not None
+        and requirement.monitor in {monitor, None}
+        and math.isclose(requirement.at_hz or 0.0, rate_hz)
+    ]
+    return max(ratios, key=lambda ratio: _URGENCY.index(ratio.outcome), default=None)
+
+
 def _rows(result: Result) -> Iterator[SuiteRow]:
     search = result.metrics.search
     for rate in result.metrics.rates:
         for monitor, seen in rate.pooled.monitors.items():
+            compared = _decisive_ratio(result, rate.offered_hz, monitor)
             yield SuiteRow(
                 offered_hz=rate.offered_hz,
                 pace=rate.pace,
@@ -153,6 +180,8 @@ def _rows(result: Result) -> Iterator[SuiteRow]:
                 latency_p50_s=seen.latency.p50,
                 latency_p99_s=seen.latency.p99,
                 peak_hz=search.holds_hz if search is not None else None,
+                ratio=compared.estimate if compared is not None else None,
+                ratio_metric=compared.metric if compared is not None else "",
             )
     if search is not None and not result.metrics.rates:
         yield SuiteRow(

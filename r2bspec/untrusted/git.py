@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Final
 
 GIT_TIMEOUT_S: Final = 60.0
+_MAX_REFS: Final = 1_000
 
 _KEPT_VARIABLES: Final = frozenset(
     {"GIT_EXEC_PATH", "GIT_CONFIG_GLOBAL", "GIT_CONFIG_SYSTEM", "GIT_CONFIG_NOSYSTEM"}
@@ -185,6 +186,20 @@ def inspect_work_tree(top: Path) -> WorkTreeState | None:
 
 _PATH_FIELDS: Final = {"1": 7, "u": 9}
 """How many fields of an entry come before its path: of changed files, and of unmerged ones."""
+
+
+def ref_names(top: Path) -> tuple[str, ...]:
+    """The branches, branches of remotes, and tags of a repository; none if git cannot tell."""
+    done = run_git(
+        top,
+        "for-each-ref",
+        f"--count={_MAX_REFS}",
+        "--format=%(refname:short)",
+        *("refs/remotes", "refs/heads", "refs/tags"),
+    )
+    if done is None or done.returncode:
+        return ()
+    return tuple(done.stdout.decode(errors="replace").split())
 
 
 def commit_of(top: Path, revision: str) -> str | None:

@@ -1,7 +1,8 @@
 """Reading a node's topics and parameters from its Python source, without running it.
 
 A class is supported if its only base class is `Node`, and if no other code can create topics or
-parameters of the node (`r2bspec.wiring.python_source`). Every call of `create_publisher`,
+parameters of the node (`r2bspec.wiring.python_source`); so is a function that makes one node of
+such a class, and spins. Every call of `create_publisher`,
 `create_subscription` and `declare_parameter` on `self` must have literal arguments, and be a
 statement of the constructor outside of loops and branches. Otherwise the publishers, subscriptions
 or parameters of the node are unknown.
@@ -24,6 +25,7 @@ from r2bspec.wiring.python_source import (
     SourceNames,
     is_name,
     method_of_self,
+    program_class,
     self_references,
 )
 
@@ -95,9 +97,16 @@ def _parsed(content: bytes) -> ast.Module:
 
 
 def read_node_class(tree: ast.Module, name: str) -> InterfaceEntry | None:
-    """The interface of the class `name` of a file, or None if it is unknown."""
+    """The interface of a class of a file, or of the function that runs one; None if unknown.
+
+    Args:
+        tree: of the file.
+        name: of the class, or of a function such as ``main`` (`program_class`).
+    """
     names = SourceNames(tree)
     found = names.definition(name)
+    if isinstance(found, ast.FunctionDef):
+        found = program_class(found, names)
     if not isinstance(found, ast.ClassDef) or not _is_plain_node(found, names):
         return None
     uses = self_references(tree, found)

@@ -192,6 +192,77 @@ def _is_program(function: ast.FunctionDef) -> bool:
     return calls
 
 
+_PROGRAM_CALLS = frozenset(
+    f"rclpy.{name}"
+    for name in (
+        *("init", "ok", "shutdown", "try_shutdown", "spin", "spin_once"),
+        *("executors.SingleThreadedExecutor", "executors.MultiThreadedExecutor"),
+    )
+)
+"""What a program calls that creates no topic and no parameter."""
+
+_PROGRAM_METHODS = frozenset(
+    {"add_node", "destroy_node", "remove_node", "shutdown", "spin", "spin_once", "get_logger"}
+    | {"debug", "info", "warning", "warn", "error", "fatal"}
+)
+"""Methods of nodes, executors and loggers that a program calls, likewise."""
+
+_REPEATED = (ast.If, ast.For, ast.While, ast.Match, ast.IfExp, ast.BoolOp, ast.ExceptHandler)
+"""What is in them may be executed never, or several times."""
+
+
+def program_class(function: ast.FunctionDef, names: SourceNames) -> ast.ClassDef | None:
+    """The class of the file that a program such as ``main`` makes its only node of.
+
+    None if the text does not say that: if the program does anything else than to initialise ROS,
+    to make the node once, to spin it and to tidy up.
+    """
+    if function.decorator_list or not _is_program(function):
+        return None
+    made: list[ast.ClassDef] = []
+    created = _created_locals(function)
+    waiting: list[tuple[ast.AST, bool]] = [(each, True) for each in function.body]
+    while waiting:
+        node, once = waiting.pop()
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda | ast.ClassDef):
+            return None
+        if isinstance(node, ast.Call):
+            of_file = names.definition(node.func.id) if isinstance(node.func, ast.Name) else None
+            if isinstance(of_file, ast.ClassDef) and once and not (node.args or node.keywords):
+                made.append(of_file)
+            elif not _is_program_call(node.func, names, created):
+                return None
+        once = once and not isinstance(node, _REPEATED)
+        waiting.extend((each, once) for each in ast.iter_child_nodes(node))
+    return made[0] if len(made) == 1 else None
+
+
+def _created_locals(function: ast.FunctionDef) -> frozenset[str]:
+    """The variables of a function to which nothing else than results of calls is assigned."""
+    called = {
+        target.id
+        for node in ast.walk(function)
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call)
+        for target in node.targets
+        if isinstance(target, ast.Name)
+    }
+    stored = [
+        node.id
+        for node in ast.walk(function)
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
+    ]
+    return frozenset(name for name in called if stored.count(name) == 1)
+
+
+def _is_program_call(called: ast.expr, names: SourceNames, created: frozenset[str]) -> bool:
+    if names.full_name(called) in _PROGRAM_CALLS:
+        return True
+    if not isinstance(called, ast.Attribute) or called.attr not in _PROGRAM_METHODS:
+        return False
+    owner = called.value
+    return isinstance(owner, ast.Call) or (isinstance(owner, ast.Name) and owner.id in created)
+
+
 def _is_exit_status(value: ast.expr | None) -> bool:
     return value is None or (isinstance(value, ast.Constant) and not isinstance(value.value, str))
 

@@ -1,7 +1,9 @@
 """How often the merge gate errs on real pull requests: neutral ones, and ones 15 % slower.
 
 Each is a repository of its own, gated by ``r2bspec run --against main`` on real ROS 2, one after
-the other. Prints a row for each kind, with the load of the machine. Usage::
+the other. Prints a row for each kind, with the load of the machine. What a gate that ends in an
+error has printed, and its run folder, are kept in a folder that is named on standard error. The
+r2bspec that gates is the one that is installed: it must not change meanwhile. Usage::
 
     PYTHONPATH=tests/support python tests/bench/merge_gate.py [--each 10] [--pairs 5]
 """
@@ -11,13 +13,14 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
 import statistics
 import sys
 import tempfile
 from collections import Counter
 from pathlib import Path
 
-from pull_requests import SPEC, Workspace, spec
+from pull_requests import SPEC, Gated, Workspace, spec
 
 OUTCOMES = {0: "PASS", 1: "FAIL", 3: "INCONCLUSIVE"}
 COST_MS = {"neutral": 20.0, "15 % slower": 23.0}
@@ -59,10 +62,23 @@ def gated(folder: Path, cost_ms: float, pairs: int) -> tuple[str, float | None]:
     done = workspace.gate("--quiet")
     result = done.folder / "result.json"
     if done.status not in OUTCOMES or not result.exists():
+        place = keep_output(done)
+        sys.stderr.write(f"exit status {done.status}: its output is kept in {place}\n")
         return "error", None
     requirements = json.loads(result.read_text())["verdict"]["requirements"]
     ratio = next(one["estimate"] for one in requirements if one["objective"] == "fast")
     return OUTCOMES[done.status], ratio
+
+
+def keep_output(done: Gated) -> Path:
+    """Keep what a gate printed, and its run folder; the folder that has them."""
+    place = Path(tempfile.mkdtemp(prefix="r2bspec-bench-"))
+    (place / "exit_status").write_text(f"{done.status}\n")
+    (place / "stdout").write_text(done.stdout)
+    (place / "stderr").write_text(done.stderr)
+    if done.folder.exists():
+        shutil.copytree(done.folder, place / "run", symlinks=True)
+    return place
 
 
 if __name__ == "__main__":

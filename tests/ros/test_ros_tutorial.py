@@ -13,9 +13,9 @@ pytest.importorskip("rclpy")
 
 from git_repositories import commit, git
 from github_runner import Event, Runner
-from github_service import CommentService
 from machine_load import skip_for_load
 from page_blocks import page_blocks, page_file
+from review_services import review_service
 
 INCONCLUSIVE, INVALID = 3, 4
 """Verdicts of a machine that is busy at the moment."""
@@ -98,16 +98,16 @@ def test_the_workflow_of_the_tutorial_gates_a_pull_request(place: Path, tmp_path
         "base": {"sha": git(upstream, "rev-parse", "main")},
         "head": {"repo": {"full_name": "owner/robot"}},
     }
-    service = CommentService.create(tmp_path / "bin")
-    job = Runner(
-        tmp_path / "runner",
-        upstream.as_uri(),
-        inputs={"python": sys.executable},
-        environment={"PATH": f"{service.folder}:{os.environ['PATH']}"},
-    ).run(
-        page_file("tutorial.md", "robot/.github/workflows/benchmark.yml"),
-        Event("pull_request", "refs/pull/1/merge", {"pull_request": pull_request}),
-    )
+    with review_service() as service:
+        job = Runner(
+            tmp_path / "runner",
+            upstream.as_uri(),
+            inputs={"python": sys.executable},
+            environment={"GITHUB_API_URL": service.url},
+        ).run(
+            page_file("tutorial.md", "robot/.github/workflows/benchmark.yml"),
+            Event("pull_request", "refs/pull/1/merge", {"pull_request": pull_request}),
+        )
     (comment,) = service.comments
     assert job.summary in comment["body"]
     if "INCONCLUSIVE" in job.summary or "INVALID" in job.summary:

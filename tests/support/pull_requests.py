@@ -1,28 +1,38 @@
 """A repository in colcon's layout with a benchmark, and pull requests that change it.
 
 The node takes a fixed time for each message by sleeping, so that how much slower a change makes it
-is known, whatever else the machine does.
+is known, whatever else the machine does. Each goes through the gate as a pipeline does it: by the
+steps of the GitHub action, or by the shell script.
 """
 
 from __future__ import annotations
 
+import html
 import os
+import re
 import shutil
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import yaml
 
 from git_repositories import commit, git, write_files
+from github_runner import Event, Runner
+from recipe_hosts import GATE, WORKFLOW
+from review_services import review_service
 from ros_runs import IMAGE, quick_input, write_bag
+
+Recipe = Literal["action", "shell"]
+"""How a pull request comes to the gate."""
 
 PACKAGE = "src/blur/blur"
 SPEC = "bench/blur.r2b.yaml"
 PARAMETERS = "src/blur/config/blur.yaml"
-_RECIPE = Path(__file__).parents[2] / "ci" / "shell" / "gate.sh"
+_OUTCOMES = {0: "pass", 1: "fail", 2: "error", 3: "inconclusive", 4: "invalid"}
 
 _NODE = """\
 import rclpy
@@ -93,6 +103,8 @@ def spec(**changes: object) -> str:
             "rates": ["20 Hz"],
             "warm_up": "100 ms",
             "start_timeout": "60 s",
+            # A second failure is played for the pairs of others (tests/ros/test_ros_pairs.py).
+            "gate": {"confirm": False},
         },
         "slos": {
             "arrives": {"at": "20 Hz", "require": ["received > 0"]},
@@ -109,17 +121,19 @@ class Workspace:
     Attributes:
         top: of the work tree.
         site: where the packages are installed that the node depends on.
+        recipe: by which the pull request is gated.
     """
 
     top: Path
     site: Path
+    recipe: Recipe = "shell"
     runs: int = field(default=0)
 
     @classmethod
-    def create(cls, folder: Path) -> Workspace:
+    def create(cls, folder: Path, recipe: Recipe = "shell") -> Workspace:
         """A repository with one commit, on the branch ``change``; ``main`` stays at it."""
         top = folder / "workspace"
-        workspace = cls(top, folder / "site")
+        workspace = cls(top, folder / "site", recipe)
         workspace.install_dependency("1.0")
         bag = top / "bench/drive"
         bag.parent.mkdir(parents=True)
@@ -163,56 +177,145 @@ class Workspace:
         source = _COST.replace("FACTOR = 1.0", f"FACTOR = {cost_ms / 20.0!r}")
         self.change({f"{PACKAGE}/cost.py": source}, on_main=on_main)
 
+    @property
+    def head(self) -> Path:
+        """The work tree that is gated."""
+        return self.top if self.recipe == "shell" else self._runner / "checkout"
+
+    @property
+    def _runner(self) -> Path:
+        return self.top.parent / "runner"
+
+    def shallow_clone(self) -> Workspace:
+        """A clone without any base; that of GitHub's runner is always one."""
+        if self.recipe == "action":
+            return self
+        clone = self.top.parent / "clone"
+        url = f"file://{self.top}"
+        git(clone.parent, "clone", "--quiet", "--depth=1", "--branch=change", url, str(clone))
+        return Workspace(clone, self.site)
+
     def environment(self) -> dict[str, str]:
         """The environment of a pipeline: the package of the work tree and its dependency."""
-        path = (str(self.top / "src/blur"), str(self.site))
-        return {**os.environ, "PYTHONPATH": os.pathsep.join(path)}
+        return {**os.environ, "PYTHONPATH": f"{self.head / 'src/blur'}{os.pathsep}{self.site}"}
 
-    def gate(self, *arguments: str, against: str = "main") -> Gated:
-        """Run the gate as a pipeline does: by the shell recipe, with further arguments of `run`."""
+    def gate(
+        self, *arguments: str, spec: str = SPEC, against: str = "main", allow: str = ""
+    ) -> Gated:
+        """Send what is checked out through the gate, with further arguments of ``r2bspec run``."""
         self.runs += 1
         output = self.top.parent / f"gated-{self.runs}"
-        specs = [argument for argument in arguments if _is_spec(argument)]
-        options = [argument for argument in arguments if not _is_spec(argument)]
+        gate = self._by_shell if self.recipe == "shell" else self._by_action
+        return gate(("--no-lock", *arguments), spec, against, allow, output)
+
+    def _by_shell(
+        self, arguments: Sequence[str], spec: str, against: str, allow: str, output: Path
+    ) -> Gated:
         variables = {
             "R2BSPEC_PYTHON": sys.executable,
             "R2BSPEC_OUTPUT": str(output),
-            "R2BSPEC_ARGUMENTS": "\n".join(["--no-lock", *options]),
+            "R2BSPEC_ALLOW": allow,
+            "R2BSPEC_ARGUMENTS": "\n".join(arguments),
         }
         done = subprocess.run(
-            ["sh", str(_RECIPE), *(specs or [SPEC]), against or "none"],  # noqa: S607
+            ["sh", str(GATE), spec, against or "none"],  # noqa: S607
             cwd=self.top,
             env=self.environment() | variables,
             stdin=subprocess.DEVNULL,
-            capture_output=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
             text=True,
             timeout=250,
             check=False,
         )
-        return Gated(done.returncode, done.stdout, done.stderr, output / "run")
+        summary = output / "reports" / "summary.md"
+        assert summary.is_file(), done.stdout
+        return Gated(done.returncode, done.stdout, _shown(summary.read_text()), output / "run")
+
+    def _by_action(
+        self, arguments: Sequence[str], spec: str, against: str, allow: str, output: Path
+    ) -> Gated:
+        """Run the workflow of docs/ci.md; the job, the summary and the comment agree."""
+        with review_service() as service:
+            runner = Runner(
+                self._runner,
+                self.top.as_uri(),
+                inputs={
+                    "python": sys.executable,
+                    "spec": spec,
+                    "against": {"main": "base", "": "none"}.get(against, against),
+                    "allow": allow,
+                    "arguments": "\n".join(arguments),
+                },
+                environment={
+                    "PYTHONPATH": self.environment()["PYTHONPATH"],
+                    "GITHUB_API_URL": service.url,
+                },
+            )
+            job = runner.run(self._workflow(), self._event())
+        outputs = job.outputs["gate"]
+        status = int(outputs["status"])
+        assert outputs["outcome"] == _OUTCOMES[status], job.printed
+        assert job.failed is (status != 0), job.printed
+        assert job.uploaded == [Path(outputs["folder"])]
+        shutil.move(outputs["folder"], output)
+        summary = output / "reports" / "summary.md"
+        assert summary.is_file(), job.printed
+        assert job.summary == summary.read_text()
+        (comment,) = service.comments
+        assert job.summary in comment["body"]
+        return Gated(status, job.printed, _shown(job.summary), output / "run")
+
+    def _event(self) -> Event:
+        """The pull request as the service makes it: its merge with the base is checked out."""
+        head, base = git(self.top, "rev-parse", "HEAD"), git(self.top, "rev-parse", "main")
+        tree = "HEAD^{tree}"  # the base is an ancestor, so the merge has the files of the head
+        merge = git(self.top, "commit-tree", "-p", base, "-p", head, "-m", "merge", tree)
+        git(self.top, "update-ref", "refs/pull/1/merge", merge)
+        git(self.top, "config", "uploadpack.allowAnySHA1InWant", "true")
+        pull_request = {
+            "number": 1,
+            "base": {"sha": base, "ref": "main"},
+            "head": {"sha": head, "repo": {"full_name": "owner/robot"}},
+        }
+        return Event("pull_request", "refs/pull/1/merge", {"pull_request": pull_request})
+
+    def _workflow(self) -> str:
+        """The workflow of the page, with a step that makes the changes which are not committed."""
+        changes = git(self.top, "diff", "HEAD")
+        if not changes:
+            return WORKFLOW
+        patch = self.top.parent / "changes.patch"
+        patch.write_text(f"{changes}\n")
+        checkout = "      - uses: actions/checkout@v4\n"
+        assert checkout in WORKFLOW
+        return WORKFLOW.replace(checkout, f"{checkout}      - run: git apply '{patch}'\n")
 
 
 @dataclass(frozen=True)
 class Gated:
-    """What a gate said."""
+    """What a gate said.
+
+    Attributes:
+        status: the exit status of ``r2bspec run``.
+        said: everything that it printed.
+        summary: what the pull request shows.
+        folder: of the run.
+    """
 
     status: int
-    stdout: str
-    stderr: str
+    said: str
+    summary: str
     folder: Path
-
-    @property
-    def said(self) -> str:
-        """Everything that it printed."""
-        return f"{self.stdout}\n{self.stderr}"
 
     def assert_status(self, *statuses: int) -> None:
         """See that it ended with one of these; what it said otherwise."""
         assert self.status in statuses, self.said
 
 
-def _is_spec(argument: str) -> bool:
-    return argument.startswith("bench") or argument.endswith(".yaml")
+def _shown(markdown: str) -> str:
+    """Markdown without its escapes, as a reader sees it."""
+    return html.unescape(re.sub(r"\\([\\`*_\[\]|~#$])", r"\1", markdown))
 
 
 def without_sections(*names: str, changes: Sequence[tuple[str, str]] = ()) -> str:

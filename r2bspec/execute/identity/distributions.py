@@ -13,7 +13,7 @@ import importlib.util
 import os
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.machinery import ModuleSpec, PathFinder
@@ -101,6 +101,8 @@ class ModuleSearch:
         self.folders = tuple(dict.fromkeys([*self._current, *inherited]))
         self._found: dict[tuple[str, str], ModuleSpec | None] = {}
         self._records: dict[Distribution, bytes] = {}
+        self._names: dict[str, list[str] | None] = {}
+        self._first_parts: dict[str, frozenset[str] | None] = {}
 
     def find(self, name: str, folder: str = "") -> ModuleSpec | None:
         """A module by its dotted name; no parent package is imported.
@@ -127,7 +129,9 @@ class ModuleSearch:
         if name in sys.stdlib_module_names:
             # Nothing but the folder of a program comes before the standard library.
             return _path_spec(name, [folder]) if folder else None
-        found = _path_spec(name, [folder, *self.folders] if folder else [*self.folders])
+        folders = [folder, *self.folders] if folder else self.folders
+        # A workspace of colcon has a folder for each package.
+        found = _path_spec(name, [each for each in folders if self._may_have(each, name)])
         if found is None:
             # An editable installation has a finder of its own.
             with contextlib.suppress(ImportError, ValueError, AttributeError):
@@ -179,10 +183,32 @@ class ModuleSearch:
                 waiting += found.requirements
         return versions
 
+    def _may_have(self, folder: str, module: str) -> bool:
+        """Whether a folder has anything of the name of a top-level module, or cannot be listed."""
+        if folder not in self._first_parts:
+            names = self._names_in(folder)
+            self._first_parts[folder] = (
+                None if names is None else frozenset(name.partition(".")[0] for name in names)
+            )
+        parts = self._first_parts[folder]
+        return parts is None or module in parts
+
+    def _names_in(self, folder: str) -> list[str] | None:
+        """What is in a folder; None if it cannot be listed, such as an archive."""
+        if folder not in self._names:
+            try:
+                self._names[folder] = names_in(Path(folder))
+            except OSError:
+                self._names[folder] = None
+        return self._names[folder]
+
     @cached_property
     def _by_folder(self) -> dict[str, list[Distribution]]:
         """What is installed, by folders in the order in which they are searched."""
-        return {folder: [*_distributions_in(folder)] for folder in self.folders}
+        return {
+            folder: [*_distributions_in(folder, self._names_in(folder) or ())]
+            for folder in self.folders
+        }
 
     @cached_property
     def _installed(self) -> dict[str, Distribution]:
@@ -194,11 +220,7 @@ class ModuleSearch:
         return installed
 
 
-def _distributions_in(folder: str) -> Iterator[Distribution]:
-    try:
-        names = names_in(Path(folder))
-    except OSError:
-        return
+def _distributions_in(folder: str, names: Iterable[str]) -> Iterator[Distribution]:
     for name in names:
         match = name.endswith("-info") and (
             _METADATA.fullmatch(name) or _EGG_WITHOUT_VERSION.fullmatch(name)

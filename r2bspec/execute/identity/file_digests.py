@@ -40,19 +40,30 @@ class FileDigests:
     def __init__(self, top: Path) -> None:
         self._top = os.path.realpath(top)
         self._digests: dict[str, str] = {}
+        self._real_folders: dict[str, str] = {}
 
     def digest(self, path: Path) -> FileDigest | None:
         """The digest of a file; None if it cannot be read.
 
         Links are followed: a file that is linked into an installation has its name in the sources.
         """
-        place = os.path.realpath(path)
+        place = self.real_path(path)
         if place not in self._digests:
             try:
                 self._digests[place] = file_sha256(Path(place))
             except OSError:
                 return None
         return FileDigest(self.shown(place), self._digests[place])
+
+    def real_path(self, path: Path) -> str:
+        """A path without links; of the files of one folder, its links are resolved once."""
+        folder, name = os.path.split(path)
+        if name in {"", ".", ".."}:
+            return os.path.realpath(path)
+        if folder not in self._real_folders:
+            self._real_folders[folder] = os.path.realpath(folder)
+        place = os.path.join(self._real_folders[folder], name)  # noqa: PTH118 - for many files
+        return os.path.realpath(place) if os.path.islink(place) else place  # noqa: PTH114
 
     def shown(self, place: str) -> str:
         """A path without links, as `FileDigest` has it."""
@@ -61,7 +72,7 @@ class FileDigests:
 
     def is_inside(self, path: Path) -> bool:
         """Whether a file is one of the work tree, after all links."""
-        return os.path.realpath(path).startswith(f"{self._top}/")
+        return self.real_path(path).startswith(f"{self._top}/")
 
 
 def file_sha256(path: Path) -> str:

@@ -267,7 +267,7 @@ class _GraphIdentifier:
             module = distribution.entry_module(entry["group"].decode(), entry["entry"].decode())
             if module:
                 # The program has the version in it, but nothing that runs.
-                parts.files.pop(self._digests.shown(os.path.realpath(program)), None)
+                parts.files.pop(self._digests.shown(self._digests.real_path(program)), None)
                 self._add_module(parts, module)
                 return
         self._add_sources(parts, self._python.of_file(program))

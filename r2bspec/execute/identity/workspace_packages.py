@@ -14,7 +14,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Final
 
-from r2bspec.untrusted.safe_file import is_regular, names_in, read_bytes
+from r2bspec.untrusted.safe_file import is_regular, names_in, read_bytes, read_listed
 
 MANIFEST: Final = "package.xml"
 
@@ -118,10 +118,11 @@ class WorkspacePackages:
             folder, depth = waiting.pop()
             visited += 1
             names, below = _entries(folder)
-            if names & _MARKERS:
+            if not _MARKERS.isdisjoint(names):
                 continue
             if MANIFEST in names:
-                if match := _NAME.search(_manifest(Path(folder))):
+                manifest = _listed_manifest(folder) if names[MANIFEST] else _manifest(Path(folder))
+                if match := _NAME.search(manifest):
                     packages.setdefault(match[1].decode(), Path(folder))
             elif depth < _MAX_DEPTH:
                 waiting += [(path, depth + 1) for path in below]
@@ -153,19 +154,31 @@ class WorkspacePackages:
         return None
 
 
-def _entries(folder: str) -> tuple[set[str], list[str]]:
-    """The names of the files of a folder, and the folders below it that may have packages."""
-    names, below = set[str](), list[str]()
+def _entries(folder: str) -> tuple[dict[str, bool], list[str]]:
+    """What may count of a folder.
+
+    Returns:
+        The names of its files, and whether each is a regular one; and the folders below it that
+        may have packages.
+    """
+    names, below = dict[str, bool](), list[str]()
     try:
         with os.scandir(folder) as entries:
             for entry in entries:
                 if not entry.is_dir(follow_symlinks=False):
-                    names.add(entry.name)
+                    names[entry.name] = entry.is_file(follow_symlinks=False)
                 elif not entry.name.startswith(".") and entry.name not in _NO_SOURCES:
                     below.append(entry.path)
     except OSError:
         pass
     return names, sorted(below, reverse=True)
+
+
+def _listed_manifest(folder: str) -> bytes:
+    try:
+        return read_listed(f"{folder}/{MANIFEST}", max_bytes=_MAX_MANIFEST_BYTES)
+    except OSError:
+        return b""
 
 
 def _manifest(folder: Path) -> bytes:

@@ -16,7 +16,7 @@ from pathlib import Path
 import msgspec
 
 from r2bspec.diagnostics.quote import clip, printable
-from r2bspec.errors import R2bspecError, UsageError
+from r2bspec.errors import R2bspecError, UsageError, without_output
 from r2bspec.execute.bringup.launcher import NODE_ROLES
 from r2bspec.execute.errors import InterruptedRunError, RunError
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
@@ -257,4 +257,4 @@ class ProfiledIteration:
 
 
 def _first_line(failure: Exception) -> str:
-    return clip(str(failure).partition("\n")[0].removesuffix("; its last output:"), _MAX_ERROR)
+    return clip(without_output(str(failure)), _MAX_ERROR)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from git_repositories import git
 from r2bspec.api import compile_plan, validate
 from r2bspec.cli.main import main
 from r2bspec.diagnostics import Certainty
@@ -37,6 +38,21 @@ def test_what_is_written(capsys: pytest.CaptureFixture[str]) -> None:
     published = (ROOT / "schemas" / "r2bspec-v1.schema.json").read_text()
     assert json.loads(Path("r2bspec-v1.schema.json").read_text()) == json.loads(published)
     assert "r2bspec validate camera.r2b.yaml" in capsys.readouterr().out
+
+
+def test_in_a_work_tree_it_is_said_once_that_runs_are_nothing_for_git(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["init", "outside"])
+    assert "gitignore" not in capsys.readouterr().out
+    git(tmp_path, "init", "--quiet")
+    (tmp_path / "bench").mkdir()
+    monkeypatch.chdir(tmp_path / "bench")
+    main(["init", "camera"])
+    assert "echo runs/ >> .gitignore" in capsys.readouterr().out
+    Path(".gitignore").write_text("runs/\n")
+    main(["init", "lidar"])
+    assert "gitignore" not in capsys.readouterr().out
 
 
 def test_without_a_name() -> None:

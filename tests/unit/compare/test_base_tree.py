@@ -106,11 +106,11 @@ class Refused(NamedTuple):
 @pytest.mark.parametrize(
     "case",
     [
-        Refused("origin/main", "no revision 'origin/main'", "git fetch origin origin/main"),
-        Refused("deadbeef", "no revision 'deadbeef'", "git fetch origin deadbeef"),
-        Refused("--help", "no revision '--help'", "git fetch"),
-        Refused("HEAD:bench", "no revision", "git fetch"),
-        Refused("nothing...", "branched off", "git fetch"),
+        Refused("mian", r"no revision 'mian'; did you mean 'main'\?$", "Give a revision"),
+        Refused("deadbeef", "no revision 'deadbeef'$", "Give a revision"),
+        Refused("--help", "no revision '--help'", "Give a revision"),
+        Refused("HEAD:bench", "no revision", "Give a revision"),
+        Refused("nothing...", "branched off", "Give a revision"),
     ],
     ids=lambda case: case.revision,
 )
@@ -123,7 +123,44 @@ def test_a_revision_that_git_does_not_know_is_said_with_a_way_out(
     ):
         pass
     assert case.way_out in caught.value.hint
+    assert "git fetch" not in caught.value.hint
     assert list(temporary.iterdir()) == []
+
+
+def refusal(revision: str, top: Path) -> tuple[str, str]:
+    """What is said of a revision that git does not know."""
+    with (
+        pytest.raises(BaseRevisionError) as caught,
+        open_base_tree(parse_base_reference([revision]), top / SPEC),
+    ):
+        pass
+    return str(caught.value), caught.value.hint
+
+
+def test_a_misspelt_branch_of_a_remote_is_answered_with_the_one_that_is_meant(
+    top: Path, tmp_path: Path
+) -> None:
+    git(top, "branch", "stable")
+    git(top, "tag", "v1.2")
+    clone = tmp_path / "clone"
+    git(tmp_path, "clone", "--quiet", f"file://{top}", str(clone))
+    for wrong, meant in (("orgin/main", "origin/main"), ("origin/stabel", "origin/stable")):
+        message, hint = refusal(wrong, clone)
+        assert message == f"git knows no revision {wrong!r}; did you mean {meant!r}?"
+        assert "fetch" not in hint
+    assert refusal("v1.3", clone)[0].endswith("did you mean 'v1.2'?")
+    assert "did you mean" not in refusal("0123456789", clone)[0]
+
+
+def test_a_clone_of_a_single_branch_is_told_what_to_fetch(top: Path, tmp_path: Path) -> None:
+    git(top, "branch", "release/2")
+    clone = tmp_path / "clone"
+    git(tmp_path, "clone", "--quiet", "--single-branch", f"file://{top}", str(clone))
+    command = refusal("origin/release/2", clone)[1].split(": ", 1)[1].split(". ")[0]
+    assert command == "git fetch origin release/2:refs/remotes/origin/release/2"
+    git(clone, *command.split()[1:])
+    with open_base_tree(parse_base_reference(["origin/release/2"]), clone / SPEC) as tree:
+        assert (tree.top / SPEC).read_text() == "one"
 
 
 def test_a_shallow_clone_is_told_what_to_fetch(top: Path, tmp_path: Path) -> None:

@@ -12,7 +12,10 @@ import pytest
 from pair_simulation import latencies
 from r2bspec.compare import interleaved_runs
 from r2bspec.compare.interleaved_comparison import compare
-from r2bspec.compare.interleaved_runs import ComparisonSide, ComparisonSpec
+from r2bspec.compare.interleaved_runs import BaseFailsError, ComparisonSide, ComparisonSpec
+from r2bspec.execute.errors import NotReadyError, ProcessDiedError, RunError, UnwritableRunError
+from r2bspec.execute.progress import NullProgress
+from r2bspec.exit_status import ExitStatus
 from r2bspec.plan.plan import Plan
 from r2bspec.record.comparison_folder import PairedComparison, open_comparison
 from r2bspec.record.run_folder import RunFolder
@@ -100,6 +103,36 @@ def test_on_a_host_that_is_always_busy_two_pairs_are_played_again_and_no_more(ho
     assert any("the machine is always busy" in note for note in pairs.notes)
 
 
+class Notes(NullProgress):
+    """What is said while a comparison is made."""
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+
+    def note(self, text: str) -> None:
+        self.texts.append(text)
+
+
+@pytest.mark.parametrize("host", [[CALM]], indirect=True)
+def test_the_output_of_a_base_that_fails_twice_is_told_once(
+    host: Host, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run_plan(plan: Plan, *, folder: RunFolder, **others: object) -> None:
+        if folder.path.parent.name == "base":
+            raise RunError("relay ended; its last output:\nTraceback\nKeyError: 'gain'")
+        host.run_plan(plan, folder=folder, **others)
+
+    monkeypatch.setattr(interleaved_runs, "run_plan", run_plan)
+    side = ComparisonSide(template().plan(), tmp_path, "")
+    notes = Notes()
+    with pytest.raises(BaseFailsError, match="Traceback\nKeyError: 'gain'"):
+        compare(ComparisonSpec(side, side, PAIRS), tmp_path / "pairs", notes)
+    assert "pair 1 is played again: the base failed: relay ended" in notes.texts
+    assert not any("Traceback" in text for text in notes.texts)
+    (pair, *_) = open_comparison(tmp_path / "pairs").record.pairs
+    assert pair.unusable.endswith("KeyError: 'gain'")
+
+
 @pytest.mark.parametrize("host", [[BUSY] * PAIRS + [CALM]], indirect=True)
 def test_pairs_are_played_again_until_that_decides(host: Host) -> None:
     pairs = host.compare()
@@ -107,3 +140,29 @@ def test_pairs_are_played_again_until_that_decides(host: Host) -> None:
     rerun = {each.number for each in pairs.record.pairs if each.again}
     assert 2 <= len(rerun) < PAIRS
     assert not any("always busy" in note for note in pairs.record.notes)
+
+
+@pytest.mark.parametrize("host", [[CALM]], indirect=True)
+@pytest.mark.parametrize(
+    ("cause", "status"),
+    [
+        (ProcessDiedError("the node blur exited with status 1"), ExitStatus.USAGE),
+        (NotReadyError("the graph is not ready"), ExitStatus.USAGE),
+        (UnwritableRunError("no space left on the device"), ExitStatus.RUN_FAILED),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_a_base_whose_code_fails_twice_is_not_to_be_tried_again(
+    host: Host, monkeypatch: pytest.MonkeyPatch, cause: RunError, status: ExitStatus
+) -> None:
+    """Pipelines retry a run that failed; another attempt mends a disk, but no code."""
+
+    def run_plan(plan: Plan, *, folder: RunFolder, **others: object) -> None:
+        if folder.path.parent.name == "base":
+            raise cause
+        host.run_plan(plan, folder=folder, **others)
+
+    monkeypatch.setattr(interleaved_runs, "run_plan", run_plan)
+    with pytest.raises(BaseFailsError) as raised:
+        host.compare()
+    assert raised.value.exit_code == status

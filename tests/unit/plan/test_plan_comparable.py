@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import msgspec
 import pytest
 
@@ -15,7 +17,7 @@ from r2bspec.plan.comparability import (
     pair_count,
     single_run_plan,
 )
-from r2bspec.plan.plan import GatePlan, Plan, PlayPlan, SearchPlan
+from r2bspec.plan.plan import GatePlan, NodePlan, Plan, PlayPlan, ProcessPlan, SearchPlan
 from run_simulation import Simulation, objective
 
 PLAY = PlayPlan(rate_hz=30.0, duration_ns=10**9, iterations=7, max_iterations=28)
@@ -77,6 +79,33 @@ def test_what_a_field_changes_follows_from_its_key() -> None:
     }
     with pytest.raises(KeyError):
         change_of("a_field_of_tomorrow")
+
+
+def relay(argv: Sequence[str], **parameters: object) -> Plan:
+    node = NodePlan(
+        name="/relay", node="relay", namespace="/", target="", parameters=parameters, remappings={}
+    )
+    process = ProcessPlan(
+        name="relay", role="command", phase="measure", argv=tuple(argv), env={}, nodes=(node,)
+    )
+    return msgspec.structs.replace(PLAN, processes=(process,))
+
+
+def test_a_parameter_that_differs_is_one_difference() -> None:
+    base = relay(["relay", "-p", "gain:=1", "-p", "name:=a"], gain=1, name="a")
+    head = relay(["relay", "-p", "gain:=2", "-p", "name:=a"], gain=2, name="a")
+    only = "processes.relay.nodes['/relay'].parameters.gain"
+    assert [str(each) for each in graph_differences(base, head)] == [f"{only}: 1 -> 2"]
+    without = relay(["relay", "-p", "name:=a"], name="a")
+    assert [str(each) for each in graph_differences(without, head)] == [f"{only}: (absent) -> 2"]
+
+
+def test_a_command_line_that_differs_in_more_than_parameters_is_shown() -> None:
+    base = relay(["relay", "-p", "gain:=1"], gain=1)
+    head = relay(["relay", "--fast", "-p", "gain:=2"], gain=2)
+    assert any(each.path[2] == "argv" for each in graph_differences(base, head))
+    alone = relay(["relay", "-p", "gain:=2"], gain=1)
+    assert [each.path[2] for each in graph_differences(base, alone)] == ["argv"]
 
 
 def test_a_graph_may_differ_where_its_load_may_not() -> None:

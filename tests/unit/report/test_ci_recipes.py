@@ -8,28 +8,33 @@ from __future__ import annotations
 
 import os
 import re
-import shlex
 import subprocess
 import sys
-from collections.abc import Mapping
-from dataclasses import dataclass
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import yaml
 
 from git_repositories import git, write_files
-from github_runner import Event, ExpressionError, Job, Runner, evaluate, expand
-from github_service import CommentService, Upstream
+from github_runner import Event, ExpressionError, evaluate, expand
+from github_service import Upstream
 from page_blocks import ROOT, page_blocks, page_file
 from pipelines import TEMPLATE, Workplace, stand_in
 from r2bspec.compare.base_reference import parse_base_reference
 from r2bspec.compare.base_tree import open_base_tree
+from recipe_hosts import (
+    GATE,
+    WORKFLOW,
+    Hosts,
+    given_arguments,
+    jenkins_environment,
+    jenkins_script,
+)
+from review_services import review_service
 
-WORKFLOW = page_file("ci.md", ".github/workflows/benchmark.yml")
 GITLAB = page_file("ci.md", ".gitlab-ci.yml")
-JENKINSFILE = (ROOT / "ci/jenkins/Jenkinsfile").read_text()
-GATE = ROOT / "ci/shell/gate.sh"
 
 NODE = "src/blur/blur/blur.py"
 SPEC = """\
@@ -59,97 +64,6 @@ def repository(tmp_path: Path) -> Upstream:
 @pytest.fixture(name="change")
 def pull_request(upstream: Upstream) -> Event:
     return upstream.pull_request({NODE: "# a slower node\n"})
-
-
-@dataclass(frozen=True)
-class Hosts:
-    """Runs a pull request by each of the recipes, with a program in place of r2bspec or with it."""
-
-    folder: Path
-    upstream: Upstream
-    python: str
-
-    def github(
-        self,
-        change: Event,
-        *,
-        inputs: Mapping[str, str] | None = None,
-        variables: Mapping[str, str] | None = None,
-        workflow: str = WORKFLOW,
-        environment: Mapping[str, str] | None = None,
-        **more: str,
-    ) -> tuple[Job, Runner]:
-        runner = Runner(
-            self.folder / "runner",
-            self.upstream.folder.as_uri(),
-            {"python": self.python, **(inputs or {})},
-            {**(environment or {}), **more},
-        )
-        return runner.run(workflow, change, variables), runner
-
-    def checkout(self, change: Event, *options: str) -> Path:
-        return self.upstream.clone(self.folder / "checkout", change.ref, *options)
-
-    def recipe(
-        self,
-        name: str,
-        change: Event,
-        *,
-        allow: str = "",
-        inconclusive: str = "",
-        **environment: str,
-    ) -> tuple[int, str, list[str]]:
-        """Run a pull request; the exit status, what was printed, and the arguments of r2bspec."""
-        values = {"R2BSPEC_ALLOW": allow, "STATUS": "0", **environment}
-        if inconclusive:
-            values["R2BSPEC_INCONCLUSIVE"] = inconclusive
-        if name == "github":
-            inputs = {"allow": allow, "token": "", "inconclusive": inconclusive or "fail"}
-            job, runner = self.github(change, inputs=inputs, environment=values)
-            # The job fails if the step fails, whatever its status.
-            code = int(job.outputs["gate"]["status"]) if job.failed else 0
-            return code, job.printed, _arguments(runner.checkout)
-        checkout = self.checkout(change)
-        runner_folder = self.folder / "runner"
-        runner_folder.mkdir()
-        place = Workplace(checkout, runner_folder)
-        base = change.payload["pull_request"]["base"]["sha"]
-        if name == "gitlab":
-            variables = {"CI_MERGE_REQUEST_DIFF_BASE_SHA": base, **values}
-            done = place.job(self.python, "bench", "sh", **variables)
-            return done.code, done.printed, _arguments(checkout)
-        if name == "jenkins":
-            variables = {
-                **jenkins_environment(),
-                "R2BSPEC_PYTHON": self.python,
-                "CHANGE_TARGET": "main",
-                **values,
-            }
-            code, printed = place.shell("sh", jenkins_script(), **variables)
-            return code, printed, _arguments(checkout)
-        git(checkout, "fetch", "--quiet", "origin", "main:refs/remotes/origin/main")
-        code, printed = place.shell(
-            "sh", f"sh {shlex.quote(str(GATE))} bench", R2BSPEC_PYTHON=self.python, **values
-        )
-        return code, printed, _arguments(checkout)
-
-
-def _arguments(checkout: Path) -> list[str]:
-    """What the stand-in was called with."""
-    kept = checkout / "arguments.txt"
-    return kept.read_text().splitlines() if kept.exists() else []
-
-
-def jenkins_script() -> str:
-    """The only `sh` step of the Jenkinsfile, as Groovy reads it: it has no escapes."""
-    (script,) = re.findall(r"sh '''(.*?)'''", JENKINSFILE, re.DOTALL)
-    assert "\\" not in script
-    return str(script)
-
-
-def jenkins_environment() -> dict[str, str]:
-    (block,) = re.findall(r"environment \{(.*?)\n  \}", JENKINSFILE, re.DOTALL)
-    return dict(re.findall(r"^\s+(\w+) = '(.*?)'", block, re.MULTILINE))
 
 
 @pytest.fixture(name="hosts")
@@ -249,6 +163,96 @@ def test_a_pull_request_cannot_weaken_its_gate(
     assert "Traceback" not in printed
 
 
+@EVERY_RECIPE
+def test_a_spec_may_have_spaces_and_a_leading_dash(
+    tmp_path: Path, upstream: Upstream, recipe: str
+) -> None:
+    path = "-a $(touch made)/--help; it's.r2b.yaml"
+    upstream.replace_main({path: SPEC})
+    change = upstream.pull_request({path: WEAKER})
+    hosts = Hosts(tmp_path, upstream, sys.executable)
+    code, printed, _ = hosts.recipe(recipe, change, spec=path)
+    assert code == 2, printed
+    assert "objective fast" in printed
+    assert not list(tmp_path.rglob("made"))
+
+
+@EVERY_RECIPE
+def test_no_name_or_title_of_a_change_is_a_command(
+    hosts: Hosts, upstream: Upstream, recipe: str
+) -> None:
+    """Names of branches may have almost any character, and titles every one."""
+    name = "a;touch${IFS}made;$(touch${IFS}made)`touch${IFS}made`'\"&|touch${IFS}made"
+    git(upstream.folder, "branch", name)
+    change = upstream.pull_request({NODE: "# another\n"})
+    pull_request = change.payload["pull_request"]
+    pull_request |= {"title": name, "body": name}
+    pull_request["head"] |= {"ref": name}
+    pull_request["base"] |= {"ref": name}
+    variables = (
+        *("GITHUB_HEAD_REF", "GITHUB_BASE_REF", "CI_MERGE_REQUEST_TITLE"),
+        *("CI_MERGE_REQUEST_SOURCE_BRANCH_NAME", "CI_MERGE_REQUEST_TARGET_BRANCH_NAME"),
+        *("CHANGE_TITLE", "CHANGE_BRANCH", "CHANGE_TARGET"),
+    )
+    code, printed, words = hosts.recipe(recipe, change, **dict.fromkeys(variables, name))
+    assert code == 0, printed
+    assert words[-2:] == ["--", "bench"]
+    if recipe == "jenkins":
+        assert f"--against=origin/{name}..." in words
+        reference = parse_base_reference([f"origin/{name}..."])
+        with open_base_tree(reference, hosts.folder / "checkout/bench") as tree:
+            assert tree.revision is not None
+            assert tree.revision.commit == upstream.main
+    assert not list(hosts.folder.rglob("made"))
+
+
+@pytest.mark.parametrize("recipe", ["gitlab", "jenkins", "shell"])
+def test_of_two_jobs_in_one_work_tree_each_has_its_own_verdict(
+    hosts: Hosts, upstream: Upstream, change: Event, recipe: str
+) -> None:
+    place = Workplace(hosts.checkout(change), hosts.folder / "runner")
+    place.runner.mkdir()
+    git(place.checkout, "fetch", "--quiet", "origin", "main:refs/remotes/origin/main")
+
+    def gated(status: int) -> int:
+        variables = {"STATUS": str(status), "R2BSPEC_PYTHON": hosts.python}
+        if recipe == "gitlab":
+            base = {"CI_MERGE_REQUEST_DIFF_BASE_SHA": upstream.main}
+            return place.job(hosts.python, "bench", "sh", **variables, **base).code
+        script = jenkins_script() if recipe == "jenkins" else f"sh '{GATE}' bench"
+        job = {**jenkins_environment(), "CHANGE_TARGET": "main"} if recipe == "jenkins" else {}
+        return place.shell("sh", script, **{**job, **variables})[0]
+
+    statuses = [0, 1, 0, 1]
+    with ThreadPoolExecutor(len(statuses)) as pool:
+        assert list(pool.map(gated, statuses)) == statuses
+
+
+def test_the_script_writes_no_page_where_its_extra_is_missing(hosts: Hosts, change: Event) -> None:
+    program = hosts.folder / "without the extra"
+    program.write_text(f'#!/bin/sh\n[ "$2" = -c ] && exit 1\nexec "{hosts.python}" "$@"\n')
+    program.chmod(0o755)
+    for python, has_page in ((str(program), False), (hosts.python, True)):
+        folder = hosts.folder / f"page {has_page}"
+        shell = replace(hosts, folder=folder, python=python)
+        code, printed, words = shell.recipe("shell", change)
+        assert code == 0, printed
+        assert any(word.startswith("html=") for word in words) is has_page
+        assert ("pip install 'r2bspec[report]'" not in printed) is has_page
+
+
+def test_two_jobs_cannot_have_one_folder(hosts: Hosts, change: Event) -> None:
+    results = [
+        hosts_of_one.recipe("shell", change, STATUS=status, R2BSPEC_OUTPUT=str(hosts.folder / "o"))
+        for hosts_of_one, status in (
+            (replace(hosts, folder=hosts.folder / "first"), "1"),
+            (replace(hosts, folder=hosts.folder / "second"), "0"),
+        )
+    ]
+    assert [code for code, _, _ in results] == [1, 2]
+    assert "File exists" in results[1][1]
+
+
 def test_a_fork_is_compared_with_a_base_that_reads_variables(
     tmp_path: Path, upstream: Upstream
 ) -> None:
@@ -267,9 +271,8 @@ def test_a_fork_is_compared_with_a_base_that_reads_variables(
 
 
 def test_the_workflow_reports_uploads_and_gates(hosts: Hosts, change: Event) -> None:
-    service = CommentService.create(hosts.folder / "bin")
-    path = f"{service.folder}:{os.environ['PATH']}"
-    job, runner = hosts.github(change, STATUS="1", PATH=path)
+    with review_service() as service:
+        job, runner = hosts.github(change, STATUS="1", GITHUB_API_URL=service.url)
     assert job.failed
     assert job.outputs["gate"]["outcome"] == "fail"
     assert job.summary == "### summary\n"
@@ -278,61 +281,18 @@ def test_the_workflow_reports_uploads_and_gates(hosts: Hosts, change: Event) -> 
     (comment,) = service.comments
     assert "### summary" in comment["body"]
     assert "https://github.com/owner/robot/actions/runs/4711" in comment["body"]
-    # The token is the header's alone: in no command line, and not where nodes run.
-    assert "ghs_of_the_job" in service.calls[0]["header"]
-    assert "ghs_of_the_job" not in str([call["words"] for call in service.calls])
+    # The token is not where nodes run.
+    assert service.requests[0].headers["Authorization"] == "Bearer ghs_of_the_job"
     assert "ghs_of_the_job" not in (runner.checkout / "environment.txt").read_text()
+    assert "ghs_of_the_job" not in job.printed
     assert job.skipped == ["Install"]
 
 
-def test_the_comment_is_updated(hosts: Hosts, change: Event) -> None:
-    others = [
-        {"id": number, "body": body, "user": {"type": "User"}, "author_association": "NONE"}
-        for number, body in enumerate(["hello", None, *["more"] * 120])
-    ]
-    service = CommentService.create(hosts.folder / "bin", others)
-    path = f"{service.folder}:{os.environ['PATH']}"
-    hosts.github(change, STATUS="1", PATH=path)
-    assert [call["method"] for call in service.calls] == ["GET", "GET", "POST"]
-    hosts.github(change, STATUS="0", PATH=path, NO_RESULT="1")
-    assert [call["method"] for call in service.calls[3:]] == ["GET", "GET", "PATCH"]
-    assert len(service.comments) == len(others) + 1
-    # Another job has a comment of its own.
-    hosts.github(change, STATUS="1", PATH=path, workflow=WORKFLOW.replace("benchmark:", "other:"))
-    assert len(service.comments) == len(others) + 2
-
-
-def test_a_strangers_comment_is_never_taken_for_its_own(hosts: Hosts, change: Event) -> None:
-    service = CommentService.create(hosts.folder / "bin")
-    path = f"{service.folder}:{os.environ['PATH']}"
-    hosts.github(change, STATUS="0", PATH=path)
-    (own,) = service.comments
-    forged = {**own, "id": 7, "user": {"type": "User"}, "author_association": "CONTRIBUTOR"}
-    again = CommentService.create(hosts.folder / "bin2", [forged])
-    hosts.github(change, STATUS="0", PATH=f"{again.folder}:{os.environ['PATH']}")
-    assert again.comments[0]["body"] == own["body"]
-    assert len(again.comments) == 2
-
-
-@pytest.mark.parametrize("fails", ["GET", "POST"])
-@pytest.mark.parametrize("status", ["0", "1"])
-def test_a_comment_that_fails_is_no_verdict(
-    hosts: Hosts, change: Event, fails: str, status: str
-) -> None:
-    service = CommentService.create(hosts.folder / "bin", fails=[fails])
-    path = f"{service.folder}:{os.environ['PATH']}"
-    job, _ = hosts.github(change, STATUS=status, PATH=path)
-    assert job.failed is (status == "1")
-    assert "::warning title=r2bspec::The comment on the pull request could not be" in job.printed
-    assert service.comments == []
-
-
 def test_without_a_token_nobody_comments(hosts: Hosts, change: Event) -> None:
-    service = CommentService.create(hosts.folder / "bin")
-    path = f"{service.folder}:{os.environ['PATH']}"
-    job, _ = hosts.github(change, inputs={"token": ""}, STATUS="0", PATH=path)
+    with review_service() as service:
+        job, _ = hosts.github(change, inputs={"token": ""}, STATUS="0", GITHUB_API_URL=service.url)
     assert not job.failed
-    assert service.calls == []
+    assert service.requests == []
     assert "Comment on the pull request" in job.skipped
 
 
@@ -345,7 +305,7 @@ def test_the_base_can_be_chosen(
 ) -> None:
     inputs = {"against": against, "require-slos": "false", "token": ""}
     _, runner = hosts.github(change, inputs=inputs, STATUS="0")
-    words = _arguments(runner.checkout)
+    words = given_arguments(runner.checkout)
     assert [word for word in words if word.startswith("--against")] == expected
     assert "--require-slos" not in words
 
@@ -361,7 +321,7 @@ def test_other_events_have_no_base_but_that_of_a_merge_queue(
             event, workflow=workflow, inputs={"allow": "base" * bool(expected)}, STATUS="0"
         )
         assert not job.failed, job.printed
-        words = _arguments(runner.checkout)
+        words = given_arguments(runner.checkout)
         assert [word for word in words if word.startswith("--against")] == expected
 
 
@@ -391,7 +351,7 @@ def test_what_is_allowed_comes_from_a_variable_of_the_repository(
         workflow=yaml.safe_dump(workflow),
         STATUS="0",
     )
-    words = _arguments(runner.checkout)
+    words = given_arguments(runner.checkout)
     assert {"--allow=objective fast", "--allow=duration"} <= set(words)
 
 
@@ -413,7 +373,7 @@ def test_the_job_of_the_page_is_the_template(hosts: Hosts, change: Event) -> Non
         STATUS="0",
     )
     assert done.code == 0, done.printed
-    assert f"--against={hosts.upstream.main}" in _arguments(place.checkout)
+    assert f"--against={hosts.upstream.main}" in given_arguments(place.checkout)
 
 
 def test_jenkins_runs_forks_as_untrusted(hosts: Hosts, change: Event) -> None:
@@ -447,7 +407,7 @@ def test_the_commands_of_the_page(hosts: Hosts, upstream: Upstream, change: Even
             text=True,
         )
         assert done.returncode == 0, done.stderr
-        words = _arguments(checkout)
+        words = given_arguments(checkout)
         assert "bench" in words
         assert "--require-slos" in words
         at = next(i for i, word in enumerate(words) if word.startswith("--against"))

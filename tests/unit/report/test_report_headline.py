@@ -63,11 +63,13 @@ def result(
         ("latency.p99 < 25 ms", "✘ FAIL simulated: latency.p99 30.9 ms > 25 ms at 30 Hz"),
         ("latency.mean < 40 ms", "✔ PASS simulated: latency.mean 25.5 ms < 40 ms at 30 Hz"),
         ("latency.mean < 20 ms", "✘ FAIL simulated: latency.mean 25.5 ms > 20 ms at 30 Hz"),
-        ("drop_rate <= 2 %", "✔ PASS simulated: drop_rate 0 % < 2 % at 30 Hz"),
+        ("drop_rate <= 2 %", "✔ PASS simulated: drop_rate 0 % <= 2 % at 30 Hz"),
         (
             "throughput.mean >= 95 % of offered",
-            "✔ PASS simulated: throughput.mean 30 Hz > 28.5 Hz at 30 Hz",
+            "✔ PASS simulated: throughput.mean 30 Hz >= 28.5 Hz at 30 Hz",
         ),
+        ("received <= 3600", "✔ PASS simulated: received 3,600 <= 3,600 at 30 Hz"),
+        ("received == 3600", "✔ PASS simulated: received 3,600 = 3,600 at 30 Hz"),
         ("throughput.mean > 60 Hz", "✘ FAIL simulated: throughput.mean 30 Hz < 60 Hz at 30 Hz"),
         ("received > 0", "✔ PASS simulated: received 3,600 > 0 at 30 Hz"),
         ("received == 7", "✘ FAIL simulated: received 3,600 > 7 at 30 Hz"),
@@ -136,7 +138,7 @@ def test_an_inconclusive_says_what_is_open_and_what_would_decide_it(tmp_path: Pa
 @pytest.mark.parametrize(
     ("requirement", "line"),
     [
-        ("peak.rate >= 10 Hz", "✔ PASS simulated: peak.rate 25.5 Hz > 10 Hz"),
+        ("peak.rate >= 10 Hz", "✔ PASS simulated: peak.rate 25.5 Hz >= 10 Hz"),
         ("peak.rate >= 300 Hz", "✘ FAIL simulated: peak.rate 25.5 Hz < 300 Hz"),
     ],
 )
@@ -200,6 +202,22 @@ class TestComparison:
         assert headline(fine).startswith("✔ PASS simulated: latency.p50 ")
         control = self.pairs(tmp_path / "control", 1.0, control=True)
         assert base_name(control) == "itself"
+
+    def test_a_pass_names_the_ratio_that_is_nearest_to_its_limit(self, tmp_path: Path) -> None:
+        fine = self.pairs(tmp_path / "fine", 1.0)
+        (ratio,) = (one for one in fine.verdict.requirements if one.compared is not None)
+        nearer = msgspec.structs.replace(ratio, text="latency.p50 <= 104 % of baseline", limit=1.04)
+        (plain,) = (one for one in fine.verdict.requirements if one.compared is None)
+        tight = msgspec.structs.replace(plain, limit=(plain.upper or 0.0) * 1.0001)
+        for ratios, end in (
+            ([ratio], ""),
+            ([ratio, nearer], ", the nearest of 2 ratios to its limit"),
+        ):
+            verdict = msgspec.structs.replace(fine.verdict, requirements=(tight, *ratios))
+            line = headline(msgspec.structs.replace(fine, verdict=verdict))
+            assert line.startswith("✔ PASS simulated: latency.p50 ")
+            limit = "104 %" if nearer in ratios else "105 %"
+            assert line.endswith(f"of other.r2b.yaml, limit {limit} at 30 Hz{end}")
 
     def test_what_changed_ends_the_line(self, tmp_path: Path) -> None:
         found = self.pairs(tmp_path / "pairs", 1.16)

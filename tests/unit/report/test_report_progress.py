@@ -85,8 +85,8 @@ def test_the_log_of_a_ci_job_has_a_line_a_minute_and_each_note_once(
 
 def test_the_remaining_time_counts_phases_and_runs() -> None:
     now = [0.0]
-    estimate = TimeEstimate({"load": 10.0, "start": 5.0, "play": 100.0}, 115.0)
-    remaining = RemainingTime(estimate, runs=2, after_s=7.0, clock=lambda: now[0])
+    estimate = TimeEstimate({"load": 10.0, "start": 5.0, "play": 100.0}, 230.0, runs=2)
+    remaining = RemainingTime(estimate, after_s=7.0, clock=lambda: now[0])
     assert remaining.seconds() == 2 * 115 + 7
     remaining.begin("load")
     now[0] += 4

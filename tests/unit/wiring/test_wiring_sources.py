@@ -173,6 +173,60 @@ def test_a_class_that_is_more_than_its_text_is_unknown(
     assert literal(tmp_path, body, base) is None
 
 
+def program(tmp_path: Path, main: str) -> Any:
+    """What is known of ``main`` with this body, in the file of a node in another folder."""
+    file = tmp_path / "src/package/nodes.py"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    lines = "\n".join(f"    {line}" for line in main.splitlines())
+    file.write_text(
+        "import rclpy\nimport helpers\nfrom helpers import add\n"
+        "from rclpy.executors import MultiThreadedExecutor\nfrom rclpy.node import Node\n"
+        "from sensor_msgs.msg import Image\n"
+        "class N(Node):\n    def __init__(self):\n        super().__init__('n')\n"
+        "        self.pub = self.create_publisher(Image, 'out', 5)\n"
+        f"def main(args=None):\n{lines}\n",
+        encoding="utf-8",
+    )
+    return read_node_source(file, "main")
+
+
+@pytest.mark.parametrize(
+    "main",
+    [
+        "rclpy.init()\nrclpy.spin(N())",
+        (
+            "rclpy.init(args=args)\nnode = N()\ntry:\n    rclpy.spin(node)\n"
+            "except KeyboardInterrupt:\n    pass\nfinally:\n    node.destroy_node()\n"
+            "    if rclpy.ok():\n        rclpy.shutdown()"
+        ),
+        (
+            "with rclpy.init(args=args):\n    node = N()\n    executor = MultiThreadedExecutor()\n"
+            "    executor.add_node(node)\n    node.get_logger().info('spins')\n    executor.spin()"
+        ),
+    ],
+)
+def test_a_program_has_the_interface_of_the_node_that_it_makes(main: str, tmp_path: Path) -> None:
+    assert program(tmp_path, main).publishes == {"out": IMAGE}
+
+
+@pytest.mark.parametrize(
+    "main",
+    [
+        "rclpy.init()\nnode = N()\nnode.create_publisher(Image, 'more', 1)\nrclpy.spin(node)",
+        "rclpy.init()\nnode = N()\nadd(node)\nrclpy.spin(node)",
+        "rclpy.init()\nnode = N()\nhelpers.spin(node)",
+        "rclpy.init()\nnode = N()\nnode = helpers\nnode.spin(N())",
+        "rclpy.init()\nN()\nrclpy.spin(N())",
+        "rclpy.init()\nfor name in 'ab':\n    rclpy.spin(N())",
+        "rclpy.init()\nif args:\n    rclpy.spin(N())",
+        "rclpy.init()\nrclpy.spin(N(args))",
+        "rclpy.init()\nrclpy.spin(Node('other'))",
+    ],
+)
+def test_a_program_that_does_more_than_to_spin_a_node_is_unknown(main: str, tmp_path: Path) -> None:
+    assert program(tmp_path, main) is None
+
+
 def test_files_of_which_nothing_can_be_said(tmp_path: Path) -> None:
     file = tmp_path / "nodes.py"
     assert read_node_source(file, "N") is None

@@ -1,0 +1,216 @@
+"""``r2bspec run --against REVISION``: specs that are gone, estimates, and the summary of a gate."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from example_spec import example
+from git_repositories import commit, git
+from pair_simulation import Comparison
+from r2bspec import api
+from r2bspec.cli.main import main
+from r2bspec.compare.merge_gate import MergeGate
+from r2bspec.compare.report_input import read_folder
+from r2bspec.judge.result import Result
+from r2bspec.plan.time_estimate import estimate_pairs, estimate_time, time_text
+from r2bspec.report.suite_formats import SUITE_FORMATS
+from r2bspec.report.suite_summary import SuiteSummary
+
+NOISE = np.exp([0.004, -0.006, 0.003, -0.002, 0.005, -0.004])
+
+
+def spec(name: str) -> str:
+    text = example(slos="{fast: {at: 30 Hz, require: [latency.p90 < 50 ms]}}")
+    return text.replace("name: example", f"name: {name}")
+
+
+@pytest.fixture
+def top(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A repository with two folders of specs; HEAD is on a branch that starts at ``main``."""
+    folder = tmp_path / "repository"
+    commit(
+        folder,
+        {
+            "alone/blur.r2b.yaml": spec("blur"),
+            "bench/a.r2b.yaml": spec("a"),
+            "bench/b.r2b.yaml": spec("b"),
+        },
+    )
+    git(folder, "checkout", "--quiet", "-b", "change")
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("R2BSPEC_NO_CACHE", "1")
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(temporary))
+    return folder
+
+
+@pytest.fixture
+def played(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
+    """The names of the benchmarks that were played, by a comparison that is simulated."""
+    names: list[str] = []
+
+    def run_gated(
+        head: api.PreparedBenchmark,
+        selection: Any,
+        gate: MergeGate,
+        folder: Path,
+        *_: Any,
+        **__: Any,
+    ) -> Result:
+        names.append(head.plan.name)
+        level = (0.020 * NOISE).tolist()
+        result = read_folder(Comparison(level, level[::-1]).write(folder).folder).result
+        if gate.base_spec(selection.spec, head) is None:
+            told = gate.alone(head, f"New spec: {gate.tree.name} has nothing to compare it with.")
+            return msgspec.structs.replace(result, pairs=None, gate=told.sentences)
+        return msgspec.structs.replace(result, name=head.plan.name)
+
+    monkeypatch.setattr(api, "run_gated", run_gated)
+    yield names
+    assert list((tmp_path / "temporary").iterdir()) == []
+
+
+def gate(*arguments: object) -> int:
+    return main(["run", *map(str, arguments), "--against", "main", "--no-lock"])
+
+
+def suite(folder: Path) -> SuiteSummary:
+    return msgspec.json.decode((folder / "suite.json").read_bytes(), type=SuiteSummary)
+
+
+@pytest.mark.parametrize("path", ["alone", "alone/blur.r2b.yaml", "alone/*.r2b.yaml"])
+def test_the_only_spec_of_a_folder_is_gone(
+    top: Path, played: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path, path: str
+) -> None:
+    git(top, "rm", "--quiet", "alone/blur.r2b.yaml")
+    commit(top)
+    reports = tmp_path / "reports"
+    options = ["--require-slos", "--report", f"junit={reports}/junit.xml"]
+    assert gate(path, *options) == 2
+    said = capsys.readouterr().err
+    assert "error[R2B692 weaker-gate]: the gate is weaker than in main@" in said
+    assert ": spec alone/blur.r2b.yaml\n" in said
+    assert "let the pipeline allow it: --allow 'spec alone/blur.r2b.yaml'" in said
+    assert "spec alone/blur.r2b.yaml" in (reports / "junit.xml").read_text()
+    assert not (top / "runs").exists()
+
+    summary = tmp_path / "result.json"
+    allowed = ["--allow", "spec alone/blur.r2b.yaml", "--report", f"json={summary}"]
+    assert gate(path, *options, *allowed, "--report", f"csv={reports}/all.csv") == 0
+    out = capsys.readouterr().out
+    assert out == (
+        "0 runs: nothing to run\n\nAllowed: spec alone/blur.r2b.yaml (gone, was benchmark blur)\n"
+    )
+    assert json.loads(summary.read_text())["gate"]
+    assert played == []
+
+
+def test_a_spec_that_is_gone_is_refused_before_anything_is_played(
+    top: Path, played: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    git(top, "rm", "--quiet", "bench/a.r2b.yaml")
+    commit(top)
+    assert gate("bench", "--format", "json") == 2
+    said = capsys.readouterr()
+    assert ": spec bench/a.r2b.yaml\n" in said.err
+    assert json.loads(said.out)["code"] == "R2B692"
+    assert played == []
+    output = tmp_path / "out"
+    assert gate("bench", "--allow", "spec bench/a.r2b.yaml", "-o", output) == 0
+    assert played == ["b"]
+    assert [run.name for run in suite(output).runs] == ["b"]
+    assert "Allowed: spec bench/a.r2b.yaml (gone, was benchmark a)" in capsys.readouterr().out
+
+
+def test_a_spec_that_has_moved_is_named(
+    top: Path, played: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    git(top, "mv", "alone", "moved")
+    commit(top)
+    for path in ("alone", "alone/blur.r2b.yaml"):
+        assert gate(path) == 2
+        said = capsys.readouterr().err
+        assert "moved/blur.r2b.yaml has its name: let the pipeline run that." in said
+    assert gate("alone", "moved") == 0
+    assert played == ["blur"]
+
+
+def test_what_neither_side_has_is_wrong_usage(
+    top: Path, played: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    (top / "empty").mkdir()
+    for path, message in (("nowhere", "does not exist"), ("empty", "has no *.r2b.yaml file")):
+        assert gate(path) == 2
+        assert message in capsys.readouterr().err
+        assert gate("bench", path) == 2
+    assert played == []
+
+
+def test_specs_without_a_selected_label_are_not_gone(top: Path, played: list[str]) -> None:
+    commit(top, {"bench/a.r2b.yaml": spec("a") + "labels: {sensor: lidar}\n"})
+    git(top, "branch", "--force", "main", "HEAD")
+    assert gate("bench", "--select", "sensor=lidar") == 0
+    assert played == ["a"]
+    commit(
+        top,
+        {
+            "bench/a.r2b.yaml": spec("a"),
+            "bench/b.r2b.yaml": spec("b") + "labels: {sensor: lidar}\n",
+        },
+    )
+    assert gate("bench", "--select", "sensor=lidar") == 2
+    assert played == ["a"]
+
+
+def test_the_estimate_counts_the_pairs_of_every_spec_that_the_base_has(
+    top: Path, played: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    commit(top, {"bench/c.r2b.yaml": spec("c")})
+    assert gate("bench", "--pairs", "3") == 0
+    said = capsys.readouterr().err
+    plan = api.prepare(top / "bench/a.r2b.yaml").plan
+    pairs, alone = estimate_pairs(plan, 3), estimate_time(plan)
+    assert (pairs.runs, alone.runs) == (6, 1)
+    assert f"3 runs: about {time_text(2 * pairs.seconds + alone.seconds)}\n" in said
+    assert f"[1/3] a: {pairs.text()}\n" in said
+    assert f"[3/3] c: {alone.text()}\n" in said
+    assert gate("bench/b.r2b.yaml", "--pairs", "2") == 0
+    assert f"b-pairs: {estimate_pairs(plan, 2).text()}\n" in capsys.readouterr().err
+    assert estimate_pairs(plan, 2).text().endswith(", 4 runs")
+
+
+def test_the_summary_of_a_gate_has_ratios_and_names_new_specs(
+    top: Path, played: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    commit(top, {"bench/c.r2b.yaml": spec("c"), "bench/d.r2b.yaml": spec("d")})
+    output = tmp_path / "out"
+    assert gate("bench", "-o", output) == 0
+    text = capsys.readouterr().out
+    assert "ratio to base" in text.splitlines()[2]
+    row = next(line for line in text.splitlines() if line.startswith("a "))
+    assert "latency.p50 100 %" in row
+    sentence = "has nothing to compare it with."
+    assert text.count(sentence) == 1
+    assert any(
+        line.startswith("c, d: New spec: main@") and line.endswith(sentence)
+        for line in text.splitlines()
+    )
+    summary = suite(output)
+    assert [len(run.gate) for run in summary.runs][:2] == [0, 0]
+    for name in ("markdown", "html"):
+        shown = SUITE_FORMATS[name](summary, {}).decode()
+        assert "ratio to base" in shown
+        assert "c, d: New spec: main" in shown
+
+
+def test_the_verb_that_people_guess_is_answered(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["gate", "bench"]) == 2
+    assert "did you mean 'run SPEC --against REVISION'?" in capsys.readouterr().err
