@@ -276,7 +276,7 @@ def run(
     ):
         if history is None and baseline is None:
             return _run_in_folder(folder, prepared, listener, extras)
-        from r2bspec.compare.gated_run import run_with_baseline
+        from r2bspec.compare.history_gate import run_with_baseline
 
         return run_with_baseline(
             lambda target, plan: _run_in_folder(

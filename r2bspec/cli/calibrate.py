@@ -89,8 +89,7 @@ def _run(prepared: PreparedBenchmark, pairs: int, output: Path | None, *, quiet:
     from r2bspec.cli.run_options import RunOptions
     from r2bspec.cli.run_single import locked_host
     from r2bspec.plan.time_estimate import estimate_pairs
-    from r2bspec.report.progress_display import shown_progress
-    from r2bspec.report.remaining_time import RemainingTime
+    from r2bspec.report.progress import RemainingTime, shown_progress
 
     remaining = RemainingTime(estimate_pairs(prepared.plan, pairs))
     folder = output or api.default_run_folder(f"{prepared.plan.name}-pairs")
@@ -164,7 +163,7 @@ def _propose(
 ) -> None:
     """Print the proposed change of the spec as a patch, or apply it."""
     from r2bspec.cli.fix import read_text, write_text
-    from r2bspec.compare.margin_proposals import propose_limits
+    from r2bspec.compare.proposals import propose_limits
     from r2bspec.diagnostics.edits import unified_diff
 
     file = str(selection.spec)

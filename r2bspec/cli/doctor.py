@@ -109,7 +109,7 @@ def _pluralize(count: int, noun: str) -> str:
 def _style(text: str, *, fg: str | None = None, bold: bool = False, dim: bool = False) -> str:
     import sys
 
-    from r2bspec.report.findings.print_findings import wants_colour
+    from r2bspec.report.findings_text import wants_colour
 
     if not wants_colour(sys.stdout):
         return text

@@ -111,11 +111,11 @@ def _findings(page: Page) -> str:
     """The findings in the failing example, as validate prints them; some need more than a spec."""
     from r2bspec.check.engine import check
     from r2bspec.language.load_spec import load_spec
-    from r2bspec.report.findings import text
+    from r2bspec.report.findings_text import render_text
 
     loaded = load_spec(page.failing, file=_FILE)
     found = [each for each in check(loaded) if each.code == page.code]
-    return text.render(found, loaded.texts)
+    return render_text(found, loaded.texts)
 
 
 def _indent(block: str) -> Iterator[str]:
@@ -124,6 +124,6 @@ def _indent(block: str) -> Iterator[str]:
 
 
 def _heading(text: str) -> str:
-    from r2bspec.report.findings.print_findings import wants_colour
+    from r2bspec.report.findings_text import wants_colour
 
     return click.style(text, bold=True) if wants_colour(sys.stdout) else text

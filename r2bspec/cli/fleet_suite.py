@@ -153,7 +153,7 @@ class FleetExecutor:
 
     def _row(self, entry: SuiteEntry, ended: Ended) -> SuiteRun:
         from r2bspec.cli.main import show_error
-        from r2bspec.compare.load_results import read_folder
+        from r2bspec.compare.report_input import read_folder
 
         try:
             if ended.error is not None:

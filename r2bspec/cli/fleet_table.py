@@ -91,7 +91,7 @@ def _table(
 ) -> RenderableType:
     from rich.text import Text
 
-    from r2bspec.report.terminal.style import table
+    from r2bspec.report.terminal_tables import table
 
     made = table(("benchmark", "host", "state", "left", "p99"))
     made.title = f"{done} of {total} runs, {len(hosts)} hosts"

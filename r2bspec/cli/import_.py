@@ -17,9 +17,9 @@ from r2bspec.cli.spec_files import SUFFIX
 from r2bspec.diagnostics import Diagnostic, Severity
 from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus
-from r2bspec.report.findings import finding_formats
-from r2bspec.report.findings.finding_formats import FORMATS
-from r2bspec.report.findings.print_findings import wants_colour
+from r2bspec.report import finding_formats
+from r2bspec.report.finding_formats import FORMATS
+from r2bspec.report.findings_text import wants_colour
 from r2bspec.report.output import echo, echo_document
 from r2bspec.untrusted.safe_file import is_folder, is_there, open_regular
 

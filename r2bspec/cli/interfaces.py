@@ -49,7 +49,7 @@ def command(
     from r2bspec.api import InvalidSpecError, load
     from r2bspec.diagnostics import did_you_mean
     from r2bspec.introspect import record_interfaces
-    from r2bspec.report.findings.print_findings import show
+    from r2bspec.report.findings_text import print_findings as show
 
     try:
         loaded = load(spec, **values._asdict())

@@ -50,7 +50,7 @@ def command(
     the gate of --spec, time_budget has no effect, because nothing is played. RUN
     may also be a report of ros2_benchmark, to be judged by the SLOs of --spec.
     """
-    from r2bspec.compare.load_results import read_folder
+    from r2bspec.compare.report_input import read_folder
     from r2bspec.judge.judge_run import to_json
     from r2bspec.plan.compile_plan import gate_plan
     from r2bspec.record.run_folder import RunFolder
@@ -108,7 +108,7 @@ def _load(path: Path) -> Spec:
     from r2bspec.api import InvalidSpecError
     from r2bspec.check import check
     from r2bspec.language.load_spec import load_spec
-    from r2bspec.report.findings.print_findings import show
+    from r2bspec.report.findings_text import print_findings as show
 
     loaded = load_spec(path)
     found = [

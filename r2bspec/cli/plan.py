@@ -94,7 +94,7 @@ def _provenance(loaded: LoadedSpec, path: str) -> str:
     """
     from r2bspec.errors import UsageError
     from r2bspec.language.value_trace import UnknownPathError, provenance
-    from r2bspec.report.findings.print_findings import show
+    from r2bspec.report.findings_text import print_findings as show
 
     if loaded.spec is None:
         show(loaded.diagnostics, loaded.texts)
@@ -114,11 +114,11 @@ def _render(plan: Plan, graph: str | None) -> bytes:
 
         return to_dot(plan).encode()
     if graph == "html":
-        from r2bspec.report.format_registry import check_installed
-        from r2bspec.report.html.graph_page import render_graph
+        from r2bspec.report.format_registry import GRAPH_PAGE, check_installed, load
 
         check_installed("html")
-        return render_graph(plan)
+        page: bytes = load(GRAPH_PAGE)(plan)
+        return page
     from r2bspec.plan.canonical_json import canonical_json
 
     return canonical_json(plan)

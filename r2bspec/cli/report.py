@@ -65,7 +65,7 @@ def command(
     A result.json gives fewer charts than the folder, which has every message. The exit status says
     whether the reports were written; for the verdict, use 'r2bspec judge'.
     """
-    from r2bspec.compare.load_results import read_report_input
+    from r2bspec.compare.report_input import read_report_input
     from r2bspec.record.run_folder import open_run
     from r2bspec.report.errors import ReportUsageError
     from r2bspec.report.write_reports import write_reports

@@ -350,7 +350,7 @@ class Suite:
 
     def _earlier(self, entry: SuiteEntry) -> Result | None:
         """The result of a complete run of the same plan and code; any other makes room."""
-        from r2bspec.compare.load_results import read_folder
+        from r2bspec.compare.report_input import read_folder
         from r2bspec.execute.identity.identify_graph import graph_identity
         from r2bspec.plan.canonical_json import plan_hash
 
@@ -472,7 +472,7 @@ class LocalExecutor:
 
     def _play(self, number: int, entries: Sequence[SuiteEntry]) -> Result:
         from r2bspec.report.headline import headline
-        from r2bspec.report.remaining_time import RemainingTime
+        from r2bspec.report.progress import RemainingTime
 
         entry = entries[number]
         assert entry.prepared is not None  # noqa: S101 - see the caller

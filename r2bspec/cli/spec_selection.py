@@ -29,7 +29,7 @@ def prepare_and_report(
         DataError: the bag does not exist or is not readable.
     """
     from r2bspec import api
-    from r2bspec.report.findings.print_findings import show
+    from r2bspec.report.findings_text import print_findings as show
 
     try:
         prepared = api.prepare(selection, smoke=smoke)
@@ -45,7 +45,7 @@ def prepare_and_report(
 
 def _require_objectives(prepared: PreparedBenchmark, selection: SpecSelection) -> None:
     from r2bspec.compare.gate_strength import MissingObjectivesError, require_objectives
-    from r2bspec.report.findings.print_findings import show
+    from r2bspec.report.findings_text import print_findings as show
 
     loaded = prepared.loaded
     try:

@@ -15,7 +15,7 @@ from r2bspec.report.output import echo
 
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
-    from r2bspec.compare.objective_proposals import Proposal
+    from r2bspec.compare.proposals import Proposal
     from r2bspec.record.calibration_file import Calibration
     from r2bspec.record.run_folder import Run
 
@@ -62,8 +62,8 @@ def _propose(
     spec: Path, prepared: PreparedBenchmark, folder: Path, finished: Run, *, write: bool
 ) -> None:
     from r2bspec.cli.fix import read_text
-    from r2bspec.compare.load_results import read_folder
-    from r2bspec.compare.objective_proposals import propose_objectives
+    from r2bspec.compare.proposals import propose_objectives
+    from r2bspec.compare.report_input import read_folder
     from r2bspec.judge.judge_run import result_of
 
     before = read_text(str(spec))

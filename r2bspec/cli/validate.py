@@ -13,7 +13,7 @@ import click
 
 from r2bspec.cli.shared_options import SpecValues, max_bytes_option, spec_options
 from r2bspec.exit_status import ExitStatus
-from r2bspec.report.findings.finding_formats import FORMATS
+from r2bspec.report.finding_formats import FORMATS
 from r2bspec.report.output import echo, echo_document
 
 if TYPE_CHECKING:
@@ -128,8 +128,8 @@ def _watch(paths: tuple[str, ...], options: CheckOptions, *, quiet: bool) -> NoR
 def _print_findings(
     checked: list[FileReport], output_format: str, *, offline: bool, quiet: bool
 ) -> None:
-    from r2bspec.report.findings import finding_formats
-    from r2bspec.report.findings.print_findings import wants_colour
+    from r2bspec.report import finding_formats
+    from r2bspec.report.findings_text import wants_colour
 
     found = [one for each in checked for one in each.findings]
     sources = {name: text for each in checked for name, text in each.texts.items()}

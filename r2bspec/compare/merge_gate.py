@@ -25,8 +25,7 @@ from typing import Protocol
 
 import msgspec
 
-from r2bspec.compare.base_build import BaseBuildError, BaseBuilds
-from r2bspec.compare.base_environment import is_code_of
+from r2bspec.compare.base_environment import BaseBuildError, BaseBuilds, is_code_of
 from r2bspec.compare.base_reference import BaseReference
 from r2bspec.compare.base_tree import BaseRevisionError, BaseTree
 from r2bspec.compare.gate_strength import (

@@ -452,7 +452,7 @@ class FleetRuns:
 
 
 class FleetHistory:
-    """The history of a client, as `r2bspec.compare.gated_run` uses it for a run on this machine.
+    """The history of a client, as `r2bspec.compare.history_gate` uses it for a run on this machine.
 
     The machine is part of what a run is compared by, so each host has a history of its own.
     """

@@ -190,7 +190,7 @@ def _play(job: Job, spool: Path, tree: Path) -> Result:
     from r2bspec import api
     from r2bspec.execute.host.host_lock import host_lock
     from r2bspec.plan.time_estimate import estimate_time
-    from r2bspec.report.remaining_time import RemainingTime
+    from r2bspec.report.progress import RemainingTime
 
     head = _prepared(job.head, tree)
     remaining = RemainingTime(estimate_time(head.plan))

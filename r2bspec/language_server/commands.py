@@ -17,7 +17,7 @@ from typing import Any, Final
 from lsprotocol import types
 
 from r2bspec.api import folder_name
-from r2bspec.compare.load_results import read_result
+from r2bspec.compare.report_input import read_result
 from r2bspec.errors import R2bspecError
 from r2bspec.judge.result import Result
 from r2bspec.language.load_spec import load_cases

@@ -21,10 +21,11 @@ from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import at_rate, show
 from r2bspec.middleware.middleware import middleware_named
 from r2bspec.record.run_record import Probe, ProfileRecord, StartRecord
-from r2bspec.report.harness_wording import joined_notes, overhead_notes
 from r2bspec.report.headline import headline
 from r2bspec.report.report_wording import (
+    joined_notes,
     loaded_rmw,
+    overhead_notes,
     requirement_text,
     sentences,
     several_monitors,

@@ -31,7 +31,7 @@ from typing import NamedTuple
 
 import psutil
 
-from r2bspec.compare.load_results import read_folder
+from r2bspec.compare.report_input import read_folder
 from r2bspec.fleet.bundle import SentFile
 from r2bspec.fleet.client import FleetClient
 from r2bspec.fleet.host_service import HostService

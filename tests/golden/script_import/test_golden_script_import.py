@@ -22,7 +22,7 @@ from r2bspec.interop.script_import.spec_builder import build_spec
 from r2bspec.language.load_spec import load_spec
 from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.drawing import to_mermaid
-from r2bspec.report.findings import text
+from r2bspec.report.findings_text import render_text
 
 HERE = Path(__file__).parent / "scripts"
 SCRIPTS = sorted(HERE.glob("*.py"))
@@ -40,8 +40,8 @@ def test_a_script(script: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(HERE)
     read = read_benchmark_script(Path(script.name))
     made = build_spec(read, Path())
-    said = text.render(made.findings, made.sources) + "\n\nMistakes\n\n"
-    said += text.render(find_mistakes(read), made.sources)
+    said = render_text(made.findings, made.sources) + "\n\nMistakes\n\n"
+    said += render_text(find_mistakes(read), made.sources)
     compare(said.replace(f"{HERE}/", "") + "\n", script.with_suffix(".out"))
     compare(made.text, script.with_suffix(".r2b.yaml"))
 

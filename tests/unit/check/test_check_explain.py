@@ -6,7 +6,7 @@ import pytest
 
 from r2bspec.cli.main import main
 from r2bspec.diagnostics.code_pages import all_pages
-from r2bspec.report.findings.slugs import code_with_slug
+from r2bspec.report.findings_text import code_with_slug
 
 
 def test_a_page_has_title_reason_and_both_examples(capsys: pytest.CaptureFixture[str]) -> None:

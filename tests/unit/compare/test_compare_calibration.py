@@ -12,7 +12,7 @@ from pair_simulation import Comparison
 from r2bspec.check import check
 from r2bspec.compare.calibration import compute_calibration, store_calibration
 from r2bspec.compare.errors import IncomparableError
-from r2bspec.compare.margin_proposals import propose_limits
+from r2bspec.compare.proposals import propose_limits
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.judge.statistics.power import smallest_detectable
 from r2bspec.language.load_spec import load_spec

@@ -10,11 +10,11 @@ import pytest
 
 from pair_simulation import latencies
 from r2bspec.compare.errors import IncomparableError
-from r2bspec.compare.gated_run import run_with_baseline
 from r2bspec.compare.history import open_history
 from r2bspec.compare.history_gate import (
     baseline_from_history,
     baseline_from_stored_run,
+    run_with_baseline,
     write_baseline,
 )
 from r2bspec.compare.report_input import ReportInput

@@ -7,7 +7,7 @@ import time
 
 from r2bspec.execute.progress import PhaseClock
 from r2bspec.record.phase_times import PhaseTime, WaitTime
-from r2bspec.report.terminal.phase_table import took_ns, waits_text
+from r2bspec.report.terminal_tables import took_ns, waits_text
 
 MS = 1_000_000
 

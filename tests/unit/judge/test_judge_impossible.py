@@ -27,7 +27,7 @@ from r2bspec.record.sample_arrays import Rows
 from r2bspec.report.format_registry import FORMATS, renderer
 from r2bspec.report.notes import all_notes
 from r2bspec.report.terminal import to_text
-from r2bspec.report.trace_timeline import expected_answers
+from r2bspec.report.timeline import expected_answers
 from run_simulation import Played, Simulation, objective
 
 STEPS = 300

@@ -19,8 +19,8 @@ from r2bspec.judge.judge_run import from_json, to_json
 from r2bspec.record.folded_stacks import Stacks, write_stacks
 from r2bspec.record.run_folder import open_run
 from r2bspec.report.format_registry import renderer
+from r2bspec.report.html.chart import PALETTE
 from r2bspec.report.html.flame_graph import flame_graph
-from r2bspec.report.html.svg import PALETTE
 from r2bspec.report.terminal import to_text
 from report_runs import HOSTILE
 
