@@ -12,7 +12,7 @@ import click
 from r2bspec.cli.completions import complete_case, complete_report, complete_variable
 
 if TYPE_CHECKING:
-    from r2bspec.language.untrusted_environment import UntrustedSpecs
+    from r2bspec.language.environment_access import UntrustedSpecs
     from r2bspec.report.write_reports import ReportRequest
 
 sets_option = click.option(
@@ -165,7 +165,7 @@ def spec_options(command: Callable[..., int]) -> Callable[..., int]:
     ) -> int:
         stranger = None
         if untrusted or base_ref:
-            from r2bspec.language.untrusted_environment import untrusted_specs
+            from r2bspec.language.environment_access import untrusted_specs
 
             stranger = untrusted_specs(Path.cwd(), untrusted=untrusted, base_ref=base_ref)
         values = SpecValues(sets, parse_variables(variables), case, allow_paths, stranger)

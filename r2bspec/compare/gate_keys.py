@@ -39,7 +39,7 @@ from r2bspec.compare.load_keys import (
     preprocessor_changes,
 )
 from r2bspec.compare.objective_strength import implies, objective_changes, subjects
-from r2bspec.language.default_starts import default_starts
+from r2bspec.language.benchmark_defaults import default_starts
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.plan.plan import GatePlan, Plan, PlayPlan
 from r2bspec.plan.plan_diff import PlanDifference, diff_plans

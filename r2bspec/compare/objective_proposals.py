@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from r2bspec.compare.margin_proposals import insert_objective
 from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.prediction_interval import predicted_ratio
-from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.spec import Objective, Spec
 from r2bspec.measure.distribution import PROPOSED_PERCENTILES, part_value

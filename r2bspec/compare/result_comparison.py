@@ -23,7 +23,7 @@ from r2bspec.compare.comparison import Comparison, ComparisonLine, Outcome
 from r2bspec.compare.comparison_subject import ComparedResult, MetricSeries, SeriesKey
 from r2bspec.compare.errors import IncomparableError
 from r2bspec.judge.statistics.welch_t import RunValues, welch_ratio_of_runs
-from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.measure.units import show
 from r2bspec.plan.comparability import brief_difference, graph_differences, load_differences
 from r2bspec.plan.plan import Plan

@@ -22,7 +22,6 @@ from msgspec.structs import replace
 
 from r2bspec.diagnostics import Diagnostic, Related, Severity, Span, did_you_mean
 from r2bspec.diagnostics.quote import clip, quote
-from r2bspec.language.diagnostic_collector import DiagnosticCollector
 from r2bspec.language.located_tree import (
     Entry,
     ListNode,
@@ -33,7 +32,7 @@ from r2bspec.language.located_tree import (
     size_of,
     without,
 )
-from r2bspec.language.variables import with_variables
+from r2bspec.language.source_text import DiagnosticCollector
 
 if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec
@@ -89,11 +88,6 @@ def matrix_of(root: TreeNode) -> Matrix | None:
         size = size_of(without(root, KEY))
         found.matrix_cases = _expand_cases(found, axes, cases, excluded, size)
     return found
-
-
-def with_case_values(root: TreeNode, matrix_case: MatrixCase) -> TreeNode:
-    """The document with the values of a case."""
-    return with_variables(root, matrix_case.values)
 
 
 def _expand_cases(

@@ -7,7 +7,7 @@ begins with a bracket, a brace or a quote is read as YAML, any other as an unquo
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import msgspec
 from msgspec.structs import replace
@@ -15,8 +15,8 @@ from msgspec.structs import replace
 from r2bspec.diagnostics import Path, Span, did_you_mean, format_path
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language.declaration import rule_at
-from r2bspec.language.diagnostic_collector import DiagnosticCollector
-from r2bspec.language.extended_files import KEY as EXTENDS
+from r2bspec.language.document import Document
+from r2bspec.language.extends import KEY as EXTENDS
 from r2bspec.language.located_tree import (
     Entry,
     ListNode,
@@ -28,20 +28,12 @@ from r2bspec.language.located_tree import (
     lookup,
     replace_at,
 )
+from r2bspec.language.selected_spec import Variables
 from r2bspec.language.source_text import Source, read_text
-from r2bspec.language.substitution import parse_unquoted
 from r2bspec.language.variables import is_declared_text, with_variable
-from r2bspec.language.yaml_composer import compose
+from r2bspec.language.yaml_document import compose, parse_unquoted
 
 _PART = re.compile(r"\[(\d{1,9})\]|\['([^']*)'\]|(?:^|\.)([^.\[\]'=]+)")
-
-
-class OverrideResult(msgspec.Struct):
-    """The tree with the options applied, the problems, and the options as sources."""
-
-    tree: TreeNode
-    problems: DiagnosticCollector = msgspec.field(default_factory=DiagnosticCollector)
-    sources: dict[str, Source] = msgspec.field(default_factory=dict)
 
 
 class _Option(msgspec.Struct, frozen=True):
@@ -56,17 +48,13 @@ class _Option(msgspec.Struct, frozen=True):
         return Span(self.source.file, 1, start + 1, 1, max(end, start + 1) + 1)
 
 
-def apply_overrides(
-    root: TreeNode, sets: Sequence[str], variables: Mapping[str, bool | int | float | str]
-) -> OverrideResult:
+def apply_overrides(document: Document, sets: Sequence[str], variables: Variables) -> None:
     """Apply `sets`, each ``path=value``, in their order, then `variables`."""
-    result = OverrideResult(root)
     for text in sets:
-        _apply_set(result, text)
+        _apply_set(document, text)
     for name, given in variables.items():
         shown = str(given).lower() if isinstance(given, bool) else str(given)
-        _apply_variable(result, name, shown)
-    return result
+        _apply_variable(document, name, shown)
 
 
 def parse_path(text: str) -> Path:
@@ -74,31 +62,31 @@ def parse_path(text: str) -> Path:
     return _parse(f"{text}=").path
 
 
-def _apply_set(result: OverrideResult, text: str) -> None:
+def _apply_set(document: Document, text: str) -> None:
     option = _parse(text)
-    result.sources[option.source.file] = option.source
+    document.sources[option.source.file] = option.source
     if not option.path:
-        result.problems.error(
+        document.problems.error(
             "R2B127",
             f"expected PATH=VALUE, found {quote(text)}",
             option.span(0, len(text)),
             "for example: --set benchmark.iterations=3",
         )
         return
-    node: TreeNode | None = result.tree
+    node: TreeNode | None = document.tree
     for depth, part in enumerate(option.path):
-        below = child(node, part) if node is not None else None
+        below = child(node, part)
         if below is None and not _can_add(node, option.path[: depth + 1]):
             start = option.offsets[depth]
             wrong = format_path(option.path[: depth + 1])
             span = option.span(start, start + len(str(part)))
             message = f"the document has no '{wrong}' to replace"
             help_text = _path_suggestion(node, option.path[: depth + 1])
-            result.problems.error("R2B127", message, span, help_text)
+            document.problems.error("R2B127", message, span, help_text)
             return
         node = below
-    value = _value(result, option)
-    result.tree = _with_value(result.tree, option, 0, value)
+    value = _value(document, option)
+    document.tree = _with_value(document.tree, option, 0, value)
 
 
 def _can_add(node: TreeNode | None, path: Path) -> bool:
@@ -132,7 +120,7 @@ def _with_value(root: TreeNode | None, option: _Option, depth: int, value: TreeN
     if depth == len(option.path):
         return value
     part = option.path[depth]
-    below = child(root, part) if root is not None else None
+    below = child(root, part)
     changed = _with_value(below, option, depth + 1, value)
     if root is not None and below is not None:
         return replace_at(root, (part,), changed)
@@ -142,12 +130,15 @@ def _with_value(root: TreeNode | None, option: _Option, depth: int, value: TreeN
     return MapNode({**entries, str(part): Entry(span, changed)}, place)
 
 
-def _apply_variable(result: OverrideResult, name: str, text: str) -> None:
+def _apply_variable(document: Document, name: str, text: str) -> None:
     source = Source(f"--var {name}", f"{name}={text}")
     option = _Option(source, ("variables", name), (0, 0), len(name) + 1)
-    result.sources[source.file] = source
-    if lookup(result.tree, ("matrix", "axes", name)) is not None:
-        result.problems.error(
+    document.sources[source.file] = source
+    root = document.tree
+    if root is None:
+        return
+    if lookup(root, ("matrix", "axes", name)) is not None:
+        document.problems.error(
             "R2B128",
             f"{quote(name)} is an axis of the matrix: its value depends on the case",
             option.span(0, len(name)),
@@ -155,7 +146,7 @@ def _apply_variable(result: OverrideResult, name: str, text: str) -> None:
             + quote(f"--set matrix.axes.{name}=[{text}]"),
         )
         return
-    declared = child(result.tree, "variables")
+    declared = child(root, "variables")
     known = declared.entries if isinstance(declared, MapNode) else {}
     if name not in known:
         close = did_you_mean(name, known)
@@ -164,17 +155,17 @@ def _apply_variable(result: OverrideResult, name: str, text: str) -> None:
             if known
             else "the document declares no variables"
         )
-        result.problems.error(
+        document.problems.error(
             "R2B128",
             f"unknown variable {quote(name)}",
             option.span(0, len(name)),
             f"did you mean '{close}'? {listed}" if close else listed,
         )
         return
-    value = _value(result, option)
+    value = _value(document, option)
     if is_declared_text(known[name].value) and isinstance(value, ScalarNode):
         value = ScalarNode(text, text, value.span, '"')
-    result.tree = with_variable(result.tree, name, value)
+    document.tree = with_variable(root, name, value)
 
 
 def _parse(text: str) -> _Option:
@@ -195,22 +186,24 @@ def _parse(text: str) -> _Option:
     return _Option(source, tuple(path), tuple(offsets), at + 1)
 
 
-def _value(result: OverrideResult, option: _Option) -> TreeNode:
+def _value(document: Document, option: _Option) -> TreeNode:
     text = option.source.text[option.value_offset :]
     span = option.span(option.value_offset, len(option.source.text))
     if text[:1] not in ("[", "{", "'", '"'):
         read = read_text(text, option.source.file)
         if not read.usable:
-            result.problems.diagnostics += [replace(found, span=span) for found in read.diagnostics]
+            document.problems.diagnostics += [
+                replace(found, span=span) for found in read.diagnostics
+            ]
             return UnknownNode(span)
         return ScalarNode(parse_unquoted(text), text, span)
     # Spaces in place of the path keep the columns.
     padded = read_text(" " * option.value_offset + text, option.source.file)
     if not padded.usable:
-        result.problems.diagnostics += padded.diagnostics
+        document.problems.diagnostics += padded.diagnostics
         return UnknownNode(span)
     composed = compose(padded.source)
-    result.problems.diagnostics += composed.diagnostics
+    document.problems.diagnostics += composed.diagnostics
     return composed.tree or UnknownNode(span)
 
 

@@ -19,7 +19,6 @@ import msgspec
 
 from r2bspec.diagnostics import Diagnostic, Edit, Path, Related, Severity, Span, format_path
 from r2bspec.language.declaration import Record, Rule, language
-from r2bspec.language.diagnostic_collector import MAX_PROBLEMS
 from r2bspec.language.located_tree import (
     ListNode,
     MapNode,
@@ -30,7 +29,7 @@ from r2bspec.language.located_tree import (
     span_at,
     to_plain,
 )
-from r2bspec.language.source_text import Source
+from r2bspec.language.source_text import MAX_PROBLEMS, Source
 from r2bspec.language.spec import Spec
 
 INVALID: Final = msgspec.UNSET

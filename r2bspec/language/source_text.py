@@ -1,7 +1,8 @@
-"""Reading and decoding the text of a document, and finding the place of a part of a value in it.
+"""The text of a document: read and decoded, the places of parts of its values, and what is found.
 
 YAML also allows UTF-16 and UTF-32. They are refused here: no other tool of a ROS workspace reads
-them, so a file in one of them is most likely an accident.
+them, so a file in one of them is most likely an accident. A step of loading collects what it finds
+in a `DiagnosticCollector`, which has a limit.
 """
 
 from __future__ import annotations
@@ -12,10 +13,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
+from typing import NoReturn
 
 import msgspec
 
-from r2bspec.diagnostics import Diagnostic, Edit, Severity, Span
+from r2bspec.diagnostics import Certainty, Diagnostic, Edit, Related, Severity, Span
 from r2bspec.diagnostics.source_lines import split_lines
 from r2bspec.untrusted.errors import OutsideFolderError, RefusedFileError, TooLargeError
 from r2bspec.untrusted.safe_file import ByteBudget, read_bytes
@@ -51,6 +53,11 @@ class Source:
         return Span(self.file, line, column, line, column + 1)
 
 
+def has_errors(diagnostics: Iterable[Diagnostic]) -> bool:
+    """Whether one of some findings is an error."""
+    return any(found.severity is Severity.ERROR for found in diagnostics)
+
+
 class ReadResult(msgspec.Struct, frozen=True):
     """A source and its problems; with an error the text serves for excerpts only."""
 
@@ -60,7 +67,7 @@ class ReadResult(msgspec.Struct, frozen=True):
     @property
     def usable(self) -> bool:
         """Whether the text can be parsed."""
-        return all(found.severity is not Severity.ERROR for found in self.diagnostics)
+        return not has_errors(self.diagnostics)
 
 
 def read_file(
@@ -228,3 +235,59 @@ def _span_at_offset(span: Span, raw: str, start: int, length: int) -> Span:
     line = span.line + before.count("\n")
     column = start + span.column if line == span.line else start - before.rfind("\n")
     return Span(span.file, line, column, line, column + length)
+
+
+MAX_PROBLEMS = 1000
+"""Problems that one step reports at most; thousands are usually one mistake repeated."""
+
+
+class StopReadingError(Exception):
+    """The rest of the document is not read; the reason has been reported."""
+
+
+class DiagnosticCollector:
+    """Collects the diagnostics of one step."""
+
+    def __init__(self) -> None:
+        self.diagnostics: list[Diagnostic] = []
+
+    @property
+    def full(self) -> bool:
+        """Whether further errors would be dropped."""
+        return len(self.diagnostics) >= MAX_PROBLEMS
+
+    def error(
+        self,
+        code: str,
+        message: str,
+        span: Span,
+        help_text: str = "",
+        *,
+        related: tuple[Related, ...] = (),
+        edit: Edit | None = None,
+        certainty: Certainty = Certainty.CERTAIN,
+    ) -> None:
+        """Add an error, unless there are `MAX_PROBLEMS` already."""
+        if self.full:
+            return
+        self.diagnostics.append(
+            Diagnostic(
+                code,
+                Severity.ERROR,
+                message,
+                span,
+                help=help_text,
+                related=related,
+                edit=edit,
+                certainty=certainty,
+            )
+        )
+
+    def stop(self, code: str, message: str, span: Span, help_text: str = "") -> NoReturn:
+        """Add an error and stop reading the document.
+
+        Raises:
+            StopReadingError: always.
+        """
+        self.diagnostics.append(Diagnostic(code, Severity.ERROR, message, span, help=help_text))
+        raise StopReadingError

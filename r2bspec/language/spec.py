@@ -11,8 +11,8 @@ exact (`r2bspec.language.quantities`).
 from typing import Annotated, Any, ClassVar, Literal
 
 from r2bspec.language import names
+from r2bspec.language.benchmark_defaults import default_starts
 from r2bspec.language.declaration import Record, Written, key
-from r2bspec.language.default_starts import default_starts
 from r2bspec.language.spec_benchmark import (
     Benchmark,
     Gate,

@@ -9,10 +9,8 @@ from typing import Annotated, Any, ClassVar, Final, Literal
 import msgspec
 
 from r2bspec.language import names
-from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIDENCE, CONFIRM, MAX_STARTS, PROBE
 from r2bspec.language.declaration import Record, Written, key
-from r2bspec.language.default_starts import MAX_STARTS
-from r2bspec.language.probe_length import CONFIRM, PROBE
 from r2bspec.language.quantities import Duration, Rate, Share, Size
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec_data import QoS

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from r2bspec.diagnostics import Path, Span, did_you_mean, format_path
 from r2bspec.diagnostics.quote import clip, quote
 from r2bspec.language.declaration import rule_at
-from r2bspec.language.explain_values import to_flow_yaml
+from r2bspec.language.explain_violations import to_flow_yaml
 from r2bspec.language.load_spec import LoadedSpec
 from r2bspec.language.located_tree import (
     ListNode,

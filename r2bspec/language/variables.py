@@ -21,12 +21,12 @@ from msgspec.structs import replace
 
 from r2bspec.diagnostics import Related, Span, did_you_mean
 from r2bspec.diagnostics.quote import quote
-from r2bspec.language.diagnostic_collector import DiagnosticCollector
 from r2bspec.language.located_tree import (
     Entry,
     ListNode,
     MapNode,
     ScalarNode,
+    ScalarValue,
     TreeNode,
     child,
     replace_at,
@@ -34,7 +34,7 @@ from r2bspec.language.located_tree import (
 )
 from r2bspec.language.names import INSTANCE, VARIABLE
 from r2bspec.language.quantities import QUANTITIES, QuantityError
-from r2bspec.language.yaml_scalars import ScalarValue
+from r2bspec.language.source_text import DiagnosticCollector
 
 OPENING = "$("
 

@@ -28,8 +28,7 @@ from r2bspec.language.load_spec import LoadedSpec, load_cases, load_spec
 from r2bspec.language.located_tree import TreeNode, to_plain
 from r2bspec.language.matrix import KEY as MATRIX
 from r2bspec.language.source_text import Source
-from r2bspec.language.yaml_composer import compose
-from r2bspec.language.yaml_scalars import to_yaml
+from r2bspec.language.yaml_document import compose, to_yaml
 from r2bspec.untrusted.looked_up_files import shared_lookups
 from r2bspec.untrusted.unsaved_files import unsaved_files
 

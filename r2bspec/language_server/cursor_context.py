@@ -17,7 +17,7 @@ from lsprotocol import types
 from r2bspec.diagnostics import Path
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
 from r2bspec.language.source_text import Source
-from r2bspec.language.yaml_composer import compose
+from r2bspec.language.yaml_document import compose
 from r2bspec.language_server.analysis import Analysis
 
 _MARKER: Final = "r2bspec_cursor_marker"

@@ -14,7 +14,7 @@ import msgspec
 
 from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.language import value_codec
-from r2bspec.language.default_starts import MAX_STARTS
+from r2bspec.language.benchmark_defaults import MAX_STARTS
 from r2bspec.plan.errors import PLAN_BROKEN, PLAN_FOREIGN, PLAN_UNREADABLE, PlanError
 from r2bspec.plan.plan import Plan, PlayPlan
 from r2bspec.untrusted.safe_file import read_bytes

@@ -28,7 +28,7 @@ from r2bspec.interop.script_import.values import (
     check_size,
 )
 from r2bspec.interop.script_import.yaml_writer import identifier
-from r2bspec.language.yaml_scalars import ScalarError, resolve
+from r2bspec.language.yaml_document import ScalarError, resolve
 
 _REFERENCE: Final = re.compile(r"\$\((?P<kind>assets|script|env|share) ?(?P<name>[^()]*)\)")
 

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from r2bspec.language.yaml_scalars import to_yaml
+from r2bspec.language.yaml_document import to_yaml
 
 _WIDTH = 96
 _NO_NAME = re.compile(r"[^A-Za-z0-9_]+")

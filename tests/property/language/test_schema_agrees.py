@@ -18,7 +18,7 @@ from r2bspec.language.load_spec import load_spec
 from r2bspec.language.located_tree import to_plain
 from r2bspec.language.read_spec import Violation, read_spec
 from r2bspec.language.source_text import Source
-from r2bspec.language.yaml_composer import compose
+from r2bspec.language.yaml_document import compose
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "language"
 ENVIRON = {"R2B_TEST_DATA": "/data", "R2B_TEST_COUNT": "7"}

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.language import yaml_composer as composing
+from r2bspec.language import yaml_document as composing
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.source_text import MAX_DOCUMENT_BYTES
 

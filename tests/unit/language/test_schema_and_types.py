@@ -20,7 +20,7 @@ from r2bspec.language.located_tree import TreeNode, to_plain
 from r2bspec.language.quantities import Duration
 from r2bspec.language.read_spec import INVALID, read_value
 from r2bspec.language.source_text import Source
-from r2bspec.language.yaml_composer import compose
+from r2bspec.language.yaml_document import compose
 
 ROOT = Path(__file__).parents[3]
 GOLDEN = ROOT / "tests" / "golden" / "language"

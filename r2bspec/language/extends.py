@@ -1,10 +1,10 @@
-"""`extends` at the top of a document: the files that it extends.
+"""`extends`: the files that a document extends, and entries that extend another of the same map.
 
-Only files below the folder of the spec, or below folders that the user allows, are read: the
-messages about an untrusted spec must not show other files of the machine.
+Nested maps are merged, other values replaced, and null removes a key.
 
-Nested maps are merged, other values replaced, and null removes a key. A path is relative to the
-file in which it is written, and is rewritten where that is another folder; arguments of command
+Of files, only those below the folder of the spec, or below folders that the user allows, are read:
+the messages about an untrusted spec must not show other files of the machine. A path is relative to
+the file in which it is written, and is rewritten where that is another folder; arguments of command
 lines are not: which of them are paths is unknown.
 """
 
@@ -18,14 +18,24 @@ from pathlib import Path as FilePath
 import msgspec
 from msgspec.structs import replace
 
-from r2bspec.diagnostics import Diagnostic, Related, Span, did_you_mean
+from r2bspec.diagnostics import Diagnostic, Path, Related, Span, did_you_mean, format_path
 from r2bspec.diagnostics.quote import quote
-from r2bspec.language.declaration import Rule
-from r2bspec.language.diagnostic_collector import DiagnosticCollector
-from r2bspec.language.located_tree import Entry, ListNode, MapNode, ScalarNode, TreeNode, without
-from r2bspec.language.source_text import MAX_DOCUMENT_BYTES, Source, read_file
+from r2bspec.language.declaration import Rule, language
+from r2bspec.language.document import Document
+from r2bspec.language.located_tree import (
+    Entry,
+    ListNode,
+    MapNode,
+    ScalarNode,
+    TreeNode,
+    child,
+    lookup,
+    replace_at,
+    without,
+)
+from r2bspec.language.source_text import MAX_DOCUMENT_BYTES, read_file
 from r2bspec.language.variables import OPENING
-from r2bspec.language.yaml_composer import compose
+from r2bspec.language.yaml_document import compose
 from r2bspec.untrusted.safe_file import ByteBudget, is_regular, names_in
 
 
@@ -106,21 +116,6 @@ MAX_EXTENDED_BYTES = MAX_DOCUMENT_BYTES
 """Bytes that they may have together."""
 
 
-class ExtendResult(msgspec.Struct):
-    """The merged tree, the problems, and the files that were read.
-
-    Attributes:
-        origins: for each file, the places that led to it, the nearest first.
-        complete: whether all files could be read.
-    """
-
-    tree: TreeNode
-    problems: DiagnosticCollector = msgspec.field(default_factory=DiagnosticCollector)
-    sources: dict[str, Source] = msgspec.field(default_factory=dict)
-    origins: dict[str, tuple[Related, ...]] = msgspec.field(default_factory=dict)
-    complete: bool = True
-
-
 class _FileContext(msgspec.Struct, frozen=True):
     """A document that is being read: its file name, its real path, and the places leading to it."""
 
@@ -130,24 +125,21 @@ class _FileContext(msgspec.Struct, frozen=True):
     ancestors: tuple[FilePath, ...]
 
 
-def extend(root: TreeNode, file: str, rule: Rule, allowed: Iterable[FilePath] = ()) -> ExtendResult:
-    """Merge the files that a document extends; without `extends`, the tree is unchanged."""
-    result = ExtendResult(root)
+def extend_files(document: Document, allowed: Iterable[FilePath] = ()) -> None:
+    """Merge the files that a document extends; without `extends`, its tree is unchanged."""
+    root = document.tree
     if isinstance(root, MapNode) and KEY in root.entries:
-        home = FilePath(file).parent.resolve()
-        folders = (home, *(FilePath(each).resolve() for each in allowed))
-        work = _FileMerger(result, folders, rule)
-        real = home / FilePath(file).name
-        result.tree = work.merge(root, _FileContext(file, real, (), (real,)))
-    return result
+        home = document.base_dir.resolve()
+        work = _FileMerger(document, (home, *(FilePath(each).resolve() for each in allowed)))
+        real = home / FilePath(document.file).name
+        document.tree = work.merge(root, _FileContext(document.file, real, (), (real,)))
 
 
 class _FileMerger:
-    def __init__(self, result: ExtendResult, folders: tuple[FilePath, ...], rule: Rule) -> None:
-        self._result = result
-        self._problems = result.problems
+    def __init__(self, document: Document, folders: tuple[FilePath, ...]) -> None:
+        self._document = document
+        self._problems = document.problems
         self._folders = folders
-        self._rule = rule
         self._read = 0
         self._budget = ByteBudget(MAX_EXTENDED_BYTES)
 
@@ -160,7 +152,7 @@ class _FileMerger:
         for node in named:
             below = self._base(node, place)
             if below is None:
-                self._result.complete = False
+                self._document.incomplete.add(())
             else:
                 base = below if base is None else overlay(base, below)
         return own if base is None else overlay(base, own)
@@ -200,7 +192,7 @@ class _FileMerger:
             message = f"'extends' reads more than {limit}"
             self._problems.error("R2B135", message, node.span, "merge some files", related=trace)
             return None
-        self._result.origins.setdefault(file, trace)
+        self._document.origins.files.setdefault(file, trace)
         below = self._compose_file(node, file)
         if below is None:
             return None
@@ -209,7 +201,7 @@ class _FileMerger:
         moved = posixpath.dirname(posixpath.normpath(text))
         if not moved:
             return whole
-        done = rebase_paths(whole, self._rule, moved)
+        done = rebase_paths(whole, language(), moved)
         return done if isinstance(done, MapNode) else None
 
     def _readable_path(self, node: ScalarNode, path: FilePath, text: str) -> FilePath | None:
@@ -237,7 +229,7 @@ class _FileMerger:
 
     def _compose_file(self, node: ScalarNode, file: str) -> MapNode | None:
         read = read_file(FilePath(file), self._folders, self._budget)
-        self._result.sources[file] = read.source
+        self._document.sources[file] = read.source
         if not read.usable:
             self._add(read.diagnostics)
             return None
@@ -277,3 +269,112 @@ def _suggest_file(path: FilePath) -> str:
         return f"folder not found: {quote(str(path.parent))}"
     close = did_you_mean(path.name, names)
     return f"did you mean {quote(close)}?" if close else "paths are relative to this file"
+
+
+SECTIONS: tuple[Path, ...] = (
+    ("preprocessors",),
+    ("containers",),
+    ("graph", "nodes"),
+    ("monitors",),
+    ("slos",),
+)
+"""Maps whose entries may extend each other."""
+MAX_CHAIN_LENGTH = 50
+"""Entries in a chain, each of which extends the next."""
+
+
+def extend_siblings(document: Document) -> None:
+    """Expand every entry that extends a sibling."""
+    for section in SECTIONS:
+        root = document.tree
+        entries = lookup(root, section)
+        if (
+            root is not None
+            and isinstance(entries, MapNode)
+            and any(_extends_sibling(entry.value) for entry in entries.entries.values())
+        ):
+            expanded = _Section(document, section, entries).expanded()
+            document.tree = replace_at(root, section, expanded)
+
+
+class _Section:
+    def __init__(self, document: Document, section: Path, entries: MapNode) -> None:
+        self._document = document
+        self._section = section
+        self._entries = entries
+        self._failed: set[str | None] = set()
+        self._merged: dict[str, MapNode] = {}
+        self._depth: dict[str | None, int] = {}
+
+    def expanded(self) -> MapNode:
+        entries = {
+            name: Entry(entry.key_span, self._resolved(name), entry.key_resolved)
+            if _extends_sibling(entry.value)
+            else entry
+            for name, entry in self._entries.entries.items()
+        }
+        self._document.incomplete |= {(*self._section, str(name)) for name in self._failed}
+        return MapNode(entries, self._entries.span)
+
+    def _resolved(self, name: str, above: tuple[str, ...] = ()) -> MapNode:
+        """The entry merged over what it extends; `above` are the entries that extend it."""
+        if name not in self._merged:
+            own = self._map(name)
+            chain = (*above, name)
+            base = self._base(chain)
+            below = self._resolved(base, chain) if base is not None else None
+            if base in self._failed:
+                self._failed.add(name)
+            if _extends_sibling(own):
+                own = without(own, KEY)
+            self._merged[name] = own if below is None else overlay(without(below, KEY), own)
+            self._depth[name] = self._depth.get(base, 0) + 1
+        return self._merged[name]
+
+    def _base(self, chain: tuple[str, ...]) -> str | None:
+        """The sibling that the last of a chain extends; None at its end, or if it is invalid."""
+        name = chain[-1]
+        entry = self._map(name).entries.get(KEY)
+        if entry is None or not isinstance(entry.value, ScalarNode):
+            return None
+        base, span = entry.value.value, entry.value.span
+        if not isinstance(base, str):
+            return None
+        entries = self._entries.entries
+        if base not in entries or not isinstance(entries[base].value, MapNode):
+            close = did_you_mean(base, entries)
+            others = [other for other in entries if other != name]
+            known = "known entries: " + ", ".join(others[:12]) if others else "there are no others"
+            self._error(
+                name,
+                "R2B136",
+                f"{quote(format_path(self._section))} has no entry {quote(base)} to extend",
+                span,
+                f"did you mean '{close}'? {known}" if close and close != name else known,
+            )
+            return None
+        origin = Related(f"'{name}' extends '{base}' here", span)
+        self._document.origins.entries[(*self._section, name)] = (origin,)
+        if base in chain or len(chain) + self._depth.get(base, 0) >= MAX_CHAIN_LENGTH:
+            message = (
+                f"{quote(base)} extends itself, directly or through others"
+                if base in chain
+                else f"more than {MAX_CHAIN_LENGTH} entries extend each other"
+            )
+            self._error(name, "R2B135", message, span, "remove one 'extends' of this chain")
+            return None
+        return base
+
+    def _error(self, name: str, code: str, message: str, span: Span, help_text: str) -> None:
+        self._document.problems.error(code, message, span, help_text)
+        self._failed.add(name)
+
+    def _map(self, name: str) -> MapNode:
+        value = self._entries.entries[name].value
+        return value if isinstance(value, MapNode) else MapNode({}, value.span)
+
+
+def _extends_sibling(node: TreeNode) -> bool:
+    """Whether an entry names a sibling; wrong types are reported by the schema."""
+    value = child(node, KEY)
+    return isinstance(value, ScalarNode) and isinstance(value.value, str) and bool(value.value)

@@ -1,10 +1,37 @@
-"""How long the probe of a rate lasts at most, and when it may end early because it is decided."""
+"""What a benchmark does where its spec does not say: its confidence, its starts, its probes.
+
+Runs of one graph differ by more than the iterations of a run show: memory layout, the order of
+discovery and the placement of threads are decided anew at each start. So a run is a sample of
+starts, and a verdict about the graph needs several (Kalibera and Jones, ISMM 2013).
+"""
 
 from __future__ import annotations
 
 from typing import Final
 
 from r2bspec.language.quantities import Duration
+
+CONFIDENCE: Final = 0.95
+"""One-sided each way: PASS and FAIL are each wrong in at most 5 % of runs."""
+
+CONFIRMATION_CONFIDENCE: Final = 0.9
+"""The confidence at which a second run confirms a failure (`r2bspec.judge.confirmation`)."""
+
+
+DEFAULT_STARTS: Final = 5
+"""As many as a run has if it has iterations enough."""
+
+MAX_STARTS: Final = 1000
+"""The most that a spec can ask for."""
+
+MIN_ITERATIONS: Final = 2
+"""The fewest iterations of a start: with one, starts and iterations could not be told apart."""
+
+
+def default_starts(iterations: int) -> int:
+    """The number of starts for a number of iterations at each rate; at least 1."""
+    return max(1, min(DEFAULT_STARTS, iterations // MIN_ITERATIONS))
+
 
 PROBE: Final = Duration(10 * 10**9)
 """The longest duration of the probe of one rate, by default."""
