@@ -28,7 +28,7 @@ from r2bspec.interop.script_import.spec_nodes import NodeWriter
 from r2bspec.interop.script_import.spec_values import SpecValues, relative_folder
 from r2bspec.interop.script_import.values import Note, ScriptLimitError
 from r2bspec.interop.script_import.yaml_writer import Block
-from r2bspec.untrusted.safe_file import is_folder, is_regular
+from r2bspec.safe_io.safe_file import is_folder, is_regular
 from r2bspec.wiring.ast_reader import read_node_class, read_python_file
 
 _SUFFIXES = (".launch.py", ".launch.xml", ".launch.yaml", ".launch.yml", "_launch.py", ".launch")

@@ -21,8 +21,8 @@ from r2bspec.check.rule_registry import all_rules
 from r2bspec.diagnostics.code_pages import all_pages
 from r2bspec.diagnostics.diagnostic import Diagnostic, Severity
 from r2bspec.diagnostics.waivers import apply_waivers
+from r2bspec.language.document import MAX_PROBLEMS
 from r2bspec.language.matrix import merge_case_findings
-from r2bspec.language.source_text import MAX_PROBLEMS
 
 if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec

@@ -69,7 +69,7 @@ def _parse_max_bytes(ctx: click.Context, param: click.Parameter, text: str | Non
     if text is None:
         return None
     from r2bspec.language.quantities import parse_size_option
-    from r2bspec.untrusted.decompression_budget import max_unpacked_bytes
+    from r2bspec.safe_io.decompression_budget import max_unpacked_bytes
 
     try:
         max_bytes = parse_size_option(text)

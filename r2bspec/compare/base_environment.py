@@ -27,7 +27,7 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from r2bspec.compare.base_tree import BaseRevisionError, BaseTree
-from r2bspec.untrusted.safe_file import names_in
+from r2bspec.safe_io.safe_file import names_in
 
 SEARCH_PATHS = (
     *("PYTHONPATH", "PATH", "LD_LIBRARY_PATH", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH"),

@@ -20,8 +20,8 @@ from r2bspec.measure.times import rank
 from r2bspec.plan.plan import Plan
 from r2bspec.record.graph_identity import GraphIdentity
 from r2bspec.record.run_record import SearchRecord
-from r2bspec.untrusted.safe_file import is_folder, read_bytes
-from r2bspec.untrusted.safe_json import MAX_JSON_BYTES
+from r2bspec.safe_io.safe_file import is_folder, read_bytes
+from r2bspec.safe_io.safe_json import MAX_JSON_BYTES
 
 READERS: Final = ("r2bspec.interop.ros2_benchmark",)
 """Modules that read the results of other tools, imported on demand.

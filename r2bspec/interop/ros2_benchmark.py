@@ -29,8 +29,8 @@ from r2bspec.report.formats.ros2_benchmark import (
     METADATA_PREFIX,
     RESOURCE_PREFIX,
 )
-from r2bspec.untrusted.safe_file import read_bytes
-from r2bspec.untrusted.safe_json import MAX_JSON_BYTES, decode_python_json
+from r2bspec.safe_io.safe_file import read_bytes
+from r2bspec.safe_io.safe_json import MAX_JSON_BYTES, decode_python_json
 
 _RATE_KEY = re.compile(r"(\d+(?:\.\d+)?)fps")
 _KNOWN_PREFIXES = (BASIC_PREFIX, RESOURCE_PREFIX, "CPUProfilingMetrics")

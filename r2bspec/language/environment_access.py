@@ -24,6 +24,7 @@ from pathlib import Path
 from r2bspec.diagnostics import Diagnostic, Severity
 from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import UsageError
+from r2bspec.language.document import MAX_DOCUMENT_BYTES, decode
 from r2bspec.language.extends import (
     KEY,
     MAX_EXTENDED_FILES,
@@ -31,7 +32,6 @@ from r2bspec.language.extends import (
     extended_names,
 )
 from r2bspec.language.located_tree import MapNode, TreeNode
-from r2bspec.language.source_text import MAX_DOCUMENT_BYTES, decode
 from r2bspec.language.variables import listed_environment
 from r2bspec.language.yaml_document import compose
 
@@ -131,7 +131,7 @@ class BaseVersion:
 
     def read(self, path: str) -> bytes | None:
         """The content of a file, by its path below `top`; None if the commit has no such file."""
-        from r2bspec.untrusted.git import run_git
+        from r2bspec.safe_io.git import run_git
 
         done = run_git(self.top, "cat-file", "blob", f"{self.commit}:{path}")
         found = done.stdout if done is not None and done.returncode == 0 else None
@@ -149,7 +149,7 @@ def base_version(reference: str, folder: Path) -> BaseVersion:
         BaseVersionError: there is no such commit, no repository, or no git.
     """
     # Most specs are not a stranger's, and what starts processes takes long to import.
-    from r2bspec.untrusted.git import find_work_tree, run_git
+    from r2bspec.safe_io.git import find_work_tree, run_git
 
     top = find_work_tree(folder)
     if top is None:

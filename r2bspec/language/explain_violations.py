@@ -21,11 +21,11 @@ from r2bspec.diagnostics import Diagnostic, Edit, Path, Related, did_you_mean, f
 from r2bspec.diagnostics.quote import clip, quote
 from r2bspec.language import names
 from r2bspec.language.declaration import NamePattern, Rule, language, rule_at
+from r2bspec.language.document import MAX_PROBLEMS, inner_span
 from r2bspec.language.located_tree import MapNode, ScalarNode, lookup, span_at, to_plain
 from r2bspec.language.quantities import Quantity, QuantityError, Share
 from r2bspec.language.read_spec import Violation
 from r2bspec.language.requirement_grammar import Requirement, RequirementError
-from r2bspec.language.source_text import MAX_PROBLEMS, inner_span
 from r2bspec.language.yaml_document import ScalarError, resolve
 
 

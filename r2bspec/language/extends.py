@@ -21,7 +21,7 @@ from msgspec.structs import replace
 from r2bspec.diagnostics import Diagnostic, Path, Related, Span, did_you_mean, format_path
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language.declaration import Rule, language
-from r2bspec.language.document import Document
+from r2bspec.language.document import MAX_DOCUMENT_BYTES, Document, read_file
 from r2bspec.language.located_tree import (
     Entry,
     ListNode,
@@ -33,10 +33,9 @@ from r2bspec.language.located_tree import (
     replace_at,
     without,
 )
-from r2bspec.language.source_text import MAX_DOCUMENT_BYTES, read_file
 from r2bspec.language.variables import OPENING
 from r2bspec.language.yaml_document import compose
-from r2bspec.untrusted.safe_file import ByteBudget, is_regular, names_in
+from r2bspec.safe_io.safe_file import ByteBudget, is_regular, names_in
 
 
 def overlay(base: MapNode, own: MapNode) -> MapNode:

@@ -18,7 +18,18 @@ from typing import Unpack
 from r2bspec.diagnostics import Diagnostic, Path, Severity, Span, did_you_mean
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language.declaration import Rule, language
-from r2bspec.language.document import Document, ValueOrigins
+from r2bspec.language.document import (
+    MAX_PROBLEMS,
+    Document,
+    ReadResult,
+    Source,
+    ValueOrigins,
+    decode,
+    has_errors,
+    inner_span,
+    read_file,
+    read_text,
+)
 from r2bspec.language.extends import extend_files, extend_siblings
 from r2bspec.language.key_constraints import key_constraint_errors
 from r2bspec.language.located_tree import (
@@ -39,16 +50,6 @@ from r2bspec.language.matrix import Matrix, MatrixCase, matrix_of
 from r2bspec.language.overrides import apply_overrides
 from r2bspec.language.read_spec import Violation, read_spec
 from r2bspec.language.selected_spec import LoadOptions
-from r2bspec.language.source_text import (
-    MAX_PROBLEMS,
-    ReadResult,
-    Source,
-    decode,
-    has_errors,
-    inner_span,
-    read_file,
-    read_text,
-)
 from r2bspec.language.spec import Spec
 from r2bspec.language.substitution import substitute
 from r2bspec.language.variables import OPENING, with_variables

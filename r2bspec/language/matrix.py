@@ -22,6 +22,7 @@ from msgspec.structs import replace
 
 from r2bspec.diagnostics import Diagnostic, Related, Severity, Span, did_you_mean
 from r2bspec.diagnostics.quote import clip, quote
+from r2bspec.language.document import DiagnosticCollector
 from r2bspec.language.located_tree import (
     Entry,
     ListNode,
@@ -32,7 +33,6 @@ from r2bspec.language.located_tree import (
     size_of,
     without,
 )
-from r2bspec.language.source_text import DiagnosticCollector
 
 if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from r2bspec.diagnostics import Path, Span, did_you_mean, format_path
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language.declaration import rule_at
-from r2bspec.language.document import Document
+from r2bspec.language.document import Document, Source, read_text
 from r2bspec.language.extends import KEY as EXTENDS
 from r2bspec.language.located_tree import (
     Entry,
@@ -29,7 +29,6 @@ from r2bspec.language.located_tree import (
     replace_at,
 )
 from r2bspec.language.selected_spec import Variables
-from r2bspec.language.source_text import Source, read_text
 from r2bspec.language.variables import is_declared_text, with_variable
 from r2bspec.language.yaml_document import compose, parse_unquoted
 

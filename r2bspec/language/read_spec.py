@@ -19,6 +19,7 @@ import msgspec
 
 from r2bspec.diagnostics import Diagnostic, Edit, Path, Related, Severity, Span, format_path
 from r2bspec.language.declaration import Record, Rule, language
+from r2bspec.language.document import MAX_PROBLEMS, Source
 from r2bspec.language.located_tree import (
     ListNode,
     MapNode,
@@ -29,7 +30,6 @@ from r2bspec.language.located_tree import (
     span_at,
     to_plain,
 )
-from r2bspec.language.source_text import MAX_PROBLEMS, Source
 from r2bspec.language.spec import Spec
 
 INVALID: Final = msgspec.UNSET

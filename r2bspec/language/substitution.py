@@ -27,6 +27,7 @@ from r2bspec.diagnostics import Certainty, Related, Span, did_you_mean
 from r2bspec.diagnostics import Path as TreePath
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language.declaration import Rule
+from r2bspec.language.document import MAX_DOCUMENT_BYTES, DiagnosticCollector, Source, inner_span
 from r2bspec.language.environment_access import is_secret_variable, secret_reference
 from r2bspec.language.located_tree import (
     Entry,
@@ -37,7 +38,6 @@ from r2bspec.language.located_tree import (
     UnknownNode,
     child,
 )
-from r2bspec.language.source_text import MAX_DOCUMENT_BYTES, DiagnosticCollector, Source, inner_span
 from r2bspec.language.variables import (
     OPENING,
     MalformedReference,

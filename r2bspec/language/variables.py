@@ -21,6 +21,7 @@ from msgspec.structs import replace
 
 from r2bspec.diagnostics import Related, Span, did_you_mean
 from r2bspec.diagnostics.quote import quote
+from r2bspec.language.document import DiagnosticCollector
 from r2bspec.language.located_tree import (
     Entry,
     ListNode,
@@ -34,7 +35,6 @@ from r2bspec.language.located_tree import (
 )
 from r2bspec.language.names import INSTANCE, VARIABLE
 from r2bspec.language.quantities import QUANTITIES, QuantityError
-from r2bspec.language.source_text import DiagnosticCollector
 
 OPENING = "$("
 

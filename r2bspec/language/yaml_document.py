@@ -29,6 +29,7 @@ from yaml import events as ev
 
 from r2bspec.diagnostics import Diagnostic, Edit, Related, Span
 from r2bspec.diagnostics.quote import quote
+from r2bspec.language.document import DiagnosticCollector, Source, StopReadingError
 from r2bspec.language.located_tree import (
     Entry,
     ListNode,
@@ -38,7 +39,6 @@ from r2bspec.language.located_tree import (
     TreeNode,
     UnknownNode,
 )
-from r2bspec.language.source_text import DiagnosticCollector, Source, StopReadingError
 from r2bspec.language.yaml_syntax_errors import explain_syntax_error
 
 _CONSTANTS: dict[str, ScalarValue] = {

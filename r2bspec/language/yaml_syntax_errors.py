@@ -14,7 +14,7 @@ import msgspec
 import yaml
 
 from r2bspec.diagnostics import Diagnostic, Edit, Related, Severity, Span
-from r2bspec.language.source_text import Source
+from r2bspec.language.document import Source
 
 
 class ScannerReport(msgspec.Struct, frozen=True):

@@ -24,7 +24,7 @@ from r2bspec.language.load_spec import load_cases
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.positions import TextPositions
 from r2bspec.measure.units import show
-from r2bspec.untrusted.unsaved_files import unsaved_files
+from r2bspec.safe_io.safe_file import unsaved_files
 
 RUN: Final = "r2bspec.run"
 SMOKE: Final = "r2bspec.smoke"

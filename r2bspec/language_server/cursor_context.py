@@ -15,8 +15,8 @@ from typing import Final
 from lsprotocol import types
 
 from r2bspec.diagnostics import Path
+from r2bspec.language.document import Source
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
-from r2bspec.language.source_text import Source
 from r2bspec.language.yaml_document import compose
 from r2bspec.language_server.analysis import Analysis
 

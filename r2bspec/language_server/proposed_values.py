@@ -14,13 +14,13 @@ from typing import Final
 
 from lsprotocol import types
 
+from r2bspec.bags.recording import BAG_FORMATS
 from r2bspec.check.installed_packages import (
     ament_packages,
     package_executables,
     package_plugins,
     package_share,
 )
-from r2bspec.language.bag_formats import BAG_FORMATS
 from r2bspec.language.declaration import Rule
 from r2bspec.language.located_tree import ScalarNode, lookup
 from r2bspec.language.quantities import QUANTITIES, Duration, Quantity
@@ -33,8 +33,8 @@ _MAX_FILES: Final = 200
 
 def recordings(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
     """Datasets, and the recordings below the folder of the spec."""
-    from r2bspec.bags.errors import DataError
-    from r2bspec.datasets.locate_bag import known_datasets
+    from r2bspec.bags.recording import DataError
+    from r2bspec.datasets.catalogue import known_datasets
 
     try:
         for name in known_datasets():

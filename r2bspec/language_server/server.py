@@ -40,8 +40,7 @@ from r2bspec.language_server.symbols import (
     rename,
 )
 from r2bspec.language_server.transport import AnsweringProtocol, MessageInput
-from r2bspec.untrusted.errors import RefusedFileError
-from r2bspec.untrusted.safe_file import read_text
+from r2bspec.safe_io.safe_file import RefusedFileError, read_text
 
 DEBOUNCE_S: Final = 0.005
 """Time without a change after which a text is analysed: editors may send what belongs together in

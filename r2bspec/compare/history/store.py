@@ -21,9 +21,8 @@ from r2bspec.compare.history.schema import (
     upgrade,
 )
 from r2bspec.private_files import private_files
-from r2bspec.untrusted.errors import RefusedDataError
-from r2bspec.untrusted.safe_file import is_there
-from r2bspec.untrusted.safe_sqlite import check_schema, end_deadline, restrict
+from r2bspec.safe_io.safe_file import RefusedDataError, is_there
+from r2bspec.safe_io.safe_sqlite import check_schema, end_deadline, restrict
 
 T = TypeVar("T")
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from r2bspec.datasets.sequences import SEQUENCES
+from r2bspec.datasets.catalogue import SEQUENCES
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.interop.script_import.benchmark_script import BenchmarkScript, Settings
 from r2bspec.interop.script_import.launch_actions import NodeAction, topic_in

@@ -13,11 +13,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from r2bspec.language.document import Source
 from r2bspec.language.json_schema import published_schema
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.located_tree import to_plain
 from r2bspec.language.read_spec import Violation, read_spec
-from r2bspec.language.source_text import Source
 from r2bspec.language.yaml_document import compose
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "language"

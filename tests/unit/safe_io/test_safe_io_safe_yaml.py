@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import yaml
 
-from r2bspec.untrusted.safe_yaml import RefusedYamlError, load_texts, load_values
+from r2bspec.safe_io.safe_yaml import RefusedYamlError, load_texts, load_values
 
 
 def _nested_merges(levels: int) -> str:

@@ -2,21 +2,79 @@
 
 A path is first opened as a place (O_PATH). That has no effect on pipes and devices, and cannot
 block. The file found there is examined and then opened itself, so that it cannot be exchanged
-between the check and its use.
+between the check and its use. What is refused before its content is used is an error of this
+module. Files that an editor has changed and not saved are read with its texts.
 """
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import stat
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
+from contextvars import ContextVar
 from pathlib import Path
 from typing import BinaryIO, Final
 
-from r2bspec.untrusted.errors import OutsideFolderError, RefusedFileError, TooLargeError
-from r2bspec.untrusted.looked_up_files import note_lookup, note_read
-from r2bspec.untrusted.unsaved_files import unsaved_content
+from r2bspec.errors import R2bspecError
+from r2bspec.exit_status import ExitStatus
+from r2bspec.safe_io.looked_up_files import note_lookup, note_read
+
+
+class RefusedFileError(R2bspecError, OSError):
+    """A file that is not opened, or not read to its end.
+
+    Callers report it like any other file that cannot be read, under a code of their own. The
+    message never quotes the content of the file.
+    """
+
+    code = "R2B001"
+    exit_code = ExitStatus.USAGE
+
+    def __init__(self, reason: str, *, hint: str = "") -> None:
+        super().__init__(reason, hint=hint)
+        self.strerror = reason
+
+
+class OutsideFolderError(RefusedFileError):
+    """A link that leads out of the folders whose files may be read."""
+
+
+class TooLargeError(RefusedFileError):
+    """A file that is larger than the limit of its kind."""
+
+
+class RefusedDataError(R2bspecError, ValueError):
+    """Data that would need too much memory or time to decode."""
+
+    code = "R2B304"
+    exit_code = ExitStatus.USAGE
+
+
+_TEXTS: Final[ContextVar[Mapping[Path, str]]] = ContextVar("unsaved_files")
+
+
+@contextlib.contextmanager
+def unsaved_files(texts: Mapping[Path, str]) -> Iterator[None]:
+    """Within this context, these files are read with these texts.
+
+    Args:
+        texts: by the resolved path of the file, which must exist on disk.
+    """
+    token = _TEXTS.set(texts)
+    try:
+        yield
+    finally:
+        _TEXTS.reset(token)
+
+
+def unsaved_content(path: Path) -> bytes | None:
+    """The content of a file that is open and not saved; None for all others."""
+    texts = _TEXTS.get({})
+    text = texts.get(path.resolve()) if texts else None
+    return None if text is None else text.encode("utf-8", "surrogatepass")
+
 
 KERNEL_FOLDERS: Final = (Path("/proc"), Path("/sys"))
 """Their regular files have no size, may block, and tell about this machine."""

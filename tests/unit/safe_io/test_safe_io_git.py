@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.untrusted.git import (
+from r2bspec.safe_io.git import (
     commit_of,
     filter_names,
     find_work_tree,

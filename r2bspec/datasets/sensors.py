@@ -14,24 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.bags.bag_writer import typestore
-from r2bspec.datasets.scene.cameras import (
+from r2bspec.datasets.cameras import (
+    BODY_FROM_OPTICAL,
     MIN_DEPTH_M,
     Bounds,
     Camera,
-    camera_pose,
-    image_bounds,
-    undistorted,
-)
-from r2bspec.datasets.scene.motion import (
-    BODY_FROM_OPTICAL,
     Motion,
     Pose,
     apply,
+    camera_pose,
     cosine,
+    image_bounds,
     sine,
     transpose,
+    undistorted,
 )
-from r2bspec.datasets.scene.rig import (
+from r2bspec.datasets.rig import (
     CAMERA_INFO,
     CLOUD_FIELDS,
     CLOUD_POINT_BYTES,
@@ -43,8 +41,8 @@ from r2bspec.datasets.scene.rig import (
     Lidar,
     TopicSource,
 )
-from r2bspec.datasets.scene.scenes import Room, Scene
-from r2bspec.datasets.scene.surfaces import (
+from r2bspec.datasets.scenes import Room, Scene, Tag, paint_tag
+from r2bspec.datasets.surfaces import (
     Hits,
     Rays,
     brightness_ranges,
@@ -53,7 +51,6 @@ from r2bspec.datasets.scene.surfaces import (
     texture_level,
     texture_values,
 )
-from r2bspec.datasets.scene.tag import Tag, paint_tag
 
 _BAND_ROWS = 32
 

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from r2bspec.untrusted.errors import RefusedDataError
+from r2bspec.safe_io.safe_file import RefusedDataError
 
 MAX_SCHEMA_S: Final = 60.0
 """The longest that the check of a schema may take, and what is done before it is complete."""

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 import lz4.frame  # type: ignore[import-untyped]
 import pytest
 
-from r2bspec.untrusted.decompression_budget import (
+from r2bspec.safe_io.decompression_budget import (
     FREE_PIECE_BYTES,
     FREE_TOTAL_BYTES,
     MAX_PIECE_BYTES,
@@ -22,7 +22,7 @@ from r2bspec.untrusted.decompression_budget import (
     unpack_lz4,
     unpack_zstd,
 )
-from r2bspec.untrusted.errors import RefusedDataError
+from r2bspec.safe_io.safe_file import RefusedDataError
 
 if sys.version_info >= (3, 14):
     from compression import zstd

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import msgspec
 
-from r2bspec.datasets.scene.cameras import Camera, Lens
+from r2bspec.datasets.cameras import Camera, Lens
 
 IMAGE = "sensor_msgs/msg/Image"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"

@@ -9,8 +9,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from r2bspec.untrusted.errors import RefusedFileError, TooLargeError
-from r2bspec.untrusted.safe_json import decode_json, decode_python_json, read_json
+from r2bspec.safe_io.safe_file import RefusedFileError, TooLargeError
+from r2bspec.safe_io.safe_json import decode_json, decode_python_json, read_json
 
 
 @pytest.mark.parametrize("decode", [lambda text: decode_json(text, Any), decode_python_json])

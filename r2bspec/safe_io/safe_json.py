@@ -1,4 +1,8 @@
-"""Decoding JSON: size, depth and numbers are limited; each problem is a `msgspec.DecodeError`."""
+"""Decoding JSON: size, depth and numbers are limited; each problem is a `msgspec.DecodeError`.
+
+JSON allows numbers of any size. Arithmetic on them ends in an overflow somewhere, far from the file
+that is to blame; so they are refused where the file is read.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +12,45 @@ from typing import Any, Final, TypeVar
 
 import msgspec
 
-from r2bspec.untrusted.number_limits import check_numbers
-from r2bspec.untrusted.safe_file import read_bytes
+from r2bspec.safe_io.safe_file import read_bytes
+
+MAX_INTEGER: Final = 2**63 - 1
+"""Times are nanoseconds in 64 bits with a sign, in every file and array."""
+
+MAX_NUMBER: Final = 1e30
+"""Far beyond every rate, time and size there is, and far from the limits of a float."""
+
+
+def check_numbers(value: Any, free: frozenset[str] = frozenset()) -> None:
+    """See that no number inside a decoded value is out of range.
+
+    Args:
+        value: what was decoded.
+        free: fields whose numbers are only passed on, such as the parameters of nodes.
+
+    Raises:
+        ValueError: one is; the message has the way to it.
+    """
+    waiting: list[tuple[str, Any]] = [("$", value)]
+    while waiting:
+        place, each = waiting.pop()
+        if isinstance(each, bool | str | bytes) or each is None:
+            continue
+        if isinstance(each, int | float):
+            limit = MAX_INTEGER if isinstance(each, int) else MAX_NUMBER
+            if not -limit <= each <= limit and each == each:  # NaN is a number of its own
+                raise ValueError(f"a number is out of range at {place}")
+        elif isinstance(each, msgspec.Struct):
+            waiting += [
+                (f"{place}.{name}", getattr(each, name))
+                for name in each.__struct_fields__
+                if name not in free
+            ]
+        elif isinstance(each, dict):
+            waiting += [(f"{place}[...]", one) for one in each.values()]
+        elif isinstance(each, list | tuple):
+            waiting += [(f"{place}[{number}]", one) for number, one in enumerate(each)]
+
 
 MAX_JSON_BYTES: Final = 256_000_000
 """Size of the largest document that is read; the record of a day of segments has a tenth."""

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.datasets.scene.scenes import FACES_PER_BOX, Box, Room
+from r2bspec.datasets.scenes import FACES_PER_BOX, Box, Room
 
 TEXELS: Final = 1024
 TEXELS_PER_M: Final = 200.0

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.untrusted.errors import RefusedDataError
-from r2bspec.untrusted.safe_sqlite import end_deadline, open_read_only, restrict
+from r2bspec.safe_io.safe_file import RefusedDataError
+from r2bspec.safe_io.safe_sqlite import end_deadline, open_read_only, restrict
 
 ENDLESS = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n)"
 

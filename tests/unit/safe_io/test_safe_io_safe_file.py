@@ -7,8 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.untrusted.errors import OutsideFolderError, RefusedFileError, TooLargeError
-from r2bspec.untrusted.safe_file import open_regular, read_bytes, read_text
+from r2bspec.safe_io.safe_file import (
+    OutsideFolderError,
+    RefusedFileError,
+    TooLargeError,
+    open_regular,
+    read_bytes,
+    read_text,
+)
 
 
 def test_a_regular_file_is_read_up_to_the_limit(tmp_path: Path) -> None:
