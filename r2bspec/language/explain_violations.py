@@ -409,8 +409,9 @@ def _missing_value(violation: Violation) -> Diagnostic:
     if shown and len(shown) <= 60:
         help_text += f", for example {shown}"
     owner = rule_at(violation.path[:-1])
-    if owner is not None and violation.path[-1] in {*(owner.keys or ())} - {*owner.required}:
-        help_text += ", or leave the key out"
+    optional = {*(owner.keys or ())} - {*owner.required} if owner is not None else set()
+    if violation.path[-1] in optional or not violation.rule.kinds:
+        help_text += ", or leave it out" if not violation.rule.kinds else ", or leave the key out"
     node = violation.node
     if (
         isinstance(node, ScalarNode)
@@ -614,7 +615,7 @@ def describe_type(rule: Rule) -> str:
     """The type that a rule requires: ``a string``, ``a list``, ``a duration``."""
     if rule.is_parsed and rule.quantity is not None:
         return f"a {rule.quantity.kind}"
-    return join_words([_TYPES[name] for name in rule.kinds])
+    return join_words([_TYPES[name] for name in rule.kinds]) or "a value"
 
 
 def join_words(words: Sequence[str], joint: str = "or") -> str:
