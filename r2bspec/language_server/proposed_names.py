@@ -20,7 +20,7 @@ from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNod
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language_server import proposed_values as files
 from r2bspec.language_server.analysis import Analysis
-from r2bspec.language_server.cursor_context import CursorContext, Proposal, ProposalSource
+from r2bspec.language_server.positions import CursorContext, Proposal, ProposalSource
 from r2bspec.language_server.proposed_values import quantities, requirements
 from r2bspec.language_server.symbols import names_of
 from r2bspec.wiring.name_resolution import expand

@@ -25,7 +25,7 @@ from r2bspec.language.declaration import Rule
 from r2bspec.language.located_tree import ScalarNode, lookup
 from r2bspec.language.quantities import QUANTITIES, Duration, Quantity
 from r2bspec.language_server.analysis import Analysis
-from r2bspec.language_server.cursor_context import CursorContext, Proposal
+from r2bspec.language_server.positions import CursorContext, Proposal
 from r2bspec.language_server.symbols import definitions_in, names_of
 
 _MAX_FILES: Final = 200

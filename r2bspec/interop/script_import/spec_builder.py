@@ -27,9 +27,15 @@ from r2bspec.interop.script_import.node_roles import (
 from r2bspec.interop.script_import.setup_steps import add_steps
 from r2bspec.interop.script_import.source_files import MODULE_MISSING
 from r2bspec.interop.script_import.spec_nodes import NodeWriter
-from r2bspec.interop.script_import.spec_values import SpecValues, relative_folder
+from r2bspec.interop.script_import.spec_text import (
+    Block,
+    SpecValues,
+    document,
+    identifier,
+    relative_folder,
+    unique_name,
+)
 from r2bspec.interop.script_import.values import ImageSize, Note
-from r2bspec.interop.script_import.yaml_writer import Block, document, identifier, unique_name
 from r2bspec.language.names import MESSAGE_TYPE, MONITOR_NAME, NAME
 
 _NOT_IMPORTED: Final = "R2B710"
