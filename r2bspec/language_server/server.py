@@ -215,7 +215,7 @@ class SpecLanguageServer(LanguageServer):
         Raises:
             ValueError: it is none.
         """
-        self._start(actions.SHOW_RESULT, commands.report_argv(folder))
+        self._start(actions.SHOW_RESULT, actions.report_argv(folder))
 
     def _start(self, name: str, argv: list[str]) -> None:
         task = asyncio.ensure_future(self._run_command(name, argv))
