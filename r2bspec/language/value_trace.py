@@ -103,7 +103,7 @@ def _alias_steps(root: TreeNode, path: Path) -> Iterator[ProvenanceStep]:
     """Aliases and merge keys: what they bring is written outside of the value that contains it."""
     node: TreeNode | None = root
     for part in path:
-        owner, node = node, child(node, part) if node is not None else None
+        owner, node = node, child(node, part)
         if node is None:
             return
         if isinstance(owner, MapNode):

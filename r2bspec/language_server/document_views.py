@@ -72,7 +72,7 @@ def _about_key(path: Path) -> Iterator[str]:
 def _about_value(analysis: Analysis, place: Place) -> Iterator[str]:
     """The value after substitution, where it is not the text that is written."""
     tree = analysis.loaded.tree
-    node = lookup(tree, place.path) if tree is not None else None
+    node = lookup(tree, place.path)
     elsewhere = node is not None and node.span.file != str(analysis.path)
     substituted = isinstance(node, ScalarNode) and node.origin is not None
     if isinstance(node, MapNode | ListNode) or not (substituted or elsewhere):

@@ -146,7 +146,7 @@ def launch_files(analysis: Analysis, context: CursorContext) -> Iterator[Proposa
 
 def _package_beside(analysis: Analysis, context: CursorContext) -> str:
     tree = analysis.loaded.tree
-    package = lookup(tree, (*context.path[:-1], "package")) if tree is not None else None
+    package = lookup(tree, (*context.path[:-1], "package"))
     return package.text if isinstance(package, ScalarNode) else ""
 
 
