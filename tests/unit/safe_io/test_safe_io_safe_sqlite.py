@@ -15,7 +15,7 @@ ENDLESS = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n)"
 
 def _database(file: Path, statements: str) -> Path:
     connection = sqlite3.connect(file)
-    connection.executescript(statements)
+    connection.executescript(f"BEGIN; {statements}; COMMIT")
     connection.close()
     return file
 
