@@ -47,12 +47,11 @@ from r2bspec.language.located_tree import (
 )
 from r2bspec.language.matrix import KEY as MATRIX
 from r2bspec.language.matrix import Matrix, MatrixCase, matrix_of
-from r2bspec.language.overrides import apply_overrides
 from r2bspec.language.read_spec import Violation, read_spec
 from r2bspec.language.selected_spec import LoadOptions
 from r2bspec.language.spec import Spec
 from r2bspec.language.substitution import substitute
-from r2bspec.language.variables import OPENING, with_variables
+from r2bspec.language.variables import OPENING, apply_overrides, with_variables
 from r2bspec.language.yaml_document import compose, to_yaml
 
 

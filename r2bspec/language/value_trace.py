@@ -19,7 +19,7 @@ from r2bspec.language.located_tree import (
     lookup,
     to_plain,
 )
-from r2bspec.language.overrides import parse_path
+from r2bspec.language.variables import parse_path
 
 _MAX_VALUE_CHARS = 200
 
