@@ -27,7 +27,7 @@ from r2bspec.execute.processes.signals import Interrupts
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.exit_status import ExitStatus
 from r2bspec.ipc import protocol
-from r2bspec.language.secret_variables import quoted_secret_references
+from r2bspec.language.environment_access import quoted_secret_references
 from r2bspec.language.spec import Spec
 from r2bspec.plan.command_lines import HARNESS_ARGV, node_argv
 from r2bspec.plan.compile_plan import compile_plan

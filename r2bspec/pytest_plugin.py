@@ -107,9 +107,9 @@ def pytest_configure(config: pytest.Config) -> None:
         return
     from r2bspec.diagnostics.plain_text import plain
     from r2bspec.errors import R2bspecError
+    from r2bspec.language.environment_access import untrusted_specs
     from r2bspec.language.quantities import parse_size_option
-    from r2bspec.language.untrusted_environment import untrusted_specs
-    from r2bspec.untrusted.decompression_budget import max_unpacked_bytes
+    from r2bspec.safe_io.decompression_budget import max_unpacked_bytes
 
     size = config.getoption("--r2bspec-max-bytes")
     try:

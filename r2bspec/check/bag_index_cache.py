@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from r2bspec.private_files import private_files
-from r2bspec.untrusted.safe_json import read_json
+from r2bspec.safe_io.safe_json import read_json
 
 if TYPE_CHECKING:
     from r2bspec.bags.recording import BagIndex, BagLocation
@@ -33,11 +33,11 @@ def cached_index(location: BagLocation) -> BagIndex:
     Raises:
         DataError: the bag cannot be used; errors are not cached.
     """
-    from r2bspec.datasets.locate_bag import index as index_location
+    from r2bspec.datasets.catalogue import index as index_location
 
     if location.path is None:
         return index_location(location)
-    from r2bspec.untrusted.decompression_budget import chosen_max_bytes
+    from r2bspec.safe_io.decompression_budget import chosen_max_bytes
 
     entry = _cache_file(location.path)
     # What was indexed under other limits may be more than the user allows now.

@@ -23,8 +23,7 @@ from r2bspec.wiring.companion_files import CompanionFiles
 from r2bspec.wiring.wiring import NodeWiring, Wiring
 
 if TYPE_CHECKING:
-    from r2bspec.bags.errors import DataError
-    from r2bspec.bags.recording import BagIndex, BagLocation
+    from r2bspec.bags.recording import BagIndex, BagLocation, DataError
     from r2bspec.language.load_spec import LoadedSpec
 
 

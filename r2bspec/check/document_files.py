@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from r2bspec.check.bag_index_cache import cached_index
-from r2bspec.untrusted.looked_up_files import note_folder
+from r2bspec.safe_io.looked_up_files import note_folder
 from r2bspec.wiring.companion_files import CompanionFiles, CompanionReader
 
 if TYPE_CHECKING:
-    from r2bspec.bags.errors import DataError
-    from r2bspec.bags.recording import BagIndex, BagLocation
+    from r2bspec.bags.recording import BagIndex, BagLocation, DataError
     from r2bspec.language.spec import Spec
 
 
@@ -42,8 +41,8 @@ class DocumentFiles:
         return self._bags[bag]
 
     def _located(self, bag: str) -> tuple[BagLocation | None, BagIndex | None, DataError | None]:
-        from r2bspec.bags.errors import DataError
-        from r2bspec.datasets.locate_bag import locate
+        from r2bspec.bags.recording import DataError
+        from r2bspec.datasets.catalogue import locate
 
         location = None
         try:

@@ -21,7 +21,7 @@ from r2bspec.check.rule_registry import all_rules
 from r2bspec.diagnostics.code_pages import all_pages
 from r2bspec.diagnostics.diagnostic import Diagnostic, Severity
 from r2bspec.diagnostics.waivers import apply_waivers
-from r2bspec.language.diagnostic_collector import MAX_PROBLEMS
+from r2bspec.language.document import MAX_PROBLEMS
 from r2bspec.language.matrix import merge_case_findings
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
-from r2bspec.untrusted.looked_up_files import shared_lookup
-from r2bspec.untrusted.safe_file import is_there, names_in, read_bytes
+from r2bspec.safe_io.looked_up_files import shared_lookup
+from r2bspec.safe_io.safe_file import is_there, names_in, read_bytes
 
 _MAX_SOURCE_BYTES = 1_000_000
 _VERSION = re.compile(r"<version[^>]*>([^<]{1,100})</version>")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from r2bspec.check.installed_packages import find_module
-from r2bspec.untrusted.safe_file import is_folder, is_regular, read_bytes
+from r2bspec.safe_io.safe_file import is_folder, is_regular, read_bytes
 
 _MAX_SOURCE_BYTES = 1_000_000
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import msgspec
 
-from r2bspec.untrusted.safe_file import real_path
+from r2bspec.safe_io.safe_file import real_path
 
 
 class PythonTarget(msgspec.Struct, frozen=True):

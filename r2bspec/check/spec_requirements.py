@@ -8,7 +8,7 @@ from typing import Literal
 import msgspec
 
 from r2bspec.diagnostics.diagnostic import Path
-from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.quantities import Rate
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Spec

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Final
 
 from r2bspec.plan.host_match import MachineFacts
-from r2bspec.untrusted.looked_up_files import shared_lookup
-from r2bspec.untrusted.safe_file import names_in
+from r2bspec.safe_io.looked_up_files import shared_lookup
+from r2bspec.safe_io.safe_file import names_in
 
 LABELS_VARIABLE: Final = "R2BSPEC_LABELS"
 """The labels of this machine, as ``robot=carter,floor=2``."""

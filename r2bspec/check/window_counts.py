@@ -56,9 +56,8 @@ def window_message_counts(context: Context) -> dict[str, MessageCount]:
 
 @cache  # of a pure function: the catalogue and its datasets do not change
 def _count_rendered(name: str, topic: str, start_ns: int, end_ns: int) -> int:
-    from r2bspec.bags.errors import DataError
-    from r2bspec.bags.recording import Window
-    from r2bspec.datasets.sequences import describe
+    from r2bspec.bags.recording import DataError, Window
+    from r2bspec.datasets.catalogue import describe
 
     try:
         index = describe(name, {topic}, Window(start_ns=start_ns, end_ns=end_ns))
@@ -70,8 +69,7 @@ def _count_rendered(name: str, topic: str, start_ns: int, end_ns: int) -> int:
 def _count_by_reading(context: Context, topic: str) -> MessageCount:
     """Count by reading, up to _MIN_ESTIMATED_MESSAGES."""
     from r2bspec.bags.bag_reader import read_messages
-    from r2bspec.bags.errors import DataError
-    from r2bspec.bags.recording import Window
+    from r2bspec.bags.recording import DataError, Window
 
     window = context.spec.data_loader.window
     path = context.bag_location.path if context.bag_location is not None else None

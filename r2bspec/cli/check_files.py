@@ -20,7 +20,7 @@ from r2bspec.cli.file_report import CheckOptions, FileReport
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.diagnostics.waivers import may_contain_waiver
 from r2bspec.errors import R2bspecError
-from r2bspec.untrusted.looked_up_files import shared_lookups
+from r2bspec.safe_io.looked_up_files import shared_lookups
 
 if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec

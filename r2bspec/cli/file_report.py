@@ -11,7 +11,7 @@ import msgspec
 from r2bspec.diagnostics import Diagnostic
 
 if TYPE_CHECKING:
-    from r2bspec.language.untrusted_environment import UntrustedSpecs
+    from r2bspec.language.environment_access import UntrustedSpecs
 
 
 class CheckOptions(msgspec.Struct, frozen=True):

@@ -21,7 +21,7 @@ from r2bspec.report import finding_formats
 from r2bspec.report.finding_formats import FORMATS
 from r2bspec.report.findings_text import wants_colour
 from r2bspec.report.output import echo, echo_document
-from r2bspec.untrusted.safe_file import is_folder, is_there, open_regular
+from r2bspec.safe_io.safe_file import is_folder, is_there, open_regular
 
 if TYPE_CHECKING:
     from r2bspec.interop.ros2_benchmark import MonitorFigures, ReferenceReport

@@ -142,8 +142,8 @@ def command(
 
 def _git_would_add_runs() -> bool:
     """Whether no ``.gitignore`` of a work tree names the folder of runs, in the current folder."""
-    from r2bspec.untrusted.git import find_work_tree
-    from r2bspec.untrusted.safe_file import read_text
+    from r2bspec.safe_io.git import find_work_tree
+    from r2bspec.safe_io.safe_file import read_text
 
     here = Path.cwd().resolve()
     top = find_work_tree(here)

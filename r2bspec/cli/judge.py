@@ -56,7 +56,7 @@ def command(
     from r2bspec.record.run_folder import RunFolder
     from r2bspec.report.terminal import show_result
     from r2bspec.report.write_reports import takes_stdout, write_reports
-    from r2bspec.untrusted.safe_file import is_regular
+    from r2bspec.safe_io.safe_file import is_regular
 
     if is_regular(run):
         return _judge_report(run, spec, output_format, plain=not (write or reports or junit))

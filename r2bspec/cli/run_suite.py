@@ -28,7 +28,7 @@ from r2bspec.cli.suite_entry import Executor, SuiteEntry
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo, echo_document
-from r2bspec.untrusted.safe_file import is_regular
+from r2bspec.safe_io.safe_file import is_regular
 
 if TYPE_CHECKING:
     from r2bspec.cli.run_options import RunOptions

@@ -12,7 +12,7 @@ import click
 from r2bspec.cli.completions import complete_case, complete_report, complete_variable
 
 if TYPE_CHECKING:
-    from r2bspec.language.untrusted_environment import UntrustedSpecs
+    from r2bspec.language.environment_access import UntrustedSpecs
     from r2bspec.report.write_reports import ReportRequest
 
 sets_option = click.option(
@@ -69,7 +69,7 @@ def _parse_max_bytes(ctx: click.Context, param: click.Parameter, text: str | Non
     if text is None:
         return None
     from r2bspec.language.quantities import parse_size_option
-    from r2bspec.untrusted.decompression_budget import max_unpacked_bytes
+    from r2bspec.safe_io.decompression_budget import max_unpacked_bytes
 
     try:
         max_bytes = parse_size_option(text)
@@ -165,7 +165,7 @@ def spec_options(command: Callable[..., int]) -> Callable[..., int]:
     ) -> int:
         stranger = None
         if untrusted or base_ref:
-            from r2bspec.language.untrusted_environment import untrusted_specs
+            from r2bspec.language.environment_access import untrusted_specs
 
             stranger = untrusted_specs(Path.cwd(), untrusted=untrusted, base_ref=base_ref)
         values = SpecValues(sets, parse_variables(variables), case, allow_paths, stranger)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 
-from r2bspec.untrusted.safe_file import is_folder, is_regular
+from r2bspec.safe_io.safe_file import is_folder, is_regular
 
 SUFFIX = ".r2b.yaml"
 

@@ -9,7 +9,7 @@ from typing import Final
 import click
 
 from r2bspec.cli.file_report import FileReport
-from r2bspec.untrusted.looked_up_files import (
+from r2bspec.safe_io.looked_up_files import (
     Lookups,
     Stamp,
     looked_up_files,

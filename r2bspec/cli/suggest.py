@@ -81,7 +81,7 @@ def _propose(
 
 def _calibrations(spec: Path, prepared: PreparedBenchmark) -> list[Calibration]:
     from r2bspec.record.calibration_file import calibration_path, read_calibration_file
-    from r2bspec.untrusted.safe_file import is_regular
+    from r2bspec.safe_io.safe_file import is_regular
 
     file = calibration_path(spec)
     if not is_regular(file) or prepared.loaded is None:

@@ -46,7 +46,7 @@ from r2bspec.execute.processes.workspaces import applied_environment, workspace_
 from r2bspec.execute.progress import Progress
 from r2bspec.exit_status import ExitStatus
 from r2bspec.language.spec import GateBase
-from r2bspec.untrusted.safe_file import names_in
+from r2bspec.safe_io.safe_file import names_in
 
 SEARCH_PATHS = (
     *("PYTHONPATH", "PATH", "LD_LIBRARY_PATH", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH"),

@@ -21,8 +21,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from r2bspec.errors import UsageError
-from r2bspec.language.secret_variables import shown_value
-from r2bspec.untrusted.safe_file import is_folder, is_regular, is_there
+from r2bspec.language.environment_access import shown_value
+from r2bspec.safe_io.safe_file import is_folder, is_regular, is_there
 
 HINT = (
     "Give a revision of git such as origin/main, another work tree, a spec, var:NAME=VALUE, "

@@ -34,7 +34,7 @@ from r2bspec.errors import R2bspecError
 from r2bspec.judge.judge_run import from_json
 from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.welch_t import RunValues, welch_ratio_of_runs
-from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.measure.distribution import MAIN_PERCENTILES, part_value, quantile
 from r2bspec.measure.metrics import MonitorMetrics, RateMetrics
 from r2bspec.measure.times import rank
@@ -44,8 +44,8 @@ from r2bspec.plan.plan import Plan
 from r2bspec.record.graph_identity import GraphIdentity, identity_differences
 from r2bspec.record.machine_fingerprint import MACHINE_FACTS
 from r2bspec.record.run_record import SearchRecord
-from r2bspec.untrusted.safe_file import is_folder, read_bytes
-from r2bspec.untrusted.safe_json import MAX_JSON_BYTES
+from r2bspec.safe_io.safe_file import is_folder, read_bytes
+from r2bspec.safe_io.safe_json import MAX_JSON_BYTES
 
 Outcome = Literal["improved", "worse", "same", "can't tell"]
 

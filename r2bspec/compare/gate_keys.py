@@ -36,7 +36,7 @@ from r2bspec.compare.gate_change import (
 )
 from r2bspec.compare.objective_strength import implies, objective_changes, subjects
 from r2bspec.diagnostics.diagnostic import Path
-from r2bspec.language.default_starts import default_starts
+from r2bspec.language.benchmark_defaults import default_starts
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.plan.plan import DatasetPlan, GatePlan, InputPlan, MonitorPlan, Plan, PlayPlan
 from r2bspec.plan.plan_diff import PlanDifference, diff_plans

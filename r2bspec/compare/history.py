@@ -16,9 +16,8 @@ from typing import Any, Final, Literal, TypeVar
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.private_files import private_files
-from r2bspec.untrusted.errors import RefusedDataError
-from r2bspec.untrusted.safe_file import is_there
-from r2bspec.untrusted.safe_sqlite import check_schema, end_deadline, restrict
+from r2bspec.safe_io.safe_file import RefusedDataError, is_there
+from r2bspec.safe_io.safe_sqlite import check_schema, end_deadline, restrict
 
 
 class HistoryError(R2bspecError):

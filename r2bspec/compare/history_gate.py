@@ -49,7 +49,7 @@ from r2bspec.record.graph_identity import decode_identity, encode_identity
 from r2bspec.record.machine_fingerprint import describe_machine, fingerprint
 from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.record.run_record import RunRecord
-from r2bspec.untrusted.safe_file import is_folder
+from r2bspec.safe_io.safe_file import is_folder
 
 _MONITOR_METRICS = (
     "throughput.mean",

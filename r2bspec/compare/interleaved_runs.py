@@ -28,7 +28,7 @@ from r2bspec.judge.confirmation import needs_confirmation
 from r2bspec.judge.pair_comparison import interference_text, why_unusable
 from r2bspec.judge.statistics.paired_ratio import PairOrder, pair_orders
 from r2bspec.judge.verdict import Verdict
-from r2bspec.language.secret_variables import shown_value
+from r2bspec.language.environment_access import shown_value
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.comparability import single_run_plan

@@ -50,7 +50,7 @@ from r2bspec.plan.comparability import difference_lines, graph_differences, load
 from r2bspec.plan.plan import Plan
 from r2bspec.record.graph_identity import GraphIdentity, identity_differences
 from r2bspec.record.loaded_files import read_loaded_files
-from r2bspec.untrusted.safe_file import is_regular
+from r2bspec.safe_io.safe_file import is_regular
 
 ALLOW_BASE = "base"
 """The name under which a pipeline allows a base that cannot run."""

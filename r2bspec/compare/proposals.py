@@ -30,7 +30,7 @@ from r2bspec.check.rules.margin_below_noise import RULE
 from r2bspec.diagnostics.edits import apply_edits
 from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.prediction_interval import predicted_ratio
-from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode, lookup
 from r2bspec.language.spec import Objective, Spec

@@ -28,7 +28,7 @@ from r2bspec.judge.statistics.power import pairs_needed
 from r2bspec.judge.statistics.prediction_interval import MIN_HISTORY_RUNS, predicted_ratio
 from r2bspec.judge.statistics.welch_t import RunValues, welch_ratio_of_runs
 from r2bspec.judge.verdict import Compared, Outcome, RequirementVerdict
-from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.measure.units import show
 

@@ -35,7 +35,7 @@ from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.methods.method_registry import METHODS
 from r2bspec.judge.outcome import InconclusivePolicy, outcome_of
 from r2bspec.judge.verdict import EXIT_CODES, RequirementVerdict, Verdict
-from r2bspec.language.confidence import CONFIRMATION_CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 from r2bspec.language.spec import Objective
 from r2bspec.measure.samples import RunSamples
 

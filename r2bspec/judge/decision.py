@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from r2bspec.judge.methods.method_registry import Method
 from r2bspec.judge.statistics.effective_sample_size import SampleDesign
 from r2bspec.judge.verdict import Outcome, RequirementVerdict, ShareTest
-from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.measure.metric_catalogue import MetricInfo
 from r2bspec.measure.samples import SegmentSamples, starts_of

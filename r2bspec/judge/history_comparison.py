@@ -34,7 +34,7 @@ from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.judge_requirement import iterations_at
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
-from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.spec import Objective
 from r2bspec.measure.samples import RunSamples, starts_of
 from r2bspec.record.baseline_file import BaselineRecord

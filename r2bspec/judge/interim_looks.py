@@ -28,7 +28,7 @@ import msgspec
 
 from r2bspec.judge.methods.method_registry import METHODS
 from r2bspec.judge.verdict import RequirementVerdict
-from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.measure.units import show
 
 LOOK_FACTORS = (1, 2, 4)

@@ -25,7 +25,7 @@ from r2bspec.record.baseline_file import BaselineRecord, read_baseline, read_con
 from r2bspec.record.graph_identity import GraphIdentity, identity_differences
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import RunRecord
-from r2bspec.untrusted.safe_json import decode_json
+from r2bspec.safe_io.safe_json import decode_json
 
 
 def result_of(

@@ -31,7 +31,7 @@ from r2bspec.judge.verdict import (
     Unusable,
     Verdict,
 )
-from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.spec import Objective
 from r2bspec.measure.samples import RunSamples
 from r2bspec.measure.units import show

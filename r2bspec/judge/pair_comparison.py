@@ -43,7 +43,7 @@ from r2bspec.judge.pair_interference import (
 )
 from r2bspec.judge.playback_validity import PlaybackValidity
 from r2bspec.judge.verdict import EXIT_CODES, Outcome, RequirementVerdict, Verdict
-from r2bspec.language.confidence import CONFIRMATION_CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 from r2bspec.language.spec import Objective
 from r2bspec.measure.samples import RunSamples
 from r2bspec.record.comparison_folder import Side

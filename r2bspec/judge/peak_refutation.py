@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from r2bspec.judge.statistics.binomial import lower_bound
 from r2bspec.judge.statistics.t_interval import mean_interval
 from r2bspec.judge.statistics.trend import trend
-from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.measure.samples import MonitorSamples, RunSamples
 from r2bspec.measure.units import show
 from r2bspec.record.run_record import SearchRecord

@@ -25,7 +25,7 @@ latency climb, however large the overload is: a graph that has dropped more so f
 
 A graph may start slowly, so a look before `COLD_S` rejects only a gross overload: a graph that
 completes less than a third of what is offered. It may also start fast; a rate that must be shown to
-be sustained is played whole (`r2bspec.language.probe_length`).
+be sustained is played whole (`r2bspec.language.benchmark_defaults`).
 
 A growth below a tenth of the precision cannot be told from none. Just above the capacity a short
 probe cannot tell either, because the messages that it played may have been quick ones by chance:
@@ -53,8 +53,8 @@ from r2bspec.judge.capacity_estimate import Departures
 from r2bspec.judge.statistics.binomial import upper_bound
 from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.judge.statistics.trend import trend
-from r2bspec.language.confidence import CONFIDENCE
-from r2bspec.language.probe_length import (
+from r2bspec.language.benchmark_defaults import (
+    CONFIDENCE,
     FIRST_LOOK_S,
     LOOKS_RATIO,
     MAX_NO_OUTPUT_S,

@@ -18,7 +18,7 @@ import msgspec
 from r2bspec.judge.methods.method_registry import METHODS
 from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.verdict import RequirementVerdict
-from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.measure.samples import RunSamples
 from r2bspec.measure.units import show
 

@@ -67,7 +67,7 @@ class Bound(msgspec.Struct, frozen=True, kw_only=True):
 class Requirement:
     """One parsed requirement; immutable, and equal to any other with the same text.
 
-    Not a struct: in every document a requirement is a string (see `r2bspec.language.value_codec`).
+    Not a struct: in every document a requirement is a string (see `r2bspec.language.declaration`).
 
     Attributes:
         text: the text as the user wrote it.

@@ -26,7 +26,7 @@ from r2bspec.measure.metric_catalogue import (
     names,
     resolve,
 )
-from r2bspec.untrusted.safe_yaml import load_texts
+from r2bspec.safe_io.safe_yaml import load_texts
 
 MODES = ("looping", "sweeping", "timeline", "live")
 """The values of ``playback.mode``."""

@@ -13,12 +13,12 @@ from pathlib import Path
 import msgspec
 
 from r2bspec.diagnostics.plain_text import escaped_json
-from r2bspec.language import value_codec
-from r2bspec.language.default_starts import MAX_STARTS
+from r2bspec.language.benchmark_defaults import MAX_STARTS
+from r2bspec.language.declaration import decode_text, encode_text
 from r2bspec.plan.errors import PLAN_BROKEN, PLAN_FOREIGN, PLAN_UNREADABLE, PlanError
 from r2bspec.plan.plan import Plan, PlayPlan
-from r2bspec.untrusted.safe_file import read_bytes
-from r2bspec.untrusted.safe_json import MAX_JSON_BYTES, decode_json
+from r2bspec.safe_io.safe_file import read_bytes
+from r2bspec.safe_io.safe_json import MAX_JSON_BYTES, decode_json
 
 PLAN_VERSION = 1
 
@@ -35,7 +35,7 @@ class _PlanHeader(msgspec.Struct):
 
 def canonical_json(plan: Plan) -> bytes:
     """The canonical form of a plan."""
-    text = msgspec.json.encode(plan, enc_hook=value_codec.encode, order="sorted")
+    text = msgspec.json.encode(plan, enc_hook=encode_text, order="sorted")
     return escaped_json(msgspec.json.format(text, indent=2) + b"\n")
 
 
@@ -130,6 +130,6 @@ def _check_header(data: bytes, name: str) -> None:
 
 def _decode(kind: type, value: object) -> object:
     try:
-        return value_codec.decode(kind, value)
+        return decode_text(kind, value)
     except NotImplementedError as error:
         raise ValueError(str(error)) from error

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Objective, Pacing, QoS, Requires, Scalar, TruthKind
 

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 import msgspec
 
 from r2bspec.diagnostics.diagnostic import Path, format_path
-from r2bspec.language import value_codec
+from r2bspec.language.declaration import encode_text
 from r2bspec.plan.plan import Plan
 
 
@@ -52,7 +52,7 @@ def diff_plans(before: Plan, after: Plan) -> list[PlanDifference]:
 
 
 def _builtins(plan: Plan) -> Any:
-    return msgspec.to_builtins(plan, enc_hook=value_codec.encode)
+    return msgspec.to_builtins(plan, enc_hook=encode_text)
 
 
 def _diff(path: Path, before: Any, after: Any) -> Iterator[PlanDifference]:

@@ -30,8 +30,8 @@ from r2bspec.record.errors import RecordError
 from r2bspec.record.merged_run import MergedRun, merge_runs
 from r2bspec.record.run_folder import Run, RunFolder, open_run, read_spec_text
 from r2bspec.record.run_record import RunRecord
-from r2bspec.untrusted.safe_file import is_regular, read_bytes
-from r2bspec.untrusted.safe_json import MAX_JSON_BYTES, decode_json
+from r2bspec.safe_io.safe_file import is_regular, read_bytes
+from r2bspec.safe_io.safe_json import MAX_JSON_BYTES, decode_json
 
 PAIRS_FILE = "pairs.json"
 BASE_PLAN_FILE = "base.plan.json"

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from r2bspec.record.atomic_files import write_atomically
-from r2bspec.untrusted.safe_file import read_bytes
+from r2bspec.safe_io.safe_file import read_bytes
 
 Stacks = Mapping[tuple[str, ...], int]
 """The number of samples by the frames of their stack, the first called first."""

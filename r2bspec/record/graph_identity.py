@@ -16,7 +16,7 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.untrusted.safe_json import decode_json
+from r2bspec.safe_io.safe_json import decode_json
 
 _SHOWN_COMMIT_DIGITS: Final = 7
 

@@ -15,7 +15,7 @@ import msgspec
 
 from r2bspec.record.atomic_files import write_atomically
 from r2bspec.record.errors import RecordError
-from r2bspec.untrusted.safe_json import read_json
+from r2bspec.safe_io.safe_json import read_json
 
 LOADED_FILES: Final = "loaded_files.json"
 

@@ -35,9 +35,9 @@ from r2bspec.record.sample_arrays import (
     read_rows,
     write_rows,
 )
-from r2bspec.untrusted.safe_file import is_folder, is_there, read_bytes, read_text
-from r2bspec.untrusted.safe_json import MAX_JSON_BYTES, decode_json
-from r2bspec.untrusted.safe_yaml import RefusedYamlError, check_document
+from r2bspec.safe_io.safe_file import is_folder, is_there, read_bytes, read_text
+from r2bspec.safe_io.safe_json import MAX_JSON_BYTES, decode_json
+from r2bspec.safe_io.safe_yaml import RefusedYamlError, check_document
 
 FORMAT_VERSION = 1
 

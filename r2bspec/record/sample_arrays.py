@@ -18,8 +18,7 @@ from r2bspec.record.run_record import (
     PLAYBACK_FIELDS,
     RESOURCE_FIELDS,
 )
-from r2bspec.untrusted.errors import TooLargeError
-from r2bspec.untrusted.safe_file import open_regular
+from r2bspec.safe_io.safe_file import TooLargeError, open_regular
 
 _MAX_BYTES = 512 << 20
 

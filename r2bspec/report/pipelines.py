@@ -35,7 +35,7 @@ from r2bspec.report.report_wording import (
     several_monitors,
 )
 from r2bspec.report.result_table import RequirementRow, requirement_rows
-from r2bspec.untrusted.safe_file import is_regular
+from r2bspec.safe_io.safe_file import is_regular
 
 if TYPE_CHECKING:
     from junitparser import TestCase, TestSuite

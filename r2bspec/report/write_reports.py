@@ -27,7 +27,7 @@ from r2bspec.report import finding_formats
 from r2bspec.report.errors import ReportError, ReportUsageError
 from r2bspec.report.findings_text import render_text
 from r2bspec.report.format_registry import check_installed, find_format, renderer
-from r2bspec.untrusted.safe_file import is_folder, is_regular, is_there
+from r2bspec.safe_io.safe_file import is_folder, is_regular, is_there
 
 STDOUT = "-"
 

@@ -19,7 +19,7 @@ from r2bspec.judge.statistics.autocorrelation import serial_inflation
 from r2bspec.judge.statistics.paired_ratio import paired_ratio
 from r2bspec.judge.statistics.prediction_interval import predicted_ratio
 from r2bspec.judge.statistics.t_interval import mean_interval
-from r2bspec.language.confidence import CONFIRMATION_CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 
 Batch = Callable[[np.random.Generator, float], int]
 

@@ -15,7 +15,7 @@ from r2bspec.judge.baseline_ratio import BaselineComparison, judge_history, judg
 from r2bspec.judge.confirmation import confirm_requirement
 from r2bspec.judge.history_comparison import HISTORY_CONFIRMATION_CONFIDENCE
 from r2bspec.judge.verdict import Outcome, RequirementVerdict
-from r2bspec.language.confidence import CONFIRMATION_CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 from r2bspec.language.requirement_grammar import parse_requirement
 
 pytestmark = pytest.mark.simulation

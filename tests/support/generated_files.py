@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from key_tables import with_tables
 from r2bspec.exit_status import ExitStatus
 from r2bspec.language import json_schema
 from r2bspec.language.templates import SUFFIX, filled, templates
@@ -27,7 +28,7 @@ def generated_files() -> dict[Path, str]:
         schemas / json_schema.FILE_NAME: json_schema.published_schema_text(),
         schemas / plan_schema.FILE_NAME: plan_schema.plan_schema_text(),
         schemas / result_json.FILE_NAME: result_json.result_schema_text(),
-        docs / "language.md": json_schema.with_tables(_text(docs / "language.md")),
+        docs / "language.md": with_tables(_text(docs / "language.md")),
         docs / "metrics.md": metric_reference.markdown_page(),
         docs / "running.md": _with_exit_statuses(_text(docs / "running.md")),
     }

@@ -20,7 +20,7 @@ from r2bspec.judge.rate_decision import (
     judge_interim,
     plan_interim_looks,
 )
-from r2bspec.language.probe_length import MAX_LONGER, MIN_PROBE_STEPS, OVERLOAD_PROBES
+from r2bspec.language.benchmark_defaults import MAX_LONGER, MIN_PROBE_STEPS, OVERLOAD_PROBES
 from r2bspec.measure.completion_rate import DeliveryEstimate
 from r2bspec.measure.matching import match
 from r2bspec.record.run_record import Probe, SearchRecord

@@ -99,8 +99,7 @@ def _by_counts(context: Context, bag_topics: dict[str, str]) -> list[UnplayedMes
 def _read_stamps(context: Context, topics: set[str]) -> dict[str, list[int]] | None:
     """The header stamps in the window by bag topic; None if they are not read."""
     from r2bspec.bags.bag_reader import read_messages
-    from r2bspec.bags.errors import DataError
-    from r2bspec.bags.recording import Window
+    from r2bspec.bags.recording import DataError, Window
     from r2bspec.ipc.stamps import STAMP_BYTES, read_stamp
 
     path = context.bag_location.path if context.bag_location is not None else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from r2bspec.check.rule_api import Context, Finding, Findings, Pointer, Rule, pluralize
-from r2bspec.language.default_starts import MIN_ITERATIONS, default_starts
+from r2bspec.language.benchmark_defaults import MIN_ITERATIONS, default_starts
 
 
 def _find(context: Context) -> Findings:

@@ -6,7 +6,7 @@ from pathlib import Path as FilePath
 
 from r2bspec.check.installed_packages import package_share
 from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote, suggestion
-from r2bspec.untrusted.safe_file import is_regular, names_in
+from r2bspec.safe_io.safe_file import is_regular, names_in
 
 
 def _find(context: Context) -> Findings:

@@ -7,7 +7,7 @@ from pathlib import Path as FilePath
 
 from r2bspec.check.installed_packages import is_on_path
 from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, quote
-from r2bspec.untrusted.safe_file import is_regular
+from r2bspec.safe_io.safe_file import is_regular
 
 
 def _find(context: Context) -> Findings:

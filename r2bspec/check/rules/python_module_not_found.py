@@ -7,7 +7,7 @@ from msgspec.structs import replace
 from r2bspec.check.installed_packages import find_module, top_level_names
 from r2bspec.check.python_target import PythonTarget, python_target
 from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, quote, value_key
-from r2bspec.untrusted.safe_file import is_regular
+from r2bspec.safe_io.safe_file import is_regular
 
 
 def _find(context: Context) -> Findings:

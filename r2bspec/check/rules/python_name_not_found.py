@@ -15,7 +15,7 @@ from r2bspec.check.rule_api import (
     suggestion,
     value_key,
 )
-from r2bspec.untrusted.safe_file import is_regular
+from r2bspec.safe_io.safe_file import is_regular
 from r2bspec.wiring.node_interface import reference_node_interfaces
 
 _REFERENCE_NODES = "r2bspec.nodes"

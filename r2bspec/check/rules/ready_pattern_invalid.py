@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from r2bspec.check.rule_api import Context, Finding, Findings, Rule, quote
-from r2bspec.language.line_pattern import PatternError, compile_line_pattern
+from r2bspec.safe_io.line_pattern import PatternError, compile_line_pattern
 
 
 def _find(context: Context) -> Findings:

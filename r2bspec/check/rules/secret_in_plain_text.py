@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 
 from r2bspec.check.rule_api import Context, Finding, Findings, Path, Rule, quote
+from r2bspec.language.environment_access import is_secret_key
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
-from r2bspec.language.secret_variables import is_secret_key
 
 _SECTIONS = frozenset({"env", "parameters", "arguments", "variables", "request", "labels"})
 _PLACEHOLDERS = frozenset({"", "none", "null", "true", "false", "changeme", "xxx", "***"})

@@ -11,7 +11,7 @@ from r2bspec.check.rule_api import (
     quote,
     quoted_list,
 )
-from r2bspec.datasets.locate_bag import TruthNames, truth_names
+from r2bspec.datasets.catalogue import TruthNames, truth_names
 from r2bspec.language.spec import Monitor, Truth
 from r2bspec.measure.metric_catalogue import TRUTHS
 

@@ -36,7 +36,7 @@ def _find(context: Context) -> Findings:
 
 def _duration_ns(context: Context) -> int:
     """The latest end of a window: a rendered sequence lasts longer than its last message."""
-    from r2bspec.datasets.sequences import DURATION_NS
+    from r2bspec.datasets.catalogue import DURATION_NS
 
     if context.bag_location is not None and context.bag_location.path is None:
         return DURATION_NS

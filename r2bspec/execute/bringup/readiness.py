@@ -20,10 +20,10 @@ from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.executables import resolve_command
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor, describe_exit
 from r2bspec.ipc import protocol
-from r2bspec.language.line_pattern import LinePattern, PatternError, compile_line_pattern
 from r2bspec.plan.plan import Plan, ProbePlan, SetupPlan
 from r2bspec.private_files import user_umask
 from r2bspec.record.run_folder import RunFolder
+from r2bspec.safe_io.line_pattern import LinePattern, PatternError, compile_line_pattern
 
 _POLL_S = 0.05
 

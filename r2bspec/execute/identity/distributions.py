@@ -20,7 +20,7 @@ from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import Final
 
-from r2bspec.untrusted.safe_file import names_in, read_bytes
+from r2bspec.safe_io.safe_file import names_in, read_bytes
 
 _MAX_METADATA_BYTES: Final = 16_000_000
 _MAX_DISTRIBUTIONS: Final = 1_000

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 from r2bspec.record.graph_identity import FileDigest
-from r2bspec.untrusted.safe_file import open_regular
+from r2bspec.safe_io.safe_file import open_regular
 
 _MAX_DIGEST_BYTES: Final = 512_000_000
 _MAX_NOTE_BYTES: Final = 65_536

@@ -35,8 +35,8 @@ from r2bspec.record.graph_identity import (
     identity_digest,
     node_digest,
 )
-from r2bspec.untrusted.git import find_work_tree, inspect_work_tree
-from r2bspec.untrusted.safe_file import is_regular, read_bytes
+from r2bspec.safe_io.git import find_work_tree, inspect_work_tree
+from r2bspec.safe_io.safe_file import is_regular, read_bytes
 
 _MAX_TEXT_BYTES: Final = 4_000_000
 _MAX_NAME_LENGTH: Final = 1_000

@@ -17,7 +17,7 @@ from typing import Final
 import msgspec
 
 from r2bspec.execute.host.kernel_counters import family
-from r2bspec.untrusted.safe_json import read_json
+from r2bspec.safe_io.safe_json import read_json
 
 _TOOL: Final = f"{Path(__file__).parents[2]}/"
 _DELETED: Final = " (deleted)"

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Final
 
 from r2bspec.execute.identity.distributions import ModuleSearch
-from r2bspec.untrusted.safe_file import is_folder, is_regular, names_in, read_bytes
+from r2bspec.safe_io.safe_file import is_folder, is_regular, names_in, read_bytes
 
 _MAX_SOURCE_BYTES: Final = 4_000_000
 _MAX_FILES: Final = 4_000

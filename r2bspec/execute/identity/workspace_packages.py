@@ -14,7 +14,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Final
 
-from r2bspec.untrusted.safe_file import is_regular, names_in, read_bytes, read_listed
+from r2bspec.safe_io.safe_file import is_regular, names_in, read_bytes, read_listed
 
 MANIFEST: Final = "package.xml"
 

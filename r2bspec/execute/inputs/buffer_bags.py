@@ -15,7 +15,7 @@ from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.bag_writer import begins_with_header
 from r2bspec.bags.integrity import hash_files
 from r2bspec.bags.recording import Message, Window
-from r2bspec.datasets.locate_bag import locate
+from r2bspec.datasets.catalogue import locate
 from r2bspec.datasets.synthesis import make
 from r2bspec.execute.errors import DatasetMismatchError
 from r2bspec.execute.progress import Progress

@@ -28,7 +28,7 @@ from typing import Literal
 from r2bspec.execute.measurement.overload import Overload
 from r2bspec.judge.capacity_estimate import Departures
 from r2bspec.judge.steadiness import Unsteady, find_start, find_unsteadiness
-from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.record.run_record import Probe, SearchRecord
 
 _STRIDE_GROWTH = 4.0

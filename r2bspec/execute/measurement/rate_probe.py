@@ -40,8 +40,13 @@ from r2bspec.judge.rate_decision import (
     plan_interim_looks,
     worst_judgement,
 )
-from r2bspec.language.confidence import CONFIDENCE
-from r2bspec.language.probe_length import MAX_LONGER, MIN_PROBE_STEPS, OVERLOAD_PROBES, PROBE
+from r2bspec.language.benchmark_defaults import (
+    CONFIDENCE,
+    MAX_LONGER,
+    MIN_PROBE_STEPS,
+    OVERLOAD_PROBES,
+    PROBE,
+)
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.measure.metric_catalogue import resolve
 from r2bspec.measure.metric_values import metric_value

@@ -37,7 +37,7 @@ from r2bspec.record.run_record import (
     Segment,
 )
 from r2bspec.record.sample_arrays import Rows
-from r2bspec.untrusted.errors import RefusedDataError
+from r2bspec.safe_io.safe_file import RefusedDataError
 
 
 def compared_monitors(plan: Plan) -> tuple[MonitorPlan, ...]:

@@ -3,10 +3,11 @@
 Only variables that running ROS programs need are inherited. Secrets that a CI system keeps in
 the environment therefore never reach a node, unless the spec names them under ``environment:``.
 
-A plan has ``$(env NAME)`` in place of the value of a secret (`r2bspec.language.secret_variables`).
-Only the process that is started gets the value. What is printed or recorded has the reference; and
-because the last output of a failed process is part of the error, the record and the reports, values
-of secrets are redacted in it, those of variables of r2bspec itself among them.
+A plan has ``$(env NAME)`` in place of the value of a secret
+(`r2bspec.language.environment_access`). Only the process that is started gets the value. What is
+printed or recorded has the reference; and because the last output of a failed process is part of
+the error, the record and the reports, values of secrets are redacted in it, those of variables of
+r2bspec itself among them.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ import msgspec
 
 from r2bspec.execute.errors import SecretNotSetError
 from r2bspec.ipc.protocol import MODULES_FOLDER_VARIABLE, RUN_ID_VARIABLE
-from r2bspec.language.secret_variables import REDACTED, is_secret_variable, secret_reference
+from r2bspec.language.environment_access import REDACTED, is_secret_variable, secret_reference
 from r2bspec.language.variables import OPENING
 from r2bspec.middleware.middleware import Transport, inherited_variables, middleware_of
 from r2bspec.plan.plan import NodePlan, Plan

@@ -53,7 +53,7 @@ from numpy.typing import NDArray
 
 from r2bspec.judge.statistics.autocorrelation import serial_degrees_of_freedom, serial_inflation
 from r2bspec.judge.statistics.variance_inflation import inflation, lagged_products
-from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 

@@ -13,7 +13,7 @@ import msgspec
 import pytest
 
 from r2bspec.check import check
-from r2bspec.datasets.sequences import describe
+from r2bspec.datasets.catalogue import describe
 from r2bspec.language.load_spec import load_spec
 from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.compile_plan import compile_plan

@@ -14,7 +14,7 @@ import construct_table
 import pytest
 
 from r2bspec.check import check
-from r2bspec.datasets.sequences import SEQUENCES, describe
+from r2bspec.datasets.catalogue import SEQUENCES, describe
 from r2bspec.diagnostics.code_pages import all_pages
 from r2bspec.interop.script_import.benchmark_script import read_benchmark_script
 from r2bspec.interop.script_import.script_mistakes import find_mistakes

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.located_tree import TreeNode, to_plain
-from r2bspec.language.yaml_scalars import to_yaml
+from r2bspec.language.yaml_document import to_yaml
 from r2bspec.report.finding_formats import FORMATS, render
 
 GOLDEN = sorted((Path(__file__).parents[2] / "golden" / "language").glob("*.yaml"))

@@ -9,7 +9,7 @@ from check_specs import codes, findings, write_bag
 
 from example_spec import example
 from r2bspec.check.bag_index_cache import cached_index
-from r2bspec.datasets.locate_bag import locate as locate_bag
+from r2bspec.datasets.catalogue import locate as locate_bag
 from r2bspec.diagnostics import Certainty
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from data_bags import text, write_bag, write_mcap, write_ros1
 from r2bspec.cli.main import main
-from r2bspec.untrusted.decompression_budget import (
+from r2bspec.safe_io.decompression_budget import (
     MAX_PIECE_BYTES,
     chosen_max_bytes,
     max_unpacked,

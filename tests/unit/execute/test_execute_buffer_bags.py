@@ -7,8 +7,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from r2bspec.bags.errors import DataError
 from r2bspec.bags.integrity import hash_files
+from r2bspec.bags.recording import DataError
 from r2bspec.execute.errors import DatasetMismatchError
 from r2bspec.execute.inputs.buffer_bags import buffer_bags, obtain_dataset
 from r2bspec.execute.progress import NullProgress

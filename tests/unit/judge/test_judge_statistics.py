@@ -23,7 +23,7 @@ from r2bspec.judge.statistics.effective_sample_size import BadFlags, effective_s
 from r2bspec.judge.statistics.order_statistics import RankedMessages, percentile_interval
 from r2bspec.judge.statistics.rule_of_three import min_sample_size, zero_failure_bound
 from r2bspec.judge.statistics.t_interval import iterations_to_settle, mean_interval
-from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 
 COUNTS = [(0, 1), (1, 1), (0, 298), (0, 299), (3, 10), (14, 3000), (60, 3000), (2999, 3000)]
 

@@ -18,8 +18,8 @@ SENTENCE = "        cool_down: How long is waited.\n"
 SPEC = (ROOT / "specs" / "relay.r2b.yaml").read_text(encoding="utf-8")
 ASK = """
 import msgspec
+from key_tables import key_table
 from r2bspec.language.declaration import rule_at
-from r2bspec.language.json_schema import key_table
 from r2bspec.language.quantities import Duration
 from r2bspec.plan.comparability import change_of, graph_differences
 from r2bspec.plan.smoke_plan import smoke_plan

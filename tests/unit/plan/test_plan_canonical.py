@@ -74,7 +74,7 @@ def test_the_order_of_keys_in_the_spec_makes_no_difference_to_parameters() -> No
 
 SCRIPT = """
 from r2bspec.language.load_spec import load_spec
-from r2bspec.datasets.sequences import describe
+from r2bspec.datasets.catalogue import describe
 from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.compile_plan import compile_plan
 import pathlib, sys

@@ -12,14 +12,14 @@ from types import ModuleType
 import msgspec
 import pytest
 
-from r2bspec.language import spec, spec_benchmark, spec_data, spec_graph
+from r2bspec.language import spec, spec_benchmark, spec_graph
 from r2bspec.plan import plan
 
 PACKAGE = Path(__file__).parents[3] / "r2bspec"
 COMPILER = ("language", "plan")
 """What only hands a field on. To be read here is not to be used."""
 
-LANGUAGE = (spec, spec_benchmark, spec_data, spec_graph)
+LANGUAGE = (spec, spec_benchmark, spec_graph)
 
 NOT_IN_PLAN = {
     "Spec.r2bspec": "the version of the language: read before there is a plan",

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from r2bspec.record.folded_stacks import read_stacks, write_stacks
-from r2bspec.untrusted.errors import RefusedFileError
+from r2bspec.safe_io.safe_file import RefusedFileError
 
 NAMES = st.text(
     st.characters(blacklist_categories=["Cs", "Cc", "Z"], blacklist_characters=";")
