@@ -20,8 +20,7 @@ from typing import Any
 
 from r2bspec.authoring.draft_spec import DraftNodes, Recording, draft_text
 from r2bspec.authoring.launch_nodes import add_launch_nodes, find_launch_file
-from r2bspec.check.installed_packages import top_level_names
-from r2bspec.check.python_target import python_target
+from r2bspec.check.installed_packages import python_target, top_level_names
 from r2bspec.datasets.locate_bag import index, locate
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.interop.script_import.yaml_writer import Block, flow, identifier, unique_name

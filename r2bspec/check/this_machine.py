@@ -47,8 +47,8 @@ def this_machine() -> MachineFacts:
 def gpus() -> tuple[str, ...]:
     """The GPUs of which the kernel has a driver, by their models."""
     try:
-        found = sorted(_NVIDIA.iterdir())
-        return tuple(_model(each) for each in found)
+        folders = sorted(_NVIDIA.iterdir())
+        return tuple(_model(folder) for folder in folders)
     except OSError:
         return tuple(name for file, name in _OTHER_GPUS.items() if Path(file).exists())
 
@@ -56,10 +56,10 @@ def gpus() -> tuple[str, ...]:
 def shared_memory_bytes() -> int | None:
     """The size of the file system for shared memory; None where there is none."""
     try:
-        found = os.statvfs(SHARED_MEMORY)
+        file_system = os.statvfs(SHARED_MEMORY)
     except OSError:
         return None
-    return found.f_blocks * found.f_frsize
+    return file_system.f_blocks * file_system.f_frsize
 
 
 def ros_distro() -> str:
@@ -67,9 +67,9 @@ def ros_distro() -> str:
     if distribution := os.environ.get("ROS_DISTRO"):
         return distribution
     installed = {
-        found[1] for each in sys.path for found in map(_RCLPY.match, _names_in(each)) if found
+        match[1] for folder in sys.path for match in map(_RCLPY.match, _names_in(folder)) if match
     }
-    return next((each for each in ROS_DISTROS if each in installed), "")
+    return next((distro for distro in ROS_DISTROS if distro in installed), "")
 
 
 def _names_in(folder: str) -> list[str]:
@@ -81,7 +81,7 @@ def _names_in(folder: str) -> list[str]:
 
 def labels_of(text: str) -> dict[str, str]:
     """Labels from ``NAME=VALUE,NAME=VALUE``; parts without an equals sign are left out."""
-    parts = (each.strip().partition("=") for each in text.split(","))
+    parts = (part.strip().partition("=") for part in text.split(","))
     return {name: value for name, equals, value in parts if equals and name}
 
 
