@@ -41,8 +41,8 @@ from r2bspec.compare.load_keys import (
 from r2bspec.compare.objective_strength import implies, objective_changes, subjects
 from r2bspec.language.default_starts import default_starts
 from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.plan.comparability import PlanDifference, diff_plans
 from r2bspec.plan.plan import GatePlan, Plan, PlayPlan
-from r2bspec.plan.plan_diff import PlanDifference, diff_plans
 
 _Text = Callable[[Any], str]
 _Rule = Callable[[GateSide, GateSide], Iterator[GateChange]]

@@ -21,8 +21,8 @@ from r2bspec.compare.gate_change import (
     value_text,
 )
 from r2bspec.diagnostics.diagnostic import Path
+from r2bspec.plan.comparability import diff_plans
 from r2bspec.plan.plan import DatasetPlan, InputPlan, MonitorPlan, Plan
-from r2bspec.plan.plan_diff import diff_plans
 
 DATA_KEYS: Final[Mapping[str, str]] = {
     "source": "bag",

@@ -5,9 +5,8 @@ from __future__ import annotations
 from r2bspec.check.check_context import Context
 from r2bspec.check.rule import Finding, Findings, quoted_list, rule
 from r2bspec.diagnostics.quote import quote
-from r2bspec.plan.graph_placement import Place, find_places
 from r2bspec.plan.plan import ProcessPlan
-from r2bspec.plan.process_plans import graph_processes
+from r2bspec.plan.process_plans import Place, find_places, graph_processes
 
 
 @rule("R2B626")
