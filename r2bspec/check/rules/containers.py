@@ -56,20 +56,15 @@ def container_kind_mismatch(context: Context) -> Findings:
         container = context.spec.containers.get(node.node.container)
         if container is None:
             continue
-        kind = node.node.kind
-        contained_role = "host" if container.executable == "python" else "container"
-        if kind.role == contained_role:
+        is_python = container.executable == "python"
+        if node.node.kind.role == ("host" if is_python else "container"):
             continue
-        placed = f"{node.key} cannot run in {quote(node.node.container)}"
-        contents = "Python nodes" if contained_role == "host" else "C++ components"
+        contents = "Python nodes" if is_python else "C++ components"
         yield Finding(
-            message=f"{placed}, which loads {contents}"
-            if kind.shares_process
-            else f"{placed}: it runs in its own process",
+            message=f"{node.key} cannot run in {quote(node.node.container)}, which loads "
+            f"{contents}",
             path=(*node.path, "container"),
-            help="use another container, or none"
-            if kind.shares_process
-            else "only Python nodes and C++ components run in containers",
+            help="use another container, or none",
             related=(
                 Pointer(
                     f"container executable: {container.executable}",
@@ -81,32 +76,26 @@ def container_kind_mismatch(context: Context) -> Findings:
 
 @rule("R2B221")
 def process_setting_without_effect(context: Context) -> Findings:
-    """Process settings of nodes without their own process."""
+    """Process settings of nodes that share a process by their placement."""
     for _, node in context.nodes:
-        shared = _why_shared(context, node)
-        for name in PROCESS_KEYS if shared else ():
+        for name in PROCESS_KEYS if _is_placed_with_others(context, node) else ():
             if getattr(node.node, name):
                 yield Finding(
-                    message=f"{quote(name)} of {node.key} has no effect: {shared}",
+                    message=f"{quote(name)} of {node.key} has no effect: with 'placement: "
+                    f"{context.spec.graph.placement}' the node shares a process",
                     path=(*node.path, name),
                     key=True,
-                    help="set it for the container"
-                    if node.node.container
-                    else "give the node its own container or process",
+                    help="give the node its own container or process",
                 )
 
 
-def _why_shared(context: Context, node: NodeWiring) -> str:
-    """Why a node does not have its own process; empty if it has."""
-    if node.node.kind.role is None:
-        return "a run does not start external nodes"
-    if node.node.container:
-        return f"the node runs in container {node.node.container}"
-    placement = context.spec.graph.placement
-    shares = node.path[0] == "graph" and node.shares_process
-    if placement == "separate" or not shares:
-        return ""
-    return f"with 'placement: {placement}' the node shares a process"
+def _is_placed_with_others(context: Context, node: NodeWiring) -> bool:
+    """Whether a node shares a process by its placement.
+
+    The language refuses settings of a process, and `env`, for a node in a container.
+    """
+    in_graph = node.path[0] == "graph" and context.spec.graph.placement != "separate"
+    return in_graph and node.shares_process
 
 
 @rule("R2B222")
@@ -138,9 +127,9 @@ def environment_conflict(context: Context) -> Findings:
     """Nodes of one process that set an environment variable to different values."""
     first: dict[tuple[str, str], tuple[str, Path]] = {}
     for _, node in context.nodes:
-        process = _shared_process(context, node)
-        for name, value in node.node.env.items() if process else ():
+        for name, value in node.node.env.items() if _is_placed_with_others(context, node) else ():
             path = (*node.path, "env", name)
+            process = node.node.kind.name
             other_value, other_path = first.setdefault((process, name), (value, path))
             if other_value != value:
                 yield Finding(
@@ -149,12 +138,3 @@ def environment_conflict(context: Context) -> Findings:
                     help="use the same value, or run the nodes in separate processes",
                     related=(Pointer("the other value", other_path),),
                 )
-
-
-def _shared_process(context: Context, node: NodeWiring) -> str:
-    """The process that a node shares with others; empty if it has its own."""
-    if node.node.container:
-        return f"{node.path[0]}.{node.node.container}"
-    shared = context.spec.graph.placement != "separate" and node.path[0] == "graph"
-    kind = node.node.kind
-    return f" {kind.name}" if shared and node.shares_process else ""
