@@ -16,7 +16,7 @@ from pathlib import Path
 import msgspec
 
 from r2bspec.diagnostics import Diagnostic, Edit, Severity, Span
-from r2bspec.diagnostics.source_lines import split_lines
+from r2bspec.diagnostics.diagnostic import split_lines
 from r2bspec.untrusted.errors import OutsideFolderError, RefusedFileError, TooLargeError
 from r2bspec.untrusted.safe_file import ByteBudget, read_bytes
 

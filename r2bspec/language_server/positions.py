@@ -16,7 +16,7 @@ from typing import Final
 from lsprotocol import types
 
 from r2bspec.diagnostics import Path, Span
-from r2bspec.diagnostics.source_lines import LINE_BREAK
+from r2bspec.diagnostics.diagnostic import LINE_BREAK
 from r2bspec.language.located_tree import ListNode, MapNode, TreeNode
 
 _PROTOCOL_LINE_BREAK: Final = re.compile(r"\r\n|\n|\r")

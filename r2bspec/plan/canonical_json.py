@@ -152,7 +152,7 @@ def _decode(kind: type, value: object) -> object:
         raise ValueError(str(error)) from error
 
 
-FILE_NAME = "r2bspec-plan-v1.schema.json"
+SCHEMA_FILE_NAME = "r2bspec-plan-v1.schema.json"
 
 
 def plan_schema() -> dict[str, Any]:
@@ -162,7 +162,7 @@ def plan_schema() -> dict[str, Any]:
     )
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "$id": FILE_NAME,
+        "$id": SCHEMA_FILE_NAME,
         "title": "A plan of r2bspec, version 1",
         **reference,
         "$defs": components,

@@ -13,7 +13,7 @@ from r2bspec.exit_status import ExitStatus
 from r2bspec.language import json_schema
 from r2bspec.language.templates import SUFFIX, filled, templates
 from r2bspec.measure import metric_reference
-from r2bspec.plan import plan_schema
+from r2bspec.plan import canonical_json
 from r2bspec.report import result_schema
 
 ROOT = Path(__file__).parents[2]
@@ -25,7 +25,7 @@ def generated_files() -> dict[Path, str]:
     schemas, docs = ROOT / "schemas", ROOT / "docs"
     files = {
         schemas / json_schema.FILE_NAME: json_schema.published_schema_text(),
-        schemas / plan_schema.FILE_NAME: plan_schema.plan_schema_text(),
+        schemas / canonical_json.SCHEMA_FILE_NAME: canonical_json.plan_schema_text(),
         schemas / result_schema.FILE_NAME: result_schema.result_schema_text(),
         docs / "language.md": json_schema.with_tables(_text(docs / "language.md")),
         docs / "metrics.md": metric_reference.markdown_page(),

@@ -5,9 +5,8 @@ from __future__ import annotations
 import unicodedata
 from functools import lru_cache
 
-from r2bspec.diagnostics.diagnostic import Span
+from r2bspec.diagnostics.diagnostic import Span, split_lines
 from r2bspec.diagnostics.quote import printable
-from r2bspec.diagnostics.source_lines import split_lines
 
 MAX_WIDTH = 100
 """The most characters of a source line that are shown."""
