@@ -23,7 +23,6 @@ from r2bspec.plan.command_lines import (
     HARNESS_ARGV,
     NATIVE_ARGV,
     container_argv,
-    host_argv,
     node_argv,
 )
 from r2bspec.plan.plan import ExternalPlan, JoinPlan, NodePlan, ProcessPlan
@@ -157,7 +156,7 @@ def _container(
     name: str, container: Container, nodes: list[NodeWiring], namespace: str, phase: Phase
 ) -> ProcessPlan:
     python = container.executable == "python"
-    argv = host_argv() if python else container_argv(name, container, namespace)
+    argv = HARNESS_ARGV if python else container_argv(name, container, namespace)
     limit = container.memory_limit
     return ProcessPlan(
         name=name if phase == "measure" else f"preprocess.{name}",

@@ -12,7 +12,6 @@ from r2bspec.check.requirement_metrics import KnownMetric, LocatedRequirement
 from r2bspec.check.rule import Finding, Findings, Pointer, rule, suggestion
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language.located_tree import ListNode, to_plain
-from r2bspec.language.requirement_grammar import Requirement
 
 _EXAMPLES = {
     "time": "a time, such as 50 ms",
@@ -83,18 +82,15 @@ class _EarlierBounds(msgspec.Struct):
     lower: list[tuple[_Limit, int, KnownMetric]] = msgspec.field(default_factory=list)
     upper: list[tuple[_Limit, int, KnownMetric]] = msgspec.field(default_factory=list)
 
-    def first_contradiction(self, requirement: Requirement) -> KnownMetric | None:
-        """The first bound that no value meets together with that of the requirement."""
-        low, high = _lower_limit(requirement), _upper_limit(requirement)
+    def first_contradiction(self, low: _Limit, high: _Limit) -> KnownMetric | None:
+        """The first bound that no value between these limits meets."""
         above = bisect_left(self.lower, True, key=lambda limit: _is_empty(limit[0], high))
         below = bisect_left(self.upper, True, key=lambda limit: _is_empty(low, limit[0]))
         contradicted = [*self.lower[above : above + 1], *self.upper[below : below + 1]]
         return min(contradicted, key=lambda limit: limit[1])[2] if contradicted else None
 
-    def add(self, position: int, metric: KnownMetric) -> None:
+    def add(self, position: int, metric: KnownMetric, low: _Limit, high: _Limit) -> None:
         """Keep the limits of a bound that are tighter than all before them."""
-        requirement = metric.located.requirement
-        low, high = _lower_limit(requirement), _upper_limit(requirement)
         if not self.lower or low > self.lower[-1][0]:
             self.lower.append((low, position, metric))
         if not self.upper or (-high[0], high[1]) > (-self.upper[-1][0][0], self.upper[-1][0][1]):
@@ -112,7 +108,8 @@ def bound_contradiction(context: Context) -> Findings:
         relative = (bound.of_offered, bound.of_baseline, bound.dimension)
         key = (located.role, located.at, metric.monitor, metric.info.name, relative)
         earlier = by_key.setdefault(key, _EarlierBounds())
-        other = earlier.first_contradiction(located.requirement)
+        low, high = _limits(located.requirement.op, bound.value)
+        other = earlier.first_contradiction(low, high)
         if other is not None:
             yield Finding(
                 message=f"{quote(located.requirement.text)} contradicts "
@@ -123,7 +120,7 @@ def bound_contradiction(context: Context) -> Findings:
                 related=(Pointer("the other bound", other.located.path),),
                 suppressed_by={located.subject},
             )
-        earlier.add(position, metric)
+        earlier.add(position, metric, low, high)
 
 
 def _is_empty(low: _Limit, high: _Limit) -> bool:
@@ -131,18 +128,11 @@ def _is_empty(low: _Limit, high: _Limit) -> bool:
     return low[0] > high[0] or (low[0] == high[0] and (low[1] or high[1]))
 
 
-def _lower_limit(requirement: Requirement) -> _Limit:
-    bound = requirement.bound
-    if bound is None or requirement.op not in {">", ">=", "=="}:
-        return -math.inf, False
-    return bound.value, requirement.op == ">"
-
-
-def _upper_limit(requirement: Requirement) -> _Limit:
-    bound = requirement.bound
-    if bound is None or requirement.op not in {"<", "<=", "=="}:
-        return math.inf, False
-    return bound.value, requirement.op == "<"
+def _limits(op: str, value: float) -> tuple[_Limit, _Limit]:
+    """The limits of the values that meet a bound."""
+    low = (value, op == ">") if op in {">", ">=", "=="} else (-math.inf, False)
+    high = (value, op == "<") if op in {"<", "<=", "=="} else (math.inf, False)
+    return low, high
 
 
 _SIGNED = frozenset({"latency", "latency_from_due"})
@@ -155,7 +145,7 @@ def bound_with_constant_outcome(context: Context) -> Findings:
         requirement = metric.located.requirement
         if requirement.bound is None or requirement.bound.of_baseline:
             continue
-        outcome = _constant_outcome(metric)
+        outcome = _constant_outcome(metric, requirement.bound.value)
         if outcome is not None:
             yield Finding(
                 message=f"{quote(requirement.text)} always passes"
@@ -171,16 +161,11 @@ def bound_with_constant_outcome(context: Context) -> Findings:
             )
 
 
-def _bound_value(metric: KnownMetric) -> float:
-    bound = metric.located.requirement.bound
-    return 0.0 if bound is None else bound.value
-
-
-def _constant_outcome(metric: KnownMetric) -> bool | None:
+def _constant_outcome(metric: KnownMetric, value: float) -> bool | None:
     """The outcome of every run; None if it depends on the run."""
     if metric.info.family in _SIGNED and metric.info.statistic == "mean":
         return None
-    op, value = metric.located.requirement.op, _bound_value(metric)
+    op = metric.located.requirement.op
     # The CPU share of several cores adds up to more than 100 %.
     max_value = 1.0 if metric.info.name == "drop_rate" else math.inf
     if (op == ">=" and value <= 0) or (op == ">" and value < 0):
