@@ -259,7 +259,7 @@ def _phases(spec: Spec, sustained_hz: tuple[float, ...], *, plays: bool) -> Iter
         "load": not spec.live,
         "preprocess": spec.preprocessors,
         "start": True,
-        "floor": not spec.live,
+        "harness_overhead": not spec.live,
         "graph": True,
         "ready": spec.ready,
         "after_ready": spec.after_ready,
