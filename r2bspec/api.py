@@ -158,12 +158,12 @@ def prepare(
         return _stored_plan(selection, smoke=smoke)
     import msgspec
 
-    from r2bspec.check.engine import check_in_context, context_of
+    from r2bspec.check.engine import check, context_of
     from r2bspec.plan.compile_plan import compile_plan
 
     loaded = selection.load()
     context = context_of(loaded)
-    diagnostics = check_in_context(loaded, context)
+    diagnostics = check(loaded, context=context)
     if smoke:
         # Nothing is judged: how many messages a verdict needs does not matter.
         diagnostics = [each for each in diagnostics if not each.code.startswith("R2B5")]
@@ -312,7 +312,7 @@ def _locked(name: str, lock: HostLock, progress: Progress | None) -> Iterator[No
 def _run_in_folder(
     folder: RunFolder, prepared: PreparedBenchmark, progress: Progress, extras: Mapping[str, Any]
 ) -> Result:
-    from r2bspec.check.runtime_mismatches import differences_to_diagnostics
+    from r2bspec.check.finding_location import differences_to_diagnostics
     from r2bspec.execute.controller import run_plan
     from r2bspec.execute.errors import GraphMismatchError as Differs
 
@@ -341,7 +341,7 @@ def _run_in_folder(
 
 def differences_to_diagnostics(result: Result, loaded: LoadedSpec) -> tuple[Diagnostic, ...]:
     """Harmless differences between the running graph and the spec, at their places."""
-    from r2bspec.check.runtime_mismatches import differences_to_diagnostics
+    from r2bspec.check.finding_location import differences_to_diagnostics
 
     return differences_to_diagnostics(result.differences, loaded)
 

@@ -21,8 +21,12 @@ from pathlib import Path
 from typing import Any
 
 from r2bspec.authoring.draft_spec import DraftNodes, Recording, draft_text
-from r2bspec.check.installed_packages import ament_prefixes, package_share, top_level_names
-from r2bspec.check.python_target import python_target
+from r2bspec.check.installed_packages import (
+    ament_prefixes,
+    package_share,
+    python_target,
+    top_level_names,
+)
 from r2bspec.datasets.catalogue import index, locate
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.interop.script_import.benchmark_script import launch_file_actions

@@ -72,7 +72,7 @@ def command(
         return ExitStatus.OK
     plan = prepare_and_report(SpecSelection(spec, *values)).plan
     if other is not None:
-        from r2bspec.plan.plan_diff import diff_plans
+        from r2bspec.plan.comparability import diff_plans
 
         other_values = SpecValues(allow_paths=values.allow_paths, untrusted=values.untrusted)
         other_plan = prepare_and_report(SpecSelection(other, *other_values)).plan

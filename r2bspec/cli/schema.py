@@ -11,7 +11,7 @@ from r2bspec.report.output import echo_document
 
 _SCHEMAS = {
     "spec": "r2bspec.language.json_schema:published_schema_text",
-    "plan": "r2bspec.plan.plan_schema:plan_schema_text",
+    "plan": "r2bspec.plan.canonical_json:plan_schema_text",
     "result": "r2bspec.report.result_json:result_schema_text",
 }
 """Each schema and the function that generates it; printing one imports no other."""

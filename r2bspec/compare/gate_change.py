@@ -12,7 +12,7 @@ from r2bspec.diagnostics.diagnostic import Path, Span
 from r2bspec.diagnostics.quote import clip
 from r2bspec.language.declaration import encode_text
 from r2bspec.language.quantities import Duration, Rate, Share, Size
-from r2bspec.plan.plan_diff import ABSENT, PlanDifference
+from r2bspec.plan.comparability import ABSENT, PlanDifference
 
 if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec

@@ -38,8 +38,8 @@ from r2bspec.compare.objective_strength import implies, objective_changes, subje
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.benchmark_defaults import default_starts
 from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.plan.comparability import PlanDifference, diff_plans
 from r2bspec.plan.plan import DatasetPlan, GatePlan, InputPlan, MonitorPlan, Plan, PlayPlan
-from r2bspec.plan.plan_diff import PlanDifference, diff_plans
 
 DATA_KEYS: Final[Mapping[str, str]] = {
     "source": "bag",

@@ -17,16 +17,16 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from r2bspec.check.calibrated_margins import (
+from r2bspec.check.check_context import Context
+from r2bspec.check.finding_location import to_diagnostic
+from r2bspec.check.rule import Finding
+from r2bspec.check.rules.calibrated_noise import (
     MAX_LOG_MARGIN,
     NarrowMargin,
     limit_text,
+    margin_below_noise,
     narrow_margins,
 )
-from r2bspec.check.check_context import Context
-from r2bspec.check.finding import Finding
-from r2bspec.check.finding_location import to_diagnostic
-from r2bspec.check.rules.margin_below_noise import RULE
 from r2bspec.diagnostics.edits import apply_edits
 from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.prediction_interval import predicted_ratio
@@ -78,7 +78,9 @@ def propose_limits(loaded: LoadedSpec, found: Calibration, text: str) -> tuple[s
             part=each.part,
             replacement=each.proposed,
         )
-        edit = to_diagnostic(finding, RULE.code, RULE.page.severity, loaded).edit
+        edit = to_diagnostic(
+            finding, margin_below_noise.code, margin_below_noise.page.severity, loaded
+        ).edit
         if edit is not None and edit.span.file == loaded.file:
             edits.append(edit)
         else:

@@ -33,6 +33,14 @@ class CheckResult(msgspec.Struct, frozen=True):
     data: dict[str, Any] = {}
 
 
+def advised(
+    topic: str, name: str, found: str, advice: str, data: dict[str, Any] | None = None
+) -> CheckResult:
+    """The result of a check that warns where there is something to do, and is fine otherwise."""
+    status: Status = "warn" if advice else "ok"
+    return CheckResult(topic, name, status, found, advice=advice, data=data or {})
+
+
 @dataclass(frozen=True)
 class System:
     """The paths and the environment that checks use; tests replace them."""

@@ -9,9 +9,8 @@ from r2bspec.judge.interference_policy import InterferencePolicy
 from r2bspec.judge.interim_looks import InterimLooks
 from r2bspec.judge.outcome import InconclusivePolicy
 from r2bspec.language.benchmark_defaults import CONFIDENCE
-from r2bspec.plan.plan import GatePlan, Plan
+from r2bspec.plan.plan import GatePlan, Plan, starts_of_iterations
 from r2bspec.plan.smoke_plan import is_smoke_plan
-from r2bspec.plan.start_groups import starts_of_iterations
 
 
 @dataclass(frozen=True)

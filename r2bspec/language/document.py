@@ -22,7 +22,7 @@ import msgspec
 from msgspec.structs import replace
 
 from r2bspec.diagnostics import Certainty, Diagnostic, Edit, Path, Related, Severity, Span
-from r2bspec.diagnostics.source_lines import split_lines
+from r2bspec.diagnostics.diagnostic import split_lines
 from r2bspec.language.located_tree import TreeNode
 from r2bspec.safe_io.safe_file import (
     ByteBudget,

@@ -22,8 +22,7 @@ from typing import ClassVar, Literal, TypeVar
 
 import msgspec
 
-from r2bspec.diagnostics.quote import quote
-from r2bspec.diagnostics.suggest import did_you_mean
+from r2bspec.diagnostics.quote import did_you_mean, quote
 from r2bspec.language.quantities import Duration, Quantity, QuantityError, Rate, Share, Size
 
 _Q = TypeVar("_Q", bound=Quantity)

@@ -18,9 +18,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
-from r2bspec.check.check_context import Context
-from r2bspec.check.document_files import DocumentFiles
-from r2bspec.check.engine import check_cases_in_contexts, context_of
+from r2bspec.check.check_context import Context, DocumentFiles
+from r2bspec.check.engine import check_cases, context_of
 from r2bspec.diagnostics import Diagnostic, Severity
 from r2bspec.diagnostics import Path as TreePath
 from r2bspec.language.declaration import Rule, rule_at
@@ -165,7 +164,7 @@ def analyse(path: Path, text: str, unsaved: Mapping[Path, str] | None = None) ->
         cases = load_cases(text, file=str(path))
         files = DocumentFiles(cases[0].base_dir)
         contexts = tuple(context_of(each, files=files) for each in cases)
-        found = check_cases_in_contexts(cases, contexts)
+        found = check_cases(cases, contexts=contexts)
     return Analysis(path, text, cases, contexts, tuple(found))
 
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from lsprotocol import types
 
 from r2bspec.check.check_context import Context
-from r2bspec.check.requirement_metrics import KnownMetric, known_metrics, max_wrong_share
+from r2bspec.check.requirement_metrics import KnownMetric, max_wrong_share
 from r2bspec.diagnostics import Path, Span, format_path
 from r2bspec.errors import R2bspecError
 from r2bspec.judge.statistics.rule_of_three import min_sample_size
@@ -119,7 +119,7 @@ def _about_requirement(analysis: Analysis, path: Path) -> Iterator[str]:
     context = analysis.context
     if context is None:
         return
-    for each in known_metrics(context):
+    for each in context.known_metrics:
         if each.located.path != path:
             continue
         requirement = each.located.requirement

@@ -20,7 +20,7 @@ from typing import Final
 from lsprotocol import types
 
 from r2bspec.diagnostics import Path, Span
-from r2bspec.diagnostics.source_lines import LINE_BREAK
+from r2bspec.diagnostics.diagnostic import LINE_BREAK
 from r2bspec.language.document import Source
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
 from r2bspec.language.yaml_document import compose

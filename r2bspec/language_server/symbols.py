@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import Final, Literal
 
-from r2bspec.check.python_target import python_target
+from r2bspec.check.installed_packages import python_target
 from r2bspec.diagnostics import Path, Span
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus

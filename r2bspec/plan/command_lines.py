@@ -28,6 +28,7 @@ from r2bspec.language.spec import Container, Launch, ParameterValue
 from r2bspec.wiring.wiring import NodeWiring
 
 HARNESS_ARGV = ("$(python)", "-P", "-m", "r2bspec.harness.child")
+"""The command line of the loader, and of a host of Python nodes."""
 
 NATIVE_ARGV = ("$(harness)",)
 
@@ -37,11 +38,6 @@ INCLUDED_LAUNCH = "$(included_launch)"
 
 CONTAINER_PACKAGE = "rclcpp_components"
 """The package of the component containers."""
-
-
-def host_argv() -> tuple[str, ...]:
-    """The command line of a host of Python nodes."""
-    return HARNESS_ARGV
 
 
 def is_own_program(argv: Sequence[str]) -> bool:

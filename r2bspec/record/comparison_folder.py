@@ -22,8 +22,7 @@ from typing import Literal
 
 import msgspec
 
-from r2bspec.plan.canonical_json import canonical_json, parse_plan, plan_hash
-from r2bspec.plan.errors import PlanError
+from r2bspec.plan.canonical_json import PlanError, canonical_json, parse_plan, plan_hash
 from r2bspec.plan.plan import Plan
 from r2bspec.record.atomic_files import write_atomically
 from r2bspec.record.errors import RecordError

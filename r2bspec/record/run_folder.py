@@ -18,8 +18,7 @@ from typing import Any, Self
 import msgspec
 import numpy as np
 
-from r2bspec.plan.canonical_json import parse_plan
-from r2bspec.plan.errors import PlanError
+from r2bspec.plan.canonical_json import PlanError, parse_plan
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.taps import tap_name
 from r2bspec.record.atomic_files import write_atomically

@@ -22,8 +22,8 @@ from typing import TextIO
 
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.diagnostics.code_pages import find_page
+from r2bspec.diagnostics.diagnostic import split_lines
 from r2bspec.diagnostics.quote import printable
-from r2bspec.diagnostics.source_lines import split_lines
 from r2bspec.report.output import write
 
 

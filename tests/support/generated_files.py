@@ -14,7 +14,7 @@ from r2bspec.exit_status import ExitStatus
 from r2bspec.language import json_schema
 from r2bspec.language.templates import SUFFIX, filled, templates
 from r2bspec.measure import metric_reference
-from r2bspec.plan import plan_schema
+from r2bspec.plan import canonical_json
 from r2bspec.report import result_json
 
 ROOT = Path(__file__).parents[2]
@@ -26,7 +26,7 @@ def generated_files() -> dict[Path, str]:
     schemas, docs = ROOT / "schemas", ROOT / "docs"
     files = {
         schemas / json_schema.FILE_NAME: json_schema.published_schema_text(),
-        schemas / plan_schema.FILE_NAME: plan_schema.plan_schema_text(),
+        schemas / canonical_json.SCHEMA_FILE_NAME: canonical_json.plan_schema_text(),
         schemas / result_json.FILE_NAME: result_json.result_schema_text(),
         docs / "language.md": with_tables(_text(docs / "language.md")),
         docs / "metrics.md": metric_reference.markdown_page(),

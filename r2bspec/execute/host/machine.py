@@ -18,10 +18,9 @@ from typing import Any
 import psutil
 
 from r2bspec._version import __version__
-from r2bspec.check.this_machine import LABELS_VARIABLE, this_machine
+from r2bspec.check.this_machine import LABELS_VARIABLE, this_machine, unmet
 from r2bspec.execute.errors import OtherMachineError
 from r2bspec.middleware.middleware import middleware_of, selected_rmw
-from r2bspec.plan.host_match import unmet
 from r2bspec.plan.plan import Plan
 
 _NEEDED_BYTES = 64 << 10

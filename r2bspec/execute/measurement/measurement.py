@@ -1,7 +1,7 @@
 """What is measured: the peak search, the rates to be sustained, the iterations.
 
 The search and the probes of sustained rates are made in the first start. The iterations, those at
-the peak among them, are spread over all starts (`r2bspec.plan.start_groups`).
+the peak among them, are spread over all starts (`r2bspec.plan.plan`).
 
 All rates are played in each iteration, so that a slow drift of the machine affects them equally. If
 the spec allows more iterations than it declares, there are interim looks after one, two and four
@@ -30,8 +30,7 @@ from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.interim_looks import InterimLooks, decide_after_look
 from r2bspec.judge.methods.method_registry import METHODS, Method
 from r2bspec.judge.verdict import DisturbedIteration, Verdict
-from r2bspec.plan.plan import Plan, PlayPlan
-from r2bspec.plan.start_groups import iterations_by_look
+from r2bspec.plan.plan import Plan, PlayPlan, iterations_by_look
 from r2bspec.record.run_record import (
     ConfirmationRecord,
     EndedRate,

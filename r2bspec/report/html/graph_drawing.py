@@ -221,7 +221,7 @@ def lay_out(plan: Plan, annotations: Mapping[str, Sequence[str]]) -> Drawing:
     y, widest = 2.0, 0.0
     frames: list[PhaseFrame] = []
     placed: dict[str, PlacedBox] = {}
-    groups = [("", sketch.boxes), *((group.title, group.boxes) for group in sketch.groups)]
+    groups = [("", sketch.boxes), *((group.id, group.boxes) for group in sketch.groups)]
     for title, boxes in groups:
         if not boxes:
             continue

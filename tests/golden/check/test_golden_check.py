@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from r2bspec.check import check
-from r2bspec.check.rule_registry import all_rules
+from r2bspec.check.engine import all_rules
 from r2bspec.diagnostics import Page
 from r2bspec.language.load_spec import load_spec
 from r2bspec.report.findings_text import render_text

@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from plan_specs import PREPROCESSED, STRAIGHT, plan
 
 from r2bspec.language.quantities import Duration
-from r2bspec.plan.canonical_json import canonical_json, parse_plan, plan_hash, read_plan
-from r2bspec.plan.errors import PlanError
+from r2bspec.plan.canonical_json import PlanError, canonical_json, parse_plan, plan_hash, read_plan
 
 ROOT = Path(__file__).parents[3]
 
