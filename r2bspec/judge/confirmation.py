@@ -29,7 +29,6 @@ from collections.abc import Iterable, Mapping
 import msgspec
 
 from r2bspec.judge.decision_policy import DecisionPolicy
-from r2bspec.judge.ended_rates import weaken_ended
 from r2bspec.judge.interference_policy import InterferencePolicy
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.methods.method_registry import METHODS
@@ -67,7 +66,7 @@ def judge_with_confirmation(
         samples: the run.
         policy: of the first session.
     """
-    first = weaken_ended(judge(objectives, samples, policy), objectives, samples, policy)
+    first = judge(objectives, samples, policy)
     if not needs_confirmation(first) or not any(map(_can_be_confirmed, first.requirements)):
         return first
     if samples.confirmation is None:

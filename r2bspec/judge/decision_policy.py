@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from r2bspec.judge.interference_policy import InterferencePolicy
 from r2bspec.judge.interim_looks import InterimLooks
@@ -11,7 +10,6 @@ from r2bspec.judge.outcome import InconclusivePolicy
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.plan.plan import GatePlan, Plan
 from r2bspec.plan.smoke_plan import is_smoke_plan
-from r2bspec.plan.start_groups import starts_of_iterations
 
 
 @dataclass(frozen=True)
@@ -25,8 +23,6 @@ class DecisionPolicy:
         inconclusive: what an inconclusive requirement does to the run.
         interference: what host interference does to a requirement.
         confirm: whether a second session, where one was played, has to confirm a FAIL.
-        declared: by offered rate, the start in which each iteration is played, with all iterations
-            that may be added.
         smoke: whether the run was made to show that the graph works, and not to be judged.
     """
 
@@ -35,7 +31,6 @@ class DecisionPolicy:
     inconclusive: InconclusivePolicy = "report"
     interference: InterferencePolicy = "note"
     confirm: bool = True
-    declared: Mapping[float, tuple[int, ...]] = field(default_factory=dict)
     smoke: bool = False
 
 
@@ -59,11 +54,5 @@ def decision_policy(plan: Plan, gate: GatePlan | None = None) -> DecisionPolicy:
         inconclusive=gate.inconclusive,
         interference=gate.interference,
         confirm=gate.confirm,
-        declared={
-            each.rate_hz: starts_of_iterations(
-                InterimLooks.planned(each.iterations, each.max_iterations).iterations, plan.starts
-            )
-            for each in plan.play
-        },
         smoke=is_smoke_plan(plan),
     )

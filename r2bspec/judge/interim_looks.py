@@ -15,11 +15,26 @@ made about the test, so this serves the binomial test and t alike.
 A requirement is decided at the first look that decides it. A later look, which another
 requirement needed, may still turn its PASS into a FAIL, but nothing else: both errors stay
 within the sum.
+
+With ``--abort-on-fail`` a rate also ends between looks, once a requirement fails for certain. It
+fails then on what was played, and what is left cannot make it pass:
+
+    observed    a count of faults, or an extreme, is beyond its limit, and it only grows
+    share       of N planned messages, k are over the limit already, and the test of the whole
+                plan fails though all the others are within it: the lower bound of k in N exceeds
+                the allowed share, with the effective sample size that messages have had so far
+
+k only grows, so that k / N stays above the allowed share, and no look passes a share above it.
+For the same reason to stop there costs no error: what has reached the bound of the whole plan early
+would be beyond it at the end. A first iteration, or the first of several starts, does not show
+whether the next one is like it, and ends only what was observed. Means, windows, and the rest of a
+live run have no such bound.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
@@ -27,12 +42,17 @@ from typing import Literal
 import msgspec
 
 from r2bspec.judge.methods.method_registry import METHODS
-from r2bspec.judge.verdict import RequirementVerdict
+from r2bspec.judge.statistics.binomial import lower_bound
+from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.measure.samples import RunSamples, starts_of
 from r2bspec.measure.units import show
+from r2bspec.plan.plan import Plan
 
 LOOK_FACTORS = (1, 2, 4)
 """Of the declared number of iterations."""
+
+_MIN_PIECES = 2
 
 LookDecision = Literal["pass", "fail", "go on", "inconclusive"]
 """What to do after a look: stop because everything is decided, or play the next iterations; stop
@@ -141,3 +161,68 @@ def _note(looks: InterimLooks, chosen: RequirementVerdict, latest: int) -> str:
         return f"Undecided at {when} iterations, at {confidence} confidence."
     later = f"; {latest} were taken" if latest > chosen.look else ""
     return f"Decided at {when} iterations, at {confidence} confidence{later}."
+
+
+def certain_failures(
+    verdict: Verdict, samples: RunSamples, plan: Plan
+) -> Iterator[RequirementVerdict]:
+    """The requirements that have failed and cannot pass any more, whatever the rest of the run is.
+
+    Where an inconclusive requirement counts as passed, only an observation is certain: iterations
+    that differ can leave a test undecided.
+
+    Args:
+        verdict: on the run so far.
+        samples: of the run so far.
+        plan: of the run.
+    """
+    for requirement in verdict.requirements:
+        if requirement.level != "error" or requirement.outcome != "fail":
+            continue
+        if requirement.method == "observation":
+            if _only_gets_worse(requirement):
+                yield requirement
+        elif plan.gate.inconclusive != "pass" and _exceeds_whole_plan(requirement, samples, plan):
+            yield requirement
+
+
+def _only_gets_worse(failed: RequirementVerdict) -> bool:
+    """Whether an observed value is beyond its limit, on the side to which it only moves."""
+    value = math.inf if failed.lost else failed.estimate
+    if value is None or failed.limit is None:
+        return False
+    part = failed.metric.rpartition(".")[2]
+    if part == "min":
+        return value < failed.limit
+    none_allowed = failed.metric == "drop_rate" and failed.limit == 0
+    return value > failed.limit and (part == "max" or failed.unit == "count" or none_allowed)
+
+
+def _exceeds_whole_plan(failed: RequirementVerdict, samples: RunSamples, plan: Plan) -> bool:
+    """Whether the binomial test of all planned messages fails with those over the limit so far."""
+    test = failed.share
+    if failed.method != "exact binomial" or test is None or samples.mode == "live":
+        return False
+    played = samples.iterations.get(failed.at_hz or 0.0, ())
+    number = max(
+        (
+            max(play.iterations, play.max_iterations)
+            for play in plan.play
+            if play.rate_hz == failed.at_hz
+        ),
+        default=0,
+    )
+    pieces = len(set(starts_of(played))) if plan.starts > 1 else len(played)
+    if not number or pieces < _MIN_PIECES:
+        return False
+    # An iteration may have one output, or one interval at its ends, more than another.
+    longest = 1 + max(
+        iteration.monitors[failed.monitor].expected
+        if failed.monitor is not None
+        else iteration.playback.sent
+        for iteration in played
+    )
+    independent = test.effective_n / test.n
+    whole = max(number * longest, test.n)
+    bound = lower_bound(test.over * independent, whole * independent, failed.confidence)
+    return bound > test.allowed

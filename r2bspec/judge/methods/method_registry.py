@@ -32,25 +32,22 @@ class MethodTraits:
         grows: whether more iterations can help it to a decision.
         rests_on: what has to be measured again to confirm its FAIL; ``truth`` for nothing: the
             messages are wrong, and another run would not make them right.
-        curtails: whether its FAIL can be final before the whole run was played
-            (`r2bspec.judge.curtailment`).
         counts: what it counts, where it tests a share.
     """
 
     grows: bool = False
     rests_on: Literal["iterations", "search", "probes", "truth"] = "iterations"
-    curtails: bool = False
     counts: Literal["messages", "windows"] = "messages"
 
 
 METHODS: Final[dict[Method, MethodTraits]] = {
-    "exact binomial": MethodTraits(grows=True, curtails=True),
+    "exact binomial": MethodTraits(grows=True),
     "binomial over windows": MethodTraits(grows=True, counts="windows"),
     "t over iterations": MethodTraits(grows=True),
     "paired t on logs": MethodTraits(grows=True),
     "prediction interval": MethodTraits(),
     "stored baseline": MethodTraits(),
-    "observation": MethodTraits(curtails=True),
+    "observation": MethodTraits(),
     "search bracket": MethodTraits(rests_on="search"),
     "sequential probe": MethodTraits(rests_on="probes"),
     "comparison with truth": MethodTraits(rests_on="truth"),
