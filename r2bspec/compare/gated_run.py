@@ -9,7 +9,7 @@ import msgspec
 
 from r2bspec.compare.history import open_history
 from r2bspec.compare.history_gate import add_to_history, baseline_from_history, write_baseline
-from r2bspec.judge.history_comparison import fails_by_history
+from r2bspec.judge.baseline_comparison import fails_by_history
 from r2bspec.judge.judge_run import result_of, to_json
 from r2bspec.judge.result import Result
 from r2bspec.plan.plan import Plan

@@ -10,7 +10,7 @@ confidence, a metric of which more is better is
 
 and one of which less is better the other way round. The bounds are Welch's on the logarithms of the
 iterations' values, or of the means of starts where both have several
-(`r2bspec.judge.statistics.welch_t`). Drop rates are compared as the shares
+(`r2bspec.judge.statistics.t_interval`). Drop rates are compared as the shares
 that arrived, with a margin of their own, because a ratio to 0 is undefined.
 """
 
@@ -22,7 +22,7 @@ from collections.abc import Iterator, Sequence
 from r2bspec.compare.comparison import Comparison, ComparisonLine, Outcome
 from r2bspec.compare.comparison_subject import ComparedResult, MetricSeries, SeriesKey
 from r2bspec.compare.errors import IncomparableError
-from r2bspec.judge.statistics.welch_t import RunValues, welch_ratio_of_runs
+from r2bspec.judge.statistics.t_interval import RunValues, welch_ratio_of_runs
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.measure.units import show
 from r2bspec.plan.comparability import brief_difference, graph_differences, load_differences

@@ -62,9 +62,8 @@ from r2bspec.execute.start_sequence import StartSequence
 from r2bspec.ipc.arrivals import ClockOffsetTracker
 from r2bspec.ipc.buffers import largest_message_bytes
 from r2bspec.judge.confirmation import judge_confirmation, needs_confirmation
-from r2bspec.judge.decision_policy import decision_policy
-from r2bspec.judge.interim_looks import certain_failures
-from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.decision_policy import certain_failures, decision_policy
+from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.quantities import Size
 from r2bspec.measure.run_samples import HostSamples, run_samples

@@ -21,14 +21,15 @@ from r2bspec.measure.distribution import (
     Distribution,
     part_value,
 )
-from r2bspec.measure.hop_latency import HopSamples, pool_hops
 from r2bspec.measure.host_usage import ResourceUse, Surroundings
 from r2bspec.measure.samples import (
+    HopSamples,
     MonitorSamples,
     PlaybackSamples,
     RunSamples,
     SegmentSamples,
     StepTimes,
+    pool_hops,
 )
 from r2bspec.measure.times import Seconds, percentile
 from r2bspec.record.run_record import Probe, SearchRecord

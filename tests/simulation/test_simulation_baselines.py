@@ -13,9 +13,9 @@ from simulated_gates import (
     stored_gate,
 )
 
-from r2bspec.judge.statistics.paired_ratio import paired_ratio
-from r2bspec.judge.statistics.power import (
+from r2bspec.judge.statistics.t_interval import (
     noise_floor,
+    paired_ratio,
     pairs_needed,
     power_of_pairs,
     smallest_detectable,

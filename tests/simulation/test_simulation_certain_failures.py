@@ -1,4 +1,4 @@
-"""``--abort-on-fail``: a rate that it ends would not have passed, and fails as rarely by mistake."""
+"""``--abort-on-fail``: what it ends would not have passed, and fails as rarely by mistake."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from simulated_runs import RATE_HZ, run_of
 
 from nightly import size
-from r2bspec.judge.decision_policy import decision_policy
-from r2bspec.judge.interim_looks import certain_failures
-from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.decision_policy import certain_failures, decision_policy
+from r2bspec.judge.pipeline import judge
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.measure.samples import RunSamples
 from r2bspec.plan.plan import Plan, PlayPlan
 from run_simulation import Simulation, objective
+
+pytestmark = pytest.mark.simulation
 
 MESSAGES = 100
 P90, P99 = "latency.p90 < 100 ms", "latency.p99 < 100 ms"

@@ -8,7 +8,7 @@ from simulated_batches import KINDS, aa_gates
 from simulated_gates import looked_gate, share_gate
 from simulated_worlds import WORLDS, stationary
 
-from r2bspec.judge.interim_looks import InterimLooks
+from r2bspec.judge.decision_policy import InterimLooks
 
 pytestmark = pytest.mark.simulation
 

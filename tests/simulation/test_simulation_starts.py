@@ -25,9 +25,8 @@ from simulated_starts import (
 from simulated_words import SAID, said, with_starts
 from start_tables import chance, held
 
-from r2bspec.judge.decision_policy import DecisionPolicy
-from r2bspec.judge.interim_looks import InterimLooks
-from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.decision_policy import DecisionPolicy, InterimLooks
+from r2bspec.judge.pipeline import judge
 from run_simulation import objective
 
 pytestmark = pytest.mark.simulation

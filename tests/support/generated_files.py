@@ -12,7 +12,7 @@ from pathlib import Path
 from r2bspec.exit_status import ExitStatus
 from r2bspec.language import json_schema
 from r2bspec.language.templates import SUFFIX, filled, templates
-from r2bspec.measure import metric_reference
+from r2bspec.measure import metric_catalogue
 from r2bspec.plan import plan_schema
 from r2bspec.report import result_schema
 
@@ -28,7 +28,7 @@ def generated_files() -> dict[Path, str]:
         schemas / plan_schema.FILE_NAME: plan_schema.plan_schema_text(),
         schemas / result_schema.FILE_NAME: result_schema.result_schema_text(),
         docs / "language.md": json_schema.with_tables(_text(docs / "language.md")),
-        docs / "metrics.md": metric_reference.markdown_page(),
+        docs / "metrics.md": metric_catalogue.markdown_page(),
         docs / "running.md": _with_exit_statuses(_text(docs / "running.md")),
     }
     schema = f"../../schemas/{json_schema.FILE_NAME}"

@@ -20,7 +20,7 @@ from r2bspec.judge.statistics.binomial import (
     upper_bound,
 )
 from r2bspec.judge.statistics.effective_sample_size import BadFlags, effective_sample
-from r2bspec.judge.statistics.order_statistics import RankedMessages, percentile_interval
+from r2bspec.judge.statistics.percentile_interval import RankedMessages, percentile_interval
 from r2bspec.judge.statistics.rule_of_three import min_sample_size, zero_failure_bound
 from r2bspec.judge.statistics.t_interval import iterations_to_settle, mean_interval
 from r2bspec.language.confidence import CONFIDENCE

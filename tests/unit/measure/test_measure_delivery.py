@@ -7,8 +7,8 @@ from collections import deque
 import numpy as np
 import pytest
 
-from r2bspec.measure.completion_rate import DeliveryEstimate, delivery
 from r2bspec.measure.matching import match
+from r2bspec.measure.times import DeliveryEstimate, delivery
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE, Rows
 
 START_NS = 10**15

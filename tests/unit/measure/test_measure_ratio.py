@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.pipeline import judge
 from r2bspec.judge.rate_decision import Criterion, estimate_probe, judge_final, plan_interim_looks
 from r2bspec.measure.matching import NO_MATCH, Ratio, match, ratio_of
 from r2bspec.measure.metrics import measure_segment
