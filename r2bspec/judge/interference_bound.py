@@ -71,16 +71,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.measure.host_usage import ResourceUse, Surroundings
-from r2bspec.measure.matching import match_monitor
+from r2bspec.measure.matching import NO_MATCH
 from r2bspec.measure.samples import (
     MonitorSamples,
     PlaybackSamples,
     SegmentSamples,
-    monitor_samples,
+    output_times,
 )
-from r2bspec.plan.plan import MonitorPlan
 from r2bspec.record.run_record import Segment
-from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE
 
 MAX_SHARE = 0.75
 """A machine on which everything takes over four times as long keeps no schedule either."""
@@ -181,10 +179,6 @@ def _longest_busy_period(published: NDArray[np.int64], received: NDArray[np.int6
     return int(np.diff(np.append(first, starts.size)).max())
 
 
-_STAMP_MONITOR = MonitorPlan(name="", topic="", type="", match="stamp", qos=None)
-"""Every step with an expected output is given a stamp of its own."""
-
-
 def best_case_iteration(one: SegmentSamples, taken: float | None = None) -> SegmentSamples:
     """An iteration without any effect that host interference can have had on it.
 
@@ -234,24 +228,27 @@ def _best_case_samples(
         latency = _measured_latencies(seen)
         order = np.argsort(latency, kind="stable")
         latency[order] = shortest_latencies(seen, waited, known.seconds, most_hz)
-    played = np.zeros(latency.size, PLAYBACK_DTYPE)
-    played["stamp_ns"] = np.arange(1, latency.size + 1)
-    played["due_ns"], played["published_ns"] = seen.steps.due_ns, seen.steps.published_ns
-    came = np.flatnonzero(np.isfinite(latency))
-    rows = np.zeros(came.size, MONITOR_DTYPE)
-    rows["stamp_ns"] = played["stamp_ns"][came]
-    rows["received_ns"] = played["published_ns"][came] + np.round(latency[came]).astype(np.int64)
-    ordered = rows[np.argsort(rows["received_ns"], kind="stable")]
-    found = monitor_samples(segment, match_monitor(played, ordered, _STAMP_MONITOR))
-    more = seen.duplicates + seen.unmatched
-    return replace(
-        found,
-        # Interference creates no messages.
-        received=found.received + more,
-        duplicates=seen.duplicates,
-        unmatched=seen.unmatched,
-        throughput_hz=max(seen.throughput_hz, min(most_hz, seen.throughput_hz + waited * most_hz)),
+    arrives = np.isfinite(latency)
+    received_ns = np.full(latency.size, NO_MATCH, dtype=np.int64)
+    received_ns[arrives] = seen.steps.published_ns[arrives] + np.round(latency[arrives]).astype(
+        np.int64
+    )
+    steps = replace(seen.steps, received_ns=received_ns)
+    first_ns = int(steps.published_ns[0]) if latency.size else 0
+    outputs = output_times(steps, first_ns, segment.ended_ns, 0.0, 0.0)
+    answered = int(outputs.arrived_ns.size)
+    return MonitorSamples(
+        steps=steps,
+        times=outputs.by_family,
         sent=seen.sent,
+        answered=answered,
+        # Interference creates no messages.
+        received=answered + seen.duplicates + seen.unmatched,
+        throughput_hz=max(seen.throughput_hz, min(most_hz, seen.throughput_hz + waited * most_hz)),
+        duplicates=seen.duplicates,
+        reordered=steps.reordered,
+        unmatched=seen.unmatched,
+        late=int(np.count_nonzero(outputs.arrived_ns > segment.ended_ns)),
         early=seen.early,
         overdue=seen.overdue,
         per_step=seen.per_step,

@@ -329,29 +329,6 @@ def input_mask(inputs: Sequence[InputPlan], topics: Sequence[str]) -> int:
     return sum(1 << number for number, each in enumerate(inputs) if each.topic in topics)
 
 
-def match_segment(run: Run, segment: Segment, monitor: MonitorPlan) -> tuple[Rows, Rows, Matching]:
-    """The steps of a segment that count for a monitor, what it received, and how they match.
-
-    In a live segment, in which nothing is played, each message is its own step, published when its
-    source stamped it; there are none if that is not known.
-
-    Raises:
-        RecordError: a file of the segment is missing or damaged.
-    """
-    rows = run.monitor(segment, monitor.name)
-    if not segment.live:
-        steps = select_expected_steps(run.playback(segment), run.plan.inputs, monitor)
-        ratio = ratio_of(monitor, segment.played_before)
-        return steps, rows, match(steps, rows, monitor.match, ratio)
-    stamped = source_times_ns(segment, rows)
-    steps = np.zeros(0 if stamped is None else rows.size, PLAYBACK_DTYPE)
-    if stamped is not None:
-        steps["stamp_ns"] = rows["stamp_ns"]
-        for name in ("due_ns", "published_ns", "done_ns"):
-            steps[name] = stamped
-    return steps, rows, match(steps, rows, "order")
-
-
 @dataclass(frozen=True)
 class MatchedMonitor:
     """The match of one monitor. It is costly, and therefore computed once.
@@ -388,6 +365,29 @@ def match_monitor(
     steps = select_expected_steps(playback, inputs, plan)
     ratio = ratio_of(plan, played_before)
     return MatchedMonitor(steps, rows, ratio, match(steps, rows, plan.match, ratio))
+
+
+def match_segment(run: Run, segment: Segment, monitor: MonitorPlan) -> tuple[Rows, Rows, Matching]:
+    """The steps of a segment that count for a monitor, what it received, and how they match.
+
+    In a live segment, in which nothing is played, each message is its own step, published when its
+    source stamped it; there are none if that is not known.
+
+    Raises:
+        RecordError: a file of the segment is missing or damaged.
+    """
+    rows = run.monitor(segment, monitor.name)
+    if not segment.live:
+        playback, inputs = run.playback(segment), run.plan.inputs
+        matched = match_monitor(playback, rows, monitor, inputs, segment.played_before)
+        return matched.steps, rows, matched.matching
+    stamped = source_times_ns(segment, rows)
+    steps = np.zeros(0 if stamped is None else rows.size, PLAYBACK_DTYPE)
+    if stamped is not None:
+        steps["stamp_ns"] = rows["stamp_ns"]
+        for name in ("due_ns", "published_ns", "done_ns"):
+            steps[name] = stamped
+    return steps, rows, match(steps, rows, "order")
 
 
 class StepStamps:

@@ -23,12 +23,9 @@ from r2bspec.measure.host_usage import ResourceUse, Surroundings
 from r2bspec.measure.matching import NO_MATCH, MatchedMonitor, Matching, match, source_times_ns
 from r2bspec.measure.times import (
     Seconds,
-    arrivals,
     edge_gaps,
     intervals,
     jitter,
-    latencies,
-    latencies_from_due,
     mean_rate,
     seconds,
     throughput,
@@ -150,6 +147,33 @@ class StepTimes:
     def answered(self) -> NDArray[np.bool_]:
         """Whether each expected output arrived."""
         return np.not_equal(self.received_ns, NO_MATCH)
+
+    @property
+    def latency(self) -> Seconds:
+        """Received - published of each output, in the order of the steps; shape (answered,).
+
+        Published is when publishing of the step's first input began; received is when the
+        middleware received the first output. Where several steps lead to one output, the last of
+        them counts: the graph could not respond before.
+        """
+        answered = self.answered
+        return seconds(self.received_ns[answered] - self.published_ns[answered])
+
+    @property
+    def latency_from_due(self) -> Seconds:
+        """The same since the step was due: free of coordinated omission, delays of playback count.
+
+        Shape (answered,).
+        """
+        answered = self.answered
+        return seconds(self.received_ns[answered] - self.due_ns[answered])
+
+    @property
+    def reordered(self) -> int:
+        """Outputs that arrived after that of a later step (see `Matching`)."""
+        in_order_of_arrival = np.argsort(self.received_ns[self.answered], kind="stable")
+        highest_before = np.maximum.accumulate(in_order_of_arrival)[:-1]
+        return int(np.count_nonzero(in_order_of_arrival[1:] < highest_before))
 
 
 @dataclass(frozen=True)
@@ -343,37 +367,73 @@ def starts_of(iterations: Sequence[SegmentSamples]) -> tuple[int, ...]:
     return tuple(one.segment.start for one in iterations)
 
 
+@dataclass(frozen=True)
+class OutputTimes:
+    """What follows from when the outputs of some steps came.
+
+    Attributes:
+        by_family: the times of `MonitorSamples`.
+        arrived_ns: when they came, ascending.
+        throughput_hz: see `r2bspec.measure.times.throughput`.
+    """
+
+    by_family: Mapping[str, Seconds]
+    arrived_ns: NDArray[np.int64]
+    throughput_hz: float
+
+
+def output_times(
+    steps: StepTimes, first_ns: int, ended_ns: int, window_ns: float, period_ns: float
+) -> OutputTimes:
+    """The times of the outputs of a segment, or of a part of it.
+
+    Args:
+        steps: the expected outputs.
+        first_ns: when the first step was published, whether or not it has an output.
+        ended_ns: the end of the sending window.
+        window_ns: see `r2bspec.measure.times.throughput`.
+        period_ns: likewise.
+    """
+    latency, arrived = steps.latency, np.sort(steps.received_ns[steps.answered])
+    between, rate_hz = np.empty(0), 0.0
+    if arrived.size:
+        soonest = first_ns + round(float(latency.min()) * 1e9)
+        between = intervals_with_edge_gaps(arrived, soonest, ended_ns)
+        rate_hz = throughput(arrived, soonest, window_ns, period_ns)
+    times = {
+        "latency": latency,
+        "latency_from_due": steps.latency_from_due,
+        "interval": between,
+        "jitter": jitter(arrived),
+    }
+    return OutputTimes(times, arrived, rate_hz)
+
+
 def monitor_samples(segment: Segment, matched_monitor: MatchedMonitor) -> MonitorSamples:
     """The counts and times of one monitor in one segment."""
     playback, monitor = matched_monitor.steps, matched_monitor.rows
     matched = matched_monitor.matching
-    latency = latencies(playback, monitor, matched)
-    arrived = arrivals(monitor, matched)
-    between, rate_hz = np.empty(0), 0.0
-    if arrived.size:
-        soonest = int(playback["published_ns"][0]) + round(float(latency.min()) * 1e9)
-        between = intervals_with_edge_gaps(arrived, soonest, segment.ended_ns)
-        period_ns = output_period_ns(segment, int(playback.size), matched.per_step)
-        due_ns = matched.trigger_steps.size * period_ns
-        rate_hz = throughput(arrived, soonest, due_ns, period_ns)
+    steps = step_times(playback, monitor, matched)
+    period_ns = output_period_ns(segment, int(playback.size), matched.per_step)
+    outputs = output_times(
+        steps,
+        int(playback["published_ns"][0]) if playback.size else 0,
+        segment.ended_ns,
+        matched.trigger_steps.size * period_ns,
+        period_ns,
+    )
+    unknown = dict.fromkeys(LOSS_SENSITIVE_FAMILIES, np.empty(0))
     return MonitorSamples(
-        steps=_step_times(playback, monitor, matched),
-        times={
-            "latency": latency if matched.pairs_known else np.empty(0),
-            "latency_from_due": latencies_from_due(playback, monitor, matched)
-            if matched.pairs_known
-            else np.empty(0),
-            "interval": between,
-            "jitter": jitter(arrived),
-        },
+        steps=steps,
+        times=outputs.by_family if matched.pairs_known else {**outputs.by_family, **unknown},
         sent=int(playback.size),
-        answered=int(arrived.size),
+        answered=int(outputs.arrived_ns.size),
         received=int(monitor.size),
         duplicates=matched.duplicates,
         reordered=matched.reordered,
         unmatched=matched.unmatched,
-        throughput_hz=rate_hz,
-        late=int(np.count_nonzero(arrived > segment.ended_ns)),
+        throughput_hz=outputs.throughput_hz,
+        late=int(np.count_nonzero(outputs.arrived_ns > segment.ended_ns)),
         early=matched.early,
         surplus=matched.surplus,
         by_order=matched.by_order,
@@ -390,7 +450,8 @@ def output_period_ns(segment: Segment, steps: int, per_step: float) -> float:
     return (segment.ended_ns - segment.began_ns) / (steps * per_step) if steps else 0.0
 
 
-def _step_times(playback: Rows, monitor: Rows, matched: Matching) -> StepTimes:
+def step_times(playback: Rows, monitor: Rows, matched: Matching) -> StepTimes:
+    """When each expected output was due, published and received."""
     received = np.full(matched.trigger_steps.size, NO_MATCH, dtype=np.int64)
     answered = matched.answered
     received[answered] = monitor["received_ns"][matched.first_row[answered]]
@@ -402,8 +463,7 @@ def intervals_with_edge_gaps(arrived: NDArray[np.int64], soonest_ns: int, ended_
     """The intervals between outputs, and the gaps at the ends that count (see `edge_gaps`)."""
     if not arrived.size:
         return np.empty(0)
-    gaps = edge_gaps(arrived, soonest_ns, ended_ns)
-    ends = [gap for gap in (gaps.before_ns, gaps.after_ns) if gap]
+    ends = [gap for gap in edge_gaps(arrived, soonest_ns, ended_ns) if gap]
     return np.concatenate((intervals(arrived), seconds(np.array(ends, dtype=np.int64))))
 
 

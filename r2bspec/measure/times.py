@@ -23,36 +23,6 @@ from r2bspec.record.sample_arrays import Rows
 Seconds = NDArray[np.float64]
 
 
-def latencies(playback: Rows, monitor: Rows, match: Matching) -> Seconds:
-    """Received - published of each output, in seconds, in the order of the steps.
-
-    Published is when publishing of the step's first input began; received is when the
-    middleware received the first output. Where several steps lead to one output, the last of
-    them counts: the graph could not respond before.
-
-    Returns:
-        Shape (answered,).
-    """
-    return _elapsed_since(playback["published_ns"], monitor, match)
-
-
-def latencies_from_due(playback: Rows, monitor: Rows, match: Matching) -> Seconds:
-    """Received - due of each output, in seconds, in the order of the steps.
-
-    Free of coordinated omission: delays of the playback count.
-
-    Returns:
-        Shape (answered,).
-    """
-    return _elapsed_since(playback["due_ns"], monitor, match)
-
-
-def _elapsed_since(start_ns: NDArray[np.int64], monitor: Rows, match: Matching) -> Seconds:
-    answered = match.answered
-    received = monitor["received_ns"][match.first_row[answered]]
-    return seconds(received - start_ns[match.trigger_steps[answered]])
-
-
 def arrivals(monitor: Rows, match: Matching) -> NDArray[np.int64]:
     """When each first output was received, in ascending nanoseconds; shape (answered,).
 
@@ -87,16 +57,8 @@ def mean_rate(times_ns: NDArray[np.int64]) -> float:
     return _rate(times_ns.size, int(times_ns[-1] - times_ns[0])) if times_ns.size else 0.0
 
 
-@dataclass(frozen=True)
-class EdgeGaps:
-    """Gaps at the ends of a sending window, in ns; 0 for an ordinary one."""
-
-    before_ns: int
-    after_ns: int
-
-
-def edge_gaps(arrived_ns: NDArray[np.int64], soonest_ns: int, ended_ns: int) -> EdgeGaps:
-    """The gaps before the first and after the last output that are part of the measurement.
+def edge_gaps(arrived_ns: NDArray[np.int64], soonest_ns: int, ended_ns: int) -> tuple[int, int]:
+    """The gaps before the first and after the last output that are part of the measurement, in ns.
 
     A graph that dies in the middle has perfect intervals up to then. So a gap at an end counts if
     it is longer than every gap between two outputs; an ordinary one is only the phase between the
@@ -107,11 +69,14 @@ def edge_gaps(arrived_ns: NDArray[np.int64], soonest_ns: int, ended_ns: int) -> 
         soonest_ns: when the first output could have come: publication of the first step plus
             the shortest latency.
         ended_ns: the end of the sending window.
+
+    Returns:
+        0 for an ordinary one.
     """
     longest = int(np.max(np.diff(arrived_ns))) if arrived_ns.size > 1 else 0
     before = int(arrived_ns[0]) - soonest_ns
     after = ended_ns - int(arrived_ns[-1])
-    return EdgeGaps(before if before > longest else 0, after if after > longest else 0)
+    return before if before > longest else 0, after if after > longest else 0
 
 
 def throughput(
