@@ -49,6 +49,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.judge.statistics.autocorrelation import significant_inflation
+from r2bspec.judge.statistics.t_interval import t_quantile
 
 _START_SHARE = 0.1
 _START_S = 1.0
@@ -172,8 +173,6 @@ def estimate_capacity(
     """
     if not plays:
         return None
-    from scipy.special import stdtrit
-
     cut = [batches(each) for each in plays]
     seconds = np.concatenate([each.seconds for each in cut])
     m = seconds.size
@@ -182,7 +181,7 @@ def estimate_capacity(
     mean_s = float(seconds.mean())
     inflation = significant_inflation(seconds.tolist())
     error = _ERROR_SHARE * (1 - confidence) / 2
-    t = float(stdtrit(max(m / inflation - 1, 1.0), 1 - error))
+    t = t_quantile(max(m / inflation - 1, 1.0), 1 - error)
     half_s = t * float(seconds.std(ddof=1)) * math.sqrt(inflation / m)
     per_step = plays[0].per_step
     upper_hz = 1 / (mean_s - half_s) if half_s < mean_s else math.inf
@@ -294,8 +293,6 @@ def find_drift(plays: Sequence[CompletionTimes], precision: float) -> NonStation
     at_s = np.concatenate([each.begun_s for each in cut]) if cut else np.empty(0)
     if pace.size < _MIN_BATCHES or pace.min() <= 0:
         return None
-    from scipy.special import stdtrit
-
     t = at_s - at_s.mean()
     v = np.log(pace)
     spread = float(t @ t)
@@ -306,7 +303,7 @@ def find_drift(plays: Sequence[CompletionTimes], precision: float) -> NonStation
     error = math.sqrt(float(residuals @ residuals) / (pace.size - 2) / spread)
     span_s = float(at_s[-1] - at_s[0])
     change = slope * span_s
-    reach = float(stdtrit(pace.size - 2, 1 - _ERROR)) * error
+    reach = t_quantile(pace.size - 2, 1 - _ERROR) * error
     if abs(slope) <= reach or abs(change) < precision:
         return None
     ratio = math.exp(abs(change))
@@ -365,9 +362,7 @@ class _Pace:
     @property
     def reach(self) -> float:
         """Up to where the mean may be off, relatively, with a small error."""
-        from scipy.special import stdtrit
-
-        return float(stdtrit(self.number - 1, 1 - _ERROR)) * self.relative_error
+        return t_quantile(self.number - 1, 1 - _ERROR) * self.relative_error
 
 
 def _pace(plays: Sequence[CompletionTimes], from_s: float, until_s: float) -> _Pace | None:

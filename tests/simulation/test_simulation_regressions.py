@@ -11,6 +11,7 @@ import pytest
 from scipy import stats
 from simulated_gates import paired_values, run_values
 
+from nightly import noise, size
 from r2bspec.judge.baseline_comparison import HISTORY_CONFIRMATION_CONFIDENCE
 from r2bspec.judge.baseline_ratio import BaselineCase, judge_history, judge_pairs
 from r2bspec.judge.confirmation import confirm_requirement
@@ -21,8 +22,8 @@ from r2bspec.measure.metric_catalogue import METRICS
 
 pytestmark = pytest.mark.simulation
 
-GATES = 600
-BY_CHANCE = 0.068
+GATES = size(100, 600)
+BY_CHANCE = 0.068 + noise(0.05)
 """What a rate of 5 % comes to in 600 gates with bad luck (97.5 %)."""
 
 
@@ -88,7 +89,7 @@ def share(outcomes: list[Outcome], outcome: Outcome) -> float:
 def test_equal_graphs_in_pairs(limit: float, most: float) -> None:
     first, last = paired_outcomes(1.0, limit, seed=21)
     assert share(first, "fail") <= most
-    assert share(last, "fail") <= 0.01
+    assert share(last, "fail") <= 0.01 + noise(0.03)
 
 
 @pytest.mark.parametrize("runs", [5, 10, 30])
@@ -96,7 +97,7 @@ def test_equal_graphs_in_pairs(limit: float, most: float) -> None:
 def test_an_equal_graph_against_a_history(runs: int, limit: float, most: float) -> None:
     first, last = history_outcomes(1.0, limit, runs, seed=22)
     assert share(first, "fail") <= most
-    assert share(last, "fail") <= 0.01
+    assert share(last, "fail") <= 0.01 + noise(0.03)
 
 
 @pytest.mark.parametrize("runs", [5, 10, 30])

@@ -16,3 +16,8 @@ def size(sample: int, whole: int) -> int:
         whole: with which the stated errors are known to a fraction of themselves.
     """
     return whole if os.environ.get("R2BSPEC_NIGHTLY", "") not in {"", "0"} else sample
+
+
+def noise(share: float) -> float:
+    """What a small sample may add to a share by chance; nothing in the whole simulation."""
+    return share if size(1, 0) else 0.0

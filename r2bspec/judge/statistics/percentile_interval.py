@@ -68,6 +68,7 @@ from r2bspec.judge.statistics.effective_sample_size import (
     effective_sample_of_rows,
     pad_rows,
 )
+from r2bspec.judge.statistics.t_interval import t_quantile
 from r2bspec.measure.times import rank
 
 _MAD_TO_DEVIATION = 1.4826
@@ -152,7 +153,7 @@ def _margin(
     *,
     serial: bool,
 ) -> LevelMargin:
-    from scipy.special import ndtri, stdtrit
+    from scipy.special import ndtri
 
     m = len(levels)
     mean = math.fsum(levels) / m
@@ -160,7 +161,7 @@ def _margin(
     inflation = serial_inflation(levels) if serial else 1.0
     total = variance + inside**2
     reach = float(ndtri(q)) ** 2 * variance / total / (2 * (m - 1)) if total > 0 else 0.0
-    t = float(stdtrit(serial_degrees_of_freedom(m, inflation), confidence))
+    t = t_quantile(serial_degrees_of_freedom(m, inflation), confidence)
     half = t * math.sqrt(variance * inflation * (1 / m + reach))
     return LevelMargin(half, math.sqrt(variance), m, pieces, inflation)
 

@@ -141,6 +141,13 @@ from typing import Final, Literal
 from r2bspec.judge.statistics.autocorrelation import serial_degrees_of_freedom, serial_inflation
 
 
+def t_quantile(freedom: float, confidence: float) -> float:
+    """The quantile of Student's t."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(freedom, confidence))
+
+
 @dataclass(frozen=True)
 class MeanInterval:
     """A mean with its one-sided lower and upper bounds, each at the requested confidence."""
@@ -173,13 +180,11 @@ def mean_interval(
     m = len(values)
     if m < 2:
         raise ValueError("an interval needs at least two values")
-    from scipy.special import stdtrit
-
     mean = math.fsum(values) / m
     variance = math.fsum((value - mean) ** 2 for value in values) / (m - 1)
     deviation = max(math.sqrt(variance), resolution / math.sqrt(12))
     effective_n = m / inflation
-    t = float(stdtrit(serial_degrees_of_freedom(m, inflation), confidence))
+    t = t_quantile(serial_degrees_of_freedom(m, inflation), confidence)
     half = t * deviation / math.sqrt(effective_n)
     return MeanInterval(mean=mean, lower=mean - half, upper=mean + half, deviation=deviation)
 
@@ -195,10 +200,8 @@ def iterations_to_settle(
     Returns:
         None if more than `max_iterations` are needed: the mean is too close to the limit.
     """
-    from scipy.special import stdtrit
-
     for m in range(2, max_iterations + 1):
-        if float(stdtrit(m - 1, confidence)) * deviation / math.sqrt(m) < abs(mean - limit):
+        if t_quantile(m - 1, confidence) * deviation / math.sqrt(m) < abs(mean - limit):
             return m
     return None
 
@@ -275,6 +278,19 @@ class RatioInterval:
     deviation: float
     n: int
 
+    @classmethod
+    def of_logarithms(
+        cls, mean: float, lower: float, upper: float, deviation: float, n: int
+    ) -> RatioInterval:
+        """The interval from that of the logarithm of the ratio."""
+        return cls(math.exp(mean), math.exp(lower), math.exp(upper), deviation, n)
+
+
+def _logarithms(values: Sequence[float]) -> list[float]:
+    if any(value <= 0 or math.isinf(value) for value in values):
+        raise ValueError("a ratio needs positive, finite values")
+    return [math.log(value) for value in values]
+
 
 def pair_orders(pairs: int, seed: int, session: int = 0) -> tuple[PairOrder, ...]:
     """The order of the two sides in each of so many pairs, by a coin.
@@ -306,18 +322,13 @@ def paired_ratio(
     Raises:
         ValueError: fewer than two pairs, unequal numbers, or a value that is not positive.
     """
-    if any(value <= 0 or math.isinf(value) for value in (*base, *head)):
-        raise ValueError("a ratio needs positive, finite values")
+    _logarithms((*base, *head))
     logs = [math.log(b / a) for a, b in zip(base, head, strict=True)]
     # Rounding both values to the resolution moves the logarithm by resolution / value of each.
     relative = math.sqrt(2) * resolution / min((*base, *head), default=1.0)
     found = mean_interval(logs, confidence, relative)
-    return RatioInterval(
-        ratio=math.exp(found.mean),
-        lower=math.exp(found.lower),
-        upper=math.exp(found.upper),
-        deviation=found.deviation,
-        n=len(logs),
+    return RatioInterval.of_logarithms(
+        found.mean, found.lower, found.upper, found.deviation, len(logs)
     )
 
 
@@ -332,25 +343,20 @@ def welch_ratio(base: Sequence[float], head: Sequence[float], confidence: float)
     Raises:
         ValueError: fewer than two values on a side, or a value that is not positive.
     """
-    if any(value <= 0 or math.isinf(value) for value in (*base, *head)):
-        raise ValueError("a ratio needs positive, finite values")
-    from scipy.special import stdtrit
-
-    a = mean_interval([math.log(value) for value in base], confidence)
-    b = mean_interval([math.log(value) for value in head], confidence)
+    a, b = (mean_interval(_logarithms(values), confidence) for values in (base, head))
     square_a, square_b = a.deviation**2 / len(base), b.deviation**2 / len(head)
     square = square_a + square_b
     half = 0.0
     if square > 0:
         freedom = square**2 / (square_a**2 / (len(base) - 1) + square_b**2 / (len(head) - 1))
-        half = float(stdtrit(freedom, confidence)) * math.sqrt(square)
+        half = t_quantile(freedom, confidence) * math.sqrt(square)
     difference = b.mean - a.mean
-    return RatioInterval(
-        ratio=math.exp(difference),
-        lower=math.exp(difference - half),
-        upper=math.exp(difference + half),
-        deviation=math.sqrt(square),
-        n=min(len(base), len(head)),
+    return RatioInterval.of_logarithms(
+        difference,
+        difference - half,
+        difference + half,
+        math.sqrt(square),
+        min(len(base), len(head)),
     )
 
 
@@ -415,25 +421,20 @@ def predicted_ratio(history: Sequence[float], new: float, confidence: float) -> 
     Raises:
         ValueError: fewer than two earlier runs, or a value that is not positive.
     """
-    used = history[-MAX_HISTORY_RUNS:]
-    if any(value <= 0 or math.isinf(value) for value in (*used, new)):
-        raise ValueError("a ratio needs positive, finite values")
-    from scipy.special import stdtrit
-
-    m = len(used)
-    logs = [math.log(value) for value in used]
+    *logs, latest = _logarithms((*history[-MAX_HISTORY_RUNS:], new))
+    m = len(logs)
     found = mean_interval(logs, confidence)
-    t = float(stdtrit(m - 1, confidence))
+    t = t_quantile(m - 1, confidence)
     half = t * found.deviation * math.sqrt(1 + 1 / m)
-    difference = math.log(new) - found.mean
+    difference = latest - found.mean
     step = t * math.sqrt(math.fsum((b - a) ** 2 for a, b in pairwise(logs)) / (m - 1))
-    last = math.log(new) - logs[-1]
-    return RatioInterval(
-        ratio=math.exp(difference),
-        lower=math.exp(min(difference - half, last - step)),
-        upper=math.exp(max(difference + half, last + step)),
-        deviation=found.deviation,
-        n=m,
+    last = latest - logs[-1]
+    return RatioInterval.of_logarithms(
+        difference,
+        min(difference - half, last - step),
+        max(difference + half, last + step),
+        found.deviation,
+        m,
     )
 
 
@@ -471,13 +472,12 @@ def noise_floor(ratios: Sequence[float], confidence: float) -> NoiseFloor:
     """
     if any(ratio <= 0 for ratio in ratios):
         raise ValueError("a ratio is positive")
-    from scipy.special import gammaincinv
+    from scipy.special import chdtri
 
     logs = [math.log(ratio) for ratio in ratios]
     found = mean_interval(logs, confidence)
     freedom = len(logs) - 1
-    # The chi-squared quantile is twice that of the gamma distribution with half the freedom.
-    quantile = 2 * float(gammaincinv(freedom / 2, 1 - confidence))
+    quantile = float(chdtri(freedom, confidence))
     return NoiseFloor(
         deviation=found.deviation,
         upper=found.deviation * math.sqrt(freedom / quantile),
@@ -496,9 +496,9 @@ def power_of_pairs(delta: float, deviation: float, n: int, confidence: float) ->
         n: pairs, at least two.
         confidence: of the test.
     """
-    from scipy.special import nctdtr, stdtrit
+    from scipy.special import nctdtr
 
-    limit = float(stdtrit(n - 1, confidence))
+    limit = t_quantile(n - 1, confidence)
     return 1 - float(nctdtr(n - 1, delta * math.sqrt(n) / deviation, limit))
 
 
@@ -515,16 +515,10 @@ def smallest_detectable(
     """
     if deviation <= 0:
         return 0.0
-    low, high = 0.0, deviation
-    while power_of_pairs(high, deviation, n, confidence) < power:
-        low, high = high, 2 * high
-    while high - low > 1e-6 * high:
-        middle = (low + high) / 2
-        if power_of_pairs(middle, deviation, n, confidence) < power:
-            low = middle
-        else:
-            high = middle
-    return high
+    from scipy.special import nctdtrinc
+
+    noncentrality = float(nctdtrinc(n - 1, 1 - power, t_quantile(n - 1, confidence)))
+    return noncentrality * deviation / math.sqrt(n)
 
 
 def pairs_needed(
