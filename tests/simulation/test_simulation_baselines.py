@@ -91,7 +91,7 @@ def test_calibration_finds_the_noise_floor() -> None:
 
 
 def test_one_stored_run_cries_wolf_the_louder_the_longer() -> None:
-    short, long = stored_gate(5, runs=size(200, 1000)), stored_gate(30, runs=size(200, 1000))
+    short, long = stored_gate(5, runs=GATES), stored_gate(30, runs=GATES)
     assert short.failed > 0.25
     assert long.failed > short.failed
 

@@ -131,7 +131,7 @@ def test_whatever_the_rest_is_what_ended_would_not_have_passed(starts: tuple[int
     random = np.random.default_rng(5)
     plan = plan_of(starts=len(set(starts)))
     ended = 0
-    for _ in range(size(6, 100)):
+    for _ in range(size(4, 100)):
         share = random.uniform(0.1, 0.6)
         counts = random.binomial(MESSAGES, share, 10).tolist()
         lengths = (
@@ -154,12 +154,12 @@ def test_whatever_the_rest_is_what_ended_would_not_have_passed(starts: tuple[int
             whole = run_with(counts[:length] + rest[length:], starts)
             verdict = judge({"fast": objective(P90)}, whole, decision_policy(plan))
             assert verdict.outcome != "pass", (counts, length, rest)
-    assert ended >= 3
+    assert ended >= 2
 
 
 def test_a_graph_on_its_limit_is_ended_as_rarely_as_it_fails() -> None:
     random = np.random.default_rng(7)
-    plan, runs = plan_of(6), size(10, 1000)
+    plan, runs = plan_of(6), size(6, 1000)
     wrong = 0
     for _ in range(runs):
         late = random.random((6, MESSAGES)) < 0.1

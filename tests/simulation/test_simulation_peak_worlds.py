@@ -67,8 +67,8 @@ def test_no_bracket_of_an_unsteady_graph_is_wrong_at_the_stated_confidence(name:
     ],
 )
 def test_a_habit_is_called_by_its_name(name: str, words: str) -> None:
-    texts = [" ".join(find(name, seed).record.unsteady) for seed in range(size(4, 20))]
-    assert sum(words in text for text in texts) >= (0.8 - noise(0.05)) * len(texts)
+    texts = [" ".join(find(name, seed).record.unsteady) for seed in range(size(5, 20))]
+    assert sum(words in text for text in texts) >= (0.8 - noise(0.4)) * len(texts)
 
 
 @pytest.mark.parametrize("name", LOSING)

@@ -195,7 +195,7 @@ def test_held_notices_what_it_should() -> None:
     "name", ["nothing differs", "iterations differ by 2.7 %", "stalls of 20 messages"]
 )
 def test_windows_on_the_limit(name: str) -> None:
-    assert held(errors(WORLDS[name], (WINDOWS,), runs=RUNS)[WINDOWS])
+    assert held(errors(WORLDS[name], (WINDOWS,), runs=size(10, 400))[WINDOWS])
 
 
 @pytest.mark.parametrize("shape", [Shape(2, 2), Shape(5, 2)])
@@ -207,5 +207,6 @@ def test_stored_runs_are_compared_by_their_starts(name: str, shape: Shape) -> No
 
 def test_stored_runs_by_their_iterations_are_not() -> None:
     world, shape = WORLDS["starts differ by 2.7 %"], Shape(5, 2)
-    found = stored_errors(world, shape, by_starts=False, runs=RUNS)
-    assert max(found.shares[:2]) > chance(0.05, RUNS)
+    runs = size(200, 400)
+    found = stored_errors(world, shape, by_starts=False, runs=runs)
+    assert max(found.shares[:2]) > chance(0.05, runs)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from nightly import size
 from r2bspec.judge.stationarity import CompletionTimes, batches, compare_pace, estimate_capacity
 
 
@@ -40,10 +41,11 @@ def test_equal_times_give_the_capacity_exactly() -> None:
 
 
 def test_random_times_are_bounded_with_the_stated_confidence() -> None:
-    found = [estimate_capacity(random_plays(seed, 4), 0.95) for seed in range(400)]
+    number = size(100, 400)
+    found = [estimate_capacity(random_plays(seed, 4), 0.95) for seed in range(number)]
     held = [each is not None and each.lower_hz <= 100 <= each.upper_hz for each in found]
     # A stated 95 % that were 91 % in truth would pass once in some ten thousand.
-    assert sum(held) >= 400 * 0.95 - 3 * math.sqrt(400 * 0.05 * 0.95)
+    assert sum(held) >= number * 0.95 - 3 * math.sqrt(number * 0.05 * 0.95)
 
 
 def test_the_start_is_left_out() -> None:

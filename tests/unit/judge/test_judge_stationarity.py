@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from nightly import size
 from r2bspec.judge.stationarity import CompletionTimes, find_nonstationarity
 
 PRECISION = 0.02
@@ -41,7 +42,7 @@ def service_times(kind: str, random: np.random.Generator) -> NDArray[np.float64]
 @pytest.mark.parametrize("kind", ["equal", "log-normal", "exponential"])
 def test_a_steady_graph_is_rarely_called_anything_else(kind: str) -> None:
     called = 0
-    for seed in range(200):
+    for seed in range(size(40, 200)):
         random = np.random.default_rng(seed)
         plays = (play(service_times(kind, random), begun_s=12.0 * number) for number in range(4))
         called += bool(text(*plays))
