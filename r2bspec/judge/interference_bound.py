@@ -99,11 +99,15 @@ def taken_share(known: Surroundings | None) -> float | None:
         # While a thread of the run waits, some task does.
         waited = min(waited, known.pressure)
     shared = min(known.own_cores or 0.0, known.foreign_cores or 0.0)
+    return _with_known_losses(waited + _SHARED_PROCESSOR_LOSS * shared, known)
+
+
+def _with_known_losses(waited: float, known: Surroundings) -> float:
+    """A share of waiting with what was stolen and throttled; at least what calibration shows."""
     stolen = (known.steal or 0.0) * (known.cores or 1)
     throttled = (known.throttled_s or 0.0) / known.seconds if known.seconds else 0.0
     slower = 1 - 1 / known.calibration if known.calibration else 0.0
-    share = waited + _SHARED_PROCESSOR_LOSS * shared + stolen + throttled
-    return min(MAX_SHARE, max(share, slower))
+    return min(MAX_SHARE, max(waited + stolen + throttled, slower))
 
 
 def shortest_latencies(
@@ -203,12 +207,8 @@ def waiting_share(known: Surroundings | None) -> float:
     """The largest share of the time for which the run can have been kept waiting; w above."""
     if known is None:
         return 0.0
-    stolen = (known.steal or 0.0) * (known.cores or 1)
-    throttled = (known.throttled_s or 0.0) / known.seconds if known.seconds else 0.0
-    taken = known.foreign_cores or 0.0
-    waited = known.pressure if known.pressure is not None else taken
-    slower = 1 - 1 / known.calibration if known.calibration else 0.0
-    return min(MAX_SHARE, max(waited + stolen + throttled, slower))
+    waited = known.pressure if known.pressure is not None else known.foreign_cores or 0.0
+    return _with_known_losses(waited, known)
 
 
 def _best_case_samples(

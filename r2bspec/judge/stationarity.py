@@ -67,6 +67,9 @@ _MIN_BATCHES = 4
 _SATURATED_SHARE = 0.96
 """A graph that delivers more than this share of the offered rate is not overloaded."""
 
+_KEPT_UP_SHARE = 0.998
+"""One that delivers more than this in the later half of a play has caught up."""
+
 
 @dataclass(frozen=True)
 class CompletionTimes:
@@ -105,20 +108,19 @@ class CompletionTimes:
     @property
     def saturated_later(self) -> bool:
         """Whether clearly fewer outputs left than inputs came in the later half."""
-        later = self.times_s[self.times_s >= self.played_s / 2]
-        if later.size < _MIN_BATCH_OUTPUTS:
-            return True
-        rate_hz = (later.size - 1) / max(float(later[-1] - later[0]), 1e-9)
-        return rate_hz < 0.998 * self.offered_hz
+        return self._is_slower(self.times_s[self.times_s >= self.played_s / 2], _KEPT_UP_SHARE)
 
     @property
     def saturated(self) -> bool:
         """Whether clearly fewer outputs left than inputs came, after the start."""
-        times_s = self.settled()
+        return self._is_slower(self.settled(), _SATURATED_SHARE)
+
+    def _is_slower(self, times_s: NDArray[np.float64], share: float) -> bool:
+        """Whether outputs at these times are fewer than a share of what is offered."""
         if times_s.size < _MIN_BATCH_OUTPUTS:
             return True
         rate_hz = (times_s.size - 1) / max(float(times_s[-1] - times_s[0]), 1e-9)
-        return rate_hz < _SATURATED_SHARE * self.offered_hz
+        return rate_hz < share * self.offered_hz
 
 
 @dataclass(frozen=True)
@@ -231,7 +233,7 @@ _STARTS_S = (1.0, 2.0, 5.0)
 _ERROR = 1e-4
 """With which a steady graph is called unsteady by one of the tests."""
 
-_MIN_BATCHES = 6
+_MIN_COMPARED_BATCHES = 6
 _WANDER_RATIO = 3.0
 
 
@@ -291,7 +293,7 @@ def find_drift(plays: Sequence[CompletionTimes], precision: float) -> NonStation
     cut = [batches(each) for each in plays]
     pace = np.concatenate([each.seconds for each in cut]) if cut else np.empty(0)
     at_s = np.concatenate([each.begun_s for each in cut]) if cut else np.empty(0)
-    if pace.size < _MIN_BATCHES or pace.min() <= 0:
+    if pace.size < _MIN_COMPARED_BATCHES or pace.min() <= 0:
         return None
     t = at_s - at_s.mean()
     v = np.log(pace)
@@ -315,7 +317,7 @@ def find_wander(plays: Sequence[CompletionTimes], precision: float) -> NonStatio
     """A speed that differs from second to second by more than single messages explain."""
     cut = [batches(each) for each in plays]
     pace = np.concatenate([each.seconds for each in cut]) if cut else np.empty(0)
-    if pace.size < _MIN_BATCHES or pace.min() <= 0:
+    if pace.size < _MIN_COMPARED_BATCHES or pace.min() <= 0:
         return None
     expected = float(
         np.mean(

@@ -48,6 +48,11 @@ def test_random_times_are_bounded_with_the_stated_confidence() -> None:
     assert sum(held) >= number * 0.95 - 3 * math.sqrt(number * 0.05 * 0.95)
 
 
+def test_four_batches_are_enough() -> None:
+    assert estimate_capacity([play(np.full(560, 0.01))], 0.95) is not None
+    assert estimate_capacity([play(np.full(460, 0.01))], 0.95) is None
+
+
 def test_the_start_is_left_out() -> None:
     slow_first = np.concatenate([np.full(50, 0.02), np.full(900, 0.01)])
     found = estimate_capacity([play(slow_first)], 0.95)
