@@ -571,7 +571,7 @@ class _Controller:
         first = self._measurements[0] if self._measurements else None
         again = self._measurements[1:]
         sessions = self._sessions()
-        fresh_floor = next((each.floor for each in sessions if each.confirms), ())
+        fresh_overhead = next((each.harness_overhead for each in sessions if each.confirms), ())
         return RunRecord(
             run_id=self._run_id,
             plan_hash=plan_hash(self._plan),
@@ -587,10 +587,10 @@ class _Controller:
             search=first.search if first else None,
             sustained=first.sustained if first else (),
             events=tuple(self._events),
-            floor=sessions[0].floor if sessions else (),
-            silences=tuple(each for session in sessions for each in session.silences),
+            harness_overhead=sessions[0].harness_overhead if sessions else (),
+            output_gaps=tuple(each for session in sessions for each in session.output_gaps),
             differences=self._differences(failure),
-            confirmation=again[0].confirmation(fresh_floor) if again else None,
+            confirmation=again[0].confirmation(fresh_overhead) if again else None,
             left_out=tuple(self._budget.left_out),
             ended_rates=tuple(self._budget.ended_rates),
             starts=tuple(self._starts.records) if self._starts else (),

@@ -65,9 +65,9 @@ from r2bspec.plan.taps import all_taps, tap_monitors
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import (
     AccuracyRecord,
-    FloorRecord,
+    HarnessOverheadRecord,
+    OutputGapRecord,
     Segment,
-    SilenceRecord,
     UnplayedMessages,
 )
 
@@ -100,9 +100,9 @@ class Session:
         start: its number among the starts of the run, from 1.
         confirms: whether it is part of the confirmation run.
         schedule: of the player; empty before `bring_up`.
-        floor: the overhead of the harness alone; empty before `bring_up`, and in a later start.
+        harness_overhead: without the graph; empty before `bring_up`, and in a later start.
         overhead_ns: how long its measurement took.
-        silences: outputs that have stopped since then.
+        output_gaps: outputs that have stopped since then.
         unplayed: messages of inputs that are not played.
         loaded_files: the files that each process of the graph has loaded so far, by its name.
     """
@@ -156,9 +156,9 @@ class Session:
         self._segment_player: SegmentPlayer | None = None
         self._monitor: ManagedProcess | None = None
         self._observer: ManagedProcess | None = None
-        self.floor: tuple[FloorRecord, ...] = ()
+        self.harness_overhead: tuple[HarnessOverheadRecord, ...] = ()
         self.overhead_ns = 0
-        self.silences: tuple[SilenceRecord, ...] = ()
+        self.output_gaps: tuple[OutputGapRecord, ...] = ()
         self._late_outputs: dict[str, int] = {}
         self.unplayed: tuple[UnplayedMessages, ...] = ()
         self.loaded_files: dict[str, frozenset[str]] = {}
@@ -351,7 +351,7 @@ class Session:
             [(player, self._player_settings(self._rows_dir)), *commands]
         )
         self._load_schedule(player, ready)
-        if not self._is_later and "floor" in plan.phases:
+        if not self._is_later and "harness_overhead" in plan.phases:
             self._measure_overhead(player, monitor, self._rows_dir)
         return player, monitor
 
@@ -383,7 +383,11 @@ class Session:
         graph starts: a graph would answer what is played.
         """
         inputs = self._plan.inputs
-        if self._is_later or "floor" not in self._plan.phases or not can_be_measured(inputs):
+        if (
+            self._is_later
+            or "harness_overhead" not in self._plan.phases
+            or not can_be_measured(inputs)
+        ):
             return
         rows_dir = self._rows_dir / "overhead"
         rows_dir.mkdir()
@@ -444,7 +448,7 @@ class Session:
         if can_be_measured(self._plan.inputs):
             self._launcher.wait_until_imported()
         began_ns = time.monotonic_ns()
-        self._reporter.phase("floor", "measuring the harness overhead")
+        self._reporter.phase("harness_overhead", "measuring the harness overhead")
         found = measure_harness_overhead(
             self._supervisor,
             player,
@@ -456,7 +460,7 @@ class Session:
             self.schedule,
             self._reporter.host.between,
         )
-        self.floor = tuple(
+        self.harness_overhead = tuple(
             msgspec.structs.replace(
                 each,
                 placement=self._plan.harness.placement,
@@ -676,8 +680,8 @@ class Session:
                 "not lost, and 'benchmark.drain_timeout' is too short for them"
             )
         self._reporter.note(reason)
-        self.silences += (
-            SilenceRecord(
+        self.output_gaps += (
+            OutputGapRecord(
                 segment=segment.id,
                 topic=plan.topic,
                 reason=reason,

@@ -57,7 +57,7 @@ _FIGURES: Final[dict[str, tuple[str, _Extreme]]] = {
 }
 """The value of each metric, and for extremes which one the report excludes."""
 
-_SETTLE_HINT = "Run the benchmark with r2bspec, which records every message of every iteration."
+_REMEDY = "Run the benchmark with r2bspec, which records every message of every iteration."
 _SINGLE_VALUE_NOTE = (
     "A single value without its variation: an observation, not a prediction of the next run."
 )
@@ -203,7 +203,7 @@ def _judge_observation(case: RequirementCase, value: float, extreme: _Extreme) -
             outcome="inconclusive",
             method="none",
             reason=f"The report has {text}, but excludes the worst iteration.",
-            settle=_SETTLE_HINT,
+            remedy=_REMEDY,
             estimate=value,
         )
     return Decision(
@@ -229,7 +229,7 @@ def _judge_drop_rate(case: RequirementCase, figures: MonitorFigures) -> Decision
         reason=f"{missed} of {sent} messages were missed; at {case.confidence_text} the true "
         f"share is {show(test.lower, 'share')} to {show(test.upper, 'share')}, and the limit is "
         f"{case.limit_text}.",
-        settle=_SETTLE_HINT if outcome == "inconclusive" else "",
+        remedy=_REMEDY if outcome == "inconclusive" else "",
         estimate=test.share,
         lower=test.lower,
         upper=test.upper,
@@ -258,10 +258,10 @@ def _judge_peak(case: RequirementCase, peak_hz: float | None) -> Decision:
         method="none",
         reason=f"The search of the report found {text}, but it accepts rates that the graph "
         "does not sustain.",
-        settle=_SETTLE_HINT,
+        remedy=_REMEDY,
         estimate=peak_hz,
     )
 
 
 def _inconclusive(reason: str) -> Decision:
-    return Decision(outcome="inconclusive", method="none", reason=reason, settle=_SETTLE_HINT)
+    return Decision(outcome="inconclusive", method="none", reason=reason, remedy=_REMEDY)

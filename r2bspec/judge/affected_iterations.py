@@ -60,15 +60,15 @@ from r2bspec.judge.interference_bound import best_case_iteration, taken_share, w
 from r2bspec.judge.methods import METHODS
 from r2bspec.judge.validity import schedule_problem
 from r2bspec.judge.verdict import DisturbedIteration, RequirementVerdict
-from r2bspec.measure.host_usage import Surroundings
+from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.samples import RunSamples, SegmentSamples
 from r2bspec.measure.units import show
 from r2bspec.record.run_record import Probe, RunRecord
 
 InterferencePolicy = Literal["tolerate", "note", "strict"]
 
-SETTLE: Final = "Run again on an otherwise idle machine."
-STRICT_SETTLE: Final = f"{SETTLE[:-1]}, or allow interference: 'interference: note'."
+REMEDY: Final = "Run again on an otherwise idle machine."
+STRICT_REMEDY: Final = f"{REMEDY[:-1]}, or allow interference: 'interference: note'."
 
 
 def strict_pass(
@@ -101,7 +101,7 @@ def strict_pass(
 def strict_refusal(judged: RequirementVerdict, disturbance_text: str) -> RequirementVerdict:
     """A PASS that ``strict`` does not accept; the text is without a full stop."""
     note = f"{disturbance_text}. 'interference: strict' accepts no such PASS."
-    return judged.opened(note, STRICT_SETTLE)
+    return judged.opened(note, STRICT_REMEDY)
 
 
 def disturbed_starts_text(one: RequirementVerdict, samples: RunSamples) -> str:
@@ -135,7 +135,7 @@ def judge_probe(
         return strict_refusal(one, text)
     if one.outcome == "fail" and METHODS[one.method].rests_on == "probes":
         if policy != "tolerate" and probes[-1].explained:
-            return one.opened(f"{note} Without it the rate might be sustained.", SETTLE)
+            return one.opened(f"{note} Without it the rate might be sustained.", REMEDY)
         if policy != "tolerate":
             note = f"{note} That does not explain the failure."
     return one.noted(note)
@@ -170,11 +170,11 @@ def find_affected_iterations(samples: RunSamples) -> dict[str, DisturbedIteratio
     """
     found: dict[str, DisturbedIteration] = {}
     for rate, iterations in samples.iterations.items():
-        usual = median_pressure([one.surroundings for one in iterations])
+        usual = median_pressure([one.interference for one in iterations])
         for one in iterations:
             again = samples.reruns.get(one.segment.id)
             for each in (one, *([again] if again is not None else [])):
-                reasons = interference_reasons(each.surroundings, usual)
+                reasons = interference_reasons(each.interference, usual)
                 if each is again and (late := schedule_problem(rate, [each])):
                     reasons = (*reasons, late)
                 if reasons:
@@ -185,24 +185,24 @@ def find_affected_iterations(samples: RunSamples) -> dict[str, DisturbedIteratio
                         rerun=again.segment.id if again is not None and each is one else "",
                         rerun_of=each.segment.rerun_of,
                         start=each.segment.start,
-                        taken=largest_taken_share(each.surroundings),
+                        taken=largest_taken_share(each.interference),
                     )
     return found
 
 
-def largest_taken_share(known: Surroundings | None) -> float:
+def largest_taken_share(known: HostInterference | None) -> float:
     """The largest share of the time that others can have taken from the run."""
     taken = taken_share(known)
     return waiting_share(known) if taken is None else taken
 
 
-def median_pressure(surroundings: Sequence[Surroundings | None]) -> float:
+def median_pressure(interference: Sequence[HostInterference | None]) -> float:
     """The pressure in the median iteration, to which the others are compared."""
-    known = [one.pressure for one in surroundings if one and one.pressure is not None]
+    known = [one.pressure for one in interference if one and one.pressure is not None]
     return statistics.median(known) if known else 0.0
 
 
-def interference_reasons(one: Surroundings | None, usual: float) -> tuple[str, ...]:
+def interference_reasons(one: HostInterference | None, usual: float) -> tuple[str, ...]:
     """Which host interference affected an iteration, in words; empty for none.
 
     Args:
@@ -309,7 +309,7 @@ def weaken_failure(
         return played.opened(
             f"{disturbance_text}. Without it the requirement might be met, so it does not count "
             "as failed.",
-            SETTLE,
+            REMEDY,
         )
     return played.noted(note)
 

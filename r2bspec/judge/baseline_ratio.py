@@ -69,23 +69,23 @@ class _Sides:
     base: Values
     head: Values
 
-    def undecided(self, reason: str, settle: str = "") -> RequirementVerdict:
-        return self.verdict("inconclusive", reason, settle)
+    def undecided(self, reason: str, remedy: str = "") -> RequirementVerdict:
+        return self.verdict("inconclusive", reason, remedy)
 
-    def decided(self, interval: RatioInterval, pieces: str, settle: str) -> RequirementVerdict:
+    def decided(self, interval: RatioInterval, pieces: str, remedy: str) -> RequirementVerdict:
         """The verdict by an interval, with what would settle an open one."""
         outcome = self.case.outcome_of_bounds(interval.lower, interval.upper)
-        settle = settle if outcome == "inconclusive" else ""
-        return self.verdict(outcome, self.reason(interval, pieces), settle, interval)
+        remedy = remedy if outcome == "inconclusive" else ""
+        return self.verdict(outcome, self.reason(interval, pieces), remedy, interval)
 
     def verdict(
-        self, outcome: Outcome, reason: str, settle: str = "", interval: RatioInterval | None = None
+        self, outcome: Outcome, reason: str, remedy: str = "", interval: RatioInterval | None = None
     ) -> RequirementVerdict:
         decision = Decision(
             outcome=outcome,
             method=self.method,
             reason=reason,
-            settle=settle,
+            remedy=remedy,
             estimate=interval.ratio if interval is not None else None,
             lower=interval.lower if interval is not None else None,
             upper=interval.upper if interval is not None else None,
@@ -220,18 +220,18 @@ def advise_by_stored_run(
     case: BaselineCase, base: StoredValues, head: StoredValues
 ) -> RequirementVerdict:
     """State what a single stored run suggests. The outcome is always inconclusive."""
-    settle = "A stored run is advisory only: gate on interleaved pairs with --against."
+    remedy = "A stored run is advisory only: gate on interleaved pairs with --against."
     before, after = base.usable(), head.usable()
     sides = _Sides(case, "stored baseline", base.values, head.values)
     if min(len(before.values), len(after.values)) < 2:
         return sides.undecided(
-            "Too few iterations have a value to be compared with a stored run.", settle
+            "Too few iterations have a value to be compared with a stored run.", remedy
         )
     interval, pieces = welch_ratio_of_runs(before, after, case.confidence)
     words = {"pass": "would pass", "fail": "would fail", "inconclusive": "would be inconclusive"}
     outcome = case.outcome_of_bounds(interval.lower, interval.upper)
     reason = f"{sides.reason(interval, pieces)} By this alone it {words[outcome]}."
-    return sides.verdict("inconclusive", reason, settle, interval)
+    return sides.verdict("inconclusive", reason, remedy, interval)
 
 
 def _pairs_hint(case: BaselineCase, interval: RatioInterval) -> str:

@@ -70,7 +70,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.measure.host_usage import ResourceUse, Surroundings
+from r2bspec.measure.host_usage import HostInterference, ResourceUse
 from r2bspec.measure.matching import NO_MATCH
 from r2bspec.measure.samples import (
     MonitorSamples,
@@ -86,7 +86,7 @@ MAX_SHARE = 0.75
 _SHARED_PROCESSOR_LOSS = 0.5
 
 
-def taken_share(known: Surroundings | None) -> float | None:
+def taken_share(known: HostInterference | None) -> float | None:
     """The largest share of the time that others can have taken from the run: w above.
 
     Returns:
@@ -102,7 +102,7 @@ def taken_share(known: Surroundings | None) -> float | None:
     return _with_known_losses(waited + _SHARED_PROCESSOR_LOSS * shared, known)
 
 
-def _with_known_losses(waited: float, known: Surroundings) -> float:
+def _with_known_losses(waited: float, known: HostInterference) -> float:
     """A share of waiting with what was stolen and throttled; at least what calibration shows."""
     stolen = (known.steal or 0.0) * (known.cores or 1)
     throttled = (known.throttled_s or 0.0) / known.seconds if known.seconds else 0.0
@@ -196,14 +196,14 @@ def best_case_iteration(one: SegmentSamples, taken: float | None = None) -> Segm
     return replace(
         one,
         monitors={
-            name: _best_case_samples(one.segment, one.playback, seen, one.surroundings, taken)
+            name: _best_case_samples(one.segment, one.playback, seen, one.interference, taken)
             for name, seen in one.monitors.items()
         },
         machine=_use_by_run(one),
     )
 
 
-def waiting_share(known: Surroundings | None) -> float:
+def waiting_share(known: HostInterference | None) -> float:
     """The largest share of the time for which the run can have been kept waiting; w above."""
     if known is None:
         return 0.0
@@ -215,7 +215,7 @@ def _best_case_samples(
     segment: Segment,
     playback: PlaybackSamples,
     seen: MonitorSamples,
-    known: Surroundings | None,
+    known: HostInterference | None,
     taken: float | None,
 ) -> MonitorSamples:
     most_hz = playback.rate_hz * seen.per_step

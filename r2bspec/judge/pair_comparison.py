@@ -55,7 +55,7 @@ from typing import Final
 import msgspec
 
 from r2bspec.judge.affected_iterations import (
-    SETTLE,
+    REMEDY,
     find_affected_iterations,
     largest_taken_share,
     strict_refusal,
@@ -180,7 +180,7 @@ def examined_failure(
     return judged.opened(
         f"{disturbance_text}. The head had more of it ({taken.text}). Without the excess the "
         "requirement might be met, so it does not count as failed.",
-        SETTLE,
+        REMEDY,
     )
 
 
@@ -197,7 +197,7 @@ def examined_pass(
     return judged.opened(
         f"{disturbance_text}. The base had more of it ({taken.text}). Without the excess the "
         "requirement might not be met, so it does not count as passed.",
-        SETTLE,
+        REMEDY,
     )
 
 
@@ -219,14 +219,14 @@ def _without_excess(one: RunSamples, other: RunSamples) -> RunSamples:
 
 def _taken(run: RunSamples, at_hz: float | None) -> float:
     """The share of the time that others can have taken from a run at a rate, in the mean."""
-    return _mean([largest_taken_share(each.surroundings) for each in run.iterations_at(at_hz)])
+    return _mean([largest_taken_share(each.interference) for each in run.iterations_at(at_hz)])
 
 
 def _own_cores(run: RunSamples, at_hz: float | None) -> float:
     """The processor time per time that a run used at a rate; 0 if it is not known."""
     return _mean(
         [
-            (each.surroundings.own_cores if each.surroundings else None) or 0.0
+            (each.interference.own_cores if each.interference else None) or 0.0
             for each in run.iterations_at(at_hz)
         ]
     )
@@ -435,7 +435,7 @@ def _combine_sustained(found: Sequence[RequirementVerdict]) -> RequirementVerdic
         outcome=outcome,
         n=len(found),
         notes=(*one.notes, f"Probed in {len(found)} runs of the head: {counts}."),
-        settle=one.settle if outcome == "inconclusive" else "",
+        remedy=one.remedy if outcome == "inconclusive" else "",
     )
 
 

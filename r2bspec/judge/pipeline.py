@@ -243,7 +243,7 @@ class JudgedRequirement:
                 verdict,
                 outcome="inconclusive",
                 reason=missed,
-                settle=validity.remedy(missed, self.at_hz),
+                remedy=validity.remedy(missed, self.at_hz),
                 # They explain a verdict that is none.
                 notes=(),
             )

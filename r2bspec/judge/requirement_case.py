@@ -111,7 +111,7 @@ class Decision:
     outcome: Outcome
     method: Method
     reason: str
-    settle: str = ""
+    remedy: str = ""
     estimate: float | None = None
     lower: float | None = None
     upper: float | None = None
@@ -139,9 +139,9 @@ class DecisionMethod:
     needs_iterations: bool = True
 
 
-def undecided(reason: str, settle: str = "") -> Decision:
+def undecided(reason: str, remedy: str = "") -> Decision:
     """A case that no test can decide, and what would help."""
-    return Decision(outcome="inconclusive", method="none", reason=reason, settle=settle)
+    return Decision(outcome="inconclusive", method="none", reason=reason, remedy=remedy)
 
 
 def decide(*, passes: bool, fails: bool) -> Outcome:
@@ -197,7 +197,7 @@ def requirement_verdict(case: RequirementCase, decision: Decision) -> Requiremen
         share=decision.share,
         rule_of_three=decision.rule_of_three,
         reason=decision.reason,
-        settle=decision.settle,
+        remedy=decision.remedy,
         notes=decision.notes,
     )
 

@@ -58,7 +58,7 @@ def judge_mean(case: RequirementCase) -> Decision:
             method="t over iterations",
             reason=f"One iteration ({show(estimate, case.info.unit)}) does not show the "
             "variation between iterations.",
-            settle="At least 2 iterations are needed; 5 or more give a useful interval.",
+            remedy="At least 2 iterations are needed; 5 or more give a useful interval.",
             estimate=estimate,
             n=len(values),
         )
@@ -74,7 +74,7 @@ def judge_mean(case: RequirementCase) -> Decision:
         outcome=outcome,
         method="t over iterations",
         reason=_reason(case, sample, outcome),
-        settle=_settle(case, sample) if outcome == "inconclusive" else "",
+        remedy=_remedy(case, sample) if outcome == "inconclusive" else "",
         estimate=interval.mean,
         lower=interval.lower,
         upper=interval.upper,
@@ -118,7 +118,7 @@ def _without_lost(case: RequirementCase, decision: Decision) -> Decision:
         outcome="inconclusive",
         reason=f"The mean leaves out {left_out}, and describes only the others: "
         f"{decision.reason[:1].lower()}{decision.reason[1:]}",
-        settle="State a percentile, in which lost outputs count, or a drop_rate.",
+        remedy="State a percentile, in which lost outputs count, or a drop_rate.",
         notes=(),
     )
 
@@ -137,7 +137,7 @@ def _no_value(case: RequirementCase, iteration: SegmentSamples) -> Decision:
         outcome="inconclusive",
         method="none",
         reason=f"{case.info.name} was not sampled in {where}.",
-        settle="Make the iterations longer to get more samples.",
+        remedy="Make the iterations longer to get more samples.",
     )
 
 
@@ -186,7 +186,7 @@ def _reason(case: RequirementCase, found: HierarchicalInterval, outcome: Outcome
     return f"{mean}, {sure} at least {lower}{limit}."
 
 
-def _settle(case: RequirementCase, found: HierarchicalInterval) -> str:
+def _remedy(case: RequirementCase, found: HierarchicalInterval) -> str:
     interval = found.interval
     needed = iterations_to_settle(
         interval.mean, interval.deviation, case.limit, case.confidence, _MAX_ITERATIONS

@@ -28,8 +28,8 @@ import numpy as np
 from r2bspec.judge.caveats import correlation_notes, share_notes
 from r2bspec.judge.methods.wording import (
     level_sentence,
-    settle_levels,
-    settle_share,
+    levels_remedy,
+    share_remedy,
     share_sentence,
 )
 from r2bspec.judge.requirement_case import Decision, DecisionMethod, RequirementCase
@@ -67,7 +67,7 @@ def judge_share(case: RequirementCase) -> Decision:
         outcome=outcome,
         method="exact binomial",
         reason=share_sentence(case, test, outcome),
-        settle=settle_share(case, test) if outcome == "inconclusive" else "",
+        remedy=share_remedy(case, test) if outcome == "inconclusive" else "",
         notes=_notes(case, seen, outcome),
         estimate=test.share,
         lower=test.lower,
@@ -124,7 +124,9 @@ def share_test(
         lower=lower_bound(sample.bad_messages, sample.messages, confidence),
         upper=upper_bound(sample.bad_messages, sample.messages, confidence),
         allowed=allowed,
-        withstands=burst_tolerance(sample.bad, sample.n, allowed, confidence) if ceiling else None,
+        burst_tolerance=burst_tolerance(sample.bad, sample.n, allowed, confidence)
+        if ceiling
+        else None,
     )
 
 
@@ -148,12 +150,12 @@ def judge_percentile(case: RequirementCase) -> Decision:
     interval = percentile_interval(ranked, quantile, case.confidence)
     share = _share_test(case, ranked, lost, quantile)
     outcome = case.outcome_of_bounds(interval.lower, interval.upper)
-    reason, settle = percentile_texts(case, share, interval, outcome)
+    reason, remedy = percentile_texts(case, share, interval, outcome)
     return Decision(
         outcome=outcome,
         method="exact binomial",
         reason=reason,
-        settle=settle,
+        remedy=remedy,
         notes=percentile_notes(case, interval, outcome),
         estimate=interval.estimate,
         lower=interval.lower,
@@ -185,14 +187,14 @@ def percentile_texts(
     levels = interval.levels
     counts_decide = test.upper <= test.allowed or test.lower > test.allowed
     if outcome != "inconclusive" or levels is None or not counts_decide:
-        settle = settle_share(case, test, things)
+        remedy = share_remedy(case, test, things)
         return (
             share_sentence(case, test, outcome),
-            settle if outcome == "inconclusive" else "",
+            remedy if outcome == "inconclusive" else "",
         )
     return (
         level_sentence(case, interval, levels),
-        settle_levels(case, interval, levels),
+        levels_remedy(case, interval, levels),
     )
 
 
@@ -249,7 +251,7 @@ def _share_test(
         lower=lower,
         upper=upper,
         allowed=allowed,
-        withstands=tolerance,
+        burst_tolerance=tolerance,
     )
 
 

@@ -34,7 +34,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.judge.affected_iterations import SETTLE
+from r2bspec.judge.affected_iterations import REMEDY
 from r2bspec.judge.requirement_case import Decision, DecisionMethod, RequirementCase, decide
 from r2bspec.judge.statistics.autocorrelation import trend
 from r2bspec.judge.statistics.binomial import lower_bound
@@ -52,7 +52,7 @@ def judge_peak(case: RequirementCase, search: SearchRecord | None) -> Decision:
             outcome="inconclusive",
             method="none",
             reason="This run did not search for a peak.",
-            settle="Add benchmark.search to the spec and run again.",
+            remedy="Add benchmark.search to the spec and run again.",
         )
     lower = search.holds_hz
     upper = search.upper_hz
@@ -65,7 +65,7 @@ def judge_peak(case: RequirementCase, search: SearchRecord | None) -> Decision:
         outcome=outcome,
         method="search bracket",
         reason=_reason(search, lower, upper),
-        settle=_settle(search) if outcome == "inconclusive" else "",
+        remedy=_remedy(search) if outcome == "inconclusive" else "",
         estimate=lower,
         lower=proven,
         upper=upper,
@@ -156,9 +156,9 @@ def _interference_text(search: SearchRecord) -> str:
     return f"during the probes above it {', '.join(search.disturbed)}"
 
 
-def _settle(search: SearchRecord) -> str:
+def _remedy(search: SearchRecord) -> str:
     if search.limited_by == "interference":
-        return SETTLE
+        return REMEDY
     if search.refuted or search.proof == "open":
         return "Require a lower rate to be sustained, or search again with longer probes."
     if search.unsteady:

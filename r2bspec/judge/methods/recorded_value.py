@@ -175,14 +175,14 @@ def judge_accuracy(case: RequirementCase, record: RunRecord) -> Decision:
             outcome="inconclusive",
             method="none",
             reason="The messages of this run were not compared with a truth.",
-            settle=f"Add 'truth: {{kind: {kind}, ...}}' to the monitor, and run to the end.",
+            remedy=f"Add 'truth: {{kind: {kind}, ...}}' to the monitor, and run to the end.",
         )
     if found.problem:
         return Decision(
             outcome="inconclusive",
             method="none",
             reason=found.problem,
-            settle="Use a recording with a ground truth of its images.",
+            remedy="Use a recording with a ground truth of its images.",
         )
     value = found.values.get(case.info.name)
     if value is None:
@@ -216,7 +216,7 @@ TRUTH_COMPARISON = DecisionMethod(
 _ANSWER_TEXTS: Final = {True: "was sustained", False: "was not sustained", None: "was undecided"}
 _OUTCOMES: Final[dict[bool | None, Outcome]] = {True: "pass", False: "fail", None: "inconclusive"}
 
-_SETTLE = (
+_REMEDY = (
     "Probe for longer (benchmark.search.probe), or offer a rate further from the graph's capacity."
 )
 
@@ -239,7 +239,7 @@ def judge_sustained(case: RequirementCase, probes: Iterable[Probe]) -> Decision:
             outcome="inconclusive",
             method="none",
             reason=f"This run has no probe{where}.",
-            settle="Run the spec of this objective.",
+            remedy="Run the spec of this objective.",
         )
     probe = found[-1]
     said = f": {probe.reason}" if probe.reason else ""
@@ -248,7 +248,7 @@ def judge_sustained(case: RequirementCase, probes: Iterable[Probe]) -> Decision:
         outcome=_OUTCOMES[probe.holds],
         method="sequential probe",
         reason=f"{show(probe.rate_hz, 'Hz')} {_ANSWER_TEXTS[probe.holds]}{said} ({throughput}).",
-        settle=_SETTLE if probe.holds is None else "",
+        remedy=_REMEDY if probe.holds is None else "",
         estimate=probe.delivered_hz,
         n=1,
     )

@@ -17,7 +17,7 @@ import numpy as np
 from r2bspec.judge.caveats import share_notes
 from r2bspec.judge.methods.mean_bound import MAX_LOST_SHARE
 from r2bspec.judge.methods.message_share import percentile_notes, percentile_texts, share_test
-from r2bspec.judge.methods.wording import counted_noun, settle_share, share_sentence
+from r2bspec.judge.methods.wording import counted_noun, share_remedy, share_sentence
 from r2bspec.judge.requirement_case import (
     Decision,
     DecisionMethod,
@@ -97,7 +97,7 @@ def _without_lost(
         decision,
         outcome="inconclusive",
         reason=f"{left_out}, and without them {decision.reason[:1].lower()}{decision.reason[1:]}",
-        settle="State a percentile, in which lost outputs count, or a drop_rate.",
+        remedy="State a percentile, in which lost outputs count, or a drop_rate.",
         notes=(),
     )
 
@@ -114,7 +114,7 @@ def _without_windows(
         outcome="inconclusive",
         method="none",
         reason=reason,
-        settle="Use longer windows, or make the iterations longer.",
+        remedy="Use longer windows, or make the iterations longer.",
     )
 
 
@@ -137,14 +137,14 @@ def _judge_ordered(
     estimate = sign * interval.estimate
     decision = _decision(case, test, outcome)
     shown = replace(interval, estimate=estimate, lower=lower, upper=upper)
-    reason, settle = percentile_texts(case, test, shown, outcome, counted_noun(case))
+    reason, remedy = percentile_texts(case, test, shown, outcome, counted_noun(case))
     return replace(
         decision,
         estimate=estimate,
         lower=lower,
         upper=upper,
         reason=reason,
-        settle=settle,
+        remedy=remedy,
         notes=percentile_notes(case, interval, outcome),
     )
 
@@ -174,7 +174,7 @@ def _decision(case: RequirementCase, test: ShareTest, outcome: Outcome) -> Decis
         outcome=outcome,
         method="binomial over windows",
         reason=share_sentence(case, test, outcome),
-        settle=settle_share(case, test, counted_noun(case)) if outcome == "inconclusive" else "",
+        remedy=share_remedy(case, test, counted_noun(case)) if outcome == "inconclusive" else "",
         notes=share_notes(case, outcome),
         n=test.n,
         effective_n=test.effective_n,

@@ -85,7 +85,7 @@ def _effective_size_text(test: ShareTest) -> str:
 def clustering(test: ShareTest) -> str:
     """How the messages over the limit are clustered."""
     match test.clustering:
-        case "stretches":
+        case "clusters":
             return "close to one another"
         case "iterations" | "starts":
             return f"more in some {test.clustering} than in others"
@@ -123,7 +123,7 @@ _MAX_LEVELS = 200
 """More iterations or starts than this are not proposed."""
 
 
-def settle_share(case: RequirementCase, test: ShareTest, things: str = "messages") -> str:
+def share_remedy(case: RequirementCase, test: ShareTest, things: str = "messages") -> str:
     """What would decide a binomial test that is undecided."""
     if test.allowed <= 0:
         return (
@@ -156,7 +156,7 @@ def settle_share(case: RequirementCase, test: ShareTest, things: str = "messages
     )
 
 
-def settle_levels(case: RequirementCase, interval: PercentileInterval, levels: LevelMargin) -> str:
+def levels_remedy(case: RequirementCase, interval: PercentileInterval, levels: LevelMargin) -> str:
     """What would decide a percentile that only the levels of iterations or starts leave open."""
     needed = iterations_to_settle(
         interval.estimate, levels.deviation, case.limit, case.confidence, _MAX_LEVELS
