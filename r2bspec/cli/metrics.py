@@ -30,7 +30,7 @@ def command(names: tuple[str, ...], output_format: str) -> int:
 
     With METRIC, such as latency.p99, only these, with their definition.
     """
-    from r2bspec.measure import metric_reference as reference
+    from r2bspec.measure import metric_catalogue as reference
     from r2bspec.measure.metric_catalogue import METRICS, MetricError
 
     try:
@@ -63,7 +63,7 @@ def explain_metric(name: str) -> list[str]:
 
 
 def _overview() -> Iterator[str]:
-    from r2bspec.measure import metric_reference as reference
+    from r2bspec.measure import metric_catalogue as reference
     from r2bspec.measure.metric_catalogue import METRICS
 
     width = max(map(len, METRICS))
@@ -80,14 +80,14 @@ def _overview() -> Iterator[str]:
 
 def _shown_modes(modes: tuple[str, ...]) -> str:
     """The modes in which a metric is known, where these are not all."""
-    from r2bspec.measure.metric_reference import MODES
+    from r2bspec.measure.metric_catalogue import MODES
 
     missing = [mode for mode in MODES if mode not in modes]
     return f" (not {' or '.join(missing)})" if missing else ""
 
 
 def _definition(name: str) -> Iterator[str]:
-    from r2bspec.measure import metric_reference as reference
+    from r2bspec.measure import metric_catalogue as reference
 
     info = reference.find_metric(name)
     meant = reference.definition(info)

@@ -33,7 +33,7 @@ from r2bspec.compare.report_input import read_folder
 from r2bspec.errors import R2bspecError
 from r2bspec.judge.judge_run import from_json
 from r2bspec.judge.result import Result
-from r2bspec.judge.statistics.welch_t import RunValues, welch_ratio_of_runs
+from r2bspec.judge.statistics.t_interval import RunValues, welch_ratio_of_runs
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.measure.distribution import MAIN_PERCENTILES, part_value, quantile
 from r2bspec.measure.metrics import MonitorMetrics, RateMetrics

@@ -24,12 +24,10 @@ from r2bspec.compare.errors import IncomparableError
 from r2bspec.compare.history import HistoryEntry, HistoryMetric, open_history
 from r2bspec.compare.report_input import read_folder
 from r2bspec.judge import judge_run
-from r2bspec.judge.baseline_requirements import iteration_values, run_value
-from r2bspec.judge.history_comparison import fails_by_history
-from r2bspec.judge.judge_requirement import iterations_at
+from r2bspec.judge.baseline_comparison import fails_by_history, iteration_values, run_value
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.result import Result
-from r2bspec.judge.statistics.prediction_interval import MAX_HISTORY_RUNS
+from r2bspec.judge.statistics.t_interval import MAX_HISTORY_RUNS
 from r2bspec.measure.distribution import HISTORY_PARTS
 from r2bspec.measure.metric_catalogue import MetricError, MetricInfo, resolve
 from r2bspec.measure.run_samples import read_samples
@@ -227,7 +225,7 @@ def _required_values(
                 value if value is not None and math.isfinite(value) else None
                 for value in iteration_values(info, monitor, at_hz, samples)
             ),
-            starts_of(iterations_at(samples.iterations, at_hz)),
+            starts_of(samples.iterations_at(at_hz)),
         )
         for at_hz, monitor, info in _required_metrics(plan, samples)
     }

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import build_result
-from r2bspec.judge.pair_comparison import PairSet, judge_comparison
-from r2bspec.judge.pair_interference import InterleavedRuns
+from r2bspec.judge.pair_comparison import InterleavedRuns, PairSet, judge_comparison
 from r2bspec.judge.result import PairsResult, Result
 from r2bspec.language.spec import Objective
 from r2bspec.measure.metrics import summarise

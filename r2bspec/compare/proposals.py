@@ -1,7 +1,7 @@
 """Objectives proposed by a run, and limits proposed by a calibration, as edits of the spec.
 
 A limit of a latency is the largest value that one more iteration would have if nothing changed:
-the one-sided prediction bound of `r2bspec.judge.statistics.prediction_interval` over the iterations
+the one-sided prediction bound of `r2bspec.judge.statistics.t_interval` over the iterations
 of the run, times exp(margin), where `margin` is that of `r2bspec calibrate` for the latency if the
 spec has been calibrated. A limit is never below the largest value of an iteration.
 
@@ -29,7 +29,7 @@ from r2bspec.check.rules.calibrated_noise import (
 )
 from r2bspec.diagnostics.edits import apply_edits
 from r2bspec.judge.result import Result
-from r2bspec.judge.statistics.prediction_interval import predicted_ratio
+from r2bspec.judge.statistics.t_interval import predicted_ratio
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode, lookup

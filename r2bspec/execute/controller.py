@@ -62,9 +62,8 @@ from r2bspec.execute.start_sequence import StartSequence
 from r2bspec.ipc.arrivals import ClockOffsetTracker
 from r2bspec.ipc.buffers import largest_message_bytes
 from r2bspec.judge.confirmation import judge_confirmation, needs_confirmation
-from r2bspec.judge.decision_policy import decision_policy
-from r2bspec.judge.ended_rates import unreachable_requirements, weaken_ended
-from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.decision_policy import certain_failures, decision_policy
+from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.quantities import Size
 from r2bspec.measure.run_samples import HostSamples, run_samples
@@ -492,19 +491,17 @@ class _Controller:
 
     def _judge_so_far(self) -> Verdict:
         """The verdict on the run if it ended now, without a confirmation."""
-        objectives, policy = self._plan.objectives, decision_policy(self._plan)
         samples = self._samples_so_far()
-        return weaken_ended(judge(objectives, samples, policy), objectives, samples, policy)
+        return judge(self._plan.objectives, samples, decision_policy(self._plan))
 
     def _lost_rates(self) -> dict[float, str]:
         """The rates with a requirement that can no longer be met, and which one that is."""
-        lost = unreachable_requirements(
-            self._plan.objectives, self._samples_so_far(), decision_policy(self._plan)
-        )
+        samples = self._samples_so_far()
+        verdict = judge(self._plan.objectives, samples, decision_policy(self._plan))
         return {
-            one.at_hz: f"'{one.text.strip()}' can no longer be met"
-            for one in lost
-            if one.at_hz is not None
+            failed.at_hz: f"'{failed.text.strip()}' can no longer be met"
+            for failed in certain_failures(verdict, samples, self._plan)
+            if failed.at_hz is not None
         }
 
     def _judge_confirmation(self, first: Verdict) -> Verdict:

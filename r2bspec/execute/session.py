@@ -58,7 +58,7 @@ from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import buffered_transforms
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
 from r2bspec.ipc.stamps import TF_STATIC
-from r2bspec.judge.statistics.load_scipy import load_scipy
+from r2bspec.judge.rate_decision import load_scipy
 from r2bspec.measure.samples import SegmentSamples
 from r2bspec.plan.plan import MonitorPlan, Plan, ProcessPlan
 from r2bspec.plan.taps import all_taps, tap_monitors

@@ -29,7 +29,7 @@ from r2bspec.language.value_trace import UnknownPathError, provenance
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.positions import Place, TextPositions, place_at
 from r2bspec.language_server.symbols import Occurrence, occurrence_at
-from r2bspec.measure.metric_reference import definition
+from r2bspec.measure.metric_catalogue import definition
 from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.time_estimate import estimate_time
 from r2bspec.wiring.wiring import Endpoint

@@ -193,8 +193,13 @@ def requirements(analysis: Analysis, context: CursorContext) -> Iterator[Proposa
 
 
 def _metrics(analysis: Analysis) -> Iterator[Proposal]:
-    from r2bspec.measure.metric_catalogue import METRICS, MetricError, names
-    from r2bspec.measure.metric_reference import example_requirement, find_metric
+    from r2bspec.measure.metric_catalogue import (
+        METRICS,
+        MetricError,
+        example_requirement,
+        find_metric,
+        names,
+    )
 
     spec_context = analysis.known
     processes = spec_context.processes if spec_context is not None else ()
@@ -228,8 +233,7 @@ def _metrics(analysis: Analysis) -> Iterator[Proposal]:
 
 
 def _dimension(metric: str) -> str:
-    from r2bspec.measure.metric_catalogue import MetricError
-    from r2bspec.measure.metric_reference import find_metric
+    from r2bspec.measure.metric_catalogue import MetricError, find_metric
 
     for name in (metric, metric.partition(".")[2]):
         try:

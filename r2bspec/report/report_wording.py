@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 from collections.abc import Iterator, Sequence
 
-from r2bspec.judge.methods.method_registry import METHODS
+from r2bspec.judge.methods import METHODS
 from r2bspec.judge.methods.peak_bracket import peak_doubts
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import OverallOutcome, RequirementVerdict, Verdict

@@ -13,7 +13,7 @@ from key_tables import with_tables
 from r2bspec.exit_status import ExitStatus
 from r2bspec.language import json_schema
 from r2bspec.language.templates import SUFFIX, filled, templates
-from r2bspec.measure import metric_reference
+from r2bspec.measure import metric_catalogue
 from r2bspec.plan import canonical_json
 from r2bspec.report import result_json
 
@@ -29,7 +29,7 @@ def generated_files() -> dict[Path, str]:
         schemas / canonical_json.SCHEMA_FILE_NAME: canonical_json.plan_schema_text(),
         schemas / result_json.FILE_NAME: result_json.result_schema_text(),
         docs / "language.md": with_tables(_text(docs / "language.md")),
-        docs / "metrics.md": metric_reference.markdown_page(),
+        docs / "metrics.md": metric_catalogue.markdown_page(),
         docs / "running.md": _with_exit_statuses(_text(docs / "running.md")),
     }
     schema = f"../../schemas/{json_schema.FILE_NAME}"

@@ -6,7 +6,7 @@ the peak among them, are spread over all starts (`r2bspec.plan.plan`).
 All rates are played in each iteration, so that a slow drift of the machine affects them equally. If
 the spec allows more iterations than it declares, there are interim looks after one, two and four
 times the declared number, with the error probability divided among them
-(`r2bspec.judge.interim_looks`). The run continues only while a requirement is undecided that more
+(`r2bspec.judge.decision_policy`). The run continues only while a requirement is undecided that more
 iterations can decide.
 
 At each look, iterations affected by host interference are repeated, each once, if that decides
@@ -26,9 +26,8 @@ from r2bspec.execute.measurement.peak_search import PeakSearch
 from r2bspec.execute.measurement.rate_probe import DEFAULT_PRECISION, AffectedProbes, RateProber
 from r2bspec.execute.measurement.run_reporter import RunReporter, TimeBudget
 from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
-from r2bspec.judge.decision_policy import decision_policy
-from r2bspec.judge.interim_looks import InterimLooks, decide_after_look
-from r2bspec.judge.methods.method_registry import METHODS, Method
+from r2bspec.judge.decision_policy import InterimLooks, decide_after_look, decision_policy
+from r2bspec.judge.methods import METHODS, Method
 from r2bspec.judge.verdict import DisturbedIteration, Verdict
 from r2bspec.plan.plan import Plan, PlayPlan, iterations_by_look
 from r2bspec.record.run_record import (

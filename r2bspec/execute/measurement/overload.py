@@ -6,13 +6,13 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from r2bspec.judge.capacity_estimate import (
+from r2bspec.judge.stationarity import (
     Capacity,
-    Departures,
+    CompletionTimes,
     compare_pace,
     estimate_capacity,
+    find_start,
 )
-from r2bspec.judge.steadiness import find_start
 from r2bspec.record.run_record import CapacityRecord
 
 _FACTORS = (1.3, 1.1)
@@ -43,15 +43,15 @@ class Overload:
         shown: all that were played, to be examined for steadiness.
     """
 
-    play: Callable[[float], Departures | None]
+    play: Callable[[float], CompletionTimes | None]
     max_hz: float
     precision: float
     confidence: float
     budget_s: float
     stages: int = 1
     loss: float = 0.0
-    plays: list[Departures] = field(default_factory=list)
-    shown: list[Departures] = field(default_factory=list)
+    plays: list[CompletionTimes] = field(default_factory=list)
+    shown: list[CompletionTimes] = field(default_factory=list)
     capacity: Capacity | None = None
 
     @property
@@ -114,14 +114,14 @@ class Overload:
             self.plays = gentle
             self.capacity = estimate_capacity(gentle, self.confidence, stages=self.stages)
 
-    def add(self, play: Departures, *, shown: bool = True) -> None:
+    def add(self, play: CompletionTimes, *, shown: bool = True) -> None:
         """Count a play in which the graph was overloaded."""
         self.plays.append(play)
         if shown:
             self.shown.append(play)
         self.capacity = estimate_capacity(self.plays, self.confidence, stages=self.stages)
 
-    def learn(self, play: Departures) -> None:
+    def learn(self, play: CompletionTimes) -> None:
         """Learn from a play that was to confirm a rate, and refuted it.
 
         Its later half shows the graph when it no longer keeps up. If it is a faster start that the

@@ -5,7 +5,7 @@ The search is independent of processes: it calls functions that play, and evalua
 1. Both ends of the range are probed. The output rate of an overloaded graph is close to the rate
    that it can sustain.
 2. The graph is overloaded by a third, some seconds at a time, until its capacity is known to the
-   precision (`r2bspec.judge.capacity_estimate`). That bounds the peak from above, and says where
+   precision (`r2bspec.judge.stationarity`). That bounds the peak from above, and says where
    to look for it. Every second play overloads it by a tenth only: a graph may be slower the more
    it is overloaded.
 3. Where conditions or large tolerated losses decide, or no overload was possible, the bracket is
@@ -26,8 +26,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 from r2bspec.execute.measurement.overload import Overload
-from r2bspec.judge.capacity_estimate import Departures
-from r2bspec.judge.steadiness import Unsteady, find_start, find_unsteadiness
+from r2bspec.judge.stationarity import (
+    CompletionTimes,
+    NonStationarity,
+    find_nonstationarity,
+    find_start,
+)
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.record.run_record import Probe, SearchRecord
 
@@ -65,7 +69,7 @@ class ProbeOutcome:
     probe: Probe
     limited_by_player: bool = False
     relative_half_width: float = 0.0
-    departures: Departures | None = None
+    departures: CompletionTimes | None = None
     drop_share: float = 0.0
 
     @property
@@ -139,7 +143,7 @@ class PeakSearch:
         self._proof: Proof = ""
         self._candidate_hz: float | None = None
         self._overload = self._new_overload(long_plays)
-        self._others: list[Departures] = []
+        self._others: list[CompletionTimes] = []
 
     def _new_overload(self, plays: LongPlays | None) -> Overload:
         return Overload(
@@ -192,8 +196,8 @@ class PeakSearch:
             unsteady_ratio=max((each.ratio for each in unsteady), default=1.0),
         )
 
-    def _unsteady(self) -> tuple[Unsteady, ...]:
-        return find_unsteadiness(self._overload.shown, self._others, self._precision)
+    def _unsteady(self) -> tuple[NonStationarity, ...]:
+        return find_nonstationarity(self._overload.shown, self._others, self._precision)
 
     def _limited_by(self) -> Limit:
         if not self._done:
@@ -222,7 +226,7 @@ class PeakSearch:
         self._candidate_hz = lower_hz
         return True
 
-    def _play_overload(self, rate_hz: float) -> Departures | None:
+    def _play_overload(self, rate_hz: float) -> CompletionTimes | None:
         if self._long is None:
             return None
         outcome = self._long.overload(rate_hz)

@@ -6,8 +6,9 @@ not, or that stayed undecided, says nothing about the graph if the interference 
 
     the output rate + w x the offered rate  >=  (1 - precision) x the offered rate
 
-with w the largest share of the time that others can have taken (`r2bspec.judge.waiting_bound`).
-What comes out of an overloaded graph bounds its capacity only if w is at most half the precision.
+with w the largest share of the time that others can have taken
+(`r2bspec.judge.interference_bound`). What comes out of an overloaded graph bounds its capacity only
+if w is at most half the precision.
 Such a probe is played again. If it is disturbed again, the search uses it to aim, but not as a
 bound (`r2bspec.execute.measurement.peak_search.unexplained_end`). On a machine that is always busy
 that would double every search, so after `MAX_FUTILE_REPLAYS` that were disturbed again there are

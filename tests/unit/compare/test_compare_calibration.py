@@ -14,7 +14,7 @@ from r2bspec.compare.calibration import compute_calibration, store_calibration
 from r2bspec.compare.errors import IncomparableError
 from r2bspec.compare.proposals import propose_limits
 from r2bspec.diagnostics import Diagnostic
-from r2bspec.judge.statistics.power import smallest_detectable
+from r2bspec.judge.statistics.t_interval import smallest_detectable
 from r2bspec.language.load_spec import load_spec
 from r2bspec.record.calibration_file import (
     Calibration,

@@ -19,8 +19,8 @@ from r2bspec.compare.history_gate import (
 )
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of, to_json
-from r2bspec.judge.outcome import InconclusivePolicy
 from r2bspec.judge.result import Result
+from r2bspec.judge.verdict import InconclusivePolicy
 from r2bspec.language.quantities import Duration
 from r2bspec.plan.plan import GatePlan, Plan
 from r2bspec.record.run_folder import RunFolder, open_run

@@ -10,7 +10,7 @@ import pytest
 
 from r2bspec.judge.confirmation import judge_with_confirmation
 from r2bspec.judge.decision_policy import DecisionPolicy
-from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples

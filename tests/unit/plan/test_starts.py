@@ -13,7 +13,6 @@ from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.plan import (
     iterations_by_look,
     iterations_of_starts,
-    starts_of_iterations,
 )
 
 
@@ -111,17 +110,3 @@ def test_looks_come_after_whole_starts(
     assert [lengths(each) for each in groups] == expected
     played = [index for group in groups for start in group for index in start]
     assert played == list(range(1, looks[-1] + 1))
-
-
-@pytest.mark.parametrize(
-    ("looks", "starts", "expected"),
-    [
-        ((5,), 2, (1, 1, 1, 2, 2)),
-        ((4, 8), 2, (1, 1, 2, 2, 3, 3, 4, 4)),
-        ((2, 4), 1, (1, 1, 1, 1)),
-    ],
-)
-def test_every_iteration_has_its_start(
-    looks: tuple[int, ...], starts: int, expected: tuple[int, ...]
-) -> None:
-    assert starts_of_iterations(looks, starts) == expected

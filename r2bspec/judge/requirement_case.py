@@ -6,13 +6,13 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from r2bspec.judge.methods.method_registry import Method
+from r2bspec.judge.methods import Method
 from r2bspec.judge.statistics.effective_sample_size import SampleDesign
 from r2bspec.judge.verdict import Outcome, RequirementVerdict, ShareTest
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.measure.metric_catalogue import MetricInfo
-from r2bspec.measure.samples import SegmentSamples, starts_of
+from r2bspec.measure.samples import MonitorSamples, SegmentSamples, starts_of
 from r2bspec.measure.units import show
 from r2bspec.record.run_record import RunRecord
 
@@ -25,15 +25,8 @@ class WindowCondition:
     window_ns: int
 
 
-def window_condition(requirement: Requirement) -> WindowCondition | None:
-    """The windows that a requirement refers to, or None if it refers to the whole run."""
-    if requirement.windows_share is None:
-        return None
-    return WindowCondition(share=requirement.windows_share, window_ns=requirement.window_ns)
-
-
 @dataclass(frozen=True)
-class Question:
+class RequirementCase:
     """A requirement that applies to this run, and the samples to judge it by.
 
     Attributes:
@@ -42,7 +35,6 @@ class Question:
         limit: the right-hand side in the metric's unit; 'of offered' is worked out.
         iterations: the complete iterations at `at_hz`; at least one where the metric needs any.
         confidence: of the decision, one-sided each way.
-        windows: the share of windows in which the requirement must be met, if it has one.
     """
 
     objective: str
@@ -53,7 +45,19 @@ class Question:
     limit: float
     iterations: tuple[SegmentSamples, ...] = ()
     confidence: float = CONFIDENCE
-    windows: WindowCondition | None = None
+
+    @property
+    def windows(self) -> WindowCondition | None:
+        """The share of windows in which the requirement must be met; None for the whole run."""
+        share = self.requirement.windows_share
+        return WindowCondition(share, self.requirement.window_ns) if share is not None else None
+
+    @property
+    def monitor_samples(self) -> list[MonitorSamples]:
+        """What the monitor received in each iteration; nothing for a metric of no monitor."""
+        if self.monitor is None:
+            return []
+        return [iteration.monitors[self.monitor] for iteration in self.iterations]
 
     @property
     def is_upper_bound(self) -> bool:
@@ -94,9 +98,14 @@ class Question:
         """Compare a value with the limit."""
         return self.requirement.is_met(value, self.limit)
 
+    def outcome_of_bounds(self, lower: float, upper: float) -> Outcome:
+        """PASS if both bounds on the true value meet the limit, FAIL if neither does."""
+        towards, against = (upper, lower) if self.is_upper_bound else (lower, upper)
+        return decide(passes=self.is_met(towards), fails=not self.is_met(against))
+
 
 @dataclass(frozen=True, kw_only=True)
-class Answer:
+class Decision:
     """What a method found; see `RequirementVerdict` for the fields."""
 
     outcome: Outcome
@@ -116,18 +125,23 @@ class Answer:
 
 
 @dataclass(frozen=True, slots=True)
-class Decider:
-    """A method, as its module provides it to `r2bspec.judge.methods.method_registry`.
+class DecisionMethod:
+    """A method, as its module provides it to `r2bspec.judge.methods`.
 
     Attributes:
         takes: whether the method decides a requirement.
-        decide: decides it, by the iterations of the question or by the record of the run.
+        decide: decides it, by the iterations of the case or by the record of the run.
         needs_iterations: whether it cannot decide without a complete iteration.
     """
 
-    takes: Callable[[Question], bool]
-    decide: Callable[[Question, RunRecord], Answer]
+    takes: Callable[[RequirementCase], bool]
+    decide: Callable[[RequirementCase, RunRecord], Decision]
     needs_iterations: bool = True
+
+
+def undecided(reason: str, remedy: str = "") -> Decision:
+    """A case that no test can decide, and what would help."""
+    return Decision(outcome="inconclusive", method="none", reason=reason, remedy=remedy)
 
 
 def decide(*, passes: bool, fails: bool) -> Outcome:
@@ -137,39 +151,61 @@ def decide(*, passes: bool, fails: bool) -> Outcome:
     return "fail" if fails else "inconclusive"
 
 
-def requirement_verdict(question: Question, answer: Answer) -> RequirementVerdict:
-    """Combine question and answer; infinite values become None, which JSON can write."""
+def limit_of(
+    requirement: Requirement, at_hz: float | None, info: MetricInfo, per_step: float = 1.0
+) -> float:
+    """The right-hand side of a requirement in its metric's unit; NaN where it has none.
+
+    Args:
+        requirement: with its bound.
+        at_hz: the offered rate, to which 'of offered' refers.
+        info: the metric.
+        per_step: outputs expected at a monitor for each step.
+    """
+    bound = requirement.bound
+    if bound is None or bound.of_baseline:
+        return math.nan
+    if not bound.of_offered:
+        return bound.value
+    if not at_hz:
+        return math.nan
+    # For a monitor with a ratio, the offered rate is that of the expected outputs.
+    return bound.value * at_hz * (per_step if info.scope == "monitor" else 1.0)
+
+
+def requirement_verdict(case: RequirementCase, decision: Decision) -> RequirementVerdict:
+    """Combine case and decision; infinite values become None, which JSON can write."""
     return RequirementVerdict(
-        objective=question.objective,
-        text=question.requirement.text,
-        at_hz=question.at_hz,
-        metric=question.info.name,
-        monitor=question.monitor,
-        outcome=answer.outcome,
-        method=answer.method,
-        estimate=_finite(answer.estimate),
-        lower=_finite(answer.lower),
-        upper=_finite(answer.upper),
-        limit=_finite(question.limit),
-        unit=question.info.unit,
-        n=answer.n,
-        effective_n=_effective(answer),
-        confidence=question.confidence,
-        over=answer.over,
-        bursts=answer.bursts,
-        lost=answer.estimate is not None and math.isinf(answer.estimate),
-        share=answer.share,
-        rule_of_three=answer.rule_of_three,
-        reason=answer.reason,
-        remedy=answer.remedy,
-        notes=answer.notes,
+        objective=case.objective,
+        text=case.requirement.text,
+        at_hz=case.at_hz,
+        metric=case.info.name,
+        monitor=case.monitor,
+        outcome=decision.outcome,
+        method=decision.method,
+        estimate=_finite(decision.estimate),
+        lower=_finite(decision.lower),
+        upper=_finite(decision.upper),
+        limit=_finite(case.limit),
+        unit=case.info.unit,
+        n=decision.n,
+        effective_n=_effective(decision),
+        confidence=case.confidence,
+        over=decision.over,
+        bursts=decision.bursts,
+        lost=decision.estimate is not None and math.isinf(decision.estimate),
+        share=decision.share,
+        rule_of_three=decision.rule_of_three,
+        reason=decision.reason,
+        remedy=decision.remedy,
+        notes=decision.notes,
     )
 
 
-def _effective(answer: Answer) -> float | None:
-    if answer.effective_n is not None:
-        return answer.effective_n
-    return float(answer.n) if answer.n else None
+def _effective(decision: Decision) -> float | None:
+    if decision.effective_n is not None:
+        return decision.effective_n
+    return float(decision.n) if decision.n else None
 
 
 def _finite(value: float | None) -> float | None:

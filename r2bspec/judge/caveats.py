@@ -5,6 +5,10 @@ met some kinds of starts, of which rare ones are not among few starts; it has me
 bad messages, and from few the longest cannot be known; and few starts hardly show whether each
 resembles the one before. These facts are the same for each run, so they are stated once, and at
 a requirement only what is particular to it.
+
+Of a single decision on shares and means, notes say what it cannot know: one iteration does not show
+by how much iterations differ, few that resemble each other carry too little information to know by
+how much they do, and a mean depends on stalls of which the run may have met none.
 """
 
 from __future__ import annotations
@@ -13,13 +17,16 @@ import datetime
 from collections.abc import Sequence
 from typing import Final
 
-import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
-from r2bspec.judge.methods.method_registry import METHODS
+from r2bspec.judge.methods import METHODS
+from r2bspec.judge.requirement_case import RequirementCase
 from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
-from r2bspec.judge.verdict import RequirementVerdict
+from r2bspec.judge.verdict import Outcome, RequirementVerdict
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.measure.samples import RunSamples
+from r2bspec.measure.times import Seconds
 from r2bspec.measure.units import show
 
 _PROBES: Final = ("probe", "sustained")
@@ -37,12 +44,12 @@ WITHOUT_BURST: Final = "passed without a burst beyond"
 """Words of what is true of most runs of a kind; a short report leaves such sentences out."""
 
 
-def particular_limits(limits: Sequence[str]) -> Sequence[str]:
-    """The limits of a verdict without the first, which every run has alike (`run_limits`)."""
+def particular_caveats(limits: Sequence[str]) -> Sequence[str]:
+    """The limits of a verdict without the first, which every run has alike (`run_caveats`)."""
     return limits[1:]
 
 
-def run_limits(requirements: Sequence[RequirementVerdict], samples: RunSamples) -> tuple[str, ...]:
+def run_caveats(requirements: Sequence[RequirementVerdict], samples: RunSamples) -> tuple[str, ...]:
     """What the run as a whole cannot show, a sentence each; nothing without requirements.
 
     Args:
@@ -58,7 +65,7 @@ def run_limits(requirements: Sequence[RequirementVerdict], samples: RunSamples) 
     return (_one_stretch(samples, decided=decided), *_no_burst(requirements))
 
 
-def with_limits(
+def with_caveats(
     requirements: Sequence[RequirementVerdict], samples: RunSamples
 ) -> tuple[RequirementVerdict, ...]:
     """The verdicts on requirements, with what each of them cannot know.
@@ -70,9 +77,7 @@ def with_limits(
     probed = {each.start for each in samples.record.segments if each.kind in _PROBES}
     first_alone = samples.starts > 1 and probed <= {1}
     return tuple(
-        msgspec.structs.replace(one, notes=(*one.notes, *notes))
-        if (notes := (*_few_bursts(one), *_probed_start(one, first_alone=first_alone)))
-        else one
+        one.noted(*_few_bursts(one), *_probed_start(one, first_alone=first_alone))
         for one in requirements
     )
 
@@ -176,3 +181,77 @@ def _probed_start(one: RequirementVerdict, *, first_alone: bool) -> tuple[str, .
     if not first_alone or METHODS[one.method].rests_on == "iterations":
         return ()
     return (FIRST_START_ALONE,)
+
+
+_FEW_INDEPENDENT: Final = 2.0
+_STALL_RATIO: Final = 1.5
+
+MAY_RESEMBLE: Final = "may resemble each other"
+"""Words of a note that nearly every run of few starts has; a short report leaves it out."""
+
+
+def share_notes(case: RequirementCase, outcome: Outcome) -> tuple[str, ...]:
+    """The notes on a percentile or a share."""
+    return () if outcome == "inconclusive" else piece_notes(case)
+
+
+def piece_notes(case: RequirementCase) -> tuple[str, ...]:
+    """That a single iteration was played; none with two or more."""
+    if len(case.iterations) > 1:
+        return ()
+    return ("One iteration does not show by how much iterations differ.",)
+
+
+def correlation_notes(pieces: str, number: int, inflation: float) -> tuple[str, ...]:
+    """That iterations or starts resemble each other by more than a test can take account of.
+
+    Args:
+        pieces: what they are.
+        number: how many.
+        inflation: their F (`r2bspec.judge.statistics.autocorrelation`).
+    """
+    left = number / inflation
+    if left >= _FEW_INDEPENDENT:
+        return ()
+    note = (
+        f"Successive {pieces} {MAY_RESEMBLE}: {number} carry the information of about "
+        f"{left:.1f} independent ones, too few for a test to be sure of its confidence."
+    )
+    return (note,)
+
+
+def stall_notes(
+    case: RequirementCase, values: Sequence[Seconds], upper: float, outcome: Outcome
+) -> tuple[str, ...]:
+    """That a mean latency which is small enough rests on few stalls, or on none.
+
+    Rare stalls weigh as much in a mean as many small delays, and a run may have met none of them.
+    If none was met in n messages, up to 3 / n of all messages may begin one (rule of three). With
+    stalls of L messages that take twice the median, the mean may be larger by 3 L / n medians.
+
+    Args:
+        case: with an upper limit.
+        values: the latencies in each iteration, in the order of the steps.
+        upper: the bound on the mean, in s.
+        outcome: by that.
+    """
+    n = sum(one.size for one in values)
+    if outcome != "pass" or not case.is_upper_bound or not n:
+        return ()
+    typical = float(np.median(np.concatenate(list(values))))
+    bursts = sum(_bursts(one > _STALL_RATIO * typical) for one in values)
+    if typical <= 0 or bursts >= FEW_BURSTS:
+        return ()
+    if (case.limit - upper) / typical * n / 3 >= LONG_BURST:
+        return ()
+    met = {0: "no stall", 1: "one stall"}.get(bursts, f"{bursts} stalls")
+    note = (
+        f"The run met {met} (over {_STALL_RATIO:g} times the median), too few to know how often "
+        "and for how long they come, and the mean depends on that. A percentile does not."
+    )
+    return (note,)
+
+
+def _bursts(flags: NDArray[np.bool_]) -> int:
+    """Runs of True."""
+    return int(np.count_nonzero(flags[1:] & ~flags[:-1])) + int(flags[:1].sum())

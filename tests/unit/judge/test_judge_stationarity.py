@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from r2bspec.judge.capacity_estimate import Departures
-from r2bspec.judge.steadiness import find_unsteadiness
+from nightly import size
+from r2bspec.judge.stationarity import CompletionTimes, find_nonstationarity
 
 PRECISION = 0.02
 
 
-def play(intervals_s: NDArray[np.float64], begun_s: float = 0.0) -> Departures:
+def play(intervals_s: NDArray[np.float64], begun_s: float = 0.0) -> CompletionTimes:
     times_s = np.cumsum(intervals_s)
-    return Departures(begun_s, times_s, float(times_s[-1]), 150.0)
+    return CompletionTimes(begun_s, times_s, float(times_s[-1]), 150.0)
 
 
 def at_speeds(speeds: NDArray[np.float64], seed: int | None = None) -> NDArray[np.float64]:
@@ -25,8 +25,8 @@ def at_speeds(speeds: NDArray[np.float64], seed: int | None = None) -> NDArray[n
     return times / speeds
 
 
-def text(*plays: Departures) -> str:
-    found = find_unsteadiness(plays, [], PRECISION)
+def text(*plays: CompletionTimes) -> str:
+    found = find_nonstationarity(plays, [], PRECISION)
     return "; ".join(each.text for each in found)
 
 
@@ -42,7 +42,7 @@ def service_times(kind: str, random: np.random.Generator) -> NDArray[np.float64]
 @pytest.mark.parametrize("kind", ["equal", "log-normal", "exponential"])
 def test_a_steady_graph_is_rarely_called_anything_else(kind: str) -> None:
     called = 0
-    for seed in range(200):
+    for seed in range(size(40, 200)):
         random = np.random.default_rng(seed)
         plays = (play(service_times(kind, random), begun_s=12.0 * number) for number in range(4))
         called += bool(text(*plays))
@@ -66,7 +66,7 @@ def test_stops_are_seen_in_plays_that_the_graph_keeps_up_with_too() -> None:
     times = np.full(2000, 0.01)
     times[100::450] += 0.5
     steady = play(np.full(1000, 0.01))
-    (found,) = find_unsteadiness([steady], [play(times)], PRECISION)
+    (found,) = find_nonstationarity([steady], [play(times)], PRECISION)
     assert found.text.startswith("stops for 0.5 s")
 
 
@@ -105,5 +105,5 @@ def test_a_speed_that_wanders_is_named_with_its_range() -> None:
 
 
 def test_nothing_is_said_of_nothing() -> None:
-    assert find_unsteadiness([], [], PRECISION) == ()
-    assert text(Departures(0.0, np.empty(0), 5.0, 100.0)) == ""
+    assert find_nonstationarity([], [], PRECISION) == ()
+    assert text(CompletionTimes(0.0, np.empty(0), 5.0, 100.0)) == ""

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from r2bspec.judge.waiting_bound import shortest_latencies, taken_share
+from r2bspec.judge.interference_bound import shortest_latencies, taken_share
 from r2bspec.measure.host_usage import HostInterference
 from simulated_waits import Disturbed, Stalls, disturbed
 

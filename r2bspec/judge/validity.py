@@ -1,4 +1,22 @@
-"""Whether the harness kept its schedule. Where it did not, the graph was not tested.
+"""Results that are invalid: what cannot be, and what was measured under another load.
+
+Impossible results
+------------------
+
+    early      more than 1 % of the answers were received before their input was published
+    surplus    by order, more than 1 % more outputs than the monitor's ratio allows
+
+1 % is the share of messages that decides a p99 objective, and one message of another origin in a
+hundred is no reason to discard a run. By order, an early output means that it answers another
+input than the one it is matched to, and a surplus means that it is unknown which one it answers.
+By stamp, it means that the times or the stamps are wrong.
+
+Throughput cannot be more than offered times answered: see `r2bspec.measure.times`.
+
+The schedule of the harness
+---------------------------
+
+Where the harness did not keep its schedule, the graph was not tested.
 
 A graph that was offered too little, or its load in bursts that the spec does not have, was tested
 under another load. What is measured at such a rate is invalid. The criterion takes all complete
@@ -27,12 +45,69 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from r2bspec.judge.measurement_validity import impossible_result
 from r2bspec.measure.metric_catalogue import Statistic
-from r2bspec.measure.metrics import pool_playback
-from r2bspec.measure.samples import RunSamples, SegmentSamples
+from r2bspec.measure.metrics import pool_monitor, pool_playback
+from r2bspec.measure.samples import MonitorSamples, RunSamples, SegmentSamples
 from r2bspec.measure.times import percentile
 from r2bspec.measure.units import show
+
+MAX_IMPOSSIBLE_SHARE = 0.01
+
+
+@dataclass(frozen=True)
+class ImpossibleResult:
+    """What is impossible, in one sentence, and what to do about it, in another."""
+
+    reason: str
+    remedy: str
+
+
+def impossible_result(iterations: Sequence[SegmentSamples]) -> ImpossibleResult | None:
+    """What is impossible in the iterations at a rate; None if nothing is.
+
+    Args:
+        iterations: all complete iterations at it, at least one.
+    """
+    if iterations[0].live:
+        return None
+    for name in iterations[0].monitors:
+        seen = pool_monitor([one.monitors[name] for one in iterations])
+        found = _surplus(name, seen) or _early(name, seen)
+        if found is not None:
+            return found
+    return None
+
+
+def _early(name: str, seen: MonitorSamples) -> ImpossibleResult | None:
+    if seen.early <= MAX_IMPOSSIBLE_SHARE * seen.answered:
+        return None
+    counts = f"{show(seen.early, 'count')} of {show(seen.answered, 'count')} outputs"
+    reason = (
+        f"At monitor '{name}', {counts} were received before their input was published, which is "
+        "impossible"
+    )
+    if seen.by_order:
+        return ImpossibleResult(
+            f"{reason}: matched by order, they answer other inputs.",
+            "Match by stamp, or set the ratio of the monitor to what its node publishes.",
+        )
+    return ImpossibleResult(
+        f"{reason}: their stamps or the times of their reception are wrong.",
+        "Use outputs that keep the stamp of their input, or another middleware.",
+    )
+
+
+def _surplus(name: str, seen: MonitorSamples) -> ImpossibleResult | None:
+    if seen.surplus <= MAX_IMPOSSIBLE_SHARE * seen.expected:
+        return None
+    received = show(seen.expected + seen.surplus, "count")
+    return ImpossibleResult(
+        f"Monitor '{name}' received {received} outputs for {show(seen.sent, 'count')} inputs, and "
+        f"its ratio allows {show(seen.expected, 'count')}: which input each of them answers is "
+        "unknown.",
+        "Set the ratio of the monitor to what its node publishes, or match by stamp.",
+    )
+
 
 MIN_RATE_SHARE = 0.98
 LATE_QUANTILE = 0.99
