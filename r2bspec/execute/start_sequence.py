@@ -21,16 +21,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.errors import GraphMismatchError, InterruptedRunError, RunError
-from r2bspec.execute.measurement.run_reporter import RunReporter
 from r2bspec.execute.measurement.segments import SegmentPlayer
-from r2bspec.execute.processes.supervisor import ProcessSupervisor
+from r2bspec.execute.run_context import RunContext
 from r2bspec.execute.session import Session
 from r2bspec.plan.plan import Plan
-from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import StartRecord
 
 
@@ -46,12 +43,8 @@ class StartSequence:
     """
 
     plan: Plan
-    supervisor: ProcessSupervisor
+    context: RunContext
     make_launcher: Callable[[], Launcher]
-    folder: RunFolder
-    base_dir: Path
-    scratch: Path
-    reporter: RunReporter
     sessions: list[Session] = field(default_factory=list)
     records: list[StartRecord] = field(default_factory=list)
     foreign: tuple[str, ...] = ()
@@ -75,7 +68,7 @@ class StartSequence:
         )
         segment_player = session.bring_up()
         ready_ns = time.monotonic_ns()
-        found = self.reporter.host.between(began_ns, ready_ns)
+        interference = self.context.host.between(began_ns, ready_ns)
         self.records.append(
             StartRecord(
                 number=session.start,
@@ -83,40 +76,34 @@ class StartSequence:
                 ready_ns=ready_ns,
                 overhead_ns=session.overhead_ns,
                 confirms=confirms,
-                disturbed=found.reasons,
-                taken=found.taken,
+                disturbed=interference.reasons,
+                taken=interference.taken,
             )
         )
         return segment_player
 
-    def begin_uncounted(self, plan: Plan) -> Session:
+    def begin_uncounted(self, plan: Plan) -> SegmentPlayer:
         """End the start that runs, and start the processes of a changed plan; it has no record.
 
         Raises:
             RunError: a process of the old start has exited, or the new one fails.
         """
         self._end_running()
-        session = self._new_session(plan, confirms=False, is_later=True)
-        session.bring_up()
-        return session
+        return self._new_session(plan, confirms=False, is_later=True).bring_up()
 
     def _end_running(self) -> None:
         if self.sessions:
             # Detect a process that exited after the last message, which also fails the run.
-            self.supervisor.pump(0.0)
+            self.context.supervisor.pump(0.0)
             self.find_foreign_publishers()
-            self.sessions[-1].note_loaded_files()
-            self.supervisor.end(list(self.supervisor))
+            self.sessions[-1].look_at_loaded_files()
+            self.context.supervisor.end(list(self.context.supervisor))
 
     def _new_session(self, plan: Plan, *, confirms: bool, is_later: bool) -> Session:
         session = Session(
             plan,
-            self.supervisor,
+            self.context,
             self.make_launcher(),
-            self.folder,
-            self.base_dir,
-            self.scratch,
-            self.reporter,
             start=len(self.sessions) + 1,
             confirms=confirms,
             schedule=self.sessions[-1].schedule if self.sessions else None,
@@ -127,20 +114,12 @@ class StartSequence:
 
     def find_foreign_publishers(self) -> bool:
         """Ask who has published on what is played and watched; whether others have, ever."""
-        known = self.foreign
-        found = self.sessions[-1].foreign_publishers() if self.sessions else ()
-        self.foreign = tuple(dict.fromkeys((*known, *found)))
-        for each in self.foreign[len(known) :]:
-            self.reporter.note(f"a program that is not of this run has published on {each}")
+        before = self.foreign
+        publishers = self.sessions[-1].foreign_publishers() if self.sessions else ()
+        self.foreign = tuple(dict.fromkeys((*before, *publishers)))
+        for publisher in self.foreign[len(before) :]:
+            self.context.note(f"a program that is not of this run has published on {publisher}")
         return bool(self.foreign)
-
-    def loaded_files(self) -> dict[str, frozenset[str]]:
-        """The files that each process of the graph has loaded in any start, by its name."""
-        files: dict[str, frozenset[str]] = {}
-        for session in self.sessions:
-            for name, loaded in session.loaded_files.items():
-                files[name] = files.get(name, frozenset()) | loaded
-        return files
 
     def name_start(self, error: RunError) -> None:
         """Say in an error in which start it occurred, unless it is the first one."""

@@ -26,7 +26,7 @@ from r2bspec.execute.processes.process import (
     end_sequentially,
 )
 from r2bspec.execute.processes.process_logs import LogLimiter, open_log
-from r2bspec.execute.progress import PhaseClock
+from r2bspec.execute.states import PhaseClock
 from r2bspec.ipc import protocol
 from r2bspec.ipc.process_cleanup import SessionLeader, clean_up, run_processes
 from r2bspec.ipc.sample_files import is_refusal

@@ -19,10 +19,11 @@ from r2bspec.diagnostics.quote import clip, printable
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.execute.bringup.launcher import NODE_ROLES
 from r2bspec.execute.errors import InterruptedRunError, RunError
+from r2bspec.execute.measurement.segments import SegmentPlayer
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.execute.profile.attached_profiler import AttachedProfiler
 from r2bspec.execute.profile.profilers import Profiler
-from r2bspec.execute.session import MEASURE_PHASE, Session
+from r2bspec.execute.session import MEASURE_PHASE
 from r2bspec.execute.start_sequence import StartSequence
 from r2bspec.language.quantities import Duration
 from r2bspec.plan.plan import Plan, ProcessPlan
@@ -99,9 +100,9 @@ def wait_for_last_sample(starts: StartSequence) -> None:
     ended_ns = max(
         (each.ended_ns for session in starts.sessions for each in session.segments), default=0
     )
-    starts.supervisor.pump(0.0)
+    starts.context.supervisor.pump(0.0)
     while (left_ns := ended_ns + _SAMPLE_NS - time.monotonic_ns()) > 0:
-        starts.supervisor.pump(min(_POLL_S, left_ns / 1e9))
+        starts.context.supervisor.pump(min(_POLL_S, left_ns / 1e9))
 
 
 @dataclass
@@ -147,7 +148,7 @@ class ProfiledIteration:
 
     def _play_attached(self, rate_hz: float, duration_ns: int) -> dict[str, Path]:
         """Observe the processes of the last start; returns the files of folded stacks."""
-        session = self.starts.sessions[-1]
+        player = self.starts.sessions[-1].player
         running = {each.name: each for each in self.supervisor}
         attached: dict[str, AttachedProfiler] = {}
         try:
@@ -159,7 +160,7 @@ class ProfiledIteration:
                 except (R2bspecError, OSError) as failure:
                     self.errors[plan.name] = _first_line(failure)
             if attached:
-                self._play(session, rate_hz, duration_ns)
+                self._play(player, rate_hz, duration_ns)
         except InterruptedRunError:
             raise
         except (R2bspecError, OSError) as failure:
@@ -212,9 +213,11 @@ class ProfiledIteration:
         base = self.folder.profile_folder(plan.name) / plan.name
         return msgspec.structs.replace(plan, argv=(*self.profiler.prefix(base), *plan.argv))
 
-    def _play(self, session: Session, rate_hz: float, duration_ns: int) -> None:
+    def _play(self, player: SegmentPlayer | None, rate_hz: float, duration_ns: int) -> None:
+        if player is None:
+            raise RunError("the graph was not brought up")
         at = f"{rate_hz:g} Hz, " if rate_hz else ""
-        session.play_unrecorded_for(f"{at}with {self.profiler.name}", rate_hz, duration_ns)
+        player.play_unrecorded_for(f"{at}with {self.profiler.name}", rate_hz, duration_ns)
 
     def _failed(self, failure: Exception) -> None:
         for each in self.processes:

@@ -18,7 +18,7 @@ from r2bspec.execute.measurement.peak_search import (
     unexplained_end,
 )
 from r2bspec.execute.measurement.rate_probe import MAX_FUTILE_REPLAYS, AffectedProbes
-from r2bspec.execute.measurement.run_reporter import TimeBudget
+from r2bspec.execute.run_context import TimeBudget
 from r2bspec.judge.capacity_estimate import Departures
 from r2bspec.measure.host_usage import Surroundings
 from r2bspec.record.run_record import FloorRecord, Probe, SearchRecord, Segment

@@ -1,33 +1,58 @@
-"""What a measurement gets from its run: where it reports, and the time that it may take.
-
-Optional parts of a run are left out if they would exceed its time budget.
-"""
+"""What every state of a run uses, and the time that its optional parts may take."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from r2bspec.execute.host.resource_sampler import HostWatch, ResourceSampler
+from r2bspec.execute.identity.loaded_files import LoadedFiles
+from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.execute.progress import Progress
+from r2bspec.execute.states import RunStates
 from r2bspec.language.quantities import Duration
+from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import EndedRate
 
 
 @dataclass(frozen=True)
-class RunReporter:
-    """Where a session reports phases (name and text), notes and segments.
+class RunContext:
+    """What every state of a run uses.
 
-    `resources` takes samples at requested times; `host` says what other programs did.
+    Attributes:
+        states: which one the run is in; receives notes.
+        supervisor: all processes.
+        folder: receives samples, logs and the record.
+        base_dir: the folder of the spec, to which its paths are relative.
+        scratch: a folder that is removed after the run.
+        progress: what the user is shown of a segment.
+        resources: takes samples of processes and host at requested times.
+        host: says what other programs did.
+        loaded_files: what the processes of the graph have loaded so far.
+        on_segment: is called after each segment.
     """
 
-    phase: Callable[[str, str], None]
-    note: Callable[[str], None]
-    segment: Callable[[], None]
+    states: RunStates
+    supervisor: ProcessSupervisor
+    folder: RunFolder
+    base_dir: Path
+    scratch: Path
     progress: Progress
     resources: ResourceSampler
     host: HostWatch
+    loaded_files: LoadedFiles
+    on_segment: Callable[[], None]
+
+    @property
+    def buffer_dir(self) -> Path:
+        """Where the messages are that are played."""
+        return self.scratch / "buffers"
+
+    def note(self, text: str) -> None:
+        """Tell the user something, and keep it for the record."""
+        self.states.note(text)
 
 
 class TimeBudget:
