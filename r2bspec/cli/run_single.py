@@ -177,7 +177,7 @@ def execute(
     """
     from r2bspec import api
     from r2bspec.compare.gate_strength import WeakerGateError
-    from r2bspec.record.errors import FolderTakenError
+    from r2bspec.record.files import FolderTakenError
     from r2bspec.report.findings.print_findings import show
     from r2bspec.report.progress_display import shown_progress
 
@@ -290,7 +290,7 @@ def _json_of_failures(options: RunOptions, folder: _Folder) -> Iterator[None]:
 
 def _print_failure(error: R2bspecError, folder: Path | None) -> None:
     from r2bspec.compare.load_results import read_folder
-    from r2bspec.record.errors import FolderTakenError
+    from r2bspec.record.files import FolderTakenError
     from r2bspec.report.terminal import show_result
 
     if folder is not None and folder.exists() and not isinstance(error, FolderTakenError):

@@ -24,10 +24,14 @@ from r2bspec.measure.samples import RunSamples, starts_of
 from r2bspec.plan.canonical_json import plan_hash
 from r2bspec.plan.comparability import measured_hash
 from r2bspec.plan.plan import Plan
-from r2bspec.record.atomic_files import write_atomically
 from r2bspec.record.baseline_file import BASELINE_FILE, BaselineRecord, BaselineSeries, to_json
-from r2bspec.record.graph_identity import decode_identity, encode_identity
-from r2bspec.record.machine_fingerprint import describe_machine, fingerprint
+from r2bspec.record.files import write_atomically
+from r2bspec.record.graph_identity import (
+    decode_identity,
+    describe_machine,
+    encode_identity,
+    fingerprint,
+)
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import RunRecord
 from r2bspec.untrusted.safe_file import is_folder

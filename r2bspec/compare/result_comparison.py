@@ -27,8 +27,7 @@ from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.measure.units import show
 from r2bspec.plan.comparability import brief_difference, graph_differences, load_differences
 from r2bspec.plan.plan import Plan
-from r2bspec.record.graph_identity import identity_differences
-from r2bspec.record.machine_fingerprint import MACHINE_FACTS
+from r2bspec.record.graph_identity import MACHINE_FACTS, identity_differences
 
 SHARE_MARGIN = 0.005
 """Half a percent of the messages: the margin of the share that arrived."""

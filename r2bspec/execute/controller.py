@@ -74,9 +74,8 @@ from r2bspec.measure.run_samples import HostSamples, run_samples
 from r2bspec.measure.samples import RunSamples
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import Plan
-from r2bspec.record.errors import RecordError
-from r2bspec.record.graph_identity import GraphIdentity
-from r2bspec.record.loaded_files import write_loaded_files
+from r2bspec.record.files import RecordError
+from r2bspec.record.graph_identity import GraphIdentity, write_loaded_files
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import AccuracyRecord, Difference, ProfileRecord, RunRecord
 

@@ -46,9 +46,8 @@ from r2bspec.execute.run_context import RunContext
 from r2bspec.execute.silent_outputs import SilentOutputs
 from r2bspec.execute.states import RunState
 from r2bspec.ipc import protocol
-from r2bspec.ipc.buffers import buffered_transforms
+from r2bspec.ipc.buffers import TF_STATIC, buffered_transforms
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
-from r2bspec.ipc.stamps import TF_STATIC
 from r2bspec.judge.statistics.load_scipy import load_scipy
 from r2bspec.measure.samples import SegmentSamples
 from r2bspec.plan.plan import Plan, ProcessPlan

@@ -19,7 +19,7 @@ from types import MappingProxyType
 from typing import Final
 
 from r2bspec.execute.progress import Progress
-from r2bspec.record.phase_times import PhaseTime, WaitTime
+from r2bspec.record.run_record import PhaseTime, WaitTime
 
 
 class RunState(StrEnum):

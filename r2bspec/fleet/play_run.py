@@ -20,7 +20,7 @@ import msgspec
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.fleet.bundle import Job, Side
-from r2bspec.record.atomic_files import write_atomically
+from r2bspec.record.files import write_atomically
 
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark

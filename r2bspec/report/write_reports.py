@@ -15,8 +15,7 @@ from urllib.parse import quote
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.measure.units import rate_name
-from r2bspec.record.atomic_files import write_atomically
-from r2bspec.record.errors import RUN_UNWRITABLE, RecordError
+from r2bspec.record.files import RUN_UNWRITABLE, RecordError, write_atomically
 from r2bspec.report.errors import ReportError, ReportUsageError
 from r2bspec.report.format_registry import check_installed, find_format, renderer
 from r2bspec.untrusted.safe_file import is_folder, is_regular, is_there

@@ -101,7 +101,7 @@ def _read_stamps(context: Context, topics: set[str]) -> dict[str, list[int]] | N
     from r2bspec.bags.bag_reader import read_messages
     from r2bspec.bags.errors import DataError
     from r2bspec.bags.recording import Window
-    from r2bspec.ipc.stamps import STAMP_BYTES, read_stamp
+    from r2bspec.ipc.buffers import STAMP_BYTES, read_stamp
 
     path = context.bag_location.path if context.bag_location is not None else None
     if context.bag is None or path is None or _size(path) > _MAX_READ_BYTES:

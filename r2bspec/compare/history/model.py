@@ -27,7 +27,7 @@ class HistoryEntry:
     """One run.
 
     Attributes:
-        host: fingerprint of the kind of machine (`r2bspec.record.machine_fingerprint`).
+        host: fingerprint of the kind of machine (`r2bspec.record.graph_identity`).
         machine: a description of it.
         plan: hash of what was measured (`r2bspec.plan.comparability.measured_hash`).
         dataset: hash of the recorded data.

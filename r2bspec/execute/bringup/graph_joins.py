@@ -25,8 +25,7 @@ from r2bspec.execute.processes.executables import build_errors, not_joinable
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.native_protocol import NativeCodec
-from r2bspec.native.harness_library import harness_library
-from r2bspec.native.join_object import join_environment, join_object
+from r2bspec.native.harness_objects import harness_library, join_environment, join_object
 from r2bspec.plan.plan import JoinPlan, ProcessPlan
 
 _MAX_SOCKET_PATH: Final = 107

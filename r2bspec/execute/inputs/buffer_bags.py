@@ -19,8 +19,7 @@ from r2bspec.datasets.locate_bag import locate
 from r2bspec.datasets.synthesis import make
 from r2bspec.execute.errors import DatasetMismatchError
 from r2bspec.execute.progress import Progress
-from r2bspec.ipc.buffers import BufferWriter
-from r2bspec.ipc.stamps import TF, TF_STATIC, TF_TYPE, read_stamp
+from r2bspec.ipc.buffers import TF, TF_STATIC, TF_TYPE, BufferWriter, read_stamp
 from r2bspec.plan.plan import DatasetPlan
 
 

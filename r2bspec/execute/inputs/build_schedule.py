@@ -25,7 +25,7 @@ import msgspec
 
 from r2bspec.execute.errors import RunError, UnpairedInputError
 from r2bspec.execute.inputs.timeline import make_timeline, times_by_stamp
-from r2bspec.ipc.buffers import BufferIndex, buffered_transforms, read_index, read_stamps
+from r2bspec.ipc.buffers import TF, BufferIndex, buffered_transforms, read_index, read_stamps
 from r2bspec.ipc.schedule import (
     BetweenMessage,
     CyclicSchedule,
@@ -34,7 +34,6 @@ from r2bspec.ipc.schedule import (
     TimelineSchedule,
     round_length_ns,
 )
-from r2bspec.ipc.stamps import TF
 from r2bspec.measure.matching import input_mask
 from r2bspec.plan.nearest_stamps import pair_nearest
 from r2bspec.plan.plan import InputPlan, Plan

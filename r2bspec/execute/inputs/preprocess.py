@@ -30,8 +30,7 @@ from r2bspec.execute.diagnosis.observe_graph import (
 from r2bspec.execute.errors import NoOutputError
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
-from r2bspec.ipc.buffers import buffered_transforms
-from r2bspec.ipc.stamps import TF, TF_STATIC, TF_TYPE
+from r2bspec.ipc.buffers import TF, TF_STATIC, TF_TYPE, buffered_transforms
 from r2bspec.plan.command_lines import NATIVE_ARGV
 from r2bspec.plan.plan import Plan, ProcessPlan
 

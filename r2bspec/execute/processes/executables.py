@@ -18,8 +18,8 @@ from typing import Final
 from r2bspec import harness
 from r2bspec.execute.errors import NotInstalledError, NotJoinableError
 from r2bspec.execute.host.machine import interpreter
-from r2bspec.native.errors import BuildError
-from r2bspec.native.harness_library import harness_library, harness_program
+from r2bspec.native.build import BuildError
+from r2bspec.native.harness_objects import harness_library, harness_program
 from r2bspec.plan.plan import ProcessPlan
 
 _EXECUTABLE = re.compile(r"\$\(executable (?P<package>\S+) (?P<name>\S+)\)")

@@ -24,7 +24,7 @@ from r2bspec.execute.processes.environment import inherited_environment
 from r2bspec.execute.processes.process import describe_exit
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.execute.profile.profilers import Profiler, perf_file, stacks_file
-from r2bspec.record.folded_stacks import Stacks, write_stacks
+from r2bspec.record.run_folder import Stacks, write_stacks
 
 _READY_TIMEOUT_S = 20.0
 _END_TIMEOUT_S = 60.0

@@ -15,7 +15,7 @@ from typing import Final
 from xml.etree import ElementTree as ET
 
 from r2bspec.diagnostics.quote import clip
-from r2bspec.record.folded_stacks import Stacks
+from r2bspec.record.run_folder import Stacks
 from r2bspec.report.html.canvas import Chart
 from r2bspec.report.html.svg import PALETTE
 

@@ -9,8 +9,7 @@ from collections.abc import Iterable, Sequence
 from rich.table import Table
 
 from r2bspec.measure.units import show
-from r2bspec.record.phase_times import PhaseTime
-from r2bspec.record.run_record import RunRecord
+from r2bspec.record.run_record import PhaseTime, RunRecord
 from r2bspec.report.output import console
 from r2bspec.report.terminal.style import heading, table
 

@@ -6,7 +6,7 @@ import itertools
 import time
 
 from r2bspec.execute.states import PhaseClock
-from r2bspec.record.phase_times import PhaseTime, WaitTime
+from r2bspec.record.run_record import PhaseTime, WaitTime
 from r2bspec.report.terminal.phase_table import took_ns, waits_text
 
 MS = 1_000_000

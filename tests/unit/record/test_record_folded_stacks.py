@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.record.folded_stacks import read_stacks, write_stacks
+from r2bspec.record.run_folder import read_stacks, write_stacks
 from r2bspec.untrusted.errors import RefusedFileError
 
 NAMES = st.text(
