@@ -106,7 +106,7 @@ def locked_host(what: str, options: RunOptions) -> Iterator[None]:
     if options.no_lock:
         yield
         return
-    from r2bspec.execute.host.host_lock import host_lock
+    from r2bspec.execute.processes.machine import host_lock
 
     def on_wait(holder: str) -> None:
         echo(f"waiting for {holder}, which runs on this host; --no-wait refuses", err=True)

@@ -36,7 +36,7 @@ from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.identity.identify_graph import graph_identity
-from r2bspec.execute.processes.workspaces import applied_environment
+from r2bspec.execute.processes.environment import applied_environment
 from r2bspec.execute.progress import NullProgress, Progress
 from r2bspec.exit_status import ExitStatus
 from r2bspec.language.load_spec import LoadedSpec

@@ -22,7 +22,7 @@ from typing import Any, Literal
 
 from r2bspec.check.installed_packages import find_module
 from r2bspec.errors import R2bspecError
-from r2bspec.execute.bringup.graph_joins import build_join_files
+from r2bspec.execute.bringup.harness_processes import build_join_files
 from r2bspec.execute.bringup.launcher import Launcher, message_packages
 from r2bspec.execute.bringup.readiness import run_setup_step
 from r2bspec.execute.errors import (
@@ -34,12 +34,9 @@ from r2bspec.execute.errors import (
     UnsupportedError,
     UnwritableRunError,
 )
-from r2bspec.execute.host.machine import describe_machine, describe_versions, unwritable_log
-from r2bspec.execute.host.resource_sampler import HostWatch, ResourceSampler
+from r2bspec.execute.fill_buffers import ResolvedDataset, buffer_bags, obtain_dataset, preprocess
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.execute.identity.loaded_files import LoadedFiles
-from r2bspec.execute.inputs.buffer_bags import ResolvedDataset, buffer_bags, obtain_dataset
-from r2bspec.execute.inputs.preprocess import preprocess
 from r2bspec.execute.measurement.measurement import Measurement
 from r2bspec.execute.processes.environment import (
     MODULES_FOLDER,
@@ -47,21 +44,25 @@ from r2bspec.execute.processes.environment import (
     SecretReferences,
     make_redactor,
 )
-from r2bspec.execute.processes.executables import require_joinable, resolve_argv
-from r2bspec.execute.processes.middleware_setup import check_middleware, reserved_domain
-from r2bspec.execute.processes.signals import Interrupts
+from r2bspec.execute.processes.machine import describe_machine, describe_versions, unwritable_log
+from r2bspec.execute.processes.prerequisites import (
+    check_middleware,
+    require_joinable,
+    reserved_domain,
+    resolve_argv,
+)
+from r2bspec.execute.processes.resources import HostWatch, ResourceSampler
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
-from r2bspec.execute.profile.profiled_iteration import (
+from r2bspec.execute.profiled_iteration import (
     ProfiledIteration,
     profiled_processes,
     wait_for_last_sample,
 )
-from r2bspec.execute.profile.profilers import find_profiler, require_usable
+from r2bspec.execute.profilers import find_profiler, require_usable
 from r2bspec.execute.progress import Progress
 from r2bspec.execute.run_context import RunContext, TimeBudget
-from r2bspec.execute.session import MEASURE_PHASE
-from r2bspec.execute.start_sequence import StartSequence
-from r2bspec.execute.states import RunState, RunStates
+from r2bspec.execute.session import MEASURE_PHASE, StartSequence
+from r2bspec.execute.states import Interrupts, RunState, RunStates
 from r2bspec.ipc.arrivals import ClockOffsetTracker
 from r2bspec.ipc.buffers import largest_message_bytes
 from r2bspec.judge.confirmation import judge_confirmation, needs_confirmation
@@ -347,7 +348,7 @@ class _Run:
         session, context = self._starts.sessions[-1], self._context
         if session.player is None or not self._plan.play:
             return
-        from r2bspec.execute.measurement.output_recording import OutputRecorder
+        from r2bspec.execute.measurement.further_iterations import OutputRecorder
 
         recorder = OutputRecorder(
             *(self._plan, context.supervisor, session.player, session.rows_dir, context.folder)
@@ -362,7 +363,7 @@ class _Run:
         session, context = self._starts.sessions[-1], self._context
         if session.player is None or not self._plan.inputs:
             return
-        from r2bspec.execute.measurement.truth_comparison import TruthComparison
+        from r2bspec.execute.measurement.further_iterations import TruthComparison
 
         self._accuracy = TruthComparison(
             self._plan,

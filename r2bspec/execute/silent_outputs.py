@@ -10,12 +10,18 @@ from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from r2bspec.execute.bringup.find_fault import (
+    certain_topics,
+    fault_report,
+    find_faults,
+    full_path,
+    path_lines,
+    unmatched,
+)
 from r2bspec.execute.bringup.graph_matching import graph_error, graph_observer, remapped_topics
 from r2bspec.execute.bringup.launcher import Launcher
+from r2bspec.execute.bringup.observe_graph import TRACE_RATE_HZ, TRACE_STEPS, GraphFacts
 from r2bspec.execute.bringup.spec_mismatches import related_differences
-from r2bspec.execute.diagnosis.certain_faults import certain_topics, unmatched
-from r2bspec.execute.diagnosis.find_fault import fault_report, find_faults, full_path, path_lines
-from r2bspec.execute.diagnosis.observe_graph import TRACE_RATE_HZ, TRACE_STEPS, GraphFacts
 from r2bspec.execute.errors import NoOutputError
 from r2bspec.execute.measurement.segments import SegmentPlayer
 from r2bspec.execute.processes.supervisor import ManagedProcess

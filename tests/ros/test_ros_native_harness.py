@@ -22,9 +22,9 @@ pytest.importorskip("rclpy")
 
 from c_nodes import c_node
 from native_playlists import SANITIZERS
-from r2bspec.execute.bringup.graph_joins import GraphJoins, JoinFiles
+from r2bspec.execute.bringup.harness_processes import GraphJoins, JoinFiles
 from r2bspec.execute.errors import ProcessFailedError, RunError
-from r2bspec.execute.processes.middleware_setup import reserved_domain
+from r2bspec.execute.processes.prerequisites import reserved_domain
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.arrivals import ArrivalReader

@@ -17,7 +17,7 @@ from typing import Final
 import msgspec
 
 from r2bspec.execute.errors import RunError
-from r2bspec.execute.host.kernel_counters import family
+from r2bspec.execute.processes.resources import family
 from r2bspec.execute.processes.supervisor import NO_ANSWER, ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.record.run_record import ProcessRecord

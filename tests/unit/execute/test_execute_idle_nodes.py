@@ -12,8 +12,8 @@ import msgspec
 import pytest
 
 from r2bspec.execute.bringup.graph_matching import EarlyDiagnosis
-from r2bspec.execute.bringup.idle_nodes import IdleNodes, all_answer, patience_s
-from r2bspec.execute.diagnosis.observe_graph import GraphFacts
+from r2bspec.execute.bringup.observe_graph import GraphFacts
+from r2bspec.execute.bringup.readiness import IdleNodes, all_answer, patience_s
 from r2bspec.ipc.protocol import ParameterLists
 from r2bspec.language.quantities import Duration
 from r2bspec.plan.plan import NodePlan, ProcessPlan

@@ -1,26 +1,54 @@
-"""The programs of a plan on this machine: where they are, and whether the harness can join them.
+"""What has to be there before processes start: their programs, their middleware, shared memory.
 
-The harness can join a program into which the linker loads one more object.
+Programs are looked for on this machine. The harness can join one into which the linker loads one
+more object.
+
+`r2bspec validate` says the same of the transport of a spec; a plan from a file was not validated
+here, and the RMW that is loaded where none is named depends on the installation.
+
+A segment of shared memory of the full size is taken for each process when it starts. Where that
+fails, the middleware says so in the log of that process and goes on over UDP: with images the graph
+is then ten times slower, and nothing tells why. A run therefore looks before it starts anything. It
+also keeps other users out of its shared memory, which the umask does not do.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
+import random
 import re
 import shutil
+import socket
 import stat
 import struct
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
 from r2bspec import harness
-from r2bspec.execute.errors import NotInstalledError, NotJoinableError
-from r2bspec.execute.host.machine import interpreter
+from r2bspec.execute.errors import (
+    MiddlewareError,
+    NotInstalledError,
+    NotJoinableError,
+    RunError,
+    SharedMemoryError,
+)
+from r2bspec.execute.processes.machine import interpreter
+from r2bspec.measure.units import show
+from r2bspec.middleware.middleware import (
+    RMW_VARIABLE,
+    SHARED_MEMORY,
+    Middleware,
+    TransportKind,
+    middleware_of,
+    refuse_transport,
+    selected_rmw,
+)
 from r2bspec.native.build import BuildError
 from r2bspec.native.harness_objects import harness_library, harness_program
-from r2bspec.plan.plan import ProcessPlan
+from r2bspec.plan.plan import Plan, ProcessPlan
 
 _EXECUTABLE = re.compile(r"\$\(executable (?P<package>\S+) (?P<name>\S+)\)")
 
@@ -232,3 +260,150 @@ def _of_privileges(program: Path) -> str:
     except OSError:
         capable = False
     return "runs with privileges that its user does not have" if capable and os.getuid() else ""
+
+
+_MIN_DOMAIN, _MAX_DOMAIN = 1, 100
+"""Domains whose UDP ports (7400 + 250 x domain) are outside of the ephemeral range of Linux."""
+
+_PORT_BASE = 32768
+"""The convention of ROS's `domain_coordinator`: a process that binds TCP port 32768 + N has
+domain N. It also avoids collisions with test suites that use it."""
+
+_SEGMENT_LOOK_S = 0.1
+_SEGMENT_LOOKS = 20
+"""How often a file is looked at: a process maps its segment a moment after it has made it."""
+
+
+def check_middleware(plan: Plan, environ: Mapping[str, str]) -> None:
+    """See that the transport of a plan can be configured for every process.
+
+    Args:
+        plan: says which transport, and what processes have in their own environment.
+        environ: what r2bspec runs in, of which the processes inherit the selection.
+
+    Raises:
+        MiddlewareError: it cannot.
+    """
+    _refuse(plan.transport, selected_rmw(environ), RMW_VARIABLE)
+    for process in plan.processes:
+        if process.env.get(RMW_VARIABLE):
+            _refuse(plan.transport, selected_rmw(process.env), f"{RMW_VARIABLE} of {process.name}")
+
+
+def check_loaded_rmw(kind: TransportKind, rmw: str) -> None:
+    """The same for the implementation that a process says it has loaded.
+
+    Raises:
+        MiddlewareError: the transport cannot be configured for it.
+    """
+    _refuse(kind, rmw, "this installation")
+
+
+def _refuse(kind: TransportKind, rmw: str, selected_by: str) -> None:
+    refusal = refuse_transport(kind, rmw)
+    if refusal is not None:
+        from r2bspec.check.rules.transport_unsupported_by_middleware import RULE
+
+        way_out = f"{refusal.help[0].upper()}{refusal.help[1:]}."
+        raise MiddlewareError(
+            f"{refusal.message}, which {selected_by} selects", hint=way_out, code=RULE.code
+        )
+
+
+@contextlib.contextmanager
+def reserved_domain() -> Iterator[int]:
+    """Reserve a free domain for as long as the context lasts.
+
+    The reservation is a bound port, which the kernel releases when the process exits.
+
+    Raises:
+        RunError: all domains are taken.
+    """
+    candidates = list(range(_MIN_DOMAIN, _MAX_DOMAIN + 1))
+    random.shuffle(candidates)
+    for domain in candidates:
+        with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as guard:
+            try:
+                guard.bind(("127.0.0.1", _PORT_BASE + domain))
+            except OSError:
+                continue
+            yield domain
+            return
+    raise RunError(
+        f"all ROS domains from {_MIN_DOMAIN} to {_MAX_DOMAIN} are in use on this machine",
+        hint="Wait until other runs have finished.",
+    )
+
+
+def require_free_shared_memory(
+    plan: Plan,
+    phase: str,
+    middleware: Middleware,
+    segment_bytes: int,
+    folder: Path = SHARED_MEMORY,
+) -> None:
+    """See that the processes of a phase find the shared memory that they are told to use.
+
+    A launch file counts as one process, because how many it starts is not known.
+
+    Args:
+        plan: says who runs in the phase.
+        phase: ``preprocess`` or ``measure``.
+        middleware: takes the segments.
+        segment_bytes: the size of each segment; 0 where the run decides nothing about it.
+        folder: where shared memory lies.
+
+    Raises:
+        SharedMemoryError: there is less room.
+    """
+    if not segment_bytes:
+        return
+    try:
+        free = shutil.disk_usage(folder).free
+    except OSError as error:
+        raise SharedMemoryError(
+            f"there is no shared memory in {folder}: {error.strerror or error}",
+            hint="Mount a tmpfs there, or state transport: udp.",
+        ) from error
+    # The observer, which no plan lists, runs with the measured graph.
+    processes = sum(each.phase == phase for each in plan.processes) + (phase == "measure")
+    wanted = middleware.required_shm_bytes(processes, segment_bytes)
+    if free < wanted:
+        raise SharedMemoryError(
+            f"{folder} has {show(free, 'B')} free; the {processes} processes of the {phase} phase "
+            f"need {show(wanted, 'B')}, a segment of {show(segment_bytes, 'B')} each",
+            hint="Make it larger (in a container: "
+            f"--shm-size={_suggested_mib(wanted)}m; else: mount -o "
+            f"remount,size={_suggested_mib(wanted)}m {folder}), or state transport: udp, "
+            "or smaller "
+            "segments (transport: {kind: shared_memory, segment: ...}). 'r2bspec doctor --clean' "
+            "frees what dead runs have left.",
+        )
+
+
+def _suggested_mib(count: int) -> int:
+    """Mebibytes with some to spare."""
+    return -(-count * 5 // (4 << 20))
+
+
+class SharedMemoryModes:
+    """The segments of a run's processes, of which each is made private soon after it is made."""
+
+    def __init__(self, pids: Callable[[], Iterable[int]]) -> None:
+        self._pids = pids
+        self._middleware = middleware_of(os.environ)
+        self._attempts: dict[str, int] = {}
+        self._next_s = 0.0
+
+    def make_private(self) -> None:
+        """Look for new segments, at most ten times a second.
+
+        Those of programs that are not of the run stay readable, and are not looked at for ever.
+        """
+        if time.monotonic() < self._next_s:
+            return
+        self._next_s = time.monotonic() + _SEGMENT_LOOK_S
+        readable = self._middleware.readable_shm_files()
+        self._attempts = {name: self._attempts.get(name, 0) + 1 for name in readable}
+        if any(number <= _SEGMENT_LOOKS for number in self._attempts.values()):
+            self._middleware.make_shm_files_private(self._pids())

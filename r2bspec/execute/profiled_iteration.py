@@ -21,10 +21,8 @@ from r2bspec.execute.bringup.launcher import NODE_ROLES
 from r2bspec.execute.errors import InterruptedRunError, RunError
 from r2bspec.execute.measurement.segments import SegmentPlayer
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
-from r2bspec.execute.profile.attached_profiler import AttachedProfiler
-from r2bspec.execute.profile.profilers import Profiler
-from r2bspec.execute.session import MEASURE_PHASE
-from r2bspec.execute.start_sequence import StartSequence
+from r2bspec.execute.profilers import AttachedProfiler, Profiler
+from r2bspec.execute.session import MEASURE_PHASE, StartSequence
 from r2bspec.language.quantities import Duration
 from r2bspec.plan.plan import Plan, ProcessPlan
 from r2bspec.record.run_folder import RunFolder
