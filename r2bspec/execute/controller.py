@@ -432,6 +432,8 @@ class _Run:
             context.note(f"killed, because they did not exit: {', '.join(sorted(set(killed)))}")
         if cut := context.supervisor.truncated_logs:
             context.note(f"truncated large logs: {', '.join(log.name for log in cut)}")
+        processes = context.supervisor.records()
+        loaded = context.loaded_files.by_process(processes, complete=failure is None)
         record = self._record(failure)
         # If the disk is full, this frees the space for the record.
         shutil.rmtree(context.buffer_dir, ignore_errors=True)
@@ -440,8 +442,7 @@ class _Run:
             context.resources.stop()
             self._write_resource_samples()
             if self._starts.sessions:
-                files = context.loaded_files.by_process(record.processes)
-                write_loaded_files(context.folder.path, files)
+                write_loaded_files(context.folder.path, loaded)
         with contextlib.suppress(RecordError) if failure else contextlib.nullcontext():
             context.folder.write_record(record)
         return record

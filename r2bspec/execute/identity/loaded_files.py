@@ -2,26 +2,27 @@
 
 The kernel knows the files that a process has mapped, and those of all processes that it has
 started: a launch file is a process of its own. Sources of Python are read and not mapped; processes
-of Python nodes name theirs themselves, hosts when they are asked (`r2bspec.harness.node_host`), and
-programs when they exit (`r2bspec.harness.node_main`).
+of Python name theirs themselves: hosts when they are asked (`r2bspec.harness.node_host`), all other
+programs when they exit (``r2bspec/harness/module_names``).
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
+import re
 import sysconfig
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Final
-
-import msgspec
 
 from r2bspec.execute.errors import RunError
 from r2bspec.execute.processes.resources import family
 from r2bspec.execute.processes.supervisor import NO_ANSWER, ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.record.run_record import ProcessRecord
-from r2bspec.untrusted.safe_json import read_json
+from r2bspec.untrusted.errors import RefusedFileError
+from r2bspec.untrusted.safe_file import read_bytes
 
 _TOOL: Final = f"{Path(__file__).parents[2]}/"
 _DELETED: Final = " (deleted)"
@@ -29,6 +30,8 @@ _NO_FILES: Final = ("/dev/", "/memfd:", "/SYSV", "/proc/", "/sys/", "/anon_hugep
 _TOOL_NODES: Final = f"{_TOOL}nodes/"
 _INSTALLED: Final = ("/site-packages/", "/dist-packages/")
 _MODULES_TIMEOUT_S: Final = 5.0
+_MAX_NAMES_BYTES: Final = 16 << 20
+_IS_PYTHON: Final = re.compile(r"/(lib)?python[0-9.]*(\.so[0-9.]*)?$")
 
 
 class LoadedFiles:
@@ -47,6 +50,7 @@ class LoadedFiles:
         self._note = note
         self._modules_folder = modules_folder
         self._files: dict[str, frozenset[str]] = {}
+        self._others: dict[int, frozenset[str]] = {}
 
     def look(self, hosts: Iterable[ManagedProcess], others: Iterable[ManagedProcess]) -> None:
         """Take down what processes that run have loaded until now.
@@ -59,17 +63,27 @@ class LoadedFiles:
             RunError: a process has exited.
         """
         for process in others:
-            self._add(process.name, mapped_files(process.pid))
+            self._others[process.pid] = mapped_files(process.pid)
+            self._add(process.name, self._others[process.pid])
         for host in hosts:
             self._add(host.name, mapped_files(host.pid))
             self._add(host.name, frozenset(loaded_by_graph(self._modules(host))))
 
-    def by_process(self, processes: Iterable[ProcessRecord]) -> dict[str, frozenset[str]]:
-        """All files, by the name of the process, with what programs named when they exited."""
+    def by_process(
+        self, processes: Iterable[ProcessRecord], *, complete: bool
+    ) -> dict[str, frozenset[str]]:
+        """All files, by the name of the process, with what programs named when they exited.
+
+        Args:
+            processes: all of the run; they have ended.
+            complete: whether they ended as they should, so that what named nothing is noted.
+        """
         modules = modules_of_programs(self._modules_folder)
         for process in processes:
             if process.pid in modules:
                 self._add(process.name, modules[process.pid])
+            elif complete and any(map(_IS_PYTHON.search, self._others.get(process.pid, ()))):
+                self._note(f"{process.name} did not say which modules of Python it had imported")
         return self._files
 
     def _add(self, name: str, files: frozenset[str]) -> None:
@@ -97,15 +111,17 @@ def mapped_files(pid: int) -> frozenset[str]:
 
 
 def modules_of_programs(folder: Path) -> dict[int, frozenset[str]]:
-    """The modules that programs of Python nodes have imported, by process, from their folder."""
-    modules = {}
-    for file in folder.glob("*.json"):
-        try:
-            paths = read_json(file, list[str])
-        except (OSError, ValueError, msgspec.DecodeError):
-            # One that was killed while it wrote.
-            continue
-        modules[int(file.stem)] = frozenset(loaded_by_graph(paths))
+    """The modules that programs in Python have imported, by the session in which they ran.
+
+    Args:
+        folder: has a file of each program: its session and its id, and names separated by zeros.
+    """
+    modules: dict[int, frozenset[str]] = {}
+    for file in folder.glob("*-*"):
+        session = int(file.name.partition("-")[0])
+        with contextlib.suppress(OSError, RefusedFileError):
+            names = os.fsdecode(read_bytes(file, max_bytes=_MAX_NAMES_BYTES)).split("\0")
+            modules[session] = modules.get(session, frozenset()) | {*loaded_by_graph(names)}
     return modules
 
 

@@ -50,6 +50,9 @@ _INHERITED_PATTERNS = (
 MODULES_FOLDER = "modules"
 """In the scratch folder of a run: what programs of Python nodes have imported, by process."""
 
+_MODULE_NAMES = str(Path(__file__).parents[2] / "harness" / "module_names")
+"""Has the `sitecustomize` with which a program in Python names the modules that it has imported."""
+
 _HARNESS_ALLOCATOR = {
     # glibc gives every large buffer back to the kernel and faults it in again for the next
     # message; keeping them saves three quarters of the time of a raw receive of an image.
@@ -139,8 +142,10 @@ class RunEnvironment:
         return self._common | _HARNESS_ALLOCATOR | self.secrets.in_environment(changes)
 
     def for_node(self, changes: Mapping[str, str]) -> dict[str, str]:
-        """The environment of a process that runs nodes: nothing but what the plan states."""
-        return self._common | self.secrets.in_environment(changes)
+        """That of a process that runs nodes: what the plan states, and `_MODULE_NAMES`."""
+        variables = self._common | self.secrets.in_environment(changes)
+        folders = (variables.get("PYTHONPATH"), _MODULE_NAMES)
+        return variables | {"PYTHONPATH": os.pathsep.join(filter(None, folders))}
 
 
 class SecretReferences:
