@@ -105,12 +105,12 @@ def test_a_short_timeout_does_not_make_a_start_impatient() -> None:
 
 @pytest.fixture
 def working() -> Iterator[subprocess.Popen[str]]:
-    """A process that computes for a second of processor time with every line it is given."""
+    """A process that computes for half a second of processor time with every line it is given."""
     code = """
 import sys, time
 for _ in sys.stdin:
     began = time.process_time()
-    while time.process_time() - began < 1:
+    while time.process_time() - began < 0.5:
         pass
     print("done", flush=True)
 """

@@ -402,7 +402,7 @@ def test_one_that_hangs_does_not_keep_the_rest_waiting_in_turn(
     stage.children.request(polite, protocol.Play(rate_hz=1.0, steps=1), protocol.Played, HANG_S)
     monkeypatch.setattr(middleware_of({}), "exit_in_turn_s", 0.2)
     # What is left to the polite one, on however busy a machine.
-    monkeypatch.setattr(child_module, "MAX_EXIT_S", 10.0)
+    monkeypatch.setattr(child_module, "MAX_EXIT_S", 5.0)
     stage.children.end([*hangs, polite])
     assert polite.process.returncode == 0
     assert {child.process.returncode for child in hangs} == {-signal.SIGTERM}
