@@ -15,15 +15,17 @@ PAGE = Path(__file__).parents[3] / "docs" / "execution.md"
 
 
 def drawn_transitions() -> dict[str, set[str]]:
-    """The successors of each state; an arrow at a box is one at each of its states."""
+    """The successors of each state; a choice is only a shorter way to draw several arrows."""
     drawing = PAGE.read_text(encoding="utf-8").partition("```mermaid")[2].partition("```")[0]
-    boxes: dict[str, set[str]] = {}
-    for name, content in re.findall(r'state "[^"]*" as (\w+) \{(.*?)\}', drawing, re.DOTALL):
-        boxes[name] = set(re.findall(r"\w+", content))
     successors: dict[str, set[str]] = defaultdict(set)
     for before, after in re.findall(r"(\S+) --> (\S+)", drawing):
-        for state in boxes.get(before, {before}):
-            successors[state] |= boxes.get(after, {after})
+        successors[before].add(after)
+    for choice in re.findall(r"state (\w+) <<choice>>", drawing):
+        chosen = successors.pop(choice)
+        for after in successors.values():
+            if choice in after:
+                after.remove(choice)
+                after |= chosen
     return successors
 
 
