@@ -592,7 +592,9 @@ class _Run:
         first = self._measurements[0] if self._measurements else None
         again = self._measurements[1:]
         sessions = self._starts.sessions
-        fresh_floor = next((session.floor for session in sessions if session.confirms), ())
+        fresh_overhead = next(
+            (session.harness_overhead for session in sessions if session.confirms), ()
+        )
         return RunRecord(
             run_id=self._run_id,
             plan_hash=plan_hash(self._plan),
@@ -608,10 +610,10 @@ class _Run:
             search=first.search if first else None,
             sustained=first.sustained if first else (),
             events=tuple(self._states.events),
-            floor=sessions[0].floor if sessions else (),
-            silences=tuple(silence for session in sessions for silence in session.silences),
+            harness_overhead=sessions[0].harness_overhead if sessions else (),
+            output_gaps=tuple(silence for session in sessions for silence in session.output_gaps),
             differences=self._differences(failure),
-            confirmation=again[0].confirmation(fresh_floor) if again else None,
+            confirmation=again[0].confirmation(fresh_overhead) if again else None,
             left_out=tuple(self._budget.left_out),
             ended_rates=tuple(self._budget.ended_rates),
             starts=tuple(self._starts.records),

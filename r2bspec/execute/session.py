@@ -1,6 +1,6 @@
 """A session: the processes of a plan, started once in order, and warmed up.
 
-It has the states of one start: start, floor, graph, ready, after_ready and warm_up. A run has a
+It has the states of one start: start, harness_overhead, graph, ready, after_ready and warm_up. A run has a
 session for each of its starts (`r2bspec.execute.session`). If it fails, as many further
 sessions, the confirmation run, must also fail (`r2bspec.judge.confirmation`).
 
@@ -86,9 +86,9 @@ from r2bspec.measure.samples import SegmentSamples
 from r2bspec.plan.plan import Plan, ProcessPlan
 from r2bspec.plan.taps import all_taps, tap_monitors
 from r2bspec.record.run_record import (
-    FloorRecord,
+    HarnessOverheadRecord,
+    OutputGapRecord,
     Segment,
-    SilenceRecord,
     StartRecord,
     UnplayedMessages,
 )
@@ -117,7 +117,7 @@ class Session:
         schedule: of the player; empty before `bring_up`.
         rows_dir: receives the rows of player and monitors.
         player: plays the segments; None before the graph is matched.
-        floor: the overhead of the harness alone; empty before `bring_up`, and in a later start.
+        harness_overhead: without the graph; empty before `bring_up`, and in a later start.
         overhead_ns: how long its measurement took.
         unplayed: messages of inputs that are not played.
     """
@@ -161,7 +161,7 @@ class Session:
         self._observer: ManagedProcess | None = None
         self._silent_outputs: SilentOutputs | None = None
         self.player: SegmentPlayer | None = None
-        self.floor: tuple[FloorRecord, ...] = ()
+        self.harness_overhead: tuple[HarnessOverheadRecord, ...] = ()
         self.overhead_ns = 0
         self.unplayed: tuple[UnplayedMessages, ...] = ()
 
@@ -176,7 +176,7 @@ class Session:
         return self.player.samples if self.player else {}
 
     @property
-    def silences(self) -> tuple[SilenceRecord, ...]:
+    def output_gaps(self) -> tuple[OutputGapRecord, ...]:
         """Outputs that have stopped since the start."""
         return tuple(self._silent_outputs.records) if self._silent_outputs else ()
 
@@ -264,7 +264,7 @@ class Session:
             launcher.configure(monitor, settings)
             return player, monitor
         self._configure_both(player, self.rows_dir, monitor, settings)
-        if not self._is_later and "floor" in plan.phases:
+        if not self._is_later and "harness_overhead" in plan.phases:
             self._measure_overhead(player, monitor, self.rows_dir)
         return player, monitor
 
@@ -310,7 +310,11 @@ class Session:
         graph starts: a graph would answer what is played.
         """
         inputs = self._plan.inputs
-        if self._is_later or "floor" not in self._plan.phases or not can_be_measured(inputs):
+        if (
+            self._is_later
+            or "harness_overhead" not in self._plan.phases
+            or not can_be_measured(inputs)
+        ):
             return
         rows_dir = self.rows_dir / "overhead"
         rows_dir.mkdir()
@@ -357,7 +361,7 @@ class Session:
             self.schedule,
             self._context.host.between,
         )
-        self.floor = tuple(
+        self.harness_overhead = tuple(
             msgspec.structs.replace(
                 record,
                 placement=self._plan.harness.placement,

@@ -27,7 +27,7 @@ from r2bspec.execute.measurement.segments import SegmentPlayer
 from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.run_context import RunContext
 from r2bspec.plan.plan import MonitorPlan, Plan
-from r2bspec.record.run_record import Segment, SilenceRecord
+from r2bspec.record.run_record import OutputGapRecord, Segment
 
 
 @dataclass
@@ -47,7 +47,7 @@ class SilentOutputs:
     rows_dir: Path
     monitor: ManagedProcess
     segment_player: SegmentPlayer
-    records: list[SilenceRecord] = field(default_factory=list)
+    records: list[OutputGapRecord] = field(default_factory=list)
     _late: dict[str, int] = field(default_factory=dict)
 
     def explain_start(self, silent: Collection[str], *, final: bool) -> None:
@@ -108,7 +108,7 @@ class SilentOutputs:
         self.context.note(reason)
         way = path_lines(facts, full_path(facts, plan.topic))
         self.records.append(
-            SilenceRecord(
+            OutputGapRecord(
                 segment=segment.id,
                 topic=plan.topic,
                 reason=reason,

@@ -44,7 +44,7 @@ class RunState(StrEnum):
     START = "start"
     """Player and monitors start, and the processes that import ROS."""
 
-    OVERHEAD = "floor"
+    OVERHEAD = "harness_overhead"
     """The harness plays to itself, before there are nodes: its own latency."""
 
     GRAPH = "graph"

@@ -54,7 +54,7 @@ _FIGURES: Final[dict[str, tuple[str, _Extreme]]] = {
 }
 """The value of each metric, and for extremes which one the report excludes."""
 
-_SETTLE_HINT = "Run the benchmark with r2bspec, which records every message of every iteration."
+_REMEDY = "Run the benchmark with r2bspec, which records every message of every iteration."
 _SINGLE_VALUE_NOTE = (
     "A single value without its variation: an observation, not a prediction of the next run."
 )
@@ -198,7 +198,7 @@ def _judge_observation(question: Question, value: float, extreme: _Extreme) -> A
             outcome="inconclusive",
             method="none",
             reason=f"The report has {text}, but excludes the worst iteration.",
-            settle=_SETTLE_HINT,
+            remedy=_REMEDY,
             estimate=value,
         )
     return Answer(
@@ -229,7 +229,7 @@ def _judge_drop_rate(question: Question, figures: MonitorFigures) -> Answer:
         reason=f"{missed} of {sent} messages were missed; at {question.confidence_text} the true "
         f"share is {show(test.lower, 'share')} to {show(test.upper, 'share')}, and the limit is "
         f"{question.limit_text}.",
-        settle=_SETTLE_HINT if outcome == "inconclusive" else "",
+        remedy=_REMEDY if outcome == "inconclusive" else "",
         estimate=test.share,
         lower=test.lower,
         upper=test.upper,
@@ -258,10 +258,10 @@ def _judge_peak(question: Question, peak_hz: float | None) -> Answer:
         method="none",
         reason=f"The search of the report found {text}, but it accepts rates that the graph "
         "does not sustain.",
-        settle=_SETTLE_HINT,
+        remedy=_REMEDY,
         estimate=peak_hz,
     )
 
 
 def _inconclusive(reason: str) -> Answer:
-    return Answer(outcome="inconclusive", method="none", reason=reason, settle=_SETTLE_HINT)
+    return Answer(outcome="inconclusive", method="none", reason=reason, remedy=_REMEDY)

@@ -44,12 +44,12 @@ from dataclasses import replace
 import msgspec
 
 from r2bspec.judge.best_case import best_case_iteration, waiting_share
-from r2bspec.judge.interference_policy import SETTLE
+from r2bspec.judge.interference_policy import REMEDY
 from r2bspec.judge.methods.method_registry import METHODS
 from r2bspec.judge.playback_validity import schedule_problem
 from r2bspec.judge.verdict import DisturbedIteration, RequirementVerdict
 from r2bspec.judge.waiting_bound import taken_share
-from r2bspec.measure.host_usage import Surroundings
+from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.samples import RunSamples, SegmentSamples
 from r2bspec.measure.units import show
 
@@ -69,11 +69,11 @@ def find_affected_iterations(samples: RunSamples) -> dict[str, DisturbedIteratio
     """
     found: dict[str, DisturbedIteration] = {}
     for rate, iterations in samples.iterations.items():
-        usual = median_pressure([one.surroundings for one in iterations])
+        usual = median_pressure([one.interference for one in iterations])
         for one in iterations:
             again = samples.reruns.get(one.segment.id)
             for each in (one, *([again] if again is not None else [])):
-                reasons = interference_reasons(each.surroundings, usual)
+                reasons = interference_reasons(each.interference, usual)
                 if each is again and (late := schedule_problem(rate, [each])):
                     reasons = (*reasons, late)
                 if reasons:
@@ -84,24 +84,24 @@ def find_affected_iterations(samples: RunSamples) -> dict[str, DisturbedIteratio
                         rerun=again.segment.id if again is not None and each is one else "",
                         rerun_of=each.segment.rerun_of,
                         start=each.segment.start,
-                        taken=largest_taken_share(each.surroundings),
+                        taken=largest_taken_share(each.interference),
                     )
     return found
 
 
-def largest_taken_share(known: Surroundings | None) -> float:
+def largest_taken_share(known: HostInterference | None) -> float:
     """The largest share of the time that others can have taken from the run."""
     taken = taken_share(known)
     return waiting_share(known) if taken is None else taken
 
 
-def median_pressure(surroundings: Sequence[Surroundings | None]) -> float:
+def median_pressure(interference: Sequence[HostInterference | None]) -> float:
     """The pressure in the median iteration, to which the others are compared."""
-    known = [one.pressure for one in surroundings if one and one.pressure is not None]
+    known = [one.pressure for one in interference if one and one.pressure is not None]
     return statistics.median(known) if known else 0.0
 
 
-def interference_reasons(one: Surroundings | None, usual: float) -> tuple[str, ...]:
+def interference_reasons(one: HostInterference | None, usual: float) -> tuple[str, ...]:
     """Which host interference affected an iteration, in words; empty for none.
 
     Args:
@@ -216,7 +216,7 @@ def weaken_failure(
         return msgspec.structs.replace(
             played,
             outcome="inconclusive",
-            settle=SETTLE,
+            remedy=REMEDY,
             notes=(*played.notes, note),
             weakened=True,
         )

@@ -84,13 +84,13 @@ def judge_pairs(comparison: BaselineComparison, base: Values, head: Values) -> R
             "inconclusive",
             "One pair does not show the variation between pairs.",
             sides,
-            settle="At least 2 pairs are needed; 10 give a useful interval.",
+            remedy="At least 2 pairs are needed; 10 give a useful interval.",
         )
     found = paired_ratio(a, b, comparison.confidence, comparison.resolution)
     outcome = _decide(comparison, found)
-    settle = _pairs_hint(comparison, found) if outcome == "inconclusive" else ""
+    remedy = _pairs_hint(comparison, found) if outcome == "inconclusive" else ""
     reason = _reason(comparison, found, sides, "pairs")
-    return _verdict(comparison, method, outcome, reason, sides, settle=settle, found=found)
+    return _verdict(comparison, method, outcome, reason, sides, remedy=remedy, found=found)
 
 
 def judge_history(
@@ -113,18 +113,18 @@ def judge_history(
             f"Learning, {learning}: the history has {runs} of this plan on this kind of machine "
             f"with a value of {comparison.metric}.",
             sides,
-            settle=f"{MIN_HISTORY_RUNS} are needed: {MIN_HISTORY_RUNS - len(earlier)} more.",
+            remedy=f"{MIN_HISTORY_RUNS} are needed: {MIN_HISTORY_RUNS - len(earlier)} more.",
         )
         return msgspec.structs.replace(short, learning=learning)
     found = predicted_ratio(earlier, _known([new])[0], comparison.confidence)
     outcome = _decide(comparison, found)
-    settle = (
+    remedy = (
         "Runs vary too much for this margin: compare interleaved pairs with --against."
         if outcome == "inconclusive"
         else ""
     )
     reason = _reason(comparison, found, sides, "runs")
-    return _verdict(comparison, method, outcome, reason, sides, settle=settle, found=found)
+    return _verdict(comparison, method, outcome, reason, sides, remedy=remedy, found=found)
 
 
 @dataclass(frozen=True)
@@ -150,17 +150,17 @@ def advise_by_stored_run(
 ) -> RequirementVerdict:
     """State what a single stored run suggests. The outcome is always inconclusive."""
     method: Method = "stored baseline"
-    settle = "A stored run is advisory only: gate on interleaved pairs with --against."
+    remedy = "A stored run is advisory only: gate on interleaved pairs with --against."
     a, b = base.usable(), head.usable()
     sides = _ComparedValues(base.values, head.values)
     if min(len(a.values), len(b.values)) < 2:
         reason = "Too few iterations have a value to be compared with a stored run."
-        return _verdict(comparison, method, "inconclusive", reason, sides, settle=settle)
+        return _verdict(comparison, method, "inconclusive", reason, sides, remedy=remedy)
     found, pieces = welch_ratio_of_runs(a, b, comparison.confidence)
     would = {"pass": "would pass", "fail": "would fail", "inconclusive": "would be inconclusive"}
     seen = _reason(comparison, found, sides, pieces)
     reason = f"{seen} By this alone it {would[_decide(comparison, found)]}."
-    return _verdict(comparison, method, "inconclusive", reason, sides, settle=settle, found=found)
+    return _verdict(comparison, method, "inconclusive", reason, sides, remedy=remedy, found=found)
 
 
 @dataclass(frozen=True)
@@ -213,9 +213,9 @@ def _missing_value_verdict(
         reason = (
             f"{comparison.metric} has no value in {lost} of {len(base)} iterations of the base."
         )
-        settle = "Compare with a base that produces output."
+        remedy = "Compare with a base that produces output."
         sides = _ComparedValues(base, head)
-        return _verdict(comparison, method, "inconclusive", reason, sides, settle=settle)
+        return _verdict(comparison, method, "inconclusive", reason, sides, remedy=remedy)
     return _zero_verdict(comparison, method, base, head)
 
 
@@ -232,8 +232,8 @@ def _missing_head_verdict(
         return _verdict(comparison, method, "inconclusive", reason, sides)
     reason = f"{comparison.metric} has no value in {lost} of {len(head)} iterations of the head."
     if comparison.sampled:
-        settle = "Make the iterations longer to get more samples."
-        return _verdict(comparison, method, "inconclusive", reason, sides, settle=settle)
+        remedy = "Make the iterations longer to get more samples."
+        return _verdict(comparison, method, "inconclusive", reason, sides, remedy=remedy)
     return _verdict(comparison, method, "fail", reason, sides)
 
 
@@ -249,9 +249,9 @@ def _zero_verdict(
     if all(value is not None and value > 0 for value in (*base, *head)):
         return None
     reason = f"{comparison.metric} is 0 in some iterations, and a ratio to 0 is undefined."
-    settle = "Use an absolute bound, such as 0.1 %, instead of one 'of baseline'."
+    remedy = "Use an absolute bound, such as 0.1 %, instead of one 'of baseline'."
     return _verdict(
-        comparison, method, "inconclusive", reason, _ComparedValues(base, head), settle=settle
+        comparison, method, "inconclusive", reason, _ComparedValues(base, head), remedy=remedy
     )
 
 
@@ -303,7 +303,7 @@ def _verdict(
     reason: str,
     sides: _ComparedValues,
     *,
-    settle: str = "",
+    remedy: str = "",
     found: RatioInterval | None = None,
 ) -> RequirementVerdict:
     n = found.n if found is not None else len(sides.base)
@@ -328,6 +328,6 @@ def _verdict(
         share=None,
         rule_of_three=None,
         reason=reason,
-        settle=settle,
+        remedy=remedy,
         compared=sides.compared(comparison.unit, found.deviation if found is not None else None),
     )

@@ -93,19 +93,19 @@ def _judge_requirement(
     if requirement is None or (one.outcome, one.method) != ("inconclusive", "none"):
         return one
     if (problem := _undecidable_reason(requirement)) is not None:
-        reason, settle = problem
-        return msgspec.structs.replace(one, reason=reason, settle=settle)
+        reason, remedy = problem
+        return msgspec.structs.replace(one, reason=reason, remedy=remedy)
     try:
         _, info = resolve(requirement.metric, samples.monitors, samples.processes)
     except MetricError:
         return one
     if info.scope != "search" and one.at_hz is None:
         reason = f"The objective does not state the rate of {info.name}."
-        return msgspec.structs.replace(one, reason=reason, settle="Add 'at' to the objective.")
+        return msgspec.structs.replace(one, reason=reason, remedy="Add 'at' to the objective.")
     iterations = iterations_at(samples.iterations, one.at_hz)
     if unknown := latency_unknown_by_order(info, one.monitor, iterations):
-        reason, settle = unknown
-        return msgspec.structs.replace(one, reason=reason, settle=settle)
+        reason, remedy = unknown
+        return msgspec.structs.replace(one, reason=reason, remedy=remedy)
     own = objectives[one.objective].confidence
     found = answer(
         BaselineQuestion(

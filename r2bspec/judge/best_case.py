@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.judge.waiting_bound import MAX_SHARE, shortest_latencies, taken_share
-from r2bspec.measure.host_usage import ResourceUse, Surroundings
+from r2bspec.measure.host_usage import HostInterference, ResourceUse
 from r2bspec.measure.matching import match_monitor
 from r2bspec.measure.samples import (
     MonitorSamples,
@@ -63,14 +63,14 @@ def best_case_iteration(one: SegmentSamples, taken: float | None = None) -> Segm
     return replace(
         one,
         monitors={
-            name: _best_case_samples(one.segment, one.playback, seen, one.surroundings, taken)
+            name: _best_case_samples(one.segment, one.playback, seen, one.interference, taken)
             for name, seen in one.monitors.items()
         },
         machine=_use_by_run(one),
     )
 
 
-def waiting_share(known: Surroundings | None) -> float:
+def waiting_share(known: HostInterference | None) -> float:
     """The largest share of the time for which the run can have been kept waiting; w above."""
     if known is None:
         return 0.0
@@ -86,7 +86,7 @@ def _best_case_samples(
     segment: Segment,
     playback: PlaybackSamples,
     seen: MonitorSamples,
-    known: Surroundings | None,
+    known: HostInterference | None,
     taken: float | None,
 ) -> MonitorSamples:
     most_hz = playback.rate_hz * seen.per_step

@@ -44,7 +44,7 @@ _NOT_CONFIRMED = "It had failed, but a second run in new processes did not confi
 _NOT_PLAYED_AGAIN = "No second run was made to confirm it."
 _NOT_COUNTED = "With 'gate.confirm: false' its second run does not count."
 
-_SETTLE = "Run again; if the failure is intermittent, look for what differs between the runs."
+_REMEDY = "Run again; if the failure is intermittent, look for what differs between the runs."
 
 
 def needs_confirmation(verdict: Verdict) -> bool:
@@ -135,7 +135,7 @@ def confirm_requirement(
         did = "passed" if second.outcome == "pass" else "was inconclusive"
         note = f"The first run failed, a second run {did}: {_lower(second.reason)}"
     return msgspec.structs.replace(
-        first, outcome="inconclusive", settle=_SETTLE, notes=(*first.notes, note)
+        first, outcome="inconclusive", remedy=_REMEDY, notes=(*first.notes, note)
     )
 
 

@@ -174,7 +174,7 @@ def extreme_iteration(played: tuple[SegmentSamples, ...], extreme: Extreme) -> S
             name: _monitor([one.monitors[name] for one in played], extreme)
             for name in last.monitors
         },
-        surroundings=None,
+        interference=None,
     )
 
 

@@ -102,7 +102,7 @@ class Answer:
     outcome: Outcome
     method: Method
     reason: str
-    settle: str = ""
+    remedy: str = ""
     estimate: float | None = None
     lower: float | None = None
     upper: float | None = None
@@ -161,7 +161,7 @@ def requirement_verdict(question: Question, answer: Answer) -> RequirementVerdic
         share=answer.share,
         rule_of_three=answer.rule_of_three,
         reason=answer.reason,
-        settle=answer.settle,
+        remedy=answer.remedy,
         notes=answer.notes,
     )
 

@@ -51,7 +51,7 @@ _OPEN = (
     "It fails on what was played. The rate was ended early: no rest could have made it pass, and "
     "some would have left it open."
 )
-_SETTLE = "Run without --abort-on-fail."
+_REMEDY = "Run without --abort-on-fail."
 
 _KINDS: Final[tuple[tuple[Extreme | None, Extreme], ...]] = (
     (None, "endless"),
@@ -148,7 +148,7 @@ def _repaired(one: SegmentSamples, share: float, *, largest: bool) -> SegmentSam
             name: _repaired_monitor(seen, share, largest=largest)
             for name, seen in one.monitors.items()
         },
-        surroundings=None,
+        interference=None,
     )
 
 
@@ -284,7 +284,7 @@ def weaken_ended(
     }
     requirements = tuple(
         msgspec.structs.replace(
-            one, outcome="inconclusive", notes=(*one.notes, _OPEN), settle=_SETTLE
+            one, outcome="inconclusive", notes=(*one.notes, _OPEN), remedy=_REMEDY
         )
         if _ended_open(one, ended) and requirement_key(one) not in lost
         else one

@@ -31,8 +31,8 @@ from r2bspec.record.run_record import Probe, RunRecord
 
 InterferencePolicy = Literal["tolerate", "note", "strict"]
 
-SETTLE: Final = "Run again on an otherwise idle machine."
-STRICT_SETTLE: Final = f"{SETTLE[:-1]}, or allow interference: 'interference: note'."
+REMEDY: Final = "Run again on an otherwise idle machine."
+STRICT_REMEDY: Final = f"{REMEDY[:-1]}, or allow interference: 'interference: note'."
 
 
 def strict_pass(
@@ -124,7 +124,7 @@ def _judge_probe(
         return strict_refusal(one, text)
     if one.outcome == "fail" and METHODS[one.method].rests_on == "probes":
         if policy != "tolerate" and probes[-1].explained:
-            return _open(one, f"{note} Without it the rate might be sustained.", SETTLE)
+            return _open(one, f"{note} Without it the rate might be sustained.", REMEDY)
         if policy != "tolerate":
             note = f"{note} That does not explain the failure."
     return msgspec.structs.replace(one, notes=(*one.notes, note))
@@ -147,7 +147,7 @@ def _probes_of(one: RequirementVerdict, record: RunRecord) -> list[Probe]:
     return list({each.rate_hz: each for each in found}.values())
 
 
-def _open(one: RequirementVerdict, note: str, settle: str = STRICT_SETTLE) -> RequirementVerdict:
+def _open(one: RequirementVerdict, note: str, remedy: str = STRICT_REMEDY) -> RequirementVerdict:
     return msgspec.structs.replace(
-        one, outcome="inconclusive", settle=settle, notes=(*one.notes, note), weakened=True
+        one, outcome="inconclusive", remedy=remedy, notes=(*one.notes, note), weakened=True
     )

@@ -126,10 +126,10 @@ def combine_looks(looks: InterimLooks, judged: Sequence[RequirementVerdict]) -> 
     )
     chosen = last if last.outcome == "fail" else first
     note = _note(looks, chosen, latest)
-    settle = chosen.settle
+    remedy = chosen.remedy
     if chosen.outcome == "inconclusive" and latest < len(looks):
-        settle = f"The next look, after {looks.iterations[latest]} iterations, may decide it."
-    return msgspec.structs.replace(chosen, settle=settle, notes=(*chosen.notes, note))
+        remedy = f"The next look, after {looks.iterations[latest]} iterations, may decide it."
+    return msgspec.structs.replace(chosen, remedy=remedy, notes=(*chosen.notes, note))
 
 
 def _note(looks: InterimLooks, chosen: RequirementVerdict, latest: int) -> str:

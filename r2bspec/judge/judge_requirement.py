@@ -91,7 +91,7 @@ def judge_requirement(
                 judged,
                 outcome="inconclusive",
                 reason=missed,
-                settle=playback_validity.remedy(missed, at_hz),
+                remedy=playback_validity.remedy(missed, at_hz),
                 # They explain a verdict that is none.
                 notes=(),
             )
@@ -265,8 +265,8 @@ def latency_unknown_by_order(
     return reason, "Match by stamp: use an output whose header keeps the stamp of its input."
 
 
-def _inconclusive(reason: str, settle: str = "") -> Answer:
-    return Answer(outcome="inconclusive", method="none", reason=reason, settle=settle)
+def _inconclusive(reason: str, remedy: str = "") -> Answer:
+    return Answer(outcome="inconclusive", method="none", reason=reason, remedy=remedy)
 
 
 def _no_such_metric(

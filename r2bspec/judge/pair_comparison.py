@@ -255,7 +255,7 @@ def _combine_sustained(found: Sequence[RequirementVerdict]) -> RequirementVerdic
         outcome=outcome,
         n=len(found),
         notes=(*one.notes, f"Probed in {len(found)} runs of the head: {counts}."),
-        settle=one.settle if outcome == "inconclusive" else "",
+        remedy=one.remedy if outcome == "inconclusive" else "",
     )
 
 

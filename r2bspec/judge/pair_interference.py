@@ -45,7 +45,7 @@ import msgspec
 
 from r2bspec.judge.affected_iterations import find_affected_iterations, largest_taken_share
 from r2bspec.judge.best_case import best_case_iteration
-from r2bspec.judge.interference_policy import SETTLE
+from r2bspec.judge.interference_policy import REMEDY
 from r2bspec.judge.judge_requirement import iterations_at
 from r2bspec.judge.statistics.t_interval import mean_interval
 from r2bspec.judge.verdict import RequirementVerdict
@@ -196,14 +196,14 @@ def _without_excess(one: RunSamples, other: RunSamples) -> RunSamples:
 
 def _taken(run: RunSamples, at_hz: float | None) -> float:
     """The share of the time that others can have taken from a run at a rate, in the mean."""
-    return _mean([largest_taken_share(each.surroundings) for each in _played(run, at_hz)])
+    return _mean([largest_taken_share(each.interference) for each in _played(run, at_hz)])
 
 
 def _own_cores(run: RunSamples, at_hz: float | None) -> float:
     """The processor time per time that a run used at a rate; 0 if it is not known."""
     return _mean(
         [
-            (each.surroundings.own_cores if each.surroundings else None) or 0.0
+            (each.interference.own_cores if each.interference else None) or 0.0
             for each in _played(run, at_hz)
         ]
     )
@@ -227,5 +227,5 @@ def _noted(judged: RequirementVerdict, note: str) -> RequirementVerdict:
 
 def _opened(judged: RequirementVerdict, note: str) -> RequirementVerdict:
     return msgspec.structs.replace(
-        _noted(judged, note), outcome="inconclusive", settle=SETTLE, weakened=True
+        _noted(judged, note), outcome="inconclusive", remedy=REMEDY, weakened=True
     )

@@ -14,10 +14,10 @@ from r2bspec.record.graph_identity import GraphIdentity
 from r2bspec.record.run_record import (
     AccuracyRecord,
     Difference,
-    FloorRecord,
+    HarnessOverheadRecord,
+    OutputGapRecord,
     ProcessRecord,
     ProfileRecord,
-    SilenceRecord,
     StartRecord,
     UnplayedMessages,
 )
@@ -81,9 +81,9 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         status: how the run itself went; `reason` says why, where it is not complete.
         plan_hash: of the plan that was run.
-        floor: harness overhead: latency of harness and transport without the graph; contained in
-            every latency, and never subtracted.
-        silences: outputs that stopped, and the node at which their messages end.
+        harness_overhead: latency of harness and transport without the graph; contained in every
+            latency, and never subtracted.
+        output_gaps: outputs that stopped, and the node at which their messages end.
         differences: between the running graph and the spec.
         dataset: the recorded messages that were played, with their hash.
         machine: where the run was made.
@@ -123,8 +123,8 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     machine: dict[str, Any]
     versions: dict[str, str]
     processes: tuple[ProcessRecord, ...]
-    floor: tuple[FloorRecord, ...] = ()
-    silences: tuple[SilenceRecord, ...] = ()
+    harness_overhead: tuple[HarnessOverheadRecord, ...] = ()
+    output_gaps: tuple[OutputGapRecord, ...] = ()
     differences: tuple[Difference, ...] = ()
     spec: str
     judged_by: str

@@ -117,12 +117,12 @@ def _when_and_where(samples: RunSamples) -> str:
 def _no_burst(requirements: Sequence[RequirementVerdict]) -> tuple[str, ...]:
     """That passes met no burst beyond their limits, once for all of them."""
     found = [
-        (one.share.withstands, one)
+        (one.share.burst_tolerance, one)
         for one in requirements
         if one.share is not None
         and _depends_on_bursts(one)
         and not one.share.over
-        and one.share.withstands is not None
+        and one.share.burst_tolerance is not None
     ]
     if not found:
         return ()
@@ -141,7 +141,7 @@ def _no_burst(requirements: Sequence[RequirementVerdict]) -> tuple[str, ...]:
 def _few_bursts(one: RequirementVerdict) -> tuple[str, ...]:
     """That the run met some bursts, but too few to know how long they get."""
     test = one.share
-    if test is None or not _depends_on_bursts(one) or not test.over or test.withstands is None:
+    if test is None or not _depends_on_bursts(one) or not test.over or test.burst_tolerance is None:
         return ()
     counted, independent = _counted(one), test.over * test.effective_n / test.n
     bursts = "one burst" if test.bursts == 1 else f"{show(test.bursts, 'count')} bursts"
@@ -153,7 +153,7 @@ def _few_bursts(one: RequirementVerdict) -> tuple[str, ...]:
     )
     text = (
         f"{seen}: too few to know how long bursts get. The PASS allows for a mean length of up to "
-        f"{show(test.withstands, '', 2)}."
+        f"{show(test.burst_tolerance, '', 2)}."
     )
     return (text,)
 
@@ -161,10 +161,10 @@ def _few_bursts(one: RequirementVerdict) -> tuple[str, ...]:
 def _depends_on_bursts(one: RequirementVerdict) -> bool:
     """Whether longer bursts than it may have met would change a PASS."""
     test = one.share
-    if one.outcome != "pass" or test is None or test.withstands is None:
+    if one.outcome != "pass" or test is None or test.burst_tolerance is None:
         return False
     independent = test.over * test.effective_n / test.n
-    return min(test.bursts, independent) < FEW_BURSTS and test.withstands < LONG_BURST
+    return min(test.bursts, independent) < FEW_BURSTS and test.burst_tolerance < LONG_BURST
 
 
 def _counted(one: RequirementVerdict) -> str:

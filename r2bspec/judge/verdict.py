@@ -38,24 +38,24 @@ class ShareTest(msgspec.Struct, frozen=True, kw_only=True):
         effective_n: effective sample size: the number of independent messages equivalent to `n`.
         bursts: in how many bursts the messages over the limit come.
         clustering: why `effective_n` is below `n`: they come in ``bursts`` one after the other,
-            in ``stretches`` near one another, or in some ``iterations`` or ``starts`` more than in
+            in ``clusters`` near one another, or in some ``iterations`` or ``starts`` more than in
             others.
-        withstands: burst tolerance: for a share that was shown to be small enough, the mean length
-            of bursts up to which the same counts would still show it; otherwise None. Bursts that
-            are too rare to occur in this run cannot be seen in it.
+        burst_tolerance: for a share that was shown to be small enough, the mean length of bursts up
+            to which the same counts would still show it; otherwise None. Bursts that are too rare
+            to occur in this run cannot be seen in it.
     """
 
     n: int
     effective_n: float
     over: int
     bursts: int
-    clustering: Literal["", "bursts", "stretches", "iterations", "starts"]
+    clustering: Literal["", "bursts", "clusters", "iterations", "starts"]
     lost: int
     share: float
     lower: float
     upper: float
     allowed: float
-    withstands: float | None
+    burst_tolerance: float | None
 
 
 class Compared(msgspec.Struct, frozen=True, kw_only=True):
@@ -96,7 +96,7 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
         rule_of_three: for an observation that was met by n messages, the share of messages for
             which it may still not be met, at the stated confidence; otherwise None.
         reason: the decision in one sentence.
-        settle: for an inconclusive requirement, what would decide it; otherwise empty.
+        remedy: for an inconclusive requirement, what would decide it; otherwise empty.
         level: what it does to the run if it is not met.
         look: the planned interim look at which it was decided, counted from 1; 0 if none were
             planned, of which there are `looks`.
@@ -127,7 +127,7 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
     share: ShareTest | None
     rule_of_three: float | None
     reason: str
-    settle: str
+    remedy: str
     effective_n: float | None = None
     bursts: int | None = None
     level: Level = "error"

@@ -79,7 +79,7 @@ def _effective_size_text(test: ShareTest) -> str:
 def clustering(test: ShareTest) -> str:
     """How the messages over the limit are clustered."""
     match test.clustering:
-        case "stretches":
+        case "clusters":
             return "close to one another"
         case "iterations" | "starts":
             return f"more in some {test.clustering} than in others"

@@ -37,7 +37,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.measure.host_usage import Surroundings
+from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.samples import MonitorSamples
 
 MAX_SHARE = 0.75
@@ -46,7 +46,7 @@ MAX_SHARE = 0.75
 _SHARED_PROCESSOR_LOSS = 0.5
 
 
-def taken_share(known: Surroundings | None) -> float | None:
+def taken_share(known: HostInterference | None) -> float | None:
     """The largest share of the time that others can have taken from the run: w above.
 
     Returns:

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.record.run_record import FloorRecord
+from r2bspec.record.run_record import HarnessOverheadRecord
 from r2bspec.record.sample_arrays import Rows
 
 
@@ -146,7 +146,7 @@ def _sum(values: list[float | None]) -> float | None:
 _MIN_LATENCY_DIFFERENCE_NS = 100_000
 
 
-class Surroundings(msgspec.Struct, frozen=True, kw_only=True):
+class HostInterference(msgspec.Struct, frozen=True, kw_only=True):
     """Host interference during one iteration; None is unknown.
 
     Attributes:
@@ -179,7 +179,7 @@ def host_interference(
     cores: int | None,
     began_ns: int,
     ended_ns: int,
-) -> Surroundings | None:
+) -> HostInterference | None:
     """The interference between two times, interpolated linearly between samples.
 
     Args:
@@ -201,7 +201,7 @@ def host_interference(
     busy_s = _growth_on_host(rows, "busy_s", began_ns, ended_ns)
     # Without orphans there are no rows of them.
     own = resource_use(resources, processes | {ORPHANS_INDEX}, began_ns, ended_ns)
-    return Surroundings(
+    return HostInterference(
         seconds=seconds,
         cores=cores,
         steal=None if stolen_s is None or not cores else min(1.0, stolen_s / (seconds * cores)),
@@ -240,7 +240,9 @@ def _foreign_cores(
     return max(0.0, busy_s / ((ended_ns - began_ns) / 1e9) - known)
 
 
-def harness_slowdown(usual: tuple[FloorRecord, ...], now: tuple[FloorRecord, ...]) -> float | None:
+def harness_slowdown(
+    usual: tuple[HarnessOverheadRecord, ...], now: tuple[HarnessOverheadRecord, ...]
+) -> float | None:
     """The latency of the harness alone over its usual one: the largest ratio of the inputs.
 
     Medians of the same input are compared. A difference below `_MIN_LATENCY_DIFFERENCE_NS` is

@@ -22,7 +22,7 @@ from r2bspec.measure.distribution import (
     part_value,
 )
 from r2bspec.measure.hop_latency import HopSamples, pool_hops
-from r2bspec.measure.host_usage import ResourceUse, Surroundings
+from r2bspec.measure.host_usage import HostInterference, ResourceUse
 from r2bspec.measure.samples import (
     MonitorSamples,
     PlaybackSamples,
@@ -124,7 +124,7 @@ class UseMetrics(msgspec.Struct, frozen=True, kw_only=True):
 class SegmentMetrics(msgspec.Struct, frozen=True, kw_only=True):
     """One iteration, or several pooled (then `segment` is empty and `index` is None).
 
-    `surroundings` is the host interference, where it was sampled; None if pooled. `start` is the
+    `interference` is the host interference, where it was sampled; None if pooled. `start` is the
     start of the processes that it was played in, from 1; 0 if pooled, and in results of versions
     that did not state it.
     """
@@ -135,7 +135,7 @@ class SegmentMetrics(msgspec.Struct, frozen=True, kw_only=True):
     monitors: dict[str, MonitorMetrics]
     processes: dict[str, UseMetrics]
     machine: UseMetrics | None
-    surroundings: Surroundings | None = None
+    interference: HostInterference | None = None
     start: int = 0
 
 
@@ -283,7 +283,7 @@ def measure_segment(samples: SegmentSamples) -> SegmentMetrics:
         monitors={name: _monitor(seen) for name, seen in samples.monitors.items()},
         processes={name: _use(used, sent) for name, used in samples.processes.items()},
         machine=_use(samples.machine) if samples.machine is not None else None,
-        surroundings=samples.surroundings,
+        interference=samples.interference,
         start=samples.segment.start,
     )
 

@@ -13,7 +13,7 @@ from r2bspec.measure.hop_latency import hop_samples
 from r2bspec.measure.host_usage import (
     MACHINE_INDEX,
     ORPHANS_INDEX,
-    Surroundings,
+    HostInterference,
     harness_slowdown,
     host_interference,
     resource_use,
@@ -60,7 +60,7 @@ class HostSamples:
     """What was sampled over the whole run: rows of `RESOURCE_DTYPE` and `INTERFERENCE_DTYPE`."""
 
     resources: Rows
-    surroundings: Rows
+    interference: Rows
 
 
 def read_samples(run: Run) -> RunSamples:
@@ -180,8 +180,8 @@ def with_host_samples(
             if (used := resource_use(resources, indices, began, ended)) is not None
         },
         machine=resource_use(resources, frozenset({MACHINE_INDEX}), began, ended),
-        surroundings=host_interference(
-            host.surroundings,
+        interference=host_interference(
+            host.interference,
             resources,
             frozenset({ORPHANS_INDEX, *range(len(record.processes))}),
             record.machine.get("cores"),
@@ -244,7 +244,10 @@ def run_samples(
         # The segments at the peak are then played at the peak of the first session.
         second = replace(second, peak_hz=first.peak_hz)
     return replace(
-        first, confirmation=_calibrated(second, harness_slowdown(record.floor, fresh.floor))
+        first,
+        confirmation=_calibrated(
+            second, harness_slowdown(record.harness_overhead, fresh.harness_overhead)
+        ),
     )
 
 
@@ -292,8 +295,8 @@ def _calibrated(session: RunSamples, calibration: float | None) -> RunSamples:
         return session
 
     def with_calibration(one: SegmentSamples) -> SegmentSamples:
-        known = one.surroundings or Surroundings()
-        return replace(one, surroundings=msgspec.structs.replace(known, calibration=calibration))
+        known = one.interference or HostInterference()
+        return replace(one, interference=msgspec.structs.replace(known, calibration=calibration))
 
     return replace(
         session,

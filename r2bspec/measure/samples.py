@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.measure.hop_latency import HopSamples
-from r2bspec.measure.host_usage import ResourceUse, Surroundings
+from r2bspec.measure.host_usage import HostInterference, ResourceUse
 from r2bspec.measure.matching import NO_MATCH, MatchedMonitor, Matching, source_times_ns
 from r2bspec.measure.times import (
     Seconds,
@@ -175,7 +175,7 @@ class SegmentSamples:
     monitors: Mapping[str, MonitorSamples]
     processes: Mapping[str, ResourceUse]
     machine: ResourceUse | None
-    surroundings: Surroundings | None = None
+    interference: HostInterference | None = None
 
     @property
     def live(self) -> bool:

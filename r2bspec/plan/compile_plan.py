@@ -261,7 +261,7 @@ def _phases(spec: Spec, sustained_hz: tuple[float, ...], *, plays: bool) -> Iter
         yield "preprocess"
     yield "start"
     if not spec.live:
-        yield "floor"
+        yield "harness_overhead"
     yield "graph"
     if spec.ready:
         yield "ready"

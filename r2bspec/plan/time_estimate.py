@@ -24,7 +24,7 @@ _SEGMENT_END_S = 0.2
 _TYPICAL_PROBE_S = 4.0
 """Typical times; a probe ends as soon as it is decided."""
 
-_SESSION_PHASES = ("start", "floor", "graph", "warm_up")
+_SESSION_PHASES = ("start", "harness_overhead", "graph", "warm_up")
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def estimate_time(plan: Plan) -> TimeEstimate:
         "load": _LOAD_S if "load" in plan.phases else 0.0,
         "preprocess": _PREPROCESS_S if "preprocess" in plan.phases else 0.0,
         "start": _HARNESS_START_S,
-        "floor": _HARNESS_OVERHEAD_S if "floor" in plan.phases else 0.0,
+        "harness_overhead": _HARNESS_OVERHEAD_S if "harness_overhead" in plan.phases else 0.0,
         "graph": _GRAPH_START_S + _PROCESS_START_S * len(plan.processes),
         "warm_up": plan.warm_up_ns / 1e9,
         "search": _search_s(plan),

@@ -139,9 +139,9 @@ def merge_runs(
             for each in record.sustained
         ),
         events=tuple(each for record in records for each in record.events),
-        floor=records[0].floor if records else (),
+        harness_overhead=records[0].harness_overhead if records else (),
         confirmation=None,
-        silences=tuple(each for record in records for each in record.silences),
+        output_gaps=tuple(each for record in records for each in record.output_gaps),
         differences=records[0].differences if records else (),
         left_out=tuple(dict.fromkeys(each for record in records for each in record.left_out)),
         unplayed=tuple(dict.fromkeys(each for record in records for each in record.unplayed)),

@@ -197,7 +197,7 @@ class RunFolder:
 
     def write_interference(self, rows: Rows) -> None:
         """Write host interference over the whole run: rows of `INTERFERENCE_DTYPE`."""
-        write_rows(self.path / "surroundings.npy", rows, INTERFERENCE_DTYPE)
+        write_rows(self.path / "interference.npy", rows, INTERFERENCE_DTYPE)
 
     def write_record(self, record: RunRecord) -> None:
         """Write ``record.json``; it may be written repeatedly during the run."""
@@ -260,7 +260,7 @@ class Run:
         Raises:
             RecordError: the file is damaged.
         """
-        return self._read_optional("surroundings.npy", INTERFERENCE_DTYPE)
+        return self._read_optional("interference.npy", INTERFERENCE_DTYPE)
 
     def _read_optional(self, name: str, dtype: np.dtype[np.void]) -> Rows:
         path = self.folder / name

@@ -9,7 +9,7 @@ A run folder contains::
     samples/SEGMENT/   playback.npy, monitor.NAME.npy for each monitor, and tap.TOPIC.npy for
                        each tapped topic, with dots instead of slashes
     resources.npy      CPU and memory of every process over the whole run
-    surroundings.npy   host interference over the whole run
+    interference.npy   host interference over the whole run
     loaded_files.json  the files that each process of the graph loaded (`loaded_files`)
     logs/PROCESS.log   the output of each process
     profile/PROCESS/   what a profiler wrote
@@ -293,7 +293,7 @@ class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):
         return code in {0, None} or any(code in {-each, 128 + each} for each in self.signals)
 
 
-class FloorRecord(msgspec.Struct, frozen=True, kw_only=True):
+class HarnessOverheadRecord(msgspec.Struct, frozen=True, kw_only=True):
     """The harness overhead for one input: latency of harness and transport without the graph.
 
     It is measured before the nodes are started, from the player to a subscription on the input
@@ -327,7 +327,7 @@ class FloorRecord(msgspec.Struct, frozen=True, kw_only=True):
         }
 
 
-class SilenceRecord(msgspec.Struct, frozen=True, kw_only=True):
+class OutputGapRecord(msgspec.Struct, frozen=True, kw_only=True):
     """An output that stopped during the measurement, and the diagnosis.
 
     `segment` is the one in which this was detected; afterwards some steps were played while the
@@ -438,13 +438,13 @@ class ConfirmationRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     Its segments have the kind ``confirmation``. Segments named by the probes in `search` and
     `sustained` belong to these; the others are iterations. Only what the failed requirements need
-    was measured again; otherwise `search` is None and `sustained` empty. `floor` is the harness
-    overhead of its own processes, as in `RunRecord`.
+    was measured again; otherwise `search` is None and `sustained` empty. `harness_overhead` is
+    that of its own processes, as in `RunRecord`.
     """
 
     search: SearchRecord | None
     sustained: tuple[Probe, ...]
-    floor: tuple[FloorRecord, ...] = ()
+    harness_overhead: tuple[HarnessOverheadRecord, ...] = ()
 
 
 class StartRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -539,10 +539,10 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     `sustained` has one probe for each rate of the plan's `sustained_hz`. `dataset` is the bag, with
     its hash; `machine` and `versions` describe host and software. `events` are (monotonic time,
-    text): the beginnings of phases, and notes. `floor` has the harness overhead of each input; it
-    is empty if nothing is played, or if its measurement would have affected the graph.
-    `confirmation` is the confirmation run, if there was one. `silences` are outputs that stopped,
-    `differences` those between the running graph and the spec. `left_out` has one sentence for
+    text): the beginnings of phases, and notes. `harness_overhead` has one entry for each input;
+    it is empty if nothing is played, or if its measurement would have affected the graph.
+    `confirmation` is the confirmation run, if there was one. `output_gaps` are outputs that
+    stopped; `differences` those between the running graph and the spec. `left_out` has one sentence for
     each optional part that was not played, with the reason; `unplayed` has the messages of inputs
     that were not. `ended_rates` are those that ``--abort-on-fail`` ended. `starts` are those whose
     graph was warmed up; empty in records of versions that did not state them, which had one start.
@@ -568,9 +568,9 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     search: SearchRecord | None
     sustained: tuple[Probe, ...]
     events: tuple[tuple[int, str], ...]
-    floor: tuple[FloorRecord, ...] = ()
+    harness_overhead: tuple[HarnessOverheadRecord, ...] = ()
     confirmation: ConfirmationRecord | None = None
-    silences: tuple[SilenceRecord, ...] = ()
+    output_gaps: tuple[OutputGapRecord, ...] = ()
     differences: tuple[Difference, ...] = ()
     left_out: tuple[str, ...] = ()
     starts: tuple[StartRecord, ...] = ()

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 from r2bspec.judge.result import Result
 from r2bspec.measure.units import show
-from r2bspec.record.run_record import FloorRecord
+from r2bspec.record.run_record import HarnessOverheadRecord
 
 
-def overhead_placement(floor: tuple[FloorRecord, ...]) -> str:
+def overhead_placement(harness_overhead: tuple[HarnessOverheadRecord, ...]) -> str:
     """Between how many processes the overhead was measured; empty in records without it."""
-    processes = max((each.processes for each in floor), default=0)
+    processes = max((each.processes for each in harness_overhead), default=0)
     return {1: "within one process", 2: "between two processes"}.get(processes, "")
 
 
@@ -27,10 +27,12 @@ def joined_notes(result: Result) -> Iterator[str]:
 
 def overhead_notes(result: Result) -> Iterator[str]:
     """With which placement of the harness the overhead was measured, and how large it is."""
-    where = overhead_placement(result.floor)
-    known = [each.latency_p50_ns for each in result.floor if each.latency_p50_ns is not None]
+    where = overhead_placement(result.harness_overhead)
+    known = [
+        each.latency_p50_ns for each in result.harness_overhead if each.latency_p50_ns is not None
+    ]
     if where and known:
-        placement = result.floor[0].placement
+        placement = result.harness_overhead[0].placement
         yield (
             f"The harness overhead is at most {show(max(known) / 1e9, 's')} at p50, {where} "
             f"(harness.placement: {placement}); the latencies contain it"

@@ -128,9 +128,9 @@ def _decisive(verdict: Verdict, base: str, pace: str) -> str:
         first = undecided[0]
         number = f"{len(undecided)} of {len(counted)} open, " if len(counted) > 1 else "open is "
         # What would decide it is the last sentence; the table has the others.
-        settle = first.settle.rstrip(".").rpartition(". ")[2]
-        settle = f"{settle[:1].lower()}{settle[1:]}"
-        return f"{number}{value(first)}{f'; {settle}' if settle else ''}"
+        remedy = first.remedy.rstrip(".").rpartition(". ")[2]
+        remedy = f"{remedy[:1].lower()}{remedy[1:]}"
+        return f"{number}{value(first)}{f'; {remedy}' if remedy else ''}"
     nearest = max(counted, key=_used)
     place = f", the nearest of {len(counted)} to its limit" if len(counted) > 1 else ""
     return f"{value(nearest)}{place}"

@@ -113,7 +113,7 @@ def _said(result: Result) -> str:
     texts = [headline(result), result.verdict.reason]
     for verdict in result.verdict.requirements:
         if verdict.outcome != "pass":
-            texts += (verdict.reason, verdict.settle)
+            texts += (verdict.reason, verdict.remedy)
     return " ".join(texts).lower()
 
 
@@ -127,7 +127,7 @@ def _weighted(result: Result) -> Iterator[Note]:
     summary = (_interference_summary(result),) if len(interference) > 1 else ()
     groups: tuple[tuple[Weight, Iterable[str]], ...] = (
         (Weight.BROKEN, _status_notes(result)),
-        (Weight.BROKEN, _silence_notes(result)),
+        (Weight.BROKEN, _output_gap_notes(result)),
         # Each start has a process of the name; that all end in one way is one note.
         (Weight.BROKEN, _exit_notes(result)),
         (Weight.OPEN, _requirement_notes(result, ("fail", "inconclusive"))),
@@ -164,9 +164,9 @@ def _status_notes(result: Result) -> Iterator[str]:
             yield f"Cannot be judged{where}: {unusable.reason}"
 
 
-def _silence_notes(result: Result) -> Iterator[str]:
+def _output_gap_notes(result: Result) -> Iterator[str]:
     """The outputs that stopped, and where their messages end."""
-    for silence in result.silences:
+    for silence in result.output_gaps:
         yield f"No more messages on {silence.topic} in {silence.segment}. {silence.reason}"
 
 
@@ -276,14 +276,14 @@ def _interference_summary(result: Result) -> str:
         "starts": [start.disturbed for start in result.starts if start.disturbed],
         "probes": [probe.disturbed for probe in probes if probe.disturbed],
         "measurements of the overhead": [
-            floor.disturbed for floor in result.floor if floor.disturbed
+            overhead.disturbed for overhead in result.harness_overhead if overhead.disturbed
         ],
     }
     numbers = {
         "iterations": sum(len(rate.iterations) + len(rate.reruns) for rate in rates),
         "starts": len(result.starts),
         "probes": len(probes),
-        "measurements of the overhead": len(result.floor),
+        "measurements of the overhead": len(result.harness_overhead),
     }
     parts = [
         f"{len(reasons)} of {max(numbers[kind], len(reasons))} {kind}"
@@ -336,7 +336,7 @@ def _disturbed_probe_text(one: Probe) -> str:
 
 def _disturbed_overhead_notes(result: Result) -> Iterator[str]:
     """What disturbed the measurement of the harness overhead."""
-    reasons = dict.fromkeys(each for one in result.floor for each in one.disturbed)
+    reasons = dict.fromkeys(each for one in result.harness_overhead for each in one.disturbed)
     if reasons:
         yield f"Host interference while the harness overhead was measured: {', '.join(reasons)}"
 

@@ -41,7 +41,7 @@ def verdict_word(one: RequirementVerdict) -> str:
 
 def sentences(one: RequirementVerdict) -> list[str]:
     """The reason of a verdict, its notes, and what would decide it."""
-    return [text for text in (one.reason, *one.notes, one.settle) if text]
+    return [text for text in (one.reason, *one.notes, one.remedy) if text]
 
 
 def reasons(requirements: Sequence[RequirementVerdict], *, name_monitor: bool) -> list[list[str]]:
@@ -53,7 +53,7 @@ def reasons(requirements: Sequence[RequirementVerdict], *, name_monitor: bool) -
     first: dict[str, str] = {}
     texts: list[list[str]] = []
     for verdict in requirements:
-        own = [text for text in (verdict.reason, verdict.settle) if text]
+        own = [text for text in (verdict.reason, verdict.remedy) if text]
         if own and own[0] in first:
             own = [f"As for {first[own[0]]}."]
         elif own:

@@ -9,7 +9,7 @@ from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.measure.distribution import PARTS, Distribution, part_value
 from r2bspec.measure.metrics import MonitorMetrics, SegmentMetrics, UseMetrics
-from r2bspec.record.run_record import FloorRecord
+from r2bspec.record.run_record import HarnessOverheadRecord
 
 _COUNTS = (
     *("sent", "answered", "received", "missed", "duplicates", "reordered", "unmatched"),
@@ -51,21 +51,21 @@ def result_rows(result: Result) -> Iterator[Row]:
         # Without it the peak has no upper bound.
         if search.upper_hz is not None:
             yield Row(None, None, "", "peak.below", "Hz", search.upper_hz)
-    for floor in result.floor:
-        yield from _harness_overhead(floor)
+    for overhead in result.harness_overhead:
+        yield from _harness_overhead(overhead)
     for one in result.verdict.requirements:
         yield from _compared(one)
 
 
-def _harness_overhead(floor: FloorRecord) -> Iterator[Row]:
+def _harness_overhead(overhead: HarnessOverheadRecord) -> Iterator[Row]:
     """The overhead on one input, whose topic is the monitor of these rows."""
-    for part, value_ns in floor.latencies_ns.items():
+    for part, value_ns in overhead.latencies_ns.items():
         name = f"harness_overhead.{part}"
-        yield Row(floor.rate_hz, None, floor.topic, name, "s", value_ns / 1e9)
-    counts = {"received": floor.received, "processes": floor.processes}
+        yield Row(overhead.rate_hz, None, overhead.topic, name, "s", value_ns / 1e9)
+    counts = {"received": overhead.received, "processes": overhead.processes}
     for part, count in counts.items():
         name = f"harness_overhead.{part}"
-        yield Row(floor.rate_hz, None, floor.topic, name, "count", float(count))
+        yield Row(overhead.rate_hz, None, overhead.topic, name, "count", float(count))
 
 
 def _compared(one: RequirementVerdict) -> Iterator[Row]:

@@ -89,7 +89,7 @@ def _part(cause: str) -> Callable[[Flags], float]:
         bursts, longest = effective_sample_size._bursts(flags)
         found = {
             "bursts": lambda: effective_sample_size._burst_inflation(n, bad, bursts, longest),
-            "stretches": lambda: effective_sample_size._autocorrelation_inflation(
+            "clusters": lambda: effective_sample_size._autocorrelation_inflation(
                 flags, sizes, bad / n
             ),
             "iterations": lambda: effective_sample_size._level_inflation(
@@ -132,7 +132,7 @@ ESTIMATORS: dict[str, Callable[[Drawn], float]] = {
     "batches of 10": _by_flags(batches(10)),
     "batches of 50": _by_flags(batches(50)),
     "bursts": _by_flags(_part("bursts")),
-    "autocorrelation": _by_flags(_part("stretches")),
+    "autocorrelation": _by_flags(_part("clusters")),
     "iterations": _by_flags(_part("iterations")),
     "all three": _by_flags(used),
     "own tail": own_tail(0.0),

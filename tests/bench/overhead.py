@@ -72,7 +72,7 @@ _NAMES = {
     "load": "reading the recording",
     "preprocess": "preprocessors: start, feed, record, end",
     "start": "player and monitor: start, and imports of the nodes' processes",
-    "floor": "what these take alone, measured (the floor)",
+    "harness_overhead": "what these take alone, measured (the floor)",
     "graph": "the graph: start, and until all is matched",
     "warm_up": "warm-up",
     "search": "the search, apart from its playing",

@@ -40,7 +40,7 @@ def test_processes_import_ros_before_the_player_is_started(done: Finished) -> No
 
 def test_they_are_idle_while_the_overhead_is_measured(done: Finished) -> None:
     record, rows = done.run().record, done.run().resources()
-    began_ns, ended_ns = phase(done, "floor")
+    began_ns, ended_ns = phase(done, "harness_overhead")
     for name in ("relay", "harness.observer"):
         index = [each.name for each in record.processes].index(name)
         used = rows[rows["process"] == index]

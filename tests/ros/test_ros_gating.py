@@ -70,7 +70,7 @@ def test_a_failure_is_confirmed_by_a_fresh_batch_in_fresh_processes(bench: Bench
     assert again.stdout.encode() == (Path(done.folder) / "result.json").read_bytes()
     # What else happened on the machine stands beside every iteration, and cost none of them.
     (rate,) = done.result()["metrics"]["rates"]
-    assert all(each["surroundings"]["seconds"] > 0 for each in rate["iterations"])
+    assert all(each["interference"]["seconds"] > 0 for each in rate["iterations"])
     assert done.run().interference().size > 2
 
 

@@ -58,8 +58,12 @@ def test_a_python_node_has_the_harness_in_its_process(bench: Bench) -> None:
         ("harness.observer", "observer", 0),
         ("relay", "host", 0),
     ]
-    (floor,) = done.run().record.floor
-    assert (floor.placement, floor.processes, floor.received) == ("graph", 1, floor.sent)
+    (overhead,) = done.run().record.harness_overhead
+    assert (overhead.placement, overhead.processes, overhead.received) == (
+        "graph",
+        1,
+        overhead.sent,
+    )
     assert "latency without the graph, within one process" in done.stdout
 
 

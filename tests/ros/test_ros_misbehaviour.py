@@ -173,7 +173,7 @@ def test_a_node_that_falls_silent_is_measured_as_such(strange: Finished) -> None
 def test_an_output_that_stops_half_way_is_told_with_where_its_messages_end(
     strange: Finished,
 ) -> None:
-    (silence,) = strange.result()["silences"]
+    (silence,) = strange.result()["output_gaps"]
     assert (silence["topic"], silence["segment"]) == ("/r2b/out/falls_silent", "rate-20Hz-002")
     assert silence["reason"] == (
         "/r2b/falls_silent publishes nothing on /r2b/out/falls_silent, although it subscribes to "

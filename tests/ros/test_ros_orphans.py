@@ -67,6 +67,6 @@ def test_the_processor_time_of_an_orphaned_grandchild_is_the_runs_own(
     # The node by itself relays twenty small images a second.
     assert by_relay >= 0.8 * by_worker
     (rate,) = done.result()["metrics"]["rates"]
-    own_cores = rate["iterations"][0]["surroundings"]["own_cores"]
+    own_cores = rate["iterations"][0]["interference"]["own_cores"]
     seconds = (segment.ended_ns - segment.began_ns) / 1e9
     assert own_cores >= 0.8 * by_worker / seconds

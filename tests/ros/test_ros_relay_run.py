@@ -90,7 +90,7 @@ def test_the_folder_has_everything_and_nothing_else(done: Finished) -> None:
         "result.json",
         "samples",
         "spec.yaml",
-        "surroundings.npy",
+        "interference.npy",
     ]
     logs = sorted(each.name for each in (done.folder / "logs").iterdir())
     assert logs == ["harness.observer.log", "monitor.log", "player.log", "relay.log"]

@@ -101,7 +101,7 @@ def test_each_start_has_fresh_processes_and_its_part_of_the_iterations(bench: Be
         for each in record.starts
     )
     # What does not depend on the processes is done once.
-    for phase in ("load", "floor"):
+    for phase in ("load", "harness_overhead"):
         assert done.events().count(f"phase {phase}") == 1
     # A start is complete before its first iteration, and its processes end before the next.
     for each in record.starts:
@@ -165,6 +165,6 @@ def test_a_failure_is_confirmed_by_as_many_fresh_starts(bench: Bench) -> None:
     record = done.run().record
     assert [each.confirms for each in record.starts] == [False, False, True, True]
     # The harness of the confirmation is compared with that of the run, once.
-    assert done.events().count("phase floor") == 2
+    assert done.events().count("phase harness_overhead") == 2
     assert len(set(pids(done, "relay"))) == 4
     assert all(each.exit_code is not None for each in record.processes)

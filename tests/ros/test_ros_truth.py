@@ -88,7 +88,7 @@ def test_a_node_that_stops_once_and_answers_everything_lost_nothing(bench: Bench
     assert (found["sent"], found["missed"], found["overdue"]) == (120, 0, 0)
     # It slept for so long: no machine is faster.
     assert found["latency"]["max"] > 1.0
-    assert done.result()["silences"] == []
+    assert done.result()["output_gaps"] == []
     assert requirement(done, "drop_rate")["outcome"] == "pass" or done.outcome == "invalid"
     assert "0 of 120 steps" in requirement(done, "drop_rate")["reason"] or done.outcome == "invalid"
 
@@ -118,7 +118,7 @@ def test_by_order_the_latency_of_a_node_that_drops_is_unknown(bench: Bench) -> N
     latency = requirement(done, "latency.p50")
     assert latency["outcome"] == "inconclusive"
     if done.outcome != "invalid":
-        assert "Match by stamp" in latency["settle"]
+        assert "Match by stamp" in latency["remedy"]
         assert any("cancel out" in each for each in requirement(done, "drop_rate")["notes"])
     assert "the latency is unknown" in " ".join(done.stdout.split())
 
@@ -157,7 +157,7 @@ def test_answers_that_come_after_the_drain_timeout_are_counted_as_late(bench: Be
         iterations=3,
     )
     found = seen(done)
-    late = sum(each["late"] for each in done.result()["silences"])
+    late = sum(each["late"] for each in done.result()["output_gaps"])
     assert found["missed"] > 0
     assert found["overdue"] + late > 0
     text = " ".join(done.stdout.split())

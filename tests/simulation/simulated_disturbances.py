@@ -22,7 +22,7 @@ from simulated_worlds import bursts
 
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.judge_samples import judge
-from r2bspec.measure.host_usage import Surroundings
+from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.samples import RunSamples
 from run_simulation import objective
 
@@ -30,8 +30,8 @@ Kind = Literal["stalls", "contention"]
 
 LIMIT_S = 0.06
 ASKED = "latency.p99 < 60 ms"
-_CALM = Surroundings(seconds=10.0, cores=2, foreign_cores=0.0, pressure=0.02)
-_BUSY = Surroundings(seconds=10.0, cores=2, foreign_cores=1.5, pressure=1 / 3)
+_CALM = HostInterference(seconds=10.0, cores=2, foreign_cores=0.0, pressure=0.02)
+_BUSY = HostInterference(seconds=10.0, cores=2, foreign_cores=1.5, pressure=1 / 3)
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def outcomes(
         unaware = replace(
             samples,
             iterations={
-                rate: tuple(replace(one, surroundings=None) for one in found)
+                rate: tuple(replace(one, interference=None) for one in found)
                 for rate, found in samples.iterations.items()
             },
         )
@@ -85,7 +85,7 @@ def _run(
         latency[row] = _disturbed(random, machine.kind, latency[row])
     samples = run_of(latency)
     around = [
-        replace(one, surroundings=_BUSY if hit else _CALM)
+        replace(one, interference=_BUSY if hit else _CALM)
         for one, hit in zip(samples.iterations[RATE_HZ], busy.tolist(), strict=True)
     ]
     first, again = around[:iterations], around[iterations:]

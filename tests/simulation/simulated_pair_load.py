@@ -24,7 +24,7 @@ from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.interference_policy import InterferencePolicy
 from r2bspec.judge.pair_comparison import PairSet, confirmation_terms, judge_pair_set
 from r2bspec.judge.pair_interference import InterleavedRuns
-from r2bspec.measure.host_usage import Surroundings
+from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.samples import RunSamples
 from r2bspec.record.comparison_folder import Side
 from run_simulation import objective
@@ -180,7 +180,7 @@ def _run(random: np.random.Generator, level: float, slower: float, taken: float)
     """One run: 2 s at 30 Hz."""
     noise = np.exp(random.normal(0, 0.05, (1, MESSAGES)))
     samples = run_of(LATENCY_S * level * slower / (1 - taken) * noise)
-    around = Surroundings(
+    around = HostInterference(
         seconds=MESSAGES / RATE_HZ,
         cores=_CORES,
         foreign_cores=_CORES * taken,
@@ -189,13 +189,13 @@ def _run(random: np.random.Generator, level: float, slower: float, taken: float)
         own_waited=taken * slower,
     )
     (one,) = samples.iterations[RATE_HZ]
-    return replace(samples, iterations={RATE_HZ: (replace(one, surroundings=around),)})
+    return replace(samples, iterations={RATE_HZ: (replace(one, interference=around),)})
 
 
 def _is_affected(run: RunSamples) -> bool:
     (one,) = run.iterations[RATE_HZ]
-    return one.surroundings is not None and (
-        (one.surroundings.foreign_cores or 0.0) > _LEAST_FOREIGN_CORES
+    return one.interference is not None and (
+        (one.interference.foreign_cores or 0.0) > _LEAST_FOREIGN_CORES
     )
 
 

@@ -16,7 +16,7 @@ from simulated_runs import RATE_HZ, run_of
 
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.judge_samples import judge
-from r2bspec.measure.host_usage import Surroundings
+from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.samples import RunSamples
 from run_simulation import objective
 from simulated_waits import Stalls, disturbed
@@ -77,7 +77,7 @@ def _run(random: np.random.Generator, load: float, share: float) -> RunSamples:
     ]
     samples = run_of(np.array([each.measured for each in played]))
     iterations = tuple(
-        replace(one, surroundings=each.surroundings)
+        replace(one, interference=each.interference)
         for one, each in zip(samples.iterations[RATE_HZ], played, strict=True)
     )
     return replace(samples, iterations={RATE_HZ: iterations})
@@ -96,24 +96,26 @@ def _stalls(random: np.random.Generator, share: float) -> Stalls:
     return found
 
 
-def _with(samples: RunSamples, change: Callable[[Surroundings], Surroundings | None]) -> RunSamples:
+def _with(
+    samples: RunSamples, change: Callable[[HostInterference], HostInterference | None]
+) -> RunSamples:
     """The run, with something else known about its machine."""
     return replace(
         samples,
         iterations={
             rate: tuple(
-                replace(one, surroundings=change(one.surroundings))
+                replace(one, interference=change(one.interference))
                 for one in found
-                if one.surroundings is not None
+                if one.interference is not None
             )
             for rate, found in samples.iterations.items()
         },
     )
 
 
-def _nothing(_: Surroundings) -> None:
+def _nothing(_: HostInterference) -> None:
     return None
 
 
-def _only_pressure(known: Surroundings) -> Surroundings:
+def _only_pressure(known: HostInterference) -> HostInterference:
     return msgspec.structs.replace(known, own_waited=None)

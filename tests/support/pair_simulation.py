@@ -138,7 +138,7 @@ class Comparison:
                 segments=[Played(RATE_HZ, latencies(level_s))],
                 objectives=self.objectives,
                 start_ns=EPOCH_NS + before * 10 * 10**9,
-                surroundings=load if pair.disturbed else self.template.surroundings,
+                interference=load if pair.disturbed else self.template.interference,
             )
             simulated.write(path / name)
         return pair

@@ -92,7 +92,7 @@ USUAL = GraphSimulation(
         fails_hz=200,
         limited_by="graph",
     ),
-    surroundings={"busy_s": 1.0, "stolen_s": 0.001, "waited_s": 0.04, "throttled_s": 0.0},
+    interference={"busy_s": 1.0, "stolen_s": 0.001, "waited_s": 0.04, "throttled_s": 0.0},
 )
 
 TWO = GraphSimulation(

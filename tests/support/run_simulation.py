@@ -88,7 +88,7 @@ class Played:
 class Simulation:
     """A run to be written; see `RunRecord` for most of the fields.
 
-    `surroundings` says by how much each of their sums grows in a second, `waited` the run-queue
+    `interference` says by how much each of their sums grows in a second, `waited` the run-queue
     wait of each process; it is unknown by default.
     """
 
@@ -103,7 +103,7 @@ class Simulation:
     reason: str = ""
     cpu: Mapping[str, float] = field(default_factory=lambda: {"player": 0.1, "apriltag": 0.5})
     start_ns: int = EPOCH_NS
-    surroundings: Mapping[str, float] = field(default_factory=dict)
+    interference: Mapping[str, float] = field(default_factory=dict)
     waited: float = math.nan
 
     def write(self, path: Path) -> Run:
@@ -139,8 +139,8 @@ class Simulation:
             )
             start_ns = ended_ns + 500_000_000
         folder.write_resources(self._resources(start_ns))
-        if self.surroundings:
-            folder.write_interference(self._surroundings(start_ns))
+        if self.interference:
+            folder.write_interference(self._interference(start_ns))
         folder.write_record(self._record(plan, tuple(segments)))
         return open_run(path)
 
@@ -201,11 +201,11 @@ class Simulation:
             confirmation=self.confirmation,
         )
 
-    def _surroundings(self, end_ns: int) -> Rows:
+    def _interference(self, end_ns: int) -> Rows:
         times = _times(self.start_ns, end_ns)
         rows = np.zeros(times.size, INTERFERENCE_DTYPE)
         rows["time_ns"] = times
-        for name, growth in self.surroundings.items():
+        for name, growth in self.interference.items():
             rows[name] = 100 + growth * ((times - times[0]) / 1e9)
         return rows
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.measure.host_usage import Surroundings
+from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.matching import match_monitor
 from r2bspec.measure.samples import MonitorSamples, monitor_samples
 from r2bspec.record.run_record import Segment
@@ -28,13 +28,13 @@ class Disturbed:
         seen: what a monitor recorded with the other load.
         measured: the latency of each message with the other load, in seconds; NaN if it was lost.
         latency: ascending, in seconds, alone; infinite for lost messages.
-        surroundings: what was sampled meanwhile.
+        interference: what was sampled meanwhile.
     """
 
     seen: MonitorSamples
     measured: Times
     latency: Times
-    surroundings: Surroundings
+    interference: HostInterference
 
 
 def disturbed(
@@ -58,7 +58,7 @@ def disturbed(
         seen=_samples(arrive, left),
         measured=np.where(np.isfinite(left), left - arrive, np.nan),
         latency=np.sort(np.where(np.isfinite(alone), alone - arrive, np.inf)),
-        surroundings=Surroundings(
+        interference=HostInterference(
             seconds=seconds, cores=2, foreign_cores=1.0, pressure=1.0, own_waited=waited / seconds
         ),
     )

@@ -39,7 +39,7 @@ from r2bspec.measure.matching import match, select_expected_steps
 from r2bspec.measure.step_stamps import StepStamps
 from r2bspec.measure.times import percentile
 from r2bspec.plan.plan import InputPlan, MonitorPlan, Plan
-from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS, FloorRecord
+from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS, HarnessOverheadRecord
 from r2bspec.record.sample_arrays import Rows
 
 DURATION_S = 1.0
@@ -78,7 +78,7 @@ def measure_harness_overhead(
     rate_hz: float,
     schedule: Schedule,
     interference: Callable[[int, int], Interference] = lambda _, __: Interference(),
-) -> tuple[FloorRecord, ...]:
+) -> tuple[HarnessOverheadRecord, ...]:
     """Measure the overhead on each input; takes at most `DURATION_S`, and longer below 20 Hz.
 
     If other programs disturbed it, it is measured once more, and the quieter measurement counts.
@@ -109,7 +109,7 @@ def measure_harness_overhead(
     watches = tuple(
         # The name of no monitor begins with a dot.
         MonitorPlan(
-            name=f".floor-{number}",
+            name=f".overhead-{number}",
             topic=each.topic,
             type=each.type,
             match="stamp",
@@ -123,7 +123,7 @@ def measure_harness_overhead(
     files = [ArrivalReader(rows_dir / f"{each.name}.rows", MONITOR_FIELDS) for each in watches]
     played = PlaybackReader(rows_dir / playback, PLAYBACK_FIELDS)
     supervisor.request(monitor, protocol.StartTap(monitors=watches), protocol.Matched)
-    records: tuple[FloorRecord, ...] = ()
+    records: tuple[HarnessOverheadRecord, ...] = ()
     watched = [each.topic for each in watches]
     # From both sides: what is published before the monitor knows the player is lost to it.
     if _wait_for_matches(supervisor, player, topics, wanted=True) and _wait_for_matches(
@@ -135,7 +135,7 @@ def measure_harness_overhead(
         _play(supervisor, player, files, warm_up_hz, warm_up_steps, schedule)
         length = overhead_length(usual)
 
-        def measure() -> tuple[Interference, tuple[FloorRecord, ...]]:
+        def measure() -> tuple[Interference, tuple[HarnessOverheadRecord, ...]]:
             began_ns = time.monotonic_ns()
             first, before = played.count(), [each.count() for each in files]
 
@@ -175,8 +175,8 @@ def can_be_measured(inputs: tuple[InputPlan, ...]) -> bool:
 
 
 def _quietest(
-    measure: Callable[[], tuple[Interference, tuple[FloorRecord, ...]]],
-) -> tuple[FloorRecord, ...]:
+    measure: Callable[[], tuple[Interference, tuple[HarnessOverheadRecord, ...]]],
+) -> tuple[HarnessOverheadRecord, ...]:
     """Measure, and once more if others disturbed that; the one from which they took less."""
     found, records = measure()
     if not found.reasons:
@@ -192,7 +192,9 @@ def overhead_rate_hz(plan: Plan) -> float:
     return min(rates, default=_DEFAULT_HZ)
 
 
-def overhead_record(topic: str, rate_hz: float, playback: Rows, received: Rows) -> FloorRecord:
+def overhead_record(
+    topic: str, rate_hz: float, playback: Rows, received: Rows
+) -> HarnessOverheadRecord:
     """The overhead on one input.
 
     Args:
@@ -203,7 +205,7 @@ def overhead_record(topic: str, rate_hz: float, playback: Rows, received: Rows) 
     """
     latency_ns = latencies_ns(playback, received)
     late_ns = playback["published_ns"] - playback["due_ns"]
-    return FloorRecord(
+    return HarnessOverheadRecord(
         topic=topic,
         bytes=int(received["bytes"].max()) if received.size else 0,
         rate_hz=rate_hz,

@@ -36,7 +36,7 @@ from r2bspec.plan.start_groups import iterations_by_look
 from r2bspec.record.run_record import (
     ConfirmationRecord,
     EndedRate,
-    FloorRecord,
+    HarnessOverheadRecord,
     Probe,
     SearchRecord,
 )
@@ -100,9 +100,13 @@ class Measurement:
         """The probes of rates to be sustained."""
         return tuple(self._sustained)
 
-    def confirmation(self, floor: tuple[FloorRecord, ...]) -> ConfirmationRecord:
+    def confirmation(
+        self, harness_overhead: tuple[HarnessOverheadRecord, ...]
+    ) -> ConfirmationRecord:
         """The record of a confirmation run with this harness overhead."""
-        return ConfirmationRecord(search=self.search, sustained=self.sustained, floor=floor)
+        return ConfirmationRecord(
+            search=self.search, sustained=self.sustained, harness_overhead=harness_overhead
+        )
 
     def measure(self) -> tuple[Verdict, int]:
         """Measure what the plan requests.

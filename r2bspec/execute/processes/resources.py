@@ -44,7 +44,7 @@ from r2bspec.measure.host_usage import (
     CONTROLLER_INDEX,
     MACHINE_INDEX,
     ORPHANS_INDEX,
-    Surroundings,
+    HostInterference,
     host_interference,
 )
 from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
@@ -653,7 +653,7 @@ class HostWatch:
             time.sleep(_POLL_S)
 
 
-def interference_of(found: Surroundings | None) -> Interference:
+def interference_of(found: HostInterference | None) -> Interference:
     """What was sampled, in words and as a share."""
     reasons = interference_reasons(found, _OWN_PRESSURE)
     if found is None or not reasons:

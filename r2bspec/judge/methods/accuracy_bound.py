@@ -24,14 +24,14 @@ def judge_accuracy(question: Question, record: RunRecord) -> Answer:
             outcome="inconclusive",
             method="none",
             reason="The messages of this run were not compared with a truth.",
-            settle=f"Add 'truth: {{kind: {kind}, ...}}' to the monitor, and run to the end.",
+            remedy=f"Add 'truth: {{kind: {kind}, ...}}' to the monitor, and run to the end.",
         )
     if found.problem:
         return Answer(
             outcome="inconclusive",
             method="none",
             reason=found.problem,
-            settle="Use a recording with a ground truth of its images.",
+            remedy="Use a recording with a ground truth of its images.",
         )
     value = found.values.get(question.info.name)
     if value is None:

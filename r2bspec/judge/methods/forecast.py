@@ -29,7 +29,7 @@ _MAX_LEVELS = 200
 """More iterations or starts than this are not proposed."""
 
 
-def settle_share(question: Question, test: ShareTest, things: str = "messages") -> str:
+def share_remedy(question: Question, test: ShareTest, things: str = "messages") -> str:
     """What would decide a binomial test that is undecided."""
     if test.allowed <= 0:
         return (
@@ -62,7 +62,7 @@ def settle_share(question: Question, test: ShareTest, things: str = "messages") 
     )
 
 
-def settle_levels(question: Question, interval: PercentileInterval, levels: LevelMargin) -> str:
+def levels_remedy(question: Question, interval: PercentileInterval, levels: LevelMargin) -> str:
     """What would decide a percentile that only the levels of iterations or starts leave open."""
     needed = iterations_to_settle(
         interval.estimate, levels.deviation, question.limit, question.confidence, _MAX_LEVELS

@@ -58,7 +58,7 @@ def judge_mean(question: Question) -> Answer:
             method="t over iterations",
             reason=f"One iteration ({show(estimate, question.info.unit)}) does not show the "
             "variation between iterations.",
-            settle="At least 2 iterations are needed; 5 or more give a useful interval.",
+            remedy="At least 2 iterations are needed; 5 or more give a useful interval.",
             estimate=estimate,
             n=len(values),
         )
@@ -79,7 +79,7 @@ def judge_mean(question: Question) -> Answer:
         outcome=outcome,
         method="t over iterations",
         reason=_reason(question, sample, outcome),
-        settle=_settle(question, sample) if outcome == "inconclusive" else "",
+        remedy=_remedy(question, sample) if outcome == "inconclusive" else "",
         estimate=interval.mean,
         lower=interval.lower,
         upper=interval.upper,
@@ -125,7 +125,7 @@ def _without_lost(question: Question, answer: Answer) -> Answer:
         outcome="inconclusive",
         reason=f"The mean leaves out {left_out}, and describes only the others: "
         f"{answer.reason[:1].lower()}{answer.reason[1:]}",
-        settle="State a percentile, in which lost outputs count, or a drop_rate.",
+        remedy="State a percentile, in which lost outputs count, or a drop_rate.",
         notes=(),
     )
 
@@ -144,7 +144,7 @@ def _no_value(question: Question, iteration: SegmentSamples) -> Answer:
         outcome="inconclusive",
         method="none",
         reason=f"{question.info.name} was not sampled in {where}.",
-        settle="Make the iterations longer to get more samples.",
+        remedy="Make the iterations longer to get more samples.",
     )
 
 
@@ -193,7 +193,7 @@ def _reason(question: Question, found: HierarchicalInterval, outcome: Outcome) -
     return f"{mean}, {sure} at least {lower}{limit}."
 
 
-def _settle(question: Question, found: HierarchicalInterval) -> str:
+def _remedy(question: Question, found: HierarchicalInterval) -> str:
     interval = found.interval
     needed = iterations_to_settle(
         interval.mean, interval.deviation, question.limit, question.confidence, _MAX_ITERATIONS

@@ -12,7 +12,7 @@ leave the bracket wide, and decide nothing within it.
 from __future__ import annotations
 
 from r2bspec.judge.decision import Answer, Decider, Question, decide
-from r2bspec.judge.interference_policy import SETTLE
+from r2bspec.judge.interference_policy import REMEDY
 from r2bspec.measure.units import show
 from r2bspec.record.run_record import SearchRecord
 
@@ -24,7 +24,7 @@ def judge_peak(question: Question, search: SearchRecord | None) -> Answer:
             outcome="inconclusive",
             method="none",
             reason="This run did not search for a peak.",
-            settle="Add benchmark.search to the spec and run again.",
+            remedy="Add benchmark.search to the spec and run again.",
         )
     lower = search.holds_hz
     upper = search.upper_hz
@@ -37,7 +37,7 @@ def judge_peak(question: Question, search: SearchRecord | None) -> Answer:
         outcome=outcome,
         method="search bracket",
         reason=_reason(search, lower, upper),
-        settle=_settle(search) if outcome == "inconclusive" else "",
+        remedy=_remedy(search) if outcome == "inconclusive" else "",
         estimate=lower,
         lower=proven,
         upper=upper,
@@ -132,9 +132,9 @@ def _interference_text(search: SearchRecord) -> str:
     return f"during the probes above it {', '.join(search.disturbed)}"
 
 
-def _settle(search: SearchRecord) -> str:
+def _remedy(search: SearchRecord) -> str:
     if search.limited_by == "interference":
-        return SETTLE
+        return REMEDY
     if search.refuted or search.proof == "open":
         return "Require a lower rate to be sustained, or search again with longer probes."
     if search.unsteady:

@@ -17,7 +17,7 @@ import numpy as np
 
 from r2bspec.judge.decision import Answer, Decider, Question, decide
 from r2bspec.judge.evidence_limits import correlation_notes, share_notes
-from r2bspec.judge.methods.forecast import settle_levels, settle_share
+from r2bspec.judge.methods.forecast import levels_remedy, share_remedy
 from r2bspec.judge.statistics.binomial import burst_tolerance, lower_bound, upper_bound
 from r2bspec.judge.statistics.order_statistics import (
     PercentileInterval,
@@ -48,12 +48,12 @@ def judge_percentile(question: Question) -> Answer:
         else (interval.lower, interval.upper)
     )
     outcome = decide(passes=question.is_met(towards), fails=not question.is_met(against))
-    reason, settle = percentile_texts(question, share, interval, outcome)
+    reason, remedy = percentile_texts(question, share, interval, outcome)
     return Answer(
         outcome=outcome,
         method="exact binomial",
         reason=reason,
-        settle=settle,
+        remedy=remedy,
         notes=percentile_notes(question, interval, outcome),
         estimate=interval.estimate,
         lower=interval.lower,
@@ -85,14 +85,14 @@ def percentile_texts(
     levels = interval.levels
     counts_decide = test.upper <= test.allowed or test.lower > test.allowed
     if outcome != "inconclusive" or levels is None or not counts_decide:
-        settle = settle_share(question, test, things)
+        remedy = share_remedy(question, test, things)
         return (
             share_sentence(question, test, outcome),
-            settle if outcome == "inconclusive" else "",
+            remedy if outcome == "inconclusive" else "",
         )
     return (
         level_sentence(question, interval, levels),
-        settle_levels(question, interval, levels),
+        levels_remedy(question, interval, levels),
     )
 
 
@@ -149,7 +149,7 @@ def _share_test(
         lower=lower,
         upper=upper,
         allowed=allowed,
-        withstands=tolerance,
+        burst_tolerance=tolerance,
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from r2bspec.judge.decision import Answer, Decider, Question, decide
 from r2bspec.judge.evidence_limits import correlation_notes, share_notes
-from r2bspec.judge.methods.forecast import settle_share
+from r2bspec.judge.methods.forecast import share_remedy
 from r2bspec.judge.statistics.autocorrelation import serial_inflation
 from r2bspec.judge.statistics.binomial import burst_tolerance, lower_bound, upper_bound
 from r2bspec.judge.statistics.effective_sample_size import EffectiveSample, effective_sample
@@ -40,7 +40,7 @@ def judge_share(question: Question) -> Answer:
         outcome=outcome,
         method="exact binomial",
         reason=share_sentence(question, test, outcome),
-        settle=settle_share(question, test) if outcome == "inconclusive" else "",
+        remedy=share_remedy(question, test) if outcome == "inconclusive" else "",
         notes=_notes(question, seen, outcome),
         estimate=test.share,
         lower=test.lower,
@@ -95,7 +95,9 @@ def share_test(
         lower=lower_bound(sample.bad_messages, sample.messages, confidence),
         upper=upper_bound(sample.bad_messages, sample.messages, confidence),
         allowed=allowed,
-        withstands=burst_tolerance(sample.bad, sample.n, allowed, confidence) if ceiling else None,
+        burst_tolerance=burst_tolerance(sample.bad, sample.n, allowed, confidence)
+        if ceiling
+        else None,
     )
 
 

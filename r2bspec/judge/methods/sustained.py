@@ -24,7 +24,7 @@ from r2bspec.record.run_record import Probe
 _ANSWER_TEXTS: Final = {True: "was sustained", False: "was not sustained", None: "was undecided"}
 _OUTCOMES: Final[dict[bool | None, Outcome]] = {True: "pass", False: "fail", None: "inconclusive"}
 
-_SETTLE = (
+_REMEDY = (
     "Probe for longer (benchmark.search.probe), or offer a rate further from the graph's capacity."
 )
 
@@ -47,7 +47,7 @@ def judge_sustained(question: Question, probes: Iterable[Probe]) -> Answer:
             outcome="inconclusive",
             method="none",
             reason=f"This run has no probe{where}.",
-            settle="Run the spec of this objective.",
+            remedy="Run the spec of this objective.",
         )
     probe = found[-1]
     said = f": {probe.reason}" if probe.reason else ""
@@ -56,7 +56,7 @@ def judge_sustained(question: Question, probes: Iterable[Probe]) -> Answer:
         outcome=_OUTCOMES[probe.holds],
         method="sequential probe",
         reason=f"{show(probe.rate_hz, 'Hz')} {_ANSWER_TEXTS[probe.holds]}{said} ({throughput}).",
-        settle=_SETTLE if probe.holds is None else "",
+        remedy=_REMEDY if probe.holds is None else "",
         estimate=probe.delivered_hz,
         n=1,
     )

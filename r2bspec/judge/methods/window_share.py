@@ -16,7 +16,7 @@ import numpy as np
 
 from r2bspec.judge.decision import Answer, Decider, Question, WindowCondition, decide
 from r2bspec.judge.evidence_limits import share_notes
-from r2bspec.judge.methods.forecast import settle_share
+from r2bspec.judge.methods.forecast import share_remedy
 from r2bspec.judge.methods.mean_bound import MAX_LOST_SHARE
 from r2bspec.judge.methods.percentile_bound import percentile_notes, percentile_texts
 from r2bspec.judge.methods.share_bound import share_test
@@ -93,7 +93,7 @@ def _without_lost(
         answer,
         outcome="inconclusive",
         reason=f"{left_out}, and without them {answer.reason[:1].lower()}{answer.reason[1:]}",
-        settle="State a percentile, in which lost outputs count, or a drop_rate.",
+        remedy="State a percentile, in which lost outputs count, or a drop_rate.",
         notes=(),
     )
 
@@ -110,7 +110,7 @@ def _without_windows(
         outcome="inconclusive",
         method="none",
         reason=reason,
-        settle="Use longer windows, or make the iterations longer.",
+        remedy="Use longer windows, or make the iterations longer.",
     )
 
 
@@ -131,14 +131,14 @@ def _judge_ordered(question: Question, windows: WindowCondition, pieces: list[Se
     estimate = sign * interval.estimate
     answer = _answer(question, test, outcome)
     shown = replace(interval, estimate=estimate, lower=lower, upper=upper)
-    reason, settle = percentile_texts(question, test, shown, outcome, counted_noun(question))
+    reason, remedy = percentile_texts(question, test, shown, outcome, counted_noun(question))
     return replace(
         answer,
         estimate=estimate,
         lower=lower,
         upper=upper,
         reason=reason,
-        settle=settle,
+        remedy=remedy,
         notes=percentile_notes(question, interval, outcome),
     )
 
@@ -167,7 +167,7 @@ def _answer(question: Question, test: ShareTest, outcome: Outcome) -> Answer:
         outcome=outcome,
         method="binomial over windows",
         reason=share_sentence(question, test, outcome),
-        settle=settle_share(question, test, counted_noun(question))
+        remedy=share_remedy(question, test, counted_noun(question))
         if outcome == "inconclusive"
         else "",
         notes=share_notes(question, outcome),

@@ -12,7 +12,7 @@ With x_i = 1 where message i is bad and 0 otherwise, k their sum, p = k / n:
                     r = 1 - 1 / (L (1 - p))      and      F = (1 + r) / (1 - r).
                 L is (k + longest burst) / (number of bursts): the longest is counted twice,
                 because few bursts hardly ever include the longest possible one.
-    stretches   Bad messages that are near each other but not next to each other. With the
+    clusters    Bad messages that are near each other but not next to each other. With the
                 autocorrelations r_1, r_2, .. of x within iterations, up to a quarter of an
                 iteration and at most 200 messages,
                     F = -1 + 2 (r_0 + r_1 + ..),
@@ -57,7 +57,7 @@ from r2bspec.language.confidence import CONFIDENCE
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
-Clustering = Literal["", "bursts", "stretches", "iterations", "starts"]
+Clustering = Literal["", "bursts", "clusters", "iterations", "starts"]
 
 BadFlags = NDArray[np.bool_]
 """Which of the messages of one iteration are bad, in the order of the steps; shape (n,)."""
@@ -164,7 +164,7 @@ def effective_sample_of_rows(
     estimates: dict[Clustering, float] = {
         "": 1.0,
         "bursts": _burst_inflation(n, bad, bursts, longest),
-        "stretches": _autocorrelation_inflation(flags, sizes, bad / n),
+        "clusters": _autocorrelation_inflation(flags, sizes, bad / n),
         **_level_inflations(counts, sizes, design),
     }
     # Digits that the order of additions decides, which differs between processors, are cut off

@@ -105,7 +105,7 @@ def _case(one: RequirementVerdict, result: Result, *, lenient: bool) -> TestCase
     at = f" {at_rate(one.at_hz)}" if one.at_hz else ""
     case = TestCase(printable(f"{text}{at}"), printable(f"{name}.{one.objective}"))
     # The notes of all requirements are those of the run, among the output of its case.
-    reason = printable_lines(" ".join(filter(None, (one.reason, one.settle))))
+    reason = printable_lines(" ".join(filter(None, (one.reason, one.remedy))))
     if one.outcome == "pass" or one.level != "error":
         case.system_out = f"{verdict_word(one)}: {reason}\n{_numbers(one)}"
     else:

@@ -13,7 +13,7 @@ from r2bspec.judge.verdict import EXIT_CODES
 from r2bspec.measure.distribution import PERCENTILES, Distribution, part_value
 from r2bspec.measure.metrics import RateMetrics
 from r2bspec.measure.units import rate_name
-from r2bspec.record.run_record import FloorRecord
+from r2bspec.record.run_record import HarnessOverheadRecord
 from r2bspec.report.report_wording import own_pace
 
 _SUMMARIES = {
@@ -93,7 +93,7 @@ def _families(report_input: ReportInput) -> Iterator[_Family]:
             below.samples.append(("", named, search.upper_hz))
     yield peak
     yield below
-    yield _harness_overhead(result.floor, named)
+    yield _harness_overhead(result.harness_overhead, named)
 
 
 def _info(report_input: ReportInput) -> _Family:
@@ -202,10 +202,12 @@ def _summary(times: Distribution, labels: Labels) -> Iterator[tuple[str, Labels,
     yield "_sum", labels, (times.mean or 0.0) * times.n
 
 
-def _harness_overhead(floor: tuple[FloorRecord, ...], named: Labels) -> _Family:
+def _harness_overhead(
+    harness_overhead: tuple[HarnessOverheadRecord, ...], named: Labels
+) -> _Family:
     about = "Latency of harness and transport without the graph; included in the latencies."
     family = _Family("r2bspec_harness_overhead_seconds", "summary", about, "seconds")
-    for each in floor:
+    for each in harness_overhead:
         labels = {
             **named,
             "topic": each.topic,

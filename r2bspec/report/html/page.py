@@ -100,7 +100,7 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
             if one.compared is not None
         ],
         "has_interference": any(
-            one.surroundings for rate in metrics.rates for one in rate.iterations
+            one.interference for rate in metrics.rates for one in rate.iterations
         ),
         "affected": defaultdict(
             str, {one.segment: "; ".join(one.reasons) for one in result.verdict.disturbed}

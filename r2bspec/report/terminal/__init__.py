@@ -132,7 +132,7 @@ def print_report(
         *monitor_sections(result, width),
         *hop_sections(result.metrics),
         load_section(result.metrics, width),
-        harness_overhead_section(result.floor),
+        harness_overhead_section(result.harness_overhead),
         search_section(result.metrics.search),
     )
     for section in sections:

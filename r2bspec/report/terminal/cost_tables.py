@@ -7,7 +7,7 @@ from rich.console import Group, RenderableType
 from r2bspec.measure.distribution import TAIL_PERCENTILE, part_title, part_value
 from r2bspec.measure.metrics import RateMetrics, RunMetrics, UseMetrics
 from r2bspec.measure.units import show, show_rate, significant
-from r2bspec.record.run_record import FloorRecord
+from r2bspec.record.run_record import HarnessOverheadRecord
 from r2bspec.report.harness_wording import overhead_placement
 from r2bspec.report.terminal.style import heading, table
 
@@ -35,12 +35,14 @@ def load_section(metrics: RunMetrics, width: int) -> RenderableType | None:
     )
 
 
-def harness_overhead_section(floor: tuple[FloorRecord, ...]) -> RenderableType | None:
+def harness_overhead_section(
+    harness_overhead: tuple[HarnessOverheadRecord, ...],
+) -> RenderableType | None:
     """The latency of harness and transport without the graph; None if not measured."""
-    if not floor:
+    if not harness_overhead:
         return None
     made = table(["input", "size", "at", "p50", "p99", "received"])
-    for each in floor:
+    for each in harness_overhead:
         made.add_row(
             each.topic,
             show(float(each.bytes), "B"),
@@ -48,7 +50,7 @@ def harness_overhead_section(floor: tuple[FloorRecord, ...]) -> RenderableType |
             *(_ns(value) for value in (each.latency_p50_ns, each.latency_p99_ns)),
             f"{each.received} of {each.sent}",
         )
-    where = overhead_placement(floor)
+    where = overhead_placement(harness_overhead)
     what = f"latency without the graph{where and ', '}{where}; included in the latencies above"
     return Group(heading("harness overhead", what), made)
 

@@ -84,7 +84,7 @@ def test_a_history_gates_once_it_has_enough_runs(machine: Machine) -> None:
     assert learning == ["1 of 5", "2 of 5", "3 of 5", "4 of 5", "5 of 5", ""]
     assert [one.requirements[0].outcome for one in settled] == ["inconclusive"] * 5 + ["pass"]
     assert settled[2].reason.endswith("earning, 3 of 5: 1 requirement waits for the history.")
-    assert settled[2].requirements[0].settle == "5 are needed: 3 more."
+    assert settled[2].requirements[0].remedy == "5 are needed: 3 more."
     assert settled[5].requirements[0].method == "prediction interval"
 
 

@@ -50,7 +50,7 @@ class Host:
         simulation = replace(
             template(),
             segments=[Played(30.0, latencies((0.022 if side == "head" else 0.020) * noise))],
-            surroundings=next(self._coming) if side == "head" else CALM,
+            interference=next(self._coming) if side == "head" else CALM,
         )
         folder.release()
         folder.path.rmdir()

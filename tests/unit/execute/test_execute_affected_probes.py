@@ -20,8 +20,8 @@ from r2bspec.execute.measurement.rate_probe import MAX_FUTILE_REPLAYS, AffectedP
 from r2bspec.execute.processes.resources import Interference, interference_of
 from r2bspec.execute.run_context import TimeBudget
 from r2bspec.judge.capacity_estimate import Departures
-from r2bspec.measure.host_usage import Surroundings
-from r2bspec.record.run_record import FloorRecord, Probe, SearchRecord, Segment
+from r2bspec.measure.host_usage import HostInterference
+from r2bspec.record.run_record import HarnessOverheadRecord, Probe, SearchRecord, Segment
 
 QUIET = Interference()
 Purpose = Literal["probe", "saturation", "confirmation"]
@@ -244,32 +244,32 @@ def test_a_bound_of_the_capacity_stays_if_others_disturbed_another_probe(
     ("seen", "reasons", "taken"),
     [
         (None, 0, 0.0),
-        (Surroundings(seconds=4.0, cores=2, foreign_cores=0.2, own_waited=0.3), 0, 0.0),
+        (HostInterference(seconds=4.0, cores=2, foreign_cores=0.2, own_waited=0.3), 0, 0.0),
         # The pressure of a probe near the peak is the graph's own.
-        (Surroundings(seconds=4.0, cores=2, foreign_cores=0.1, pressure=0.9), 0, 0.0),
-        (Surroundings(seconds=4.0, cores=2, foreign_cores=1.7, pressure=0.9), 1, 0.75),
-        (Surroundings(seconds=4.0, cores=2, foreign_cores=0.6, pressure=0.9), 1, 0.6),
+        (HostInterference(seconds=4.0, cores=2, foreign_cores=0.1, pressure=0.9), 0, 0.0),
+        (HostInterference(seconds=4.0, cores=2, foreign_cores=1.7, pressure=0.9), 1, 0.75),
+        (HostInterference(seconds=4.0, cores=2, foreign_cores=0.6, pressure=0.9), 1, 0.6),
         (
-            Surroundings(
+            HostInterference(
                 seconds=4.0, cores=2, foreign_cores=1.7, pressure=0.9, own_waited=0.1, own_cores=0.2
             ),
             1,
             0.2,
         ),
-        (Surroundings(seconds=4.0, cores=2, steal=0.1, own_waited=0.0), 1, 0.2),
+        (HostInterference(seconds=4.0, cores=2, steal=0.1, own_waited=0.0), 1, 0.2),
     ],
 )
 def test_what_is_said_of_a_part_of_a_run(
-    seen: Surroundings | None, reasons: int, taken: float
+    seen: HostInterference | None, reasons: int, taken: float
 ) -> None:
     found = interference_of(seen)
     assert len(found.reasons) == reasons
     assert found.taken == pytest.approx(taken)
 
 
-def floor(latency_ns: int) -> tuple[FloorRecord, ...]:
+def floor(latency_ns: int) -> tuple[HarnessOverheadRecord, ...]:
     return (
-        FloorRecord(
+        HarnessOverheadRecord(
             topic="/in",
             bytes=1,
             rate_hz=30.0,
@@ -297,7 +297,7 @@ def test_a_disturbed_overhead_is_measured_once_more(
 ) -> None:
     left = iter(measured)
 
-    def measure() -> tuple[Interference, tuple[FloorRecord, ...]]:
+    def measure() -> tuple[Interference, tuple[HarnessOverheadRecord, ...]]:
         found, latency_ns = next(left)
         return found, floor(latency_ns)
 

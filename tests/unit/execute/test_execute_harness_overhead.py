@@ -14,7 +14,7 @@ from r2bspec.ipc import protocol
 from r2bspec.ipc.schedule import CyclicSchedule
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import InputPlan
-from r2bspec.record.run_record import FloorRecord, RunRecord
+from r2bspec.record.run_record import HarnessOverheadRecord, RunRecord
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE
 
 MS = 1_000_000
@@ -40,7 +40,7 @@ def received(sent: Any, latency_ns: Any, *, stamped: bool = True) -> Any:
 def test_the_floor_is_what_lies_between_publication_and_arrival(stamped: bool) -> None:
     sent = playback(100, late_ns=7)
     rows = received(sent, np.arange(1, 101) * 1000, stamped=stamped)
-    assert overhead_record("/image", 10.0, sent, rows) == FloorRecord(
+    assert overhead_record("/image", 10.0, sent, rows) == HarnessOverheadRecord(
         topic="/image",
         bytes=240,
         rate_hz=10.0,
@@ -78,7 +78,7 @@ def test_without_samples_there_is_no_time() -> None:
 
 def test_a_record_without_a_floor_can_still_be_read() -> None:
     fields = {field.name for field in msgspec.structs.fields(RunRecord) if not field.required}
-    assert "floor" in fields
+    assert "harness_overhead" in fields
 
 
 class Asked:
@@ -94,7 +94,7 @@ class Asked:
         return protocol.Matched(counts={"/image": self._readers})
 
 
-def measured(children: Any, qos: QoS, folder: Path) -> tuple[FloorRecord, ...]:
+def measured(children: Any, qos: QoS, folder: Path) -> tuple[HarnessOverheadRecord, ...]:
     child: Any = None
     inputs = (
         InputPlan(

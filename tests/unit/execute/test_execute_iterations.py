@@ -75,7 +75,7 @@ def found(
         share=None,
         rule_of_three=None,
         reason="",
-        settle="",
+        remedy="",
         weakened=weakened,
     )
     return Verdict(

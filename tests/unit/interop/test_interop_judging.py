@@ -81,7 +81,7 @@ def test_a_report_is_asked_only_for_what_it_can_show(
     (found,) = judged(requirement, at)
     assert found.outcome == outcome, found.reason
     assert found.reason
-    assert bool(found.settle) == (outcome == "inconclusive")
+    assert bool(found.remedy) == (outcome == "inconclusive")
 
 
 def test_the_only_monitor_of_a_report_answers_for_whatever_the_spec_calls_it() -> None:

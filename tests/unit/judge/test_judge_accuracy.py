@@ -85,7 +85,7 @@ def test_what_was_not_compared_never_passes(tmp_path: Path) -> None:
     ):
         (found,) = verdicts(samples(tmp_path / str(number), *accuracy), asked)
         assert found.outcome == "inconclusive"
-        assert found.settle
+        assert found.remedy
 
 
 def test_each_monitor_with_that_truth_is_judged(tmp_path: Path) -> None:
@@ -120,7 +120,7 @@ def test_a_second_run_that_passes_does_not_excuse_a_wrong_output(tmp_path: Path)
             Played(30, np.full(300, 0.2)),
             Played(30, np.full(300, 0.02), kind="confirmation"),
         ),
-        confirmation=ConfirmationRecord(search=None, sustained=(), floor=()),
+        confirmation=ConfirmationRecord(search=None, sustained=(), harness_overhead=()),
     )
     asked = {"slo": objective("latency.p90 < 100 ms", "accuracy.tag_missed == 0 %", at="30 Hz")}
     found = judge_with_confirmation(asked, run, DecisionPolicy())

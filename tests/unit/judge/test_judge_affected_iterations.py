@@ -42,7 +42,7 @@ class TestConfirmation:
         found = confirm_run(first, batch(tmp_path / "second", second))
         assert found.outcome == found.requirements[0].outcome == together
         assert "second run" in found.requirements[0].notes[-1]
-        assert bool(found.requirements[0].settle) == (together == "inconclusive")
+        assert bool(found.requirements[0].remedy) == (together == "inconclusive")
 
     @pytest.mark.parametrize("first", ["pass", "inconclusive"])
     def test_nothing_else_is_tried_again(self, tmp_path: Path, first: str) -> None:

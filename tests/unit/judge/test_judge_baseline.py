@@ -146,7 +146,7 @@ class TestOutcomes:
     def test_the_margin_is_the_limit(self, text: str, outcome: str) -> None:
         found = judge_pairs(asked(text), BASE, HEAD)
         assert (found.outcome, found.method, found.n) == (outcome, "paired t on logs", 6)
-        assert bool(found.settle) == (outcome == "inconclusive")
+        assert bool(found.remedy) == (outcome == "inconclusive")
         assert "of the baseline over 6 pairs" in found.reason
 
     @pytest.mark.parametrize("missing", [None, math.inf, 0.0])
@@ -176,7 +176,7 @@ class TestOutcomes:
         assert "from 100.3 Hz to 95.32 Hz" in found.reason
 
     def test_one_pair_is_too_few(self) -> None:
-        assert "2 pairs" in judge_pairs(asked(), [1.0], [1.0]).settle
+        assert "2 pairs" in judge_pairs(asked(), [1.0], [1.0]).remedy
 
     @pytest.mark.parametrize(
         ("new", "outcome"), [(106.0, "pass"), (85.0, "fail"), (97.5, "inconclusive")]
@@ -188,7 +188,7 @@ class TestOutcomes:
     def test_a_short_history_decides_nothing(self) -> None:
         found = judge_history(asked(), BASE[:4], 50.0)
         assert found.outcome == "inconclusive"
-        assert "1 more" in found.settle
+        assert "1 more" in found.remedy
 
     def test_a_stored_run_only_advises(self) -> None:
         for head in (HEAD, BASE, [50.0, 51.0, 52.0]):

@@ -15,7 +15,7 @@ from r2bspec.judge.affected_iterations import find_affected_iterations, interfer
 from r2bspec.judge.best_case import best_case_iteration, waiting_share
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.verdict import Outcome, Verdict
-from r2bspec.measure.host_usage import Surroundings
+from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples
 from run_simulation import Played, Simulation, objective
@@ -27,7 +27,7 @@ SOME = np.where(np.arange(300) % 100 == 50, 0.1, 0.02)
 LATENCIES = {"pass": FAST, "fail": SLOW, "hopeless": HOPELESS, "inconclusive": SOME}
 ASKED = "latency.p99 < 60 ms"
 
-QUIET = Surroundings(
+QUIET = HostInterference(
     seconds=10.0,
     cores=8,
     steal=0.0,
@@ -57,11 +57,11 @@ class TestWhatDisturbs:
         assert word in found
 
     def test_what_is_not_known_disturbs_nothing(self) -> None:
-        assert interference_reasons(Surroundings(), usual=0.0) == ()
+        assert interference_reasons(HostInterference(), usual=0.0) == ()
         assert interference_reasons(None, usual=0.0) == ()
 
     def test_pressure_that_the_graph_makes_itself(self, tmp_path: Path) -> None:
-        own = Surroundings(seconds=10.0, pressure=0.4)
+        own = HostInterference(seconds=10.0, pressure=0.4)
         assert find_affected_iterations(run(tmp_path, {"pass": own}, {"pass": own})) == {}
 
     def test_what_was_sampled_becomes_the_surroundings(self, tmp_path: Path) -> None:
@@ -70,10 +70,10 @@ class TestWhatDisturbs:
             Simulation(
                 segments=[Played(30, FAST)],
                 cpu={"player": 0.1, "apriltag": 0.5},
-                surroundings=around,
+                interference=around,
             ).write(tmp_path)
         )
-        found = samples.iterations[30.0][0].surroundings
+        found = samples.iterations[30.0][0].interference
         assert found is not None
         assert found.steal == pytest.approx(0.01)
         assert found.pressure == pytest.approx(0.25)
@@ -82,16 +82,16 @@ class TestWhatDisturbs:
 
     def test_what_the_system_does_not_tell_stays_unknown(self, tmp_path: Path) -> None:
         around = {"stolen_s": np.nan, "waited_s": np.nan, "throttled_s": np.nan, "busy_s": np.nan}
-        made = Simulation(segments=[Played(30, FAST)], surroundings=around).write(tmp_path)
-        found = read_samples(made).iterations[30.0][0].surroundings
+        made = Simulation(segments=[Played(30, FAST)], interference=around).write(tmp_path)
+        found = read_samples(made).iterations[30.0][0].interference
         # What the run itself used is read from its processes.
-        assert found == Surroundings(seconds=10.0, cores=2, own_cores=0.6)
+        assert found == HostInterference(seconds=10.0, cores=2, own_cores=0.6)
 
 
 def run(
     path: Path,
-    *iterations: Mapping[str, Surroundings | None],
-    again: Mapping[int, tuple[str, Surroundings]] | None = None,
+    *iterations: Mapping[str, HostInterference | None],
+    again: Mapping[int, tuple[str, HostInterference]] | None = None,
 ) -> RunSamples:
     """A run of iterations that are named by what they would lead to; and of reruns by number."""
     outcomes = [name for each in iterations for name in each]
@@ -102,13 +102,13 @@ def run(
     found = samples.iterations[30.0]
     known = [around for each in iterations for around in each.values()]
     first = tuple(
-        replace(one, surroundings=around)
+        replace(one, interference=around)
         for one, around in zip(found[: len(known)], known, strict=True)
     )
     reruns = {
         first[number].segment.id: replace(
             one,
-            surroundings=around,
+            interference=around,
             segment=msgspec.structs.replace(one.segment, rerun_of=first[number].segment.id),
         )
         for one, (number, (_, around)) in zip(found[len(known) :], again.items(), strict=True)
@@ -178,7 +178,7 @@ class TestWhatTheyMayDo:
     def test_a_monitor_that_received_nothing_fails_on_any_machine(self, tmp_path: Path) -> None:
         segments = [Played(30, FAST, silent=("detections",))] * 2
         samples = read_samples(Simulation(segments=segments).write(tmp_path))
-        busy = tuple(replace(one, surroundings=STOLEN) for one in samples.iterations[30.0])
+        busy = tuple(replace(one, interference=STOLEN) for one in samples.iterations[30.0])
         assert judged(replace(samples, iterations={30.0: busy})).outcome == "fail"
 
     def test_memory_is_the_graphs_own(self, tmp_path: Path) -> None:
@@ -189,7 +189,7 @@ class TestWhatTheyMayDo:
         segments = [Played(30, FAST)] * 3
         cpu = {"player": 0.1, "apriltag": 0.5}
         samples = read_samples(Simulation(segments=segments, cpu=cpu).write(tmp_path))
-        busy = tuple(replace(one, surroundings=STOLEN) for one in samples.iterations[30.0])
+        busy = tuple(replace(one, interference=STOLEN) for one in samples.iterations[30.0])
         crowded = replace(samples, iterations={30.0: busy})
         assert judged(samples, "cpu.system.mean < 62 %").outcome == "fail"
         assert judged(crowded, "cpu.system.mean < 62 %").outcome == "inconclusive"
@@ -227,17 +227,17 @@ class TestTheBestLight:
         ("known", "share"),
         [
             (None, 0.0),
-            (Surroundings(seconds=10.0), 0.0),
-            (Surroundings(seconds=10.0, pressure=0.2, foreign_cores=1.5), 0.2),
-            (Surroundings(seconds=10.0, foreign_cores=0.3), 0.3),
-            (Surroundings(seconds=10.0, cores=4, steal=0.1, pressure=0.1), 0.5),
-            (Surroundings(seconds=10.0, throttled_s=2.0), 0.2),
-            (Surroundings(seconds=10.0, calibration=2.0), 0.5),
-            (Surroundings(seconds=10.0, pressure=1.0), 0.75),
+            (HostInterference(seconds=10.0), 0.0),
+            (HostInterference(seconds=10.0, pressure=0.2, foreign_cores=1.5), 0.2),
+            (HostInterference(seconds=10.0, foreign_cores=0.3), 0.3),
+            (HostInterference(seconds=10.0, cores=4, steal=0.1, pressure=0.1), 0.5),
+            (HostInterference(seconds=10.0, throttled_s=2.0), 0.2),
+            (HostInterference(seconds=10.0, calibration=2.0), 0.5),
+            (HostInterference(seconds=10.0, pressure=1.0), 0.75),
         ],
     )
     def test_for_how_long_it_was_kept_waiting(
-        self, known: Surroundings | None, share: float
+        self, known: HostInterference | None, share: float
     ) -> None:
         assert waiting_share(known) == pytest.approx(share)
 
@@ -247,7 +247,7 @@ class TestTheBestLight:
         samples = read_samples(Simulation(segments=[Played(30, latency)]).write(tmp_path))
         (one,) = samples.iterations[30.0]
         best = best_case_iteration(
-            replace(one, surroundings=Surroundings(seconds=10.0, pressure=0.5))
+            replace(one, interference=HostInterference(seconds=10.0, pressure=0.5))
         )
         found = best.monitors["detections"]
         assert (found.answered, found.missed, found.sent) == (300, 0, 300)
@@ -266,7 +266,7 @@ class TestTheBestLight:
         samples = read_samples(Simulation(segments=[Played(30, latency)]).write(tmp_path))
         (one,) = samples.iterations[30.0]
         for share in (0.0, 0.2):
-            around = Surroundings(seconds=10.0, pressure=share)
-            found = best_case_iteration(replace(one, surroundings=around)).monitors["detections"]
+            around = HostInterference(seconds=10.0, pressure=share)
+            found = best_case_iteration(replace(one, interference=around)).monitors["detections"]
             gained = found.throughput_hz - one.monitors["detections"].throughput_hz
             assert gained == pytest.approx(share * one.playback.rate_hz)

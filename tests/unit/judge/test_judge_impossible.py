@@ -94,7 +94,7 @@ def test_answers_before_their_question_are_invalid(tmp_path: Path) -> None:
     assert "900 of 900 outputs were received before their input was published" in found.reason
     assert "impossible" in found.reason
     assert {one.outcome for one in found.requirements} == {"inconclusive"}
-    assert all("stamp of their input" in one.settle for one in found.requirements)
+    assert all("stamp of their input" in one.remedy for one in found.requirements)
 
 
 @pytest.mark.parametrize(("share", "outcome"), [(0.009, "pass"), (0.02, "invalid")])
@@ -130,7 +130,7 @@ def test_by_order_more_outputs_than_the_ratio_allows_are_invalid(tmp_path: Path)
     assert found.outcome == "invalid"
     assert "received 1,800 outputs for 900 inputs" in found.reason
     assert "its ratio allows 900" in found.reason
-    assert "Set the ratio of the monitor" in found.requirements[0].settle
+    assert "Set the ratio of the monitor" in found.requirements[0].remedy
 
 
 def test_a_ratio_that_fits_is_valid(tmp_path: Path) -> None:
@@ -152,7 +152,7 @@ def test_by_order_one_lost_message_makes_the_latency_unknown(tmp_path: Path, met
     latency, drops = verdict_of(run).requirements
     assert latency.outcome == "inconclusive"
     assert "unknown: outputs are matched by order, and 3 of 900 are missing" in latency.reason
-    assert "Match by stamp" in latency.settle
+    assert "Match by stamp" in latency.remedy
     assert drops.outcome == "pass"
     order, bursts = drops.notes
     assert bursts.startswith("The run met 3 bursts of messages beyond the limit")

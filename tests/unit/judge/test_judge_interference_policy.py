@@ -13,14 +13,14 @@ from r2bspec.judge.decision_policy import DecisionPolicy, decision_policy
 from r2bspec.judge.interference_policy import InterferencePolicy
 from r2bspec.judge.judge_samples import judge
 from r2bspec.judge.verdict import Outcome, RequirementVerdict, Verdict
-from r2bspec.measure.host_usage import Surroundings
+from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples
 from r2bspec.record.run_record import Probe, SearchRecord
 from run_simulation import Played, Simulation, objective
 
-QUIET = Surroundings(seconds=10.0, cores=2, foreign_cores=0.1, pressure=0.02, own_waited=0.01)
-BUSY = Surroundings(
+QUIET = HostInterference(seconds=10.0, cores=2, foreign_cores=0.1, pressure=0.02, own_waited=0.01)
+BUSY = HostInterference(
     seconds=10.0, cores=2, foreign_cores=1.8, pressure=0.9, own_cores=0.2, own_waited=0.3
 )
 RANDOM = np.random.default_rng(7)
@@ -30,18 +30,20 @@ HOPELESS = RANDOM.uniform(5.0, 6.0, 300)
 ASKED = "latency.p90 < 50 ms"
 
 
-def run(path: Path, latency: np.ndarray, *around: Surroundings, rerun: bool = False) -> RunSamples:
+def run(
+    path: Path, latency: np.ndarray, *around: HostInterference, rerun: bool = False
+) -> RunSamples:
     """A run of equal iterations; on request the affected ones were played again, undisturbed."""
     count = len(around) + (sum(each is BUSY for each in around) if rerun else 0)
     samples = read_samples(Simulation(segments=[Played(30, latency)] * count).write(path))
     played = samples.iterations[30.0]
     first = tuple(
-        replace(one, surroundings=each) for one, each in zip(played, around, strict=False)
+        replace(one, interference=each) for one, each in zip(played, around, strict=False)
     )
-    affected = [one.segment.id for one in first if one.surroundings is BUSY]
+    affected = [one.segment.id for one in first if one.interference is BUSY]
     again = {
         known: replace(
-            one, segment=msgspec.structs.replace(one.segment, rerun_of=known), surroundings=QUIET
+            one, segment=msgspec.structs.replace(one.segment, rerun_of=known), interference=QUIET
         )
         for known, one in zip(affected, played[len(around) :], strict=False)
     }
@@ -159,7 +161,7 @@ def test_a_peak_that_was_found_on_a_busy_machine(tmp_path: Path) -> None:
     strict = judged_probes(tmp_path / "b", "strict", asked, search=search)
     assert strict.outcome == "inconclusive"
     open_ = judged_probes(tmp_path / "c", "note", "peak.rate >= 90 Hz", search=search)
-    assert (open_.outcome, open_.settle) == (
+    assert (open_.outcome, open_.remedy) == (
         "inconclusive",
         "Run again on an otherwise idle machine.",
     )

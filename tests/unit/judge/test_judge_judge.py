@@ -69,7 +69,7 @@ class TestPercentiles:
         assert (found.n, found.over) == (n, over + lost)
         assert found.share is not None
         assert found.share.lost == lost
-        assert bool(found.settle) == (outcome == "inconclusive")
+        assert bool(found.remedy) == (outcome == "inconclusive")
 
     def test_estimate_and_bounds_are_in_the_metric_s_unit(self, tmp_path: Path) -> None:
         values = np.random.default_rng(1).gamma(20, 0.001, 3000)
@@ -104,7 +104,7 @@ class TestPercentiles:
     def test_the_forecast_names_iterations(self, tmp_path: Path) -> None:
         samples = samples_of(tmp_path, Played(30, latencies(100)), Played(30, latencies(100)))
         found = one(samples, "latency.p99 < 60 ms")
-        assert "4 iterations" in found.settle
+        assert "4 iterations" in found.remedy
 
     def test_strictness_matters_for_messages_on_the_limit(self, tmp_path: Path) -> None:
         samples = samples_of(tmp_path, Played(30, np.full(1000, 0.02)))
@@ -129,7 +129,7 @@ class TestShares:
     def test_that_nothing_is_ever_lost_cannot_be_proved(self, tmp_path: Path) -> None:
         found = one(samples_of(tmp_path, Played(30, latencies(1000))), "drop_rate <= 0 %")
         assert found.outcome == "inconclusive"
-        assert "missed == 0" in found.settle
+        assert "missed == 0" in found.remedy
 
     def test_a_floor(self, tmp_path: Path) -> None:
         samples = samples_of(tmp_path, Played(30, latencies(1000, lost=100)))
@@ -145,12 +145,12 @@ class TestMeans:
         assert one(samples, "latency.mean < 10 ms").outcome == "fail"
         found = one(samples, "latency.mean < 20.5 ms")
         assert (found.outcome, found.method, found.n) == ("inconclusive", "t over iterations", 3)
-        assert "iterations would decide it" in found.settle
+        assert "iterations would decide it" in found.remedy
 
     def test_one_iteration_shows_no_scatter(self, tmp_path: Path) -> None:
         found = one(samples_of(tmp_path, Played(30, latencies(300))), "throughput.mean > 1 Hz")
         assert found.outcome == "inconclusive"
-        assert "2 iterations" in found.settle
+        assert "2 iterations" in found.remedy
 
     def test_of_offered_is_worked_out(self, tmp_path: Path) -> None:
         samples = samples_of(tmp_path, Played(30, latencies(90)), Played(30, latencies(90)))
@@ -260,7 +260,7 @@ class TestSearch:
     ) -> None:
         found = one(samples_of(tmp_path, search=search), requirement, at="")
         assert found.outcome == outcome
-        assert bool(found.settle) == (outcome == "inconclusive")
+        assert bool(found.remedy) == (outcome == "inconclusive")
 
     def test_sustained_is_what_its_probe_says(self, tmp_path: Path) -> None:
         samples = samples_of(
@@ -486,15 +486,15 @@ class TestBursts:
         assert found.effective_n is not None
         assert found.effective_n < 300
         assert "in 2 bursts" in found.reason
-        assert "independent messages would have decided" in found.settle
+        assert "independent messages would have decided" in found.remedy
 
     def test_what_a_pass_withstands(self, tmp_path: Path) -> None:
         found = one(samples_of(tmp_path, Played(30, latencies(3000))), "latency.p99 < 60 ms")
         assert found.share is not None
-        assert found.share.withstands == pytest.approx(5.5, abs=0.1)
+        assert found.share.burst_tolerance == pytest.approx(5.5, abs=0.1)
 
     def test_of_baseline_needs_a_baseline(self, tmp_path: Path) -> None:
         samples = samples_of(tmp_path, Played(30, latencies(90)))
         found = one(samples, "throughput.mean >= 97 % of baseline")
         assert (found.outcome, found.limit) == ("inconclusive", None)
-        assert "--against" in found.settle
+        assert "--against" in found.remedy

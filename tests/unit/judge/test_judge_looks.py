@@ -39,7 +39,7 @@ def verdict_of(outcome: Outcome, method: Method = "exact binomial") -> Requireme
         share=None,
         rule_of_three=None,
         reason="Because.",
-        settle="",
+        remedy="",
     )
 
 
@@ -123,7 +123,7 @@ class TestAllLooksTogether:
 
     def test_the_next_look_is_named(self) -> None:
         found = combine_looks(self.LOOKS, [verdict_of("inconclusive")])
-        assert "after 10 iterations" in found.settle
+        assert "after 10 iterations" in found.remedy
 
 
 class TestAWholeRun:

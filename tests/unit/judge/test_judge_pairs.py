@@ -19,7 +19,7 @@ from r2bspec.judge.outcome import InconclusivePolicy
 from r2bspec.judge.pair_comparison import judge_pair_set, reruns_can_decide
 from r2bspec.judge.pair_interference import InterleavedRuns, pair_excess, taken_shares
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
-from r2bspec.measure.host_usage import Surroundings
+from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples
 from r2bspec.record.comparison_folder import open_comparison
@@ -182,9 +182,9 @@ def test_a_head_that_computes_more_waits_longer_under_the_same_load(tmp_path: Pa
     calm = read_samples(Simulation(segments=[Played(30.0, latencies(0.02))]).write(tmp_path / "r"))
 
     def run(own_cores: float, waited: float) -> RunSamples:
-        known = Surroundings(seconds=1.0, own_cores=own_cores, own_waited=waited, pressure=0.9)
+        known = HostInterference(seconds=1.0, own_cores=own_cores, own_waited=waited, pressure=0.9)
         (one,) = calm.iterations[30.0]
-        return replace(calm, iterations={30.0: (replace(one, surroundings=known),)})
+        return replace(calm, iterations={30.0: (replace(one, interference=known),)})
 
     base = run(0.4, 0.2)
     assert pair_excess(run(0.6, 0.3), base, 30.0) == pytest.approx(0.0)

@@ -72,7 +72,7 @@ def test_what_is_doubted_decides_less(
 ) -> None:
     found = ask(samples_of(tmp_path, search), requirement)
     assert found.outcome == outcome
-    assert bool(found.settle) == (outcome == "inconclusive")
+    assert bool(found.remedy) == (outcome == "inconclusive")
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from r2bspec.judge.statistics.hierarchical_interval import hierarchical_interval
 from r2bspec.judge.statistics.level_interval import level_margin
 from r2bspec.judge.statistics.prediction_interval import predicted_ratio
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
-from r2bspec.measure.host_usage import Surroundings
+from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples
 from run_simulation import Played, Simulation, objective
@@ -163,7 +163,7 @@ class TestLevels:
         found = one(run(tmp_path, *segments, starts=STARTS), "latency.p99 < 52 ms")
         assert (found.outcome, found.over) == ("inconclusive", 0)
         assert "the 5 starts differ by 12.6 ms" in found.reason
-        assert "starts would decide it" in found.settle or "too close" in found.settle
+        assert "starts would decide it" in found.remedy or "too close" in found.remedy
         assert one(
             run(tmp_path / "far", *segments, starts=STARTS), "latency.p99 < 1 s"
         ).outcome == ("pass")
@@ -212,9 +212,9 @@ class TestWhatItSays:
         late = np.full(1500, 0.02)
         late[100:103] = 0.1
         samples = run(tmp_path, Played(30, late), Played(30, late))
-        busy = Surroundings(seconds=50.0, cores=2, foreign_cores=1.9)
+        busy = HostInterference(seconds=50.0, cores=2, foreign_cores=1.9)
         disturbed = {
-            rate: tuple(replace(each, surroundings=busy) for each in found)
+            rate: tuple(replace(each, interference=busy) for each in found)
             for rate, found in samples.iterations.items()
         }
         refused = judge(
@@ -255,8 +255,8 @@ class TestWhatItSays:
     def test_zero_of_one_message_is_settled_by_299(self, tmp_path: Path) -> None:
         found = one(run(tmp_path, Played(30, np.array([0.02]))), "latency.p99 < 60 ms")
         assert found.outcome == "inconclusive"
-        assert "would decide it" in found.settle
-        assert "too close" not in found.settle
+        assert "would decide it" in found.remedy
+        assert "too close" not in found.remedy
 
 
 class TestLostOutputsAndMeans:
@@ -270,7 +270,7 @@ class TestLostOutputsAndMeans:
         found = one(self.samples(tmp_path, 150), "latency.mean < 50 ms")
         assert found.outcome == "inconclusive"
         assert "900 of 1,800 outputs (50 %)" in found.reason
-        assert "drop_rate" in found.settle
+        assert "drop_rate" in found.remedy
 
     def test_a_few_are_told(self, tmp_path: Path) -> None:
         found = one(self.samples(tmp_path, 2), "latency.mean < 50 ms")
@@ -306,7 +306,7 @@ class TestLostOutputsAndMeansOfWindows:
         found = one(self.samples(tmp_path, 10), asked)
         assert found.outcome == "inconclusive"
         assert "120 of 120 windows of 1 s lost more than 1 % of their outputs" in found.reason
-        assert "drop_rate" in found.settle
+        assert "drop_rate" in found.remedy
 
     def test_a_few_of_them_do_not_matter(self, tmp_path: Path) -> None:
         asked = "latency.mean < 50 ms in 80 % of 1 s windows"

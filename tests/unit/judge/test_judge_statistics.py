@@ -209,7 +209,7 @@ class TestEffective:
         for start in range(200, 3000, 400):
             flags[start + random.choice(60, 20, replace=False)] = True
         found = effective_sample([flags])
-        assert found.cause == "stretches"
+        assert found.cause == "clusters"
         assert found.inflation > 5
 
     def test_iterations_that_differ(self) -> None:

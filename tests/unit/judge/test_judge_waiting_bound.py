@@ -8,14 +8,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from r2bspec.judge.waiting_bound import shortest_latencies, taken_share
-from r2bspec.measure.host_usage import Surroundings
+from r2bspec.measure.host_usage import HostInterference
 from simulated_waits import Disturbed, Stalls, disturbed
 
 
 def bound(found: Disturbed) -> np.ndarray:
-    taken = taken_share(found.surroundings)
+    taken = taken_share(found.interference)
     assert taken is not None
-    return shortest_latencies(found.seen, taken, found.surroundings.seconds, 30.0) / 1e9
+    return shortest_latencies(found.seen, taken, found.interference.seconds, 30.0) / 1e9
 
 
 @st.composite
@@ -75,18 +75,18 @@ def test_without_waiting_nothing_is_explained() -> None:
     ("known", "share"),
     [
         (None, None),
-        (Surroundings(seconds=10.0, pressure=0.9, foreign_cores=1.9), None),
-        (Surroundings(seconds=10.0, pressure=0.9, own_waited=0.05), 0.05),
+        (HostInterference(seconds=10.0, pressure=0.9, foreign_cores=1.9), None),
+        (HostInterference(seconds=10.0, pressure=0.9, own_waited=0.05), 0.05),
         # The sum over threads that wait at once is more than the time.
-        (Surroundings(seconds=10.0, pressure=0.3, own_waited=1.2), 0.3),
-        (Surroundings(seconds=10.0, own_waited=0.1, own_cores=0.4, foreign_cores=1.5), 0.3),
-        (Surroundings(seconds=10.0, own_waited=0.1, own_cores=1.5, foreign_cores=0.2), 0.2),
-        (Surroundings(seconds=10.0, own_waited=0.1, cores=2, steal=0.1, throttled_s=1.0), 0.4),
-        (Surroundings(seconds=10.0, own_waited=0.1, calibration=2.0), 0.5),
-        (Surroundings(seconds=10.0, own_waited=3.0), 0.75),
+        (HostInterference(seconds=10.0, pressure=0.3, own_waited=1.2), 0.3),
+        (HostInterference(seconds=10.0, own_waited=0.1, own_cores=0.4, foreign_cores=1.5), 0.3),
+        (HostInterference(seconds=10.0, own_waited=0.1, own_cores=1.5, foreign_cores=0.2), 0.2),
+        (HostInterference(seconds=10.0, own_waited=0.1, cores=2, steal=0.1, throttled_s=1.0), 0.4),
+        (HostInterference(seconds=10.0, own_waited=0.1, calibration=2.0), 0.5),
+        (HostInterference(seconds=10.0, own_waited=3.0), 0.75),
     ],
 )
 def test_the_share_of_the_time_that_was_taken(
-    known: Surroundings | None, share: float | None
+    known: HostInterference | None, share: float | None
 ) -> None:
     assert taken_share(known) == (None if share is None else pytest.approx(share))

@@ -199,10 +199,17 @@ def test_without_a_bag_the_plan_says_what_the_spec_knows() -> None:
 
 def test_only_phases_that_happen_are_listed() -> None:
     assert plan().phases == (
-        *("load", "preprocess", "start", "floor", "graph", "warm_up"),
+        *("load", "preprocess", "start", "harness_overhead", "graph", "warm_up"),
         *("search", "sustained", "play", "collect"),
     )
-    assert plan(STRAIGHT).phases == ("load", "start", "floor", "graph", "play", "collect")
+    assert plan(STRAIGHT).phases == (
+        "load",
+        "start",
+        "harness_overhead",
+        "graph",
+        "play",
+        "collect",
+    )
 
 
 def test_each_rate_is_played_once_and_sustained_rates_are_sorted() -> None:

@@ -219,7 +219,7 @@ def test_steps_stand_in_the_phases_in_which_they_happen() -> None:
             "say": {"command": ["echo", "go"]},
         },
     )
-    assert made.phases[:4] == ("setup", "load", "start", "floor")
+    assert made.phases[:4] == ("setup", "load", "start", "harness_overhead")
     assert made.phases[4:7] == ("graph", "ready", "after_ready")
     assert [(each.kind, each.target) for each in made.ready] == [
         ("log", "relay"),

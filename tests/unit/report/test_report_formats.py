@@ -18,7 +18,7 @@ import pytest
 from r2bspec.compare.errors import SamplesMissingError
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import from_json, result_of
-from r2bspec.record.run_record import FloorRecord
+from r2bspec.record.run_record import HarnessOverheadRecord
 from r2bspec.report.errors import ReportError
 from r2bspec.report.format_registry import FORMATS, renderer
 from r2bspec.report.terminal import to_text
@@ -352,7 +352,7 @@ def test_line_breaks_of_a_reason_stay_in_junit(tmp_path: Path) -> None:
 def test_every_report_in_words_and_every_table_of_numbers_states_the_overhead(
     tmp_path: Path,
 ) -> None:
-    floor = FloorRecord(
+    floor = HarnessOverheadRecord(
         topic="/r2b/image",
         bytes=240,
         rate_hz=30.0,
@@ -366,7 +366,7 @@ def test_every_report_in_words_and_every_table_of_numbers_states_the_overhead(
         processes=2,
     )
     usual = reported(USUAL, tmp_path)
-    source = replace(usual, result=msgspec.structs.replace(usual.result, floor=(floor,)))
+    source = replace(usual, result=msgspec.structs.replace(usual.result, harness_overhead=(floor,)))
 
     def text(name: str) -> str:
         told = replace(source, verbose=name in {"text", "junit"})
@@ -375,7 +375,7 @@ def test_every_report_in_words_and_every_table_of_numbers_states_the_overhead(
     for name in ("text", "markdown", "html", "junit"):
         assert "between two processes (harness.placement: separate)" in text(name), name
         assert "120 µs" in text(name), name
-    (stored,) = json.loads(text("json"))["floor"]
+    (stored,) = json.loads(text("json"))["harness_overhead"]
     assert (stored["placement"], stored["processes"]) == ("separate", 2)
     labels = 'topic="/r2b/image",offered_hz="30",placement="separate",processes="2"'
     assert f'{labels},quantile="0.5"}} 0.00012' in text("openmetrics")

@@ -126,10 +126,10 @@ def test_an_inconclusive_says_what_is_open_and_what_would_decide_it(tmp_path: Pa
     found = result(tmp_path / "run", ["latency.p99 < 40 ms", "latency.p50 < 40 ms"], few)
     line = headline(found)
     assert line.startswith("? INCONCLUSIVE simulated: 1 of 2 open, latency.p99 ")
-    (verdict,) = (each for each in found.verdict.requirements if each.settle)
+    (verdict,) = (each for each in found.verdict.requirements if each.remedy)
     assert "limit 40 ms" in line
-    settle = verdict.settle.rpartition(". ")[2].rstrip(".")
-    assert line.endswith(f"; {settle[:1].lower()}{settle[1:]}")
+    remedy = verdict.remedy.rpartition(". ")[2].rstrip(".")
+    assert line.endswith(f"; {remedy[:1].lower()}{remedy[1:]}")
     alone = headline(result(tmp_path / "alone", ["latency.p99 < 40 ms"], few))
     assert "open is latency.p99 " in alone
 

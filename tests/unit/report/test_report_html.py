@@ -187,8 +187,8 @@ def test_a_baseline_is_drawn_beside_it(tmp_path: Path) -> None:
 
 
 def test_what_happened_around_each_iteration_is_drawn_and_told(tmp_path: Path) -> None:
-    crowded = {**USUAL.surroundings, "busy_s": 1.4}
-    page = page_of(replace(USUAL, surroundings=crowded), tmp_path)
+    crowded = {**USUAL.interference, "busy_s": 1.4}
+    page = page_of(replace(USUAL, interference=crowded), tmp_path)
     assert "CPU, memory and pressure over the run" in page.text
     # 1.4 cores were busy, and the processes of the run used 0.6 of one.
     told = {path: value for path, value, _ in page.data if path.endswith("/foreign_cores")}
@@ -199,7 +199,7 @@ def test_what_happened_around_each_iteration_is_drawn_and_told(tmp_path: Path) -
 
 
 def test_where_nothing_is_known_of_the_surroundings_nothing_is_drawn(tmp_path: Path) -> None:
-    page = page_of(replace(USUAL, surroundings={}), tmp_path)
+    page = page_of(replace(USUAL, interference={}), tmp_path)
     assert "CPU and memory over the run" in page.text
     assert "pressure" not in page.text
 

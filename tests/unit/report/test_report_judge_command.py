@@ -98,7 +98,7 @@ def test_another_spec_s_gate_applies(tmp_path: Path, gate: str, status: int) -> 
 def test_another_spec_s_interference_applies(tmp_path: Path, gate: str, status: int) -> None:
     busy = {"busy_s": 1.9, "stolen_s": 0.3}
     segments = [Played(30, np.full(300, 0.02))]
-    run = Simulation(segments=segments, surroundings=busy).write(tmp_path / "run").folder
+    run = Simulation(segments=segments, interference=busy).write(tmp_path / "run").folder
     spec = spec_with_gate(tmp_path, gate, "latency.p50 < 19 ms")
     assert main(["judge", str(run), "--spec", spec]) == status
 

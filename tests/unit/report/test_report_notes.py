@@ -15,7 +15,7 @@ from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import DisturbedIteration
 from r2bspec.record.run_folder import Run
-from r2bspec.record.run_record import SilenceRecord, StartRecord
+from r2bspec.record.run_record import OutputGapRecord, StartRecord
 from r2bspec.report.format_registry import renderer
 from r2bspec.report.notes import MOST_NOTES, Weight, all_notes, notes
 from report_runs import SIMULATIONS, USUAL
@@ -31,7 +31,9 @@ def noted(folder: Path) -> tuple[Run, Result]:
     """A run about which there is more to say than a report says."""
     run = USUAL.write(folder)
     result = result_of(run)
-    silence = SilenceRecord(segment="iteration-001", topic="/r2b/out", way=(), reason="It crashed.")
+    silence = OutputGapRecord(
+        segment="iteration-001", topic="/r2b/out", way=(), reason="It crashed."
+    )
     first = result.verdict.requirements[0]
     about = msgspec.structs.replace(first, notes=("A note about one requirement.",))
     verdict = msgspec.structs.replace(
@@ -51,7 +53,7 @@ def noted(folder: Path) -> tuple[Run, Result]:
     )
     left_out = tuple(f"Planned part {number} was not played." for number in range(6))
     return run, msgspec.structs.replace(
-        result, silences=(silence,), verdict=verdict, starts=starts, left_out=left_out
+        result, output_gaps=(silence,), verdict=verdict, starts=starts, left_out=left_out
     )
 
 

@@ -1,4 +1,4 @@
-"""Hops, silences and differences: told by every report that people read."""
+"""Hops, output_gaps and differences: told by every report that people read."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from r2bspec.judge.judge_run import from_json, result_of, to_json
 from r2bspec.judge.result import Result
 from r2bspec.measure.distribution import Distribution
 from r2bspec.measure.metrics import HopMetrics
-from r2bspec.record.run_record import Difference, SilenceRecord
+from r2bspec.record.run_record import Difference, OutputGapRecord
 from r2bspec.report.format_registry import renderer
 from r2bspec.report.terminal import to_text
 from report_runs import USUAL
@@ -57,8 +57,8 @@ def tapped(tmp_path: Path) -> Result:
     return replace(
         result,
         metrics=replace(result.metrics, rates=rates),
-        silences=(
-            SilenceRecord(
+        output_gaps=(
+            OutputGapRecord(
                 segment="rate-30Hz-002",
                 topic="/r2b/detections",
                 reason="/r2b/a publishes nothing on /r2b/detections",
@@ -112,11 +112,11 @@ def test_html_has_a_table_of_hops_with_exact_values(result: Result) -> None:
 def test_a_result_comes_back_unchanged_and_older_ones_are_read(result: Result) -> None:
     assert from_json(to_json(result)) == result
     older = msgspec.json.decode(to_json(result))
-    for key in ("silences", "differences"):
+    for key in ("output_gaps", "differences"):
         del older[key]
     for rate in older["metrics"]["rates"]:
         for segment in (rate["pooled"], *rate["iterations"]):
             for seen in segment["monitors"].values():
                 for key in ("late", "early", "overdue", "hops"):
                     del seen[key]
-    assert from_json(msgspec.json.encode(older)).silences == ()
+    assert from_json(msgspec.json.encode(older)).output_gaps == ()

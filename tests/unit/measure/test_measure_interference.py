@@ -14,12 +14,12 @@ from r2bspec.measure.host_usage import (
     host_interference,
     spaced_indices,
 )
-from r2bspec.record.run_record import FloorRecord
+from r2bspec.record.run_record import HarnessOverheadRecord
 from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
 from run_simulation import EPOCH_NS
 
 S = 10**9
-FLOOR = FloorRecord(
+FLOOR = HarnessOverheadRecord(
     topic="/r2b/image",
     bytes=1000,
     rate_hz=30.0,
@@ -84,7 +84,7 @@ def test_a_process_that_was_not_sampled_leaves_the_load_of_others_unknown() -> N
 
 
 def test_a_fresh_batch_is_compared_with_the_first_input_by_input() -> None:
-    def at(latency_ns: int | None, topic: str = "/r2b/image") -> tuple[FloorRecord, ...]:
+    def at(latency_ns: int | None, topic: str = "/r2b/image") -> tuple[HarnessOverheadRecord, ...]:
         return (msgspec.structs.replace(FLOOR, topic=topic, latency_p50_ns=latency_ns),)
 
     assert harness_slowdown((FLOOR,), at(800_000)) == pytest.approx(2.0)

@@ -58,7 +58,7 @@ MAKES = "import sys; open(sys.argv[1], 'a').write('made ')"
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
-    made = Bench(tmp_path_factory.mktemp("surroundings"))
+    made = Bench(tmp_path_factory.mktemp("interference"))
     made.write_node("nodes.py", NODES)
     # The second bag begins 40 ms later; its stamps are those of the first from there on.
     write_bag(made.folder / "left", {"/left": [0, 33, 66, 99, 125]})
