@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.execute.measurement.peak_search import LongPlays, PeakSearch, ProbeOutcome
-from r2bspec.judge.capacity_estimate import Departures
+from r2bspec.judge.capacity_estimate import CompletionTimes
 from r2bspec.judge.rate_decision import (
     Criterion,
     InterimLook,
@@ -120,7 +120,7 @@ class Probed:
     stopped_s: float
     playback: Rows
     monitor: Rows
-    departures: Departures
+    departures: CompletionTimes
 
 
 class Answering(Protocol):

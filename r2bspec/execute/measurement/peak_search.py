@@ -27,11 +27,11 @@ from typing import Literal
 
 from r2bspec.judge.capacity_estimate import (
     Capacity,
-    Departures,
+    CompletionTimes,
     compare_pace,
     estimate_capacity,
 )
-from r2bspec.judge.steadiness import Unsteady, find_start, find_unsteadiness
+from r2bspec.judge.steadiness import NonStationarity, find_start, find_nonstationarity
 from r2bspec.language.confidence import CONFIDENCE
 from r2bspec.record.run_record import CapacityRecord, Probe, SearchRecord
 
@@ -63,15 +63,15 @@ class Overload:
         shown: all that were played, to be examined for steadiness.
     """
 
-    play: Callable[[float], Departures | None]
+    play: Callable[[float], CompletionTimes | None]
     max_hz: float
     precision: float
     confidence: float
     budget_s: float
     stages: int = 1
     loss: float = 0.0
-    plays: list[Departures] = field(default_factory=list)
-    shown: list[Departures] = field(default_factory=list)
+    plays: list[CompletionTimes] = field(default_factory=list)
+    shown: list[CompletionTimes] = field(default_factory=list)
     capacity: Capacity | None = None
 
     @property
@@ -134,14 +134,14 @@ class Overload:
             self.plays = gentle
             self.capacity = estimate_capacity(gentle, self.confidence, stages=self.stages)
 
-    def add(self, play: Departures, *, shown: bool = True) -> None:
+    def add(self, play: CompletionTimes, *, shown: bool = True) -> None:
         """Count a play in which the graph was overloaded."""
         self.plays.append(play)
         if shown:
             self.shown.append(play)
         self.capacity = estimate_capacity(self.plays, self.confidence, stages=self.stages)
 
-    def learn(self, play: Departures) -> None:
+    def learn(self, play: CompletionTimes) -> None:
         """Learn from a play that was to confirm a rate, and refuted it.
 
         Its later half shows the graph when it no longer keeps up. If it is a faster start that the
@@ -226,7 +226,7 @@ class ProbeOutcome:
     probe: Probe
     limited_by_player: bool = False
     relative_half_width: float = 0.0
-    departures: Departures | None = None
+    departures: CompletionTimes | None = None
     drop_share: float = 0.0
 
     @property
@@ -300,7 +300,7 @@ class PeakSearch:
         self._proof: Proof = ""
         self._candidate_hz: float | None = None
         self._overload = self._new_overload(long_plays)
-        self._others: list[Departures] = []
+        self._others: list[CompletionTimes] = []
 
     def _new_overload(self, plays: LongPlays | None) -> Overload:
         return Overload(
@@ -353,8 +353,8 @@ class PeakSearch:
             unsteady_ratio=max((each.ratio for each in unsteady), default=1.0),
         )
 
-    def _unsteady(self) -> tuple[Unsteady, ...]:
-        return find_unsteadiness(self._overload.shown, self._others, self._precision)
+    def _unsteady(self) -> tuple[NonStationarity, ...]:
+        return find_nonstationarity(self._overload.shown, self._others, self._precision)
 
     def _limited_by(self) -> Limit:
         if not self._done:
@@ -383,7 +383,7 @@ class PeakSearch:
         self._candidate_hz = lower_hz
         return True
 
-    def _play_overload(self, rate_hz: float) -> Departures | None:
+    def _play_overload(self, rate_hz: float) -> CompletionTimes | None:
         if self._long is None:
             return None
         outcome = self._long.overload(rate_hz)
