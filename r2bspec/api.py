@@ -254,7 +254,7 @@ def run(
         HistoryError: the history cannot be used.
         OtherMachineError: this machine is not what the spec requires.
     """
-    from r2bspec.execute.host.machine import check_machine
+    from r2bspec.execute.processes.machine import check_machine
     from r2bspec.execute.progress import NullProgress
     from r2bspec.private_files import private_files
     from r2bspec.record.run_folder import RunFolder
@@ -299,7 +299,7 @@ def _locked(name: str, lock: HostLock, progress: Progress | None) -> Iterator[No
     if lock == "off":
         yield
         return
-    from r2bspec.execute.host.host_lock import host_lock
+    from r2bspec.execute.processes.machine import host_lock
 
     def on_wait(holder: str) -> None:
         if progress is not None:
@@ -364,7 +364,7 @@ def stored_baseline(
         IncomparableError: load, data or machine differ, and `force` is not given.
     """
     from r2bspec.compare.history_gate import baseline_from_stored_run
-    from r2bspec.execute.host.machine import describe_machine
+    from r2bspec.execute.processes.machine import describe_machine
 
     return baseline_from_stored_run(path, prepared.plan, describe_machine(), force=force)
 
@@ -405,7 +405,7 @@ def run_pairs(
     from r2bspec.compare.base_reference import parse_base_reference
     from r2bspec.compare.interleaved_comparison import compare, prepare_comparison
     from r2bspec.compare.interleaved_runs import ComparisonSide
-    from r2bspec.execute.processes.workspaces import applied_environment, workspace_environments
+    from r2bspec.execute.processes.environment import applied_environment, workspace_environments
 
     reference = parse_base_reference(against)
     environment = workspace_environments(reference.environments)
@@ -447,7 +447,7 @@ def open_gate(
     from r2bspec.compare.base_reference import parse_base_reference
     from r2bspec.compare.base_tree import open_base_tree
     from r2bspec.compare.merge_gate import GateSettings, MergeGate
-    from r2bspec.execute.processes.signals import Interrupts
+    from r2bspec.execute.states import Interrupts
 
     reference = parse_base_reference(against)
     # The first signal ends the run in progress, and not this process, which has to tidy up.

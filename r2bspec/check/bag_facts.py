@@ -169,7 +169,7 @@ def _count_by_reading(context: Context, topic: str) -> MessageCount:
 def window_stamps(context: Context, topics: set[str]) -> dict[str, list[int]] | None:
     """The header stamps in the window by bag topic; None if they are not read."""
     from r2bspec.bags.recording import DataError
-    from r2bspec.ipc.stamps import STAMP_BYTES, read_stamp
+    from r2bspec.ipc.buffers import STAMP_BYTES, read_stamp
 
     path = context.bag_location.path if context.bag_location is not None else None
     if context.bag is None or path is None or _size(path) > _MAX_READ_BYTES:

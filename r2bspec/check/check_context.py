@@ -23,7 +23,7 @@ from r2bspec.language.spec import BagSource, Spec
 from r2bspec.plan.compile_plan import bag_types, has_own_rate
 from r2bspec.plan.process_plans import process_names
 from r2bspec.record.calibration_file import CalibrationFile, calibration_path, read_calibration_file
-from r2bspec.record.errors import RecordError
+from r2bspec.record.files import RecordError
 from r2bspec.safe_io.looked_up_files import note_folder
 from r2bspec.wiring.build_wiring import build_wiring, harness_topic
 from r2bspec.wiring.companion_files import CompanionFiles, CompanionReader

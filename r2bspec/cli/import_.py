@@ -180,7 +180,7 @@ class _Scripts:
 
     def _import(self, file: Path, target: Path | None) -> Path | None:
         from r2bspec.interop.script_import.spec_builder import build_spec
-        from r2bspec.record.atomic_files import write_atomically
+        from r2bspec.record.files import write_atomically
 
         script = self._read(file)
         if script is None:
@@ -259,7 +259,7 @@ def _import_report(report: Path, output_format: str, output: Path | None) -> int
 
     reference = read_report(report)
     if output is not None:
-        from r2bspec.record.atomic_files import write_atomically
+        from r2bspec.record.files import write_atomically
 
         write_atomically(output, to_json(reference))
     elif output_format == "json":

@@ -83,7 +83,7 @@ def command(
 def _write(folder: Path, name: str, interface: dict[str, Any]) -> str:
     """Write a node's file atomically; returns its path as the user would write it."""
     from r2bspec.language.yaml_document import to_yaml
-    from r2bspec.record.atomic_files import write_atomically
+    from r2bspec.record.files import write_atomically
     from r2bspec.wiring.companion_files import interface_file
 
     file = interface_file(folder, name)

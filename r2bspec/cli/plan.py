@@ -132,7 +132,7 @@ def _write(content: bytes, output: Path | None, *, is_json: bool = False) -> Non
             echo(content.decode(), nl=False)
         return
     from r2bspec.diagnostics.plain_text import plain
-    from r2bspec.record.atomic_files import write_atomically
+    from r2bspec.record.files import write_atomically
 
     # Text is made to be shown: by `cat`, in a review, in a comment.
     write_atomically(output, content if is_json else plain(content.decode()).encode())

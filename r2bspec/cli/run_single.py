@@ -91,7 +91,7 @@ def locked_host(what: str, options: RunOptions) -> Iterator[None]:
     if options.no_lock:
         yield
         return
-    from r2bspec.execute.host.host_lock import host_lock
+    from r2bspec.execute.processes.machine import host_lock
 
     def on_wait(holder: str) -> None:
         echo(f"waiting for {holder}, which runs on this host; --no-wait refuses", err=True)
@@ -184,7 +184,7 @@ def execute(
     """
     from r2bspec import api
     from r2bspec.compare.gate_strength import WeakerGateError
-    from r2bspec.record.errors import FolderTakenError
+    from r2bspec.record.files import FolderTakenError
     from r2bspec.report.findings_text import print_findings as show
     from r2bspec.report.progress import shown_progress
 
@@ -304,7 +304,7 @@ def _json_of_failures(options: RunOptions, folder: OutputFolder) -> Iterator[Non
 
 def _print_failure(error: R2bspecError, folder: Path | None) -> None:
     from r2bspec.compare.report_input import read_folder
-    from r2bspec.record.errors import FolderTakenError
+    from r2bspec.record.files import FolderTakenError
     from r2bspec.report.terminal import show_result
 
     if folder is not None and folder.exists() and not isinstance(error, FolderTakenError):

@@ -404,7 +404,7 @@ class Suite:
         )
 
     def _write_summary(self) -> None:
-        from r2bspec.record.atomic_files import write_atomically
+        from r2bspec.record.files import write_atomically
         from r2bspec.report.suite_formats import to_json
 
         write_atomically(self.root / SUMMARY_FILE, to_json(self._summary(), self._results))

@@ -49,7 +49,7 @@ class BaseReference:
         spec: another spec or plan; None for that of the head.
         variables: values of variables that differ from the head's.
         sets: values that differ from the head's, each as ``path=value``.
-        environments: read by `r2bspec.execute.processes.workspaces.workspace`, in order.
+        environments: read by `r2bspec.execute.processes.environment.workspace`, in order.
     """
 
     text: str

@@ -19,7 +19,7 @@ from r2bspec.record.calibration_file import (
     calibration_path,
 )
 from r2bspec.record.comparison_folder import PairedComparison
-from r2bspec.record.machine_fingerprint import describe_machine, fingerprint
+from r2bspec.record.graph_identity import describe_machine, fingerprint
 
 MIN_PAIRS = 3
 """With fewer, the bound on the noise is more than five times the estimate."""

@@ -41,8 +41,7 @@ from r2bspec.measure.times import rank
 from r2bspec.measure.units import show
 from r2bspec.plan.comparability import brief_difference, graph_differences, load_differences
 from r2bspec.plan.plan import Plan
-from r2bspec.record.graph_identity import GraphIdentity, identity_differences
-from r2bspec.record.machine_fingerprint import MACHINE_FACTS
+from r2bspec.record.graph_identity import MACHINE_FACTS, GraphIdentity, identity_differences
 from r2bspec.record.run_record import SearchRecord
 from r2bspec.safe_io.safe_file import is_folder, read_bytes
 from r2bspec.safe_io.safe_json import MAX_JSON_BYTES

@@ -35,7 +35,6 @@ from r2bspec.measure.samples import RunSamples, starts_of
 from r2bspec.plan.canonical_json import plan_hash
 from r2bspec.plan.comparability import measured_hash
 from r2bspec.plan.plan import Plan
-from r2bspec.record.atomic_files import write_atomically
 from r2bspec.record.baseline_file import (
     BASELINE_FILE,
     CONFIRMATION_FOLDER,
@@ -43,8 +42,13 @@ from r2bspec.record.baseline_file import (
     BaselineSeries,
     to_json,
 )
-from r2bspec.record.graph_identity import decode_identity, encode_identity
-from r2bspec.record.machine_fingerprint import describe_machine, fingerprint
+from r2bspec.record.files import write_atomically
+from r2bspec.record.graph_identity import (
+    decode_identity,
+    describe_machine,
+    encode_identity,
+    fingerprint,
+)
 from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.record.run_record import RunRecord
 from r2bspec.safe_io.safe_file import is_folder

@@ -20,9 +20,9 @@ from pathlib import Path
 from r2bspec.errors import R2bspecError, without_output
 from r2bspec.execute.controller import run_plan
 from r2bspec.execute.errors import InterruptedRunError, RunError, UnwritableRunError
-from r2bspec.execute.processes.signals import Interrupts
-from r2bspec.execute.processes.workspaces import applied_environment
+from r2bspec.execute.processes.environment import applied_environment
 from r2bspec.execute.progress import Progress
+from r2bspec.execute.states import Interrupts
 from r2bspec.exit_status import ExitStatus
 from r2bspec.judge.confirmation import needs_confirmation
 from r2bspec.judge.pair_comparison import interference_text, why_unusable

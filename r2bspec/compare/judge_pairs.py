@@ -14,8 +14,7 @@ from r2bspec.measure.metrics import summarise
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples
 from r2bspec.plan.plan import GatePlan
-from r2bspec.record.comparison_folder import PairedComparison, PairRecord, Side
-from r2bspec.record.merged_run import MergedRun
+from r2bspec.record.comparison_folder import MergedRun, PairedComparison, PairRecord, Side
 
 _MAX_NAMED_PAIRS = 3
 """Affected pairs listed in a sentence; ``pairs`` of the result has all of them."""

@@ -40,7 +40,7 @@ from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import R2bspecError, without_output
 from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.identity.identify_graph import graph_identity
-from r2bspec.execute.processes.workspaces import applied_environment
+from r2bspec.execute.processes.environment import applied_environment
 from r2bspec.execute.progress import NullProgress, Progress
 from r2bspec.exit_status import ExitStatus
 from r2bspec.language.load_spec import LoadedSpec
@@ -48,8 +48,7 @@ from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.language.spec import GateBase, Objective
 from r2bspec.plan.comparability import difference_lines, graph_differences, load_differences
 from r2bspec.plan.plan import Plan
-from r2bspec.record.graph_identity import GraphIdentity, identity_differences
-from r2bspec.record.loaded_files import read_loaded_files
+from r2bspec.record.graph_identity import GraphIdentity, identity_differences, read_loaded_files
 from r2bspec.safe_io.safe_file import is_regular
 
 ALLOW_BASE = "base"

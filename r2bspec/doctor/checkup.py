@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from r2bspec.execute.host.machine import interpreter
+from r2bspec.execute.processes.machine import interpreter
 from r2bspec.middleware.middleware import SHARED_MEMORY
 
 Status = Literal["ok", "warn", "problem"]

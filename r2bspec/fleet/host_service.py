@@ -42,7 +42,7 @@ from r2bspec.fleet.play_run import (
 )
 from r2bspec.plan.canonical_json import parse_plan
 from r2bspec.private_files import user_umask
-from r2bspec.record.atomic_files import write_atomically
+from r2bspec.record.files import write_atomically
 
 PLUGIN: Final = "r2bspec"
 

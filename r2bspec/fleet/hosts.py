@@ -96,7 +96,7 @@ def describe_host(
         allows: see `HostFacts`.
         doctor: whether to run the checks of `r2bspec doctor`, which take a moment.
     """
-    from r2bspec.execute.host.machine import describe_machine, describe_versions
+    from r2bspec.execute.processes.machine import describe_machine, describe_versions
 
     machine = describe_machine()
     return HostFacts(

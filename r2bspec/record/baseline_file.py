@@ -11,7 +11,7 @@ from typing import Final, Literal
 
 import msgspec
 
-from r2bspec.record.errors import RecordError
+from r2bspec.record.files import RecordError
 from r2bspec.record.graph_identity import GraphIdentity
 from r2bspec.record.run_folder import Run, open_run
 from r2bspec.safe_io.safe_json import read_json

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
-from r2bspec.record.atomic_files import write_atomically
-from r2bspec.record.errors import RecordError
+from r2bspec.record.files import RecordError, write_atomically
 from r2bspec.record.run_record import (
     INTERFERENCE_FIELDS,
     MONITOR_FIELDS,

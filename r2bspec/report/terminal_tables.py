@@ -26,8 +26,7 @@ from r2bspec.measure.distribution import (
 )
 from r2bspec.measure.metrics import RateMetrics, RunMetrics, UseMetrics
 from r2bspec.measure.units import at_rate, show, show_rate, significant
-from r2bspec.record.phase_times import PhaseTime
-from r2bspec.record.run_record import HarnessOverheadRecord, RunRecord
+from r2bspec.record.run_record import HarnessOverheadRecord, PhaseTime, RunRecord
 from r2bspec.report.output import console
 from r2bspec.report.report_wording import OUTCOME_WORDS, overhead_placement
 from r2bspec.report.result_table import METRICS, Measured, measured, monitor_names

@@ -21,8 +21,7 @@ from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.errors import R2bspecError
 from r2bspec.measure.units import rate_name
-from r2bspec.record.atomic_files import write_atomically
-from r2bspec.record.errors import RUN_UNWRITABLE, RecordError
+from r2bspec.record.files import RUN_UNWRITABLE, RecordError, write_atomically
 from r2bspec.report import finding_formats
 from r2bspec.report.errors import ReportError, ReportUsageError
 from r2bspec.report.findings_text import render_text

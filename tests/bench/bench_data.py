@@ -101,7 +101,7 @@ def any_reader_to_file(bag: Path) -> int:
 
 def buffers(bag: Path) -> int:
     """The loader of r2bspec: messages to a buffer, with the index that the player needs."""
-    from r2bspec.execute.inputs.buffer_bags import buffer_bags
+    from r2bspec.execute.fill_buffers import buffer_bags
     from r2bspec.execute.progress import NullProgress
     from r2bspec.plan.plan import BagTopicPlan, DatasetPlan
 
@@ -196,7 +196,7 @@ def child(step: str, bag: Path) -> None:
     # Imports are paid once by a run, and are no matter of the bag's size.
 
     import r2bspec.bags.bag_reader
-    import r2bspec.execute.inputs.buffer_bags  # noqa: F401
+    import r2bspec.execute.fill_buffers  # noqa: F401
 
     action, _ = STEPS[step]
     begin = time.perf_counter()

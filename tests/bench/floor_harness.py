@@ -14,20 +14,20 @@ from typing import Any, cast
 from floor_figures import Figures, cpu_ns, figures
 from floor_workloads import COPIES, TOPIC, TYPE, Workload, write_buffer
 
-from r2bspec.execute.host.resource_sampler import ResourceSampler
 from r2bspec.execute.measurement.peak_search import PeakSearch, ProbeOutcome
 from r2bspec.execute.measurement.segment_observation import SegmentObservation
 from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, SegmentPlayer
 from r2bspec.execute.processes.environment import RunEnvironment
-from r2bspec.execute.processes.middleware_setup import reserved_domain
-from r2bspec.execute.processes.scheduling import shorten_slice
+from r2bspec.execute.processes.prerequisites import reserved_domain
+from r2bspec.execute.processes.process import shorten_slice
+from r2bspec.execute.processes.resources import ResourceSampler
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import largest_message_bytes
 from r2bspec.ipc.schedule import CyclicSchedule
 from r2bspec.judge.rate_decision import Criterion, estimate_probe, judge_final, plan_interim_looks
 from r2bspec.language.spec import QoS
-from r2bspec.native.harness_library import harness_program
+from r2bspec.native.harness_objects import harness_program
 from r2bspec.plan.plan import InputPlan, MonitorPlan, Plan
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import Probe

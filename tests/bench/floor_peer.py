@@ -19,7 +19,7 @@ import numpy as np
 from floor_figures import Figures, cpu_ns, figures
 from floor_workloads import TOPIC, Workload, message
 
-from r2bspec.execute.processes.middleware_setup import reserved_domain
+from r2bspec.execute.processes.prerequisites import reserved_domain
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS
 
 _WARM_UP_S = 2.0

@@ -21,10 +21,14 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.execute.identity.distributions import ModuleSearch
-from r2bspec.execute.identity.file_digests import FileDigests, build_id, is_elf
-from r2bspec.execute.identity.python_sources import PythonSources, Sources
-from r2bspec.execute.identity.workspace_packages import InstalledPackages, WorkspacePackages
+from r2bspec.execute.identity.file_digests import (
+    FileDigests,
+    InstalledPackages,
+    WorkspacePackages,
+    build_id,
+    is_elf,
+)
+from r2bspec.execute.identity.python_sources import ModuleSearch, PythonSources, Sources
 from r2bspec.plan.command_lines import INCLUDED_LAUNCH
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
 from r2bspec.record.graph_identity import (

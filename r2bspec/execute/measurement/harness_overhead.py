@@ -24,7 +24,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from r2bspec.execute.host.resource_sampler import Interference
+from r2bspec.execute.processes.resources import Interference
 from r2bspec.execute.processes.supervisor import (
     REPLY_TIMEOUT_S,
     ManagedProcess,

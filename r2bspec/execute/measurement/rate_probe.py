@@ -25,11 +25,11 @@ from typing import Final, Literal
 
 import msgspec
 
-from r2bspec.execute.host.resource_sampler import Interference
 from r2bspec.execute.measurement.peak_search import LongPlays, ProbeOutcome
-from r2bspec.execute.measurement.run_reporter import TimeBudget
 from r2bspec.execute.measurement.segment_observation import SegmentObservation
 from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
+from r2bspec.execute.processes.resources import Interference
+from r2bspec.execute.run_context import TimeBudget
 from r2bspec.judge.rate_decision import (
     Criterion,
     InterimLook,

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from r2bspec.diagnostics.quote import clip
-from r2bspec.record.folded_stacks import Stacks
+from r2bspec.record.run_folder import Stacks
 from r2bspec.report.html.chart import PALETTE, Chart
 from r2bspec.report.html.templates import render_text
 

@@ -215,7 +215,7 @@ def _flame_graphs(run: Run) -> Iterator[Chart]:
 
 
 def _flame_graph(name: str, run: Run, profile: ProfileRecord) -> Chart | None:
-    from r2bspec.record.folded_stacks import read_stacks
+    from r2bspec.record.run_folder import read_stacks
     from r2bspec.report.html.flame_graph import flame_graph
 
     try:

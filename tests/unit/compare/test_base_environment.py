@@ -21,7 +21,7 @@ from r2bspec.compare.base_environment import (
     is_code_of,
 )
 from r2bspec.compare.base_tree import BaseRevisionError, BaseTree
-from r2bspec.execute.processes.workspaces import applied_environment
+from r2bspec.execute.processes.environment import applied_environment
 from r2bspec.execute.progress import NullProgress
 from r2bspec.language.quantities import Duration
 from r2bspec.language.spec import GateBase

@@ -24,7 +24,7 @@ from r2bspec.record.calibration_file import (
     read_calibration_file,
 )
 from r2bspec.record.comparison_folder import PairedComparison
-from r2bspec.record.errors import RecordError
+from r2bspec.record.files import RecordError
 
 RANDOM = np.random.default_rng(11)
 BASE, HEAD = 0.02 * np.exp(RANDOM.normal(0, 0.02, (2, 12)))

@@ -9,7 +9,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.execute.host.resource_sampler import Interference, interference_of
 from r2bspec.execute.measurement.harness_overhead import _quietest
 from r2bspec.execute.measurement.peak_search import (
     LongPlays,
@@ -18,7 +17,8 @@ from r2bspec.execute.measurement.peak_search import (
     unexplained_end,
 )
 from r2bspec.execute.measurement.rate_probe import MAX_FUTILE_REPLAYS, AffectedProbes
-from r2bspec.execute.measurement.run_reporter import TimeBudget
+from r2bspec.execute.processes.resources import Interference, interference_of
+from r2bspec.execute.run_context import TimeBudget
 from r2bspec.judge.stationarity import CompletionTimes
 from r2bspec.measure.host_usage import HostInterference
 from r2bspec.record.run_record import HarnessOverheadRecord, Probe, SearchRecord, Segment

@@ -18,9 +18,9 @@ from r2bspec.compare.interleaved_comparison import prepare_comparison
 from r2bspec.compare.interleaved_runs import ComparisonSide
 from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.errors import MiddlewareError
-from r2bspec.execute.host.machine import describe_versions
 from r2bspec.execute.processes.environment import RunEnvironment
-from r2bspec.execute.processes.middleware_setup import check_middleware
+from r2bspec.execute.processes.machine import describe_versions
+from r2bspec.execute.processes.prerequisites import check_middleware
 from r2bspec.ipc import protocol
 from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.plan import Plan, ProcessPlan

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from r2bspec.execute.measurement.overload import Overload
-from r2bspec.execute.measurement.peak_search import LongPlays, PeakSearch, ProbeOutcome
+from r2bspec.execute.measurement.peak_search import LongPlays, Overload, PeakSearch, ProbeOutcome
 from r2bspec.judge.stationarity import CompletionTimes
 from r2bspec.record.run_record import Probe, SearchRecord
 

@@ -27,7 +27,7 @@ from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples
 from r2bspec.record.comparison_folder import open_comparison
-from r2bspec.record.errors import RecordError
+from r2bspec.record.files import RecordError
 from run_simulation import Played, Simulation, objective
 
 NOISE = np.exp([0.004, -0.006, 0.003, -0.002, 0.005, -0.004])
