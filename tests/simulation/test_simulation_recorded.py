@@ -2,7 +2,7 @@
 
 ``relay_50hz.npy``: a RelayNode of 6 ms, twelve iterations of 20 s at 50 Hz, on a machine of two
 cores with background load in bursts (float32 seconds, one row for each iteration, NaN where lost).
-`tests/bench/estimators.py` compares estimators on recordings of any size.
+`benchmarks/estimators.py` compares estimators on recordings of any size.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import pytest
 
 from nightly import size
 
-sys.path.append(str(Path(__file__).parents[1] / "bench"))
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 
 from estimators import recorded, wrong
 

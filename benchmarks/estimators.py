@@ -1,6 +1,6 @@
 """Which estimate of the effective number of messages keeps its promise on recorded latencies.
 
-    PYTHONPATH=. python tests/bench/estimators.py RUN [RUN ...]
+    PYTHONPATH=. python benchmarks/estimators.py RUN [RUN ...]
 
 A run folder (or a ``.npy`` of shape (iterations, messages), NaN where lost) is a long recording of
 one graph on one machine. Its own percentile, over everything, is taken for the truth, and a run is

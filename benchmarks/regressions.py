@@ -1,7 +1,7 @@
 """Real comparisons of a relay with itself and with slower ones: how often the gate says what.
 
-    PYTHONPATH=.:tests/support python tests/bench/regressions.py            # about 15 minutes
-    PYTHONPATH=.:tests/support python tests/bench/regressions.py --quick    # about 3
+    PYTHONPATH=.:tests/support python benchmarks/regressions.py            # about 15 minutes
+    PYTHONPATH=.:tests/support python benchmarks/regressions.py --quick    # about 3
 
 Each series is one ``run --against`` on real ROS 2: a RelayNode whose service time is 20 ms, against
 one that is 0, 5, 10 or 20 % slower, asked for at most 3 % more latency at 20 Hz and at most 3 %

@@ -1,6 +1,6 @@
 """What a smoke run takes, and how much of it is the start of its processes.
 
-    python tests/bench/smoke_cost.py [SPEC ...]
+    python benchmarks/smoke_cost.py [SPEC ...]
 
 Each spec, by default the relay and the demo of specs/, is run with --smoke. The start-up is the
 time from the beginning of the command to the end of the warm-up: Python, reading the data,

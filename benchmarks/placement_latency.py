@@ -1,6 +1,6 @@
 """What the way to a graph and back costs, by the placement of the harness.
 
-    python tests/bench/placement_latency.py [--repetitions 3] [--seconds 5]
+    python benchmarks/placement_latency.py [--repetitions 3] [--seconds 5]
 
 A relay in C that publishes what it receives gets images of 1280x720 rgb8 at 60 Hz:
 with player and monitor in processes of their own, in one, and in the process of the relay. All are
@@ -31,7 +31,7 @@ import yaml
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 
 from c_nodes import c_node_spec
 

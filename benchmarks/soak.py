@@ -1,6 +1,6 @@
 """Whether a long run holds its memory: half an hour at 100 Hz, watched from outside.
 
-    python tests/bench/soak.py [--minutes 30] [--rate 100]
+    python benchmarks/soak.py [--minutes 30] [--rate 100]
 
 Plays camera infos through a RelayNode in one iteration, samples memory and descriptors of the
 controller and of every process of the run, and prints a Markdown table: the median of the second

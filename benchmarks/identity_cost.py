@@ -2,7 +2,7 @@
 
 ::
 
-    python tests/bench/identity_cost.py [--packages 200] [--nodes 10]
+    python benchmarks/identity_cost.py [--packages 200] [--nodes 10]
 
 Writes a repository of so many packages of C++ and Python in equal parts, with what colcon would
 have installed of them, and a plan whose nodes are programs of the first of them. Each Python

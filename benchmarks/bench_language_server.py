@@ -2,7 +2,7 @@
 
 ::
 
-    python tests/bench/bench_language_server.py
+    python benchmarks/bench_language_server.py
 
 A client opens a spec over standard input and output, as an editor does, and changes a few
 characters in its middle: a key is wrong after every other change. The time is from the notification
@@ -34,7 +34,7 @@ from r2bspec.check.engine import check_cases
 from r2bspec.language.load_spec import load_cases
 from r2bspec.language_server.server import DEBOUNCE_S
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[1]
 EDITOR = "editor, from change to diagnostics"
 FULL = "full validate, in-process"
 PROCESS = "full validate, new process"

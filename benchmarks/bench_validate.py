@@ -3,7 +3,7 @@
 ::
 
     pip install check-jsonschema
-    python tests/bench/bench_validate.py
+    python benchmarks/bench_validate.py
 
 Both read the same files; the other tool gets the published schema of this repository. Each case is
 run several times, all in turn, each run in a fresh process whose wall time, CPU time and largest
@@ -31,7 +31,7 @@ from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[1]
 SPEC = ROOT / "specs" / "apriltag_node.r2b.yaml"
 SCHEMA = ROOT / "schemas" / "r2bspec-v1.schema.json"
 OURS = "r2bspec validate"

@@ -1,6 +1,6 @@
 """How fast, and in how much memory, a large recording is hashed, indexed, read and buffered.
 
-    python tests/bench/bench_data.py [--gib 3] [--repeats 2] [--folder /tmp]
+    python benchmarks/bench_data.py [--gib 3] [--repeats 2] [--folder /tmp]
 
 Makes recordings of 1920x1200 rgb8 images in a temporary folder and measures each step in a process
 of its own, for its peak memory: beside `sha256sum`, beside reading the bare bytes, and beside

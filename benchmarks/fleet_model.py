@@ -1,6 +1,6 @@
 """A night of 1,000 hosts and 10,000 runs on paper, with costs per run that are measured here.
 
-    python tests/bench/fleet_model.py [--requests 200] [--hosts 1000] [--runs 10000] [--hours 8]
+    python benchmarks/fleet_model.py [--requests 200] [--hosts 1000] [--runs 10000] [--hours 8]
 
 Measured on a real scheduler with one real worker: CPU time of scheduler, client and worker for a
 request, for a mebibyte that passes, and for a heartbeat; and for a run of specs/relay.r2b.yaml, the

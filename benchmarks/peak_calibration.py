@@ -1,6 +1,6 @@
 """The peak search on real relays whose capacity is known: estimate against truth.
 
-    python tests/bench/peak_calibration.py [--quick] [--only TEXT]
+    python benchmarks/peak_calibration.py [--quick] [--only TEXT]
 
 One relay, and three in a row, that take equal or exponential times, of about 20, 100 and 400 Hz.
 The truth is measured apart from the search: a first run offers twice the rate to queues that hold
@@ -116,7 +116,7 @@ def run(case: Case, benchmark: dict[str, Any], folder: Path) -> Run:
     folder.mkdir(parents=True)
     path = folder / "spec.r2b.yaml"
     path.write_text(yaml.safe_dump(case.spec(benchmark), sort_keys=False))
-    root = Path(__file__).parents[2]
+    root = Path(__file__).parents[1]
     done = subprocess.run(
         [sys.executable, "-m", "r2bspec", "run", str(path), "--output", str(folder / "run")],
         capture_output=True,

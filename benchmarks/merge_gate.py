@@ -5,7 +5,7 @@ the other. Prints a row for each kind, with the load of the machine. What a gate
 error has printed, and its run folder, are kept in a folder that is named on standard error. The
 r2bspec that gates is the one that is installed: it must not change meanwhile. Usage::
 
-    PYTHONPATH=tests/support python tests/bench/merge_gate.py [--each 10] [--pairs 5]
+    PYTHONPATH=tests/support python benchmarks/merge_gate.py [--each 10] [--pairs 5]
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What a start of all processes costs, and where the time goes.
 
-    python tests/bench/start_cost.py [--starts 5] [SPEC ...]
+    python benchmarks/start_cost.py [--starts 5] [SPEC ...]
 
 Each spec, by default the relay and the demo of specs/, is run without its search and its
 objectives, and with short iterations. A complete start is the first one of the run: player and

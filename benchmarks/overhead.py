@@ -1,6 +1,6 @@
 """How long a run takes beyond the playing that was asked for, and where that time goes.
 
-    python tests/bench/overhead.py [--runs 3] [--against TREE]
+    python benchmarks/overhead.py [--runs 3] [--against TREE]
 
 The work is that of the reference tool's default: a graph that passes 1280x720 images on, a search,
 and playing at the rate found and at each of three rates (there five times 5 s and 5 s; here four
@@ -65,7 +65,7 @@ slos:
 """
 
 _REFERENCE_S = 129.0
-_HERE = Path(__file__).parents[2]
+_HERE = Path(__file__).parents[1]
 
 _NAMES = {
     "before": "the command until the first phase (interpreter, validating, planning)",

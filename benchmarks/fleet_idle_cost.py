@@ -1,6 +1,6 @@
 """What a worker of a fleet costs the host that it waits on, and what of it a benchmark sees.
 
-    python tests/bench/fleet_idle_cost.py [--rounds 24] [--seconds 2.5] [--idle 30]
+    python benchmarks/fleet_idle_cost.py [--rounds 24] [--seconds 2.5] [--idle 30]
 
 Takes about five minutes, and needs a machine that does nothing else. A worker of
 `r2bspec fleet worker` and one with the settings of Dask (`dask worker`, with its nanny) wait for

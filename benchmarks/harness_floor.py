@@ -1,7 +1,7 @@
 """How fast the harness is with nothing under test: what every reported latency contains.
 
-    python tests/bench/harness_floor.py [--quick] [--write docs/performance.md]
-    python tests/bench/harness_floor.py --ablate [--write docs/performance.md]
+    python benchmarks/harness_floor.py [--quick] [--write docs/performance.md]
+    python benchmarks/harness_floor.py --ablate [--write docs/performance.md]
 
 Player to monitor, for each workload, transport and placement, beside a plain rclpy publisher and
 subscriber in the same run; then the highest rate that each holds. Repetitions are interleaved, and
