@@ -89,7 +89,7 @@ generated: install-dev
 BENCH ?=
 
 bench: install-dev
-	$(BIN)/python tests/bench/harness_floor.py $(BENCH) $(if $(filter --quick,$(BENCH)),,--write docs/performance.md)
+	$(BIN)/python benchmarks/harness_floor.py $(BENCH) $(if $(filter --quick,$(BENCH)),,--write docs/performance.md)
 
 clean:
 	rm -rf $(VENV) .coverage .mypy_cache .ruff_cache .pytest_cache .hypothesis runs

@@ -158,12 +158,12 @@ def prepare(
         return _stored_plan(selection, smoke=smoke)
     import msgspec
 
-    from r2bspec.check.engine import check_in_context, context_of
+    from r2bspec.check.engine import check, context_of
     from r2bspec.plan.compile_plan import compile_plan
 
     loaded = selection.load()
     context = context_of(loaded)
-    diagnostics = check_in_context(loaded, context)
+    diagnostics = check(loaded, context=context)
     if smoke:
         # Nothing is judged: how many messages a verdict needs does not matter.
         diagnostics = [each for each in diagnostics if not each.code.startswith("R2B5")]
@@ -254,7 +254,7 @@ def run(
         HistoryError: the history cannot be used.
         OtherMachineError: this machine is not what the spec requires.
     """
-    from r2bspec.execute.host.machine import check_machine
+    from r2bspec.execute.processes.machine import check_machine
     from r2bspec.execute.progress import NullProgress
     from r2bspec.private_files import private_files
     from r2bspec.record.run_folder import RunFolder
@@ -276,7 +276,7 @@ def run(
     ):
         if history is None and baseline is None:
             return _run_in_folder(folder, prepared, listener, extras)
-        from r2bspec.compare.gated_run import run_with_baseline
+        from r2bspec.compare.history_gate import run_with_baseline
 
         return run_with_baseline(
             lambda target, plan: _run_in_folder(
@@ -299,7 +299,7 @@ def _locked(name: str, lock: HostLock, progress: Progress | None) -> Iterator[No
     if lock == "off":
         yield
         return
-    from r2bspec.execute.host.host_lock import host_lock
+    from r2bspec.execute.processes.machine import host_lock
 
     def on_wait(holder: str) -> None:
         if progress is not None:
@@ -312,7 +312,7 @@ def _locked(name: str, lock: HostLock, progress: Progress | None) -> Iterator[No
 def _run_in_folder(
     folder: RunFolder, prepared: PreparedBenchmark, progress: Progress, extras: Mapping[str, Any]
 ) -> Result:
-    from r2bspec.check.runtime_mismatches import differences_to_diagnostics
+    from r2bspec.check.finding_location import differences_to_diagnostics
     from r2bspec.execute.controller import run_plan
     from r2bspec.execute.errors import GraphMismatchError as Differs
 
@@ -341,7 +341,7 @@ def _run_in_folder(
 
 def differences_to_diagnostics(result: Result, loaded: LoadedSpec) -> tuple[Diagnostic, ...]:
     """Harmless differences between the running graph and the spec, at their places."""
-    from r2bspec.check.runtime_mismatches import differences_to_diagnostics
+    from r2bspec.check.finding_location import differences_to_diagnostics
 
     return differences_to_diagnostics(result.differences, loaded)
 
@@ -364,7 +364,7 @@ def stored_baseline(
         IncomparableError: load, data or machine differ, and `force` is not given.
     """
     from r2bspec.compare.history_gate import baseline_from_stored_run
-    from r2bspec.execute.host.machine import describe_machine
+    from r2bspec.execute.processes.machine import describe_machine
 
     return baseline_from_stored_run(path, prepared.plan, describe_machine(), force=force)
 
@@ -405,7 +405,7 @@ def run_pairs(
     from r2bspec.compare.base_reference import parse_base_reference
     from r2bspec.compare.interleaved_comparison import compare, prepare_comparison
     from r2bspec.compare.interleaved_runs import ComparisonSide
-    from r2bspec.execute.processes.workspaces import applied_environment, workspace_environments
+    from r2bspec.execute.processes.environment import applied_environment, workspace_environments
 
     reference = parse_base_reference(against)
     environment = workspace_environments(reference.environments)
@@ -447,7 +447,7 @@ def open_gate(
     from r2bspec.compare.base_reference import parse_base_reference
     from r2bspec.compare.base_tree import open_base_tree
     from r2bspec.compare.merge_gate import GateSettings, MergeGate
-    from r2bspec.execute.processes.signals import Interrupts
+    from r2bspec.execute.states import Interrupts
 
     reference = parse_base_reference(against)
     # The first signal ends the run in progress, and not this process, which has to tidy up.

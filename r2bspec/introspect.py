@@ -21,13 +21,12 @@ from r2bspec.check.installed_packages import package_version
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.errors import NotReadyError
 from r2bspec.execute.processes.environment import RunEnvironment, make_redactor
-from r2bspec.execute.processes.executables import resolve_argv
-from r2bspec.execute.processes.middleware_setup import reserved_domain
-from r2bspec.execute.processes.signals import Interrupts
+from r2bspec.execute.processes.prerequisites import reserved_domain, resolve_argv
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
+from r2bspec.execute.states import Interrupts
 from r2bspec.exit_status import ExitStatus
 from r2bspec.ipc import protocol
-from r2bspec.language.secret_variables import quoted_secret_references
+from r2bspec.language.environment_access import quoted_secret_references
 from r2bspec.language.spec import Spec
 from r2bspec.plan.command_lines import HARNESS_ARGV, node_argv
 from r2bspec.plan.compile_plan import compile_plan

@@ -107,9 +107,9 @@ def pytest_configure(config: pytest.Config) -> None:
         return
     from r2bspec.diagnostics.plain_text import plain
     from r2bspec.errors import R2bspecError
+    from r2bspec.language.environment_access import untrusted_specs
     from r2bspec.language.quantities import parse_size_option
-    from r2bspec.language.untrusted_environment import untrusted_specs
-    from r2bspec.untrusted.decompression_budget import max_unpacked_bytes
+    from r2bspec.safe_io.decompression_budget import max_unpacked_bytes
 
     size = config.getoption("--r2bspec-max-bytes")
     try:
@@ -196,7 +196,7 @@ class _SpecFile(pytest.File):
 
         stored = self.config.getoption("--r2bspec-runs")
         if stored is not None:
-            from r2bspec.compare.load_results import read_folder
+            from r2bspec.compare.report_input import read_folder
 
             return read_folder(_stored_folder(Path(stored), loaded.id)).result
         output = self.config.getoption("--r2bspec-output")
@@ -252,12 +252,12 @@ class _Validation(_SpecTest):
     def runtest(self) -> None:
         """Apply all rules; without a run, recorded data may be missing."""
         from r2bspec.check import check
-        from r2bspec.report.findings import text
+        from r2bspec.report.findings_text import render_text
 
         offline = self.config.getoption("--r2bspec-runs") is not None
         found = check(self._loaded, offline=offline)
         if any(each.severity == "error" for each in found):
-            raise BenchmarkError(text.render(found, self._loaded.texts))
+            raise BenchmarkError(render_text(found, self._loaded.texts))
 
     def reportinfo(self) -> tuple[Path, int | None, str]:
         """The first line of the spec."""

@@ -13,9 +13,9 @@ from pathlib import Path
 
 from r2bspec.bags.bag_writer import begins_with_header
 from r2bspec.bags.recording import BagIndex, TopicInfo
-from r2bspec.interop.script_import.yaml_writer import Block, document, identifier, unique_name
+from r2bspec.interop.script_import.spec_text import Block, document, identifier, unique_name
 from r2bspec.judge.statistics.rule_of_three import min_sample_size
-from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.names import MESSAGE_TYPE, TOPIC
 from r2bspec.wiring.build_wiring import build_wiring

@@ -9,26 +9,26 @@ from typing import Literal, cast
 
 import msgspec
 
-from r2bspec.bags.errors import (
-    BAG_NOT_FOUND,
-    METADATA_DISAGREES,
-    METADATA_UNREADABLE,
-    STORAGE_UNREADABLE,
-    DataError,
-)
 from r2bspec.bags.metadata import (
     BagMetadata,
     TopicMetadata,
     read_metadata,
 )
-from r2bspec.bags.recording import BagIndex, TopicInfo, read_provenance
-from r2bspec.bags.storage.storage import Storage, open_storages, storage_paths
-from r2bspec.language.bag_formats import (
+from r2bspec.bags.recording import (
+    BAG_NOT_FOUND,
+    METADATA_DISAGREES,
+    METADATA_UNREADABLE,
+    STORAGE_UNREADABLE,
     SUFFIXES_TEXT,
     BagFormat,
+    BagIndex,
+    DataError,
+    TopicInfo,
     folder_format_names,
     format_of_suffix,
+    read_provenance,
 )
+from r2bspec.bags.storage.storage import Storage, open_storages, storage_paths
 
 
 class _StorageSummary(msgspec.Struct):

@@ -8,16 +8,18 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from r2bspec.bags.bag_index import index_bag
-from r2bspec.bags.errors import (
+from r2bspec.bags.metadata import FileSpan, read_metadata
+from r2bspec.bags.recording import (
     METADATA_DISAGREES,
     SERIALIZATION_UNSUPPORTED,
     STORAGE_UNREADABLE,
     WINDOW_OUTSIDE_BAG,
+    BagIndex,
     DataError,
+    Message,
+    Window,
     topic_not_found,
 )
-from r2bspec.bags.metadata import FileSpan, read_metadata
-from r2bspec.bags.recording import BagIndex, Message, Window
 from r2bspec.bags.storage.storage import Storage, open_storages, storage_errors, storage_paths
 
 

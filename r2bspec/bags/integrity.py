@@ -12,17 +12,17 @@ from pathlib import Path
 
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.errors import DataError
 from r2bspec.bags.recording import (
     RECORD_NAME,
     BagIndex,
+    DataError,
     DatasetRecord,
     Message,
     Window,
     read_provenance,
 )
 from r2bspec.bags.storage.storage import storage_errors, storage_paths
-from r2bspec.untrusted.safe_file import open_regular
+from r2bspec.safe_io.safe_file import open_regular
 
 _BLOCK_BYTES = 1 << 20
 

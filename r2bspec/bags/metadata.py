@@ -10,17 +10,17 @@ from typing import Any
 import msgspec
 import yaml
 
-from r2bspec.bags.errors import (
+from r2bspec.bags.recording import (
     LFS_POINTER,
     METADATA_UNREADABLE,
+    SUFFIXES_TEXT,
     DataError,
     error_hint,
     error_text,
 )
 from r2bspec.diagnostics.quote import clip
-from r2bspec.language.bag_formats import SUFFIXES_TEXT
-from r2bspec.untrusted.safe_file import open_regular, read_text
-from r2bspec.untrusted.safe_yaml import load_texts
+from r2bspec.safe_io.safe_file import open_regular, read_text
+from r2bspec.safe_io.safe_yaml import load_texts
 
 METADATA_NAME = "metadata.yaml"
 

@@ -1,17 +1,153 @@
-"""Frozen values that describe recorded data; indexes and windows serialise to JSON.
+"""Frozen values that describe recorded data, the storage formats there are, and errors, with hints.
 
-Among them is dataset.json, the provenance of a synthetic dataset, in its bag folder.
+Indexes and windows serialise to JSON. Among the values is dataset.json, the provenance of a
+synthetic dataset, in its bag folder. Another storage format is an entry of `BAG_FORMATS` and its
+module in `r2bspec.bags.storage`; the modules that read them are imported when they are needed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import errno
+import os
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 import msgspec
 
-from r2bspec.untrusted.safe_json import read_json
+from r2bspec.diagnostics.quote import printable
+from r2bspec.errors import R2bspecError
+from r2bspec.exit_status import ExitStatus
+from r2bspec.safe_io.safe_json import read_json
+
+BAG_NOT_FOUND: Final = "R2B301"
+METADATA_UNREADABLE: Final = "R2B302"
+STORAGE_MISSING: Final = "R2B303"
+STORAGE_UNREADABLE: Final = "R2B304"
+LFS_POINTER: Final = "R2B305"
+SERIALIZATION_UNSUPPORTED: Final = "R2B306"
+DATASET_UNKNOWN: Final = "R2B307"
+TOPIC_NOT_IN_BAG: Final = "R2B308"
+WINDOW_OUTSIDE_BAG: Final = "R2B309"
+METADATA_DISAGREES: Final = "R2B310"
+DATASET_NOT_WRITTEN: Final = "R2B311"
+RECORDING_NOT_CLOSED: Final = "R2B313"
+
+
+class DataError(R2bspecError):
+    """A bag or dataset cannot be used as requested.
+
+    The message names the file or the dataset; `hint` is the remedy.
+    """
+
+    code = BAG_NOT_FOUND
+    exit_code = ExitStatus.USAGE
+
+    def __init__(self, message: str, *, hint: str = "", code: str | None = None) -> None:
+        # Names in bags may contain control characters, and this is printed to a terminal.
+        super().__init__(printable(message), hint=printable(hint), code=code)
+
+
+_DAMAGED_HINT: Final = "the file is damaged or incomplete; copy or record it again"
+
+
+def unreadable(path: Path, reason: str, hint: str = _DAMAGED_HINT) -> DataError:
+    """The error for a storage file that cannot be read (R2B304)."""
+    return DataError(f"{path} cannot be read: {reason}", code=STORAGE_UNREADABLE, hint=hint)
+
+
+def topic_not_found(owner: str, topic: str, topics: Iterable[str]) -> DataError:
+    """The error for a topic that a recording does not have (R2B308)."""
+    import difflib
+
+    names = list(topics)
+    close = difflib.get_close_matches(topic, names, n=1, cutoff=0.5)
+    return DataError(
+        f"{owner} has no topic {topic}",
+        code=TOPIC_NOT_IN_BAG,
+        hint=f"did you mean {close[0]}?"
+        if close
+        else f"its topics: {', '.join(sorted(names)) or 'none'}",
+    )
+
+
+def error_text(error: Exception) -> str:
+    """The message of an error of the system or of a parser, on one line."""
+    if isinstance(error, OSError) and error.errno is not None:
+        return os.strerror(error.errno)
+    if isinstance(error, AssertionError):
+        return "its records contradict each other"
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def error_hint(error: Exception, default: str = _DAMAGED_HINT) -> str:
+    """The hint for an error: of the system, or else `default`, for damaged files."""
+    number = error.errno if isinstance(error, OSError) else None
+    if number in {errno.EACCES, errno.EPERM}:
+        return "you do not have permission to read it; see 'ls -l'"
+    if number in {errno.ENOSPC, errno.EDQUOT}:
+        return "compressed files are unpacked while they are read: free space in $TMPDIR"
+    if number in {errno.EMFILE, errno.ENFILE}:
+        return "too many files are open; see 'ulimit -n'"
+    return default
+
+
+class BagFormat(msgspec.Struct, frozen=True):
+    """One storage format.
+
+    Attributes:
+        name: as metadata.yaml calls it.
+        title: as its users call it.
+        suffix: of its files.
+        reader: ``module:class`` in `r2bspec.bags.storage`, a `Storage` that opens one file.
+        folders: whether rosbag2 records folders of such files.
+        note: what is to be said of every bag of this format.
+    """
+
+    name: str
+    title: str
+    suffix: str
+    reader: str
+    folders: bool = True
+    note: str = ""
+
+
+BAG_FORMATS: Final = (
+    BagFormat(
+        name="sqlite3",
+        title="sqlite3",
+        suffix=".db3",
+        reader="sqlite:SqliteStorage",
+    ),
+    BagFormat(name="mcap", title="MCAP", suffix=".mcap", reader="mcap:McapStorage"),
+    BagFormat(
+        name="ros1",
+        title="ROS 1",
+        suffix=".bag",
+        reader="ros1:Ros1Storage",
+        folders=False,
+        note="recorded by ROS 1: messages are converted to those of ROS 2",
+    ),
+)
+
+
+def format_of_suffix(suffix: str) -> BagFormat | None:
+    """The format of the files with a suffix, or None."""
+    return next((each for each in BAG_FORMATS if each.suffix == suffix), None)
+
+
+def folder_format_names() -> list[str]:
+    """The names of the formats of which rosbag2 records folders, sorted."""
+    return sorted(each.name for each in BAG_FORMATS if each.folders)
+
+
+def _one_of(words: list[str]) -> str:
+    return f"{', '.join(words[:-1])} or {words[-1]}"
+
+
+SUFFIXES_TEXT: Final = _one_of([each.suffix for each in BAG_FORMATS])
+"""The suffixes in words, such as ``.a, .b or .c``."""
+
 
 WritableStorage = Literal["sqlite3", "mcap"]
 """In which formats datasets are written."""

@@ -8,23 +8,29 @@ from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, NamedTuple
 
 from r2bspec.bags.recording import merge_indexes
-from r2bspec.check.document_files import DocumentFiles
+from r2bspec.check.bag_facts import cached_index
 from r2bspec.check.installed_packages import package_version
-from r2bspec.check.spec_requirements import LocatedRequirement, located_requirements
+from r2bspec.check.requirement_metrics import (
+    KnownMetric,
+    LocatedRequirement,
+    UnknownMetric,
+    located_requirements,
+    resolved_metrics,
+)
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.located_tree import ListNode, MapNode, TreeNode, child, lookup
 from r2bspec.language.spec import BagSource, Spec
 from r2bspec.plan.compile_plan import bag_types, has_own_rate
 from r2bspec.plan.process_plans import process_names
 from r2bspec.record.calibration_file import CalibrationFile, calibration_path, read_calibration_file
-from r2bspec.record.errors import RecordError
+from r2bspec.record.files import RecordError
+from r2bspec.safe_io.looked_up_files import note_folder
 from r2bspec.wiring.build_wiring import build_wiring, harness_topic
-from r2bspec.wiring.companion_files import CompanionFiles
+from r2bspec.wiring.companion_files import CompanionFiles, CompanionReader
 from r2bspec.wiring.wiring import NodeWiring, Wiring
 
 if TYPE_CHECKING:
-    from r2bspec.bags.errors import DataError
-    from r2bspec.bags.recording import BagIndex, BagLocation
+    from r2bspec.bags.recording import BagIndex, BagLocation, DataError
     from r2bspec.language.load_spec import LoadedSpec
 
 
@@ -35,6 +41,45 @@ class Recording(NamedTuple):
     location: BagLocation | None
     content: BagIndex | None
     error: DataError | None
+
+
+class DocumentFiles:
+    """The companion files and bags of a document.
+
+    Args:
+        base_dir: the folder of the document.
+    """
+
+    def __init__(self, base_dir: FilePath) -> None:
+        self._base_dir = base_dir
+        self._bags: dict[str, tuple[BagLocation | None, BagIndex | None, DataError | None]] = {}
+
+    @cached_property
+    def _companions(self) -> CompanionReader:
+        return CompanionReader(self._base_dir)
+
+    def companion_files(self, spec: Spec) -> CompanionFiles:
+        """The companion files of one case."""
+        return self._companions.read(spec)
+
+    def bag(self, bag: str) -> tuple[BagLocation | None, BagIndex | None, DataError | None]:
+        """The location of a bag, and its index or its error."""
+        if bag not in self._bags:
+            self._bags[bag] = self._located(bag)
+        return self._bags[bag]
+
+    def _located(self, bag: str) -> tuple[BagLocation | None, BagIndex | None, DataError | None]:
+        from r2bspec.bags.recording import DataError
+        from r2bspec.datasets.catalogue import locate
+
+        location = None
+        try:
+            location = locate(bag, self._base_dir)
+            if location.path is not None:
+                note_folder(location.path)
+            return location, cached_index(location), None
+        except DataError as error:
+            return location, None, error
 
 
 class Context:
@@ -91,8 +136,8 @@ class Context:
     @cached_property
     def bag(self) -> BagIndex | None:
         """The index of all bags together; None offline, or if one of them cannot be used."""
-        found = [each.content for each in self.recordings if each.content is not None]
-        return merge_indexes(found) if len(found) == len(self.recordings) else None
+        indexes = [bag.content for bag in self.recordings if bag.content is not None]
+        return merge_indexes(indexes) if len(indexes) == len(self.recordings) else None
 
     @property
     def bag_location(self) -> BagLocation | None:
@@ -120,13 +165,13 @@ class Context:
         Raises:
             DataError: one of them cannot be used.
         """
-        found = []
-        for each in self.recordings:
-            if each.content is None:
-                assert each.error is not None  # noqa: S101 - a recording is one or the other
-                raise each.error
-            found.append(each.content)
-        return found
+        indexes = []
+        for bag in self.recordings:
+            if bag.content is None:
+                assert bag.error is not None  # noqa: S101 - a recording has one or the other
+                raise bag.error
+            indexes.append(bag.content)
+        return indexes
 
     def _recording(self, source: BagSource, place: Path) -> Recording:
         # A path without a '/' is still a path if the spec gives it as one.
@@ -153,13 +198,13 @@ class Context:
         parameters_node = self.value_at(place)
         if isinstance(parameters_node, MapNode) or parameters_node is None:
             return (*place, name) if name in node.node.parameters else None
-        found = None
+        path = None
         for index, part in enumerate(
             parameters_node.items if isinstance(parameters_node, ListNode) else ()
         ):
             if child(part, name) is not None:
-                found = (*place, index, name)
-        return found
+                path = (*place, index, name)
+        return path
 
     def record_versions(self, node: NodeWiring) -> tuple[str, str] | None:
         """The versions of a package in a recorded interface and on this machine, if they differ."""
@@ -181,6 +226,20 @@ class Context:
     def requirements(self) -> tuple[LocatedRequirement, ...]:
         """Every requirement with its path."""
         return tuple(located_requirements(self.spec))
+
+    @property
+    def known_metrics(self) -> list[KnownMetric]:
+        """The requirements whose metric and monitor exist."""
+        return self._metrics[0]
+
+    @property
+    def unknown_metrics(self) -> list[UnknownMetric]:
+        """The requirements whose metric or monitor does not exist."""
+        return self._metrics[1]
+
+    @cached_property
+    def _metrics(self) -> tuple[list[KnownMetric], list[UnknownMetric]]:
+        return resolved_metrics(self.requirements, self.spec.monitors, self.processes)
 
     @cached_property
     def processes(self) -> tuple[str, ...]:

@@ -9,19 +9,22 @@ earlier rule suppresses is dropped.
 
 from __future__ import annotations
 
+import pkgutil
 from collections.abc import Mapping, Sequence
+from functools import cache
+from importlib import import_module
 from itertools import chain, islice
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
-from r2bspec.check.check_context import Context
-from r2bspec.check.document_files import DocumentFiles
+from r2bspec.check import rules
+from r2bspec.check.check_context import Context, DocumentFiles
 from r2bspec.check.finding_location import to_diagnostic
 from r2bspec.check.rule import Rule
-from r2bspec.check.rule_registry import all_rules
 from r2bspec.diagnostics.code_pages import all_pages
 from r2bspec.diagnostics.diagnostic import Diagnostic, Severity
 from r2bspec.diagnostics.waivers import apply_waivers
-from r2bspec.language.diagnostic_collector import MAX_PROBLEMS
+from r2bspec.language.document import MAX_PROBLEMS
 from r2bspec.language.matrix import merge_case_findings
 
 if TYPE_CHECKING:
@@ -30,7 +33,18 @@ if TYPE_CHECKING:
 _STOPPED = "R2B005"
 
 
-def check(loaded: LoadedSpec, *, offline: bool = False) -> list[Diagnostic]:
+@cache
+def all_rules() -> tuple[Rule, ...]:
+    """Every rule: early rules first, then by code, so that causes come before consequences."""
+    modules = pkgutil.iter_modules(rules.__path__, f"{rules.__name__}.")
+    values = (value for module in modules for value in vars(import_module(module.name)).values())
+    unsorted = (value for value in values if isinstance(value, Rule))
+    return tuple(sorted(unsorted, key=lambda rule: (not rule.early, rule.code)))
+
+
+def check(
+    loaded: LoadedSpec, *, offline: bool = False, context: Context | None = None
+) -> list[Diagnostic]:
     """All findings about a spec, sorted by place.
 
     A document with errors has no spec, so only these errors are returned. Findings that a comment
@@ -40,19 +54,30 @@ def check(loaded: LoadedSpec, *, offline: bool = False) -> list[Diagnostic]:
     Args:
         loaded: from `load_spec`.
         offline: skip recorded data; rules that need it find nothing.
+        context: from `context_of`, for a caller that goes on using what the rules have worked out.
     """
-    return check_in_context(loaded, context_of(loaded, offline=offline))
-
-
-def check_in_context(loaded: LoadedSpec, context: Context | None) -> list[Diagnostic]:
-    """The same as `check`, for a caller that goes on using what the rules have worked out.
-
-    Args:
-        loaded: from `load_spec`.
-        context: from `context_of`; None where there is no spec.
-    """
+    context = context or context_of(loaded, offline=offline)
     # A document with a matrix has other cases, to which a waiver may apply.
     return _unwaived_findings([loaded], [context], complete=loaded.matrix_case is None)
+
+
+def check_cases(
+    cases: Sequence[LoadedSpec],
+    *,
+    offline: bool = False,
+    contexts: Sequence[Context | None] | None = None,
+) -> list[Diagnostic]:
+    """All findings about the cases of one document, each finding once.
+
+    Args:
+        cases: every case, from `load_cases`.
+        offline: as for `check`.
+        contexts: from `context_of`, as for `check`: one for each case, None where it has no spec.
+    """
+    if contexts is None:
+        files = DocumentFiles(cases[0].base_dir) if cases else None
+        contexts = [context_of(case, offline=offline, files=files) for case in cases]
+    return _unwaived_findings(cases, contexts, complete=True)
 
 
 def context_of(
@@ -70,43 +95,17 @@ def context_of(
     return Context(loaded, loaded.spec, offline=offline, files=files)
 
 
-def check_cases(cases: Sequence[LoadedSpec], *, offline: bool = False) -> list[Diagnostic]:
-    """All findings about the cases of one document, each finding once.
-
-    Args:
-        cases: every case, from `load_cases`.
-        offline: as for `check`.
-    """
-    files = DocumentFiles(cases[0].base_dir) if cases else None
-    contexts = [context_of(one, offline=offline, files=files) for one in cases]
-    return check_cases_in_contexts(cases, contexts)
-
-
-def check_cases_in_contexts(
-    cases: Sequence[LoadedSpec], contexts: Sequence[Context | None]
-) -> list[Diagnostic]:
-    """The same as `check_cases`, for a caller that goes on using what the rules have worked out.
-
-    Args:
-        cases: every case, from `load_cases`.
-        contexts: from `context_of`, one for each case; None where there is no spec.
-    """
-    return _unwaived_findings(cases, contexts, complete=True)
-
-
 def _unwaived_findings(
     cases: Sequence[LoadedSpec], contexts: Sequence[Context | None], *, complete: bool
 ) -> list[Diagnostic]:
-    findings = [_check_document(one, context) for one, context in zip(cases, contexts, strict=True)]
-    found = merge_case_findings(cases, findings)
-    texts = {name: text for one in cases for name, text in one.texts.items()}
-    complete = complete and all(each is not None and not each.offline for each in contexts)
-    left = apply_waivers(found, texts, known=_slugs_by_code, complete=complete)
-    return _shown(left)
-
-
-def _check_document(loaded: LoadedSpec, context: Context | None) -> list[Diagnostic]:
-    return [*loaded.diagnostics, *(_apply_rules(context) if context is not None else ())]
+    findings = [
+        [*case.diagnostics, *(_apply_rules(context) if context is not None else ())]
+        for case, context in zip(cases, contexts, strict=True)
+    ]
+    texts = {name: text for case in cases for name, text in case.texts.items()}
+    complete = complete and all(context and not context.offline for context in contexts)
+    merged = merge_case_findings(cases, findings)
+    return _shown(apply_waivers(merged, texts, known=_slugs_by_code, complete=complete))
 
 
 def _slugs_by_code() -> Mapping[str, str]:
@@ -114,7 +113,7 @@ def _slugs_by_code() -> Mapping[str, str]:
 
 
 def _apply_rules(context: Context) -> list[Diagnostic]:
-    found: list[Diagnostic] = []
+    diagnostics: list[Diagnostic] = []
     suppressed: set[str] = set()
     for rule in all_rules():
         findings = rule.find(context)
@@ -123,42 +122,51 @@ def _apply_rules(context: Context) -> list[Diagnostic]:
             continue
         # A rule suppresses findings of later rules, but not its own.
         unsuppressed = (
-            each for each in chain((first,), findings) if suppressed.isdisjoint(each.suppressed_by)
+            finding
+            for finding in chain((first,), findings)
+            if suppressed.isdisjoint(finding.suppressed_by)
         )
         kept = list(islice(unsuppressed, MAX_PROBLEMS + 1))
-        made = [to_diagnostic(each, rule.code, rule.page.severity, context.loaded) for each in kept]
+        placed = [
+            to_diagnostic(finding, rule.code, rule.page.severity, context.loaded)
+            for finding in kept
+        ]
         for finding in kept:
             suppressed |= finding.suppresses
-        if len(made) > MAX_PROBLEMS:
-            made[MAX_PROBLEMS:] = [_rule_stopped(rule, made)]
-        found += made
-    return found
+        if len(placed) > MAX_PROBLEMS:
+            placed[MAX_PROBLEMS:] = [_rule_stopped(rule, placed)]
+        diagnostics += placed
+    return diagnostics
 
 
-def _rule_stopped(rule: Rule, made: Sequence[Diagnostic]) -> Diagnostic:
+def _rule_stopped(rule: Rule, placed: Sequence[Diagnostic]) -> Diagnostic:
     """Says that a rule was stopped. What it would have found then may include an error."""
     may_be_error = any(
         severity == "error"
-        for severity in (rule.page.severity, *(finding.severity for finding in made))
+        for severity in (rule.page.severity, *(finding.severity for finding in placed))
     )
     return Diagnostic(
         _STOPPED,
         Severity.ERROR if may_be_error else Severity.WARNING,
         f"more than {MAX_PROBLEMS:,} findings of {rule.code}; the rest was not searched for",
-        made[-1].span,
+        placed[-1].span,
         help="correct these first; they usually have one cause",
     )
 
 
-def _shown(found: Sequence[Diagnostic]) -> list[Diagnostic]:
+def _shown(findings: Sequence[Diagnostic]) -> list[Diagnostic]:
     """The findings sorted by place; of too many, the most severe, and how many there are."""
+    ordered = sorted(findings, key=_by_place)
     # That a rule was stopped is shown in any case: nothing else says that there may be more.
-    stopped = [one for one in found if one.code == _STOPPED]
-    ordered = sorted((one for one in found if one.code != _STOPPED), key=lambda one: one.sort_key)
-    if len(ordered) <= MAX_PROBLEMS:
-        return sorted(found, key=lambda one: one.sort_key)
+    others = [finding for finding in ordered if finding.code != _STOPPED]
+    if len(others) <= MAX_PROBLEMS:
+        return ordered
+    stopped = [finding for finding in ordered if finding.code == _STOPPED]
     severities = list(Severity)
-    by_severity = sorted(ordered, key=lambda each: severities.index(each.severity))
-    kept = sorted([*by_severity[:MAX_PROBLEMS], *stopped], key=lambda one: one.sort_key)
-    message = f"{len(ordered):,} findings; only {MAX_PROBLEMS:,} are shown, errors first"
+    by_severity = sorted(others, key=lambda finding: severities.index(finding.severity))
+    kept = sorted([*by_severity[:MAX_PROBLEMS], *stopped], key=_by_place)
+    message = f"{len(others):,} findings; only {MAX_PROBLEMS:,} are shown, errors first"
     return [*kept, Diagnostic(_STOPPED, Severity.INFO, message, kept[-1].span)]
+
+
+_by_place = attrgetter("sort_key")

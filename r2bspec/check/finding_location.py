@@ -1,10 +1,16 @@
-"""Converts a finding at a path into a diagnostic at a line and column."""
+"""Findings at paths, and differences of a run, as diagnostics at lines and columns.
+
+``r2bspec validate`` knows the interface of a node only if it is described; a run observes the node
+itself. Both report the same error with the same code at the same place.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from r2bspec.check.finding import Finding
+from r2bspec.check.check_context import Context
+from r2bspec.check.rule import Finding
 from r2bspec.diagnostics.diagnostic import (
     Certainty,
     Diagnostic,
@@ -15,6 +21,8 @@ from r2bspec.diagnostics.diagnostic import (
     Span,
 )
 from r2bspec.language.located_tree import ScalarNode, lookup
+from r2bspec.record.run_record import Difference
+from r2bspec.wiring.wiring import NodeWiring
 
 if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec
@@ -26,7 +34,8 @@ def to_diagnostic(
     """The diagnostic of a finding; code and severity of the rule are the defaults."""
     span = _span(finding, loaded)
     related = [
-        Related(each.message, loaded.span(each.path, key=each.key)) for each in finding.related
+        Related(pointer.message, loaded.span(pointer.path, key=pointer.key))
+        for pointer in finding.related
     ]
     return Diagnostic(
         code=finding.code or code,
@@ -65,3 +74,55 @@ def _edit(finding: Finding, span: Span, loaded: LoadedSpec) -> Edit | None:
     written = source.line(span.line)[span.column - 1 : span.end_column - 1]
     exact = written == node.text[offset : offset + length]
     return Edit(span, finding.replacement) if exact else None
+
+
+def differences_to_diagnostics(
+    differences: Iterable[Difference], loaded: LoadedSpec
+) -> tuple[Diagnostic, ...]:
+    """The diagnostics of differences between a spec and the real graph, sorted by place.
+
+    Args:
+        differences: from the run.
+        loaded: the document of the plan.
+    """
+    if loaded.spec is None:
+        return ()
+    context = Context(loaded, loaded.spec, offline=True)
+    diagnostics = [
+        to_diagnostic(
+            Finding(message=difference.message, path=path, key=key, help=difference.help),
+            difference.code,
+            Severity.WARNING if difference.harmless else Severity.ERROR,
+            loaded,
+        )
+        for difference in differences
+        for path, key in [_path(difference, context)]
+    ]
+    return tuple(sorted(diagnostics, key=lambda diagnostic: diagnostic.sort_key))
+
+
+def _path(difference: Difference, context: Context) -> tuple[Path, bool]:
+    """The path of a difference, and whether it is about the key there."""
+    node = next((node for _, node in context.nodes if node.name == difference.owner), None)
+    if difference.part == "endpoint" or node is None:
+        return _endpoint(difference, context, node)
+    if difference.part == "remapping":
+        return (*node.path, "remappings", difference.name), True
+    path = context.parameter_path(node, difference.name)
+    return (path, True) if path is not None else ((*node.path, "parameters"), False)
+
+
+def _endpoint(
+    difference: Difference, context: Context, node: NodeWiring | None
+) -> tuple[Path, bool]:
+    """The place of the spec from which a node, the player or a monitor has this topic."""
+    ends = [
+        endpoint
+        for phase in context.wiring.phases
+        for endpoint in phase.endpoints
+        if endpoint.topic == difference.name
+    ]
+    own = [endpoint for endpoint in ends if endpoint.owner == difference.owner]
+    for endpoint in own or ends:
+        return endpoint.path, endpoint.topic_is_key
+    return (node.path, True) if node is not None else ((), False)

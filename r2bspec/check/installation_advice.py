@@ -59,8 +59,8 @@ _INTERFACE_PACKAGE = re.compile(r"_(msgs|interfaces|msg|srvs)$")
 
 def ros_distribution() -> str:
     """The distribution whose packages a user installs: that of the environment, or Jazzy."""
-    found = os.environ.get("ROS_DISTRO") or ""
-    return found if re.fullmatch(r"[a-z]+", found) else _DEFAULT_DISTRIBUTION
+    distribution = os.environ.get("ROS_DISTRO") or ""
+    return distribution if re.fullmatch(r"[a-z]+", distribution) else _DEFAULT_DISTRIBUTION
 
 
 def apt_package(ros_package: str) -> str:

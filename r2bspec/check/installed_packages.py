@@ -1,4 +1,4 @@
-"""Installed modules and ROS packages, found without importing or starting anything."""
+"""Installed packages, programs and Python sources, without importing or starting anything."""
 
 from __future__ import annotations
 
@@ -11,9 +11,19 @@ import sys
 from collections.abc import Iterator
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
+from typing import NamedTuple
 
-from r2bspec.untrusted.looked_up_files import shared_lookup
-from r2bspec.untrusted.safe_file import is_there, names_in, read_bytes
+import msgspec
+
+from r2bspec.safe_io.looked_up_files import shared_lookup
+from r2bspec.safe_io.safe_file import (
+    is_folder,
+    is_regular,
+    is_there,
+    names_in,
+    read_bytes,
+    real_path,
+)
 
 _MAX_SOURCE_BYTES = 1_000_000
 _VERSION = re.compile(r"<version[^>]*>([^<]{1,100})</version>")
@@ -26,16 +36,16 @@ def find_module(name: str) -> ModuleSpec | None:
     """Find a module by its dotted name, without importing its parent packages."""
     top, *below = name.split(".")
     try:
-        found = PathFinder.find_spec(top, _unseen_folders()) or importlib.util.find_spec(top)
+        module = PathFinder.find_spec(top, _unseen_folders()) or importlib.util.find_spec(top)
     except (ImportError, ValueError):
-        found = None
+        module = None
     path = top
     for part in below:
-        if found is None or found.submodule_search_locations is None:
+        if module is None or module.submodule_search_locations is None:
             return None
         path = f"{path}.{part}"
-        found = PathFinder.find_spec(path, list(found.submodule_search_locations))
-    return found
+        module = PathFinder.find_spec(path, list(module.submodule_search_locations))
+    return module
 
 
 def _unseen_folders() -> list[str]:
@@ -43,7 +53,7 @@ def _unseen_folders() -> list[str]:
     if not sys.flags.ignore_environment:
         return []
     entries = (os.environ.get("PYTHONPATH") or "").split(os.pathsep)
-    return [str(Path(each).absolute()) for each in entries if each]
+    return [str(Path(entry).absolute()) for entry in entries if entry]
 
 
 @shared_lookup
@@ -83,9 +93,9 @@ def _bound_names(body: list[ast.stmt]) -> Iterator[str]:
 
 
 def _assigned_names(part: ast.AST) -> Iterator[str]:
-    for each in ast.walk(part):
-        if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store):
-            yield each.id
+    for node in ast.walk(part):
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.id
 
 
 @shared_lookup
@@ -99,42 +109,44 @@ def is_on_path(program: str) -> bool:
 def ament_prefixes() -> list[Path]:
     """The folders in which ROS packages are installed."""
     prefixes = os.environ.get("AMENT_PREFIX_PATH") or ""
-    return [Path(each) for each in prefixes.split(":") if each]
+    return [Path(prefix) for prefix in prefixes.split(":") if prefix]
 
 
 @shared_lookup
 def ament_packages() -> frozenset[str]:
     """The names of all installed ROS packages."""
-    found: set[str] = set()
+    packages: set[str] = set()
     for prefix in ament_prefixes():
         with contextlib.suppress(OSError):
-            found.update(names_in(prefix / _PACKAGE_INDEX))
-    return frozenset(found)
+            packages.update(names_in(prefix / _PACKAGE_INDEX))
+    return frozenset(packages)
 
 
 @shared_lookup
 def package_executables(package: str) -> frozenset[str]:
     """The names of the executables of a ROS package."""
-    found: set[str] = set()
+    executables: set[str] = set()
     for prefix in ament_prefixes():
         folder = prefix / "lib" / package
         with contextlib.suppress(OSError):
-            found.update(each for each in names_in(folder) if os.access(folder / each, os.X_OK))
-    return frozenset(found)
+            executables.update(
+                name for name in names_in(folder) if os.access(folder / name, os.X_OK)
+            )
+    return frozenset(executables)
 
 
 def package_plugins(package: str) -> set[str]:
     """The composable nodes that a ROS package registers."""
-    found: set[str] = set()
+    plugins: set[str] = set()
     for prefix in ament_prefixes():
         entries = _index_text(prefix / _INDEX / "rclcpp_components" / package).splitlines()
-        found.update(each.partition(";")[0].strip() for each in entries)
-    return found - {""}
+        plugins.update(entry.partition(";")[0].strip() for entry in entries)
+    return plugins - {""}
 
 
 def installed_message_types() -> set[str]:
     """The message types of the installed ROS packages."""
-    found: set[str] = set()
+    types: set[str] = set()
     for prefix in ament_prefixes():
         try:
             packages = list((prefix / _INDEX / "rosidl_interfaces").iterdir())
@@ -142,9 +154,9 @@ def installed_message_types() -> set[str]:
             continue
         for package in packages:
             entries = _index_text(package).splitlines()
-            names = (each.removesuffix(".msg") for each in entries if each.endswith(".msg"))
-            found.update(f"{package.name}/{each}" for each in names if each.startswith("msg/"))
-    return found
+            names = (entry.removesuffix(".msg") for entry in entries if entry.endswith(".msg"))
+            types.update(f"{package.name}/{entry}" for entry in names if entry.startswith("msg/"))
+    return types
 
 
 def _index_text(entry: Path) -> str:
@@ -174,5 +186,81 @@ def package_version(package: str) -> str:
         text = read_bytes(share / "package.xml", max_bytes=_MAX_SOURCE_BYTES).decode("utf-8")
     except (OSError, ValueError):
         return ""
-    found = _VERSION.search(text)
-    return found[1].strip() if found is not None else ""
+    version = _VERSION.search(text)
+    return version[1].strip() if version is not None else ""
+
+
+class PythonTarget(msgspec.Struct, frozen=True):
+    """A class or function in a module or a file.
+
+    Attributes:
+        text: as in the spec.
+        module: the dotted name; empty for a file.
+        file: the path of the file; unused for a module.
+        name: the class or function.
+        readable: whether the file is in the folder of the spec, so that it may be read.
+    """
+
+    text: str
+    module: str
+    file: Path
+    name: str
+    readable: bool
+
+
+def python_target(text: str, base_dir: Path) -> PythonTarget:
+    """Parse ``module.Class`` or ``./file.py:Class``."""
+    place, colon, name = text.rpartition(":")
+    if not colon:
+        module, _, name = text.rpartition(".")
+        return PythonTarget(text, module, Path(), name, readable=False)
+    file = base_dir / place
+    inside = real_path(file).is_relative_to(real_path(base_dir))
+    return PythonTarget(text, "", file, name, readable=inside)
+
+
+class ModuleImport(NamedTuple):
+    """A top-level module that a file imports, and the line of the first import."""
+
+    module: str
+    line: int
+
+
+def missing_imports(file: Path, folder: Path) -> list[ModuleImport]:
+    """The modules that a file certainly imports and that are not found, in the order of lines.
+
+    Neither the file nor anything that it imports is executed.
+
+    Args:
+        file: the Python file; its own folder is searched, too.
+        folder: where the file must be.
+    """
+    try:
+        tree = ast.parse(read_bytes(file, max_bytes=_MAX_SOURCE_BYTES, folders=(folder,)))
+    except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
+        return []
+    imports: dict[str, ModuleImport] = {}
+    for imported in _imports(tree.body):
+        imports.setdefault(imported.module, imported)
+    return [
+        imported for imported in imports.values() if not _is_found(imported.module, file.parent)
+    ]
+
+
+def _imports(body: list[ast.stmt]) -> Iterator[ModuleImport]:
+    """The imports among statements; one in a branch, a `try` or a function may be optional."""
+    for statement in body:
+        match statement:
+            case ast.Import():
+                for alias in statement.names:
+                    yield ModuleImport(alias.name.partition(".")[0], statement.lineno)
+            case ast.ImportFrom(module=str(module), level=0):
+                yield ModuleImport(module.partition(".")[0], statement.lineno)
+
+
+def _is_found(module: str, folder: Path) -> bool:
+    return (
+        is_regular(folder / f"{module}.py")
+        or is_folder(folder / module)
+        or find_module(module) is not None
+    )

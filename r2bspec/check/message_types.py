@@ -64,7 +64,7 @@ def types_of_same_package(name: str) -> frozenset[str]:
     if name in WITH_HEADER or name in WITHOUT_HEADER:
         return frozenset({name})
     package = name.partition("/")[0]
-    return frozenset(each for each in common_types() if each.partition("/")[0] == package)
+    return frozenset(common for common in common_types() if common.partition("/")[0] == package)
 
 
 @cache

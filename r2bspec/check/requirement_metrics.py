@@ -1,15 +1,71 @@
-"""The metrics of requirements, resolved with the catalogue of `r2bspec.measure`."""
+"""Requirements of a spec: every one with its path, and with its metric where that exists."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from functools import lru_cache
+from collections.abc import Collection, Iterable, Iterator
+from typing import Literal
 
 import msgspec
 
-from r2bspec.check.check_context import Context
-from r2bspec.check.spec_requirements import LocatedRequirement
+from r2bspec.diagnostics.diagnostic import Path
+from r2bspec.language.benchmark_defaults import CONFIDENCE
+from r2bspec.language.quantities import Rate
+from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.language.spec import Spec
 from r2bspec.measure.metric_catalogue import MetricError, MetricInfo, resolve
+
+
+class LocatedRequirement(msgspec.Struct, frozen=True):
+    """A requirement of an objective, or a condition of the search.
+
+    Attributes:
+        objective: the name of the objective; empty for a condition of the search.
+        at: the rate of the objective.
+        needs_rate: whether the objective has neither a rate nor the peak.
+        confidence: the required confidence of its verdicts.
+    """
+
+    requirement: Requirement
+    path: Path
+    role: Literal["objective", "holds"]
+    objective: str = ""
+    at: Rate | None = None
+    needs_rate: bool = False
+    confidence: float = CONFIDENCE
+
+    @property
+    def metric_part(self) -> tuple[int, int]:
+        """Offset and length of the metric in the requirement's text."""
+        return (self.requirement.metric_column, len(self.requirement.metric))
+
+    @property
+    def bound_part(self) -> tuple[int, int]:
+        """Offset and length of the bound in the requirement's text."""
+        column = self.requirement.bound_column
+        return (column, len(self.requirement.text.rstrip()) - column)
+
+    @property
+    def subject(self) -> str:
+        """The key of the requirement as a subject of findings."""
+        return f"requirement:{self.path}"
+
+
+def located_requirements(spec: Spec) -> Iterator[LocatedRequirement]:
+    """The conditions of the search, then the requirements of all objectives."""
+    if spec.benchmark.search is not None:
+        for index, requirement in enumerate(spec.benchmark.search.holds):
+            yield LocatedRequirement(requirement, ("benchmark", "search", "holds", index), "holds")
+    for name, objective in spec.slos.items():
+        for index, requirement in enumerate(objective.require):
+            yield LocatedRequirement(
+                requirement,
+                ("slos", name, "require", index),
+                "objective",
+                name,
+                objective.at,
+                needs_rate=objective.at is None and not objective.at_peak,
+                confidence=(objective.confidence or spec.benchmark.gate.confidence).fraction,
+            )
 
 
 class KnownMetric(msgspec.Struct, frozen=True):
@@ -27,40 +83,27 @@ class UnknownMetric(msgspec.Struct, frozen=True):
     error: MetricError
 
 
-def known_metrics(context: Context) -> Iterator[KnownMetric]:
-    """The requirements whose metric and monitor exist."""
-    for each in _resolved_metrics(context):
-        if isinstance(each, KnownMetric):
-            yield each
-
-
-def unknown_metrics(context: Context) -> Iterator[UnknownMetric]:
-    """The requirements whose metric or monitor does not exist."""
-    for each in _resolved_metrics(context):
-        if isinstance(each, UnknownMetric):
-            yield each
-
-
-@lru_cache(maxsize=1)  # many rules use it, one after the other, for the same spec
-def _resolved_metrics(context: Context) -> tuple[KnownMetric | UnknownMetric, ...]:
-    return tuple(_resolve_all(context))
-
-
-def _resolve_all(context: Context) -> Iterator[KnownMetric | UnknownMetric]:
-    for located in context.requirements:
+def resolved_metrics(
+    requirements: Iterable[LocatedRequirement],
+    monitors: Collection[str],
+    processes: Collection[str],
+) -> tuple[list[KnownMetric], list[UnknownMetric]]:
+    """The requirements whose metric and monitor exist, and the others."""
+    known: list[KnownMetric] = []
+    unknown: list[UnknownMetric] = []
+    for located in requirements:
         try:
-            monitor, info = resolve(
-                located.requirement.metric, context.spec.monitors, context.processes
-            )
+            monitor, info = resolve(located.requirement.metric, monitors, processes)
         except MetricError as error:
-            yield UnknownMetric(located, error)
+            unknown.append(UnknownMetric(located, error))
         else:
-            yield KnownMetric(located, monitor, info)
+            known.append(KnownMetric(located, monitor, info))
+    return known, unknown
 
 
-def max_wrong_share(each: KnownMetric) -> float | None:
+def max_wrong_share(metric: KnownMetric) -> float | None:
     """The share of messages that may violate the bound; None if no share decides."""
-    requirement, info = each.located.requirement, each.info
+    requirement, info = metric.located.requirement, metric.info
     if requirement.bound is None or requirement.windows_share is not None:
         return None
     if requirement.bound.of_baseline or requirement.op not in {"<", "<=", ">", ">="}:

@@ -1,20 +1,85 @@
-"""The definition of a rule."""
+"""What rules are made of: what a rule is, what it finds, and the parts of its messages.
+
+A rule is a function with a code, in a module of `r2bspec.check.rules`::
+
+    @rule("R2B206")
+    def remapping_identity(context: Context) -> Findings:
+        # yields findings
+
+Its name is the slug of its page (`r2bspec.diagnostics.code_pages`), which says everything else:
+title, severity, reason and examples.
+
+A finding names subjects, which link consequences to their cause (see `r2bspec.check.engine`). What
+follows from the interface of a node is only as certain as the source of the interface:
+`with_record` and `as_version_warning` say so.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Set
+from typing import Literal
 
 import msgspec
+from msgspec.structs import replace
 
 from r2bspec.check.check_context import Context
-from r2bspec.check.finding import Findings
+from r2bspec.diagnostics import did_you_mean
 from r2bspec.diagnostics.code_pages import Page, find_page
+from r2bspec.diagnostics.diagnostic import Path
+from r2bspec.diagnostics.quote import quote
+from r2bspec.wiring.node_interface import Interface, InterfaceSource
+from r2bspec.wiring.wiring import Endpoint, NodeWiring, PhaseWiring
+
+SeverityName = Literal["error", "warning", "info"]
+"""A `r2bspec.diagnostics.diagnostic.Severity`, as rules write it."""
+
+
+class Pointer(msgspec.Struct, frozen=True):
+    """Another place of the spec that explains a finding: the value at `path`, or its key."""
+
+    message: str
+    path: Path
+    key: bool = False
+
+
+class Finding(msgspec.Struct, frozen=True, kw_only=True):
+    """One problem.
+
+    Attributes:
+        message: what is wrong, without a full stop; names are in single quotes.
+        path: the wrong value.
+        key: whether the key at `path` is wrong, not the value.
+        part: offset and length of the wrong part, in characters of the value's text.
+        help: what to do.
+        related: other places that explain it.
+        replacement: a text that can safely replace the value, or its `part`.
+        severity: if it differs from the rule's.
+        machine_dependent: whether the result may differ on another machine.
+        code: if it differs from the rule's, as for errors of bags.
+        suppressed_by: the subjects of the finding; see `r2bspec.check.engine`.
+        suppresses: the subjects that this finding explains.
+    """
+
+    message: str
+    path: Path
+    key: bool = False
+    part: tuple[int, int] | None = None
+    help: str = ""
+    related: tuple[Pointer, ...] = ()
+    replacement: str | None = None
+    severity: SeverityName | None = None
+    machine_dependent: bool = False
+    code: str = ""
+    suppressed_by: Set[str] = frozenset()
+    suppresses: Set[str] = frozenset()
+
+
+Findings = Iterator[Finding]
+"""The result of a rule."""
 
 
 class Rule(msgspec.Struct, frozen=True, kw_only=True):
     """One rule: its code, and the function that finds violations.
-
-    What else is said of it is on the page of its code: title, severity, reason and examples.
 
     Attributes:
         code: such as ``R2B204``.
@@ -37,3 +102,127 @@ class Rule(msgspec.Struct, frozen=True, kw_only=True):
         if page is None:
             raise LookupError(f"{self.code} has no page")
         return page
+
+
+def rule(code: str, *, early: bool = False) -> Callable[[Callable[[Context], Findings]], Rule]:
+    """Make a function a rule; see `Rule` for the arguments."""
+
+    def decorate(find: Callable[[Context], Findings]) -> Rule:
+        return Rule(code=code, find=find, early=early)
+
+    return decorate
+
+
+MEASURE_FLOW = "flow"
+"""The path of the messages from the playback inputs to the monitors."""
+
+PREPROCESS_FLOW = "feed"
+"""The path of the messages from the bag through the preprocessors to the playback inputs."""
+
+
+def flow_key(phase: str) -> str:
+    """The path of the messages in a phase."""
+    return PREPROCESS_FLOW if phase == "preprocess" else MEASURE_FLOW
+
+
+def topic_key(phase: str, name: str) -> str:
+    """The publishers and subscriptions of a topic, by its full name."""
+    return f"topic:{phase}:{name}"
+
+
+def value_key(path: Path) -> str:
+    """A value of the document."""
+    return f"value:{'.'.join(map(str, path))}"
+
+
+MAX_LISTED_NAMES = 8
+"""The maximum number of names in a message."""
+
+MAX_SUGGESTIONS = 50
+"""The maximum number of findings of a rule for which close names are searched. A search takes time,
+and many errors of one kind usually have one cause."""
+
+
+def quoted_list(names: Iterable[str], last: str = "and") -> str:
+    """``'a', 'b' and 'c'``; a long list is cut and ends with the number of omitted names."""
+    quoted = [quote(name) for name in dict.fromkeys(names)]
+    if len(quoted) > MAX_LISTED_NAMES:
+        return (
+            f"{', '.join(quoted[:MAX_LISTED_NAMES])} {last} {len(quoted) - MAX_LISTED_NAMES} more"
+        )
+    return f" {last} ".join([", ".join(quoted[:-1]), quoted[-1]]) if quoted[1:] else "".join(quoted)
+
+
+def suggestion(wrong: str, known: Iterable[str], what: str) -> str:
+    """The help for an unknown name: the known name that is close, or else all known names.
+
+    Args:
+        wrong: the unknown name.
+        known: the known names.
+        what: what they are, such as ``published topics``.
+    """
+    names = sorted(set(known))
+    close = did_you_mean(wrong, names)
+    if close:
+        return f"did you mean {quote(close)}?"
+    return f"{what}: {quoted_list(names)}" if names else ""
+
+
+def pluralize(number: int, noun: str) -> str:
+    """``1 message``, ``3,000 messages``."""
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"
+
+
+COMPLETE_SOURCES = frozenset({"table", "file", "source"})
+"""Sources that describe a node completely: its own code, or a recording of it."""
+
+
+def as_version_warning(interface: Interface, finding: Finding) -> Finding:
+    """The finding as a warning that names the package version it applies to."""
+    version = f"as in {interface.described_package}"
+    return replace(
+        finding,
+        help=f"{finding.help} ({version})" if finding.help else version,
+        severity="warning",
+        machine_dependent=True,
+    )
+
+
+def with_record(
+    context: Context, finding: Finding, *rests_on: tuple[NodeWiring, InterfaceSource]
+) -> Finding:
+    """The finding, naming the recorded interfaces that it rests on.
+
+    It is a warning if one of them was recorded with another version of the package.
+
+    Args:
+        context: of the spec.
+        finding: what a rule found.
+        rests_on: the nodes whose interfaces it follows from, each with the source of the part.
+    """
+    nodes = {node.key: node for node, source in rests_on if source == "file"}
+    if not nodes:
+        return finding
+    names = ", ".join(node.interface.described_package for node in nodes.values())
+    recorded = f"recorded in {names}"
+    finding = replace(finding, help=f"{finding.help} ({recorded})" if finding.help else recorded)
+    if any(context.record_versions(node) is not None for node in nodes.values()):
+        finding = replace(finding, severity="warning", machine_dependent=True)
+    return finding
+
+
+def with_endpoint_records(
+    context: Context, phase: PhaseWiring, finding: Finding, *endpoints: Endpoint
+) -> Finding:
+    """The same for a finding that follows from what is known of endpoints."""
+    rests_on = [
+        (
+            node,
+            node.interface.publishes_from
+            if endpoint.is_publisher
+            else node.interface.subscribes_from,
+        )
+        for endpoint in endpoints
+        if (node := phase.node(endpoint.owner)) is not None
+    ]
+    return with_record(context, finding, *rests_on)

@@ -1,16 +1,19 @@
-"""What specs can require of this machine, read without any library."""
+"""What specs can require of a machine, and what this one has, read without any library."""
 
 from __future__ import annotations
 
+import fnmatch
 import os
 import re
 import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from r2bspec.plan.host_match import MachineFacts
-from r2bspec.untrusted.looked_up_files import shared_lookup
-from r2bspec.untrusted.safe_file import names_in
+from r2bspec.language.spec import Requires, Scalar
+from r2bspec.safe_io.looked_up_files import shared_lookup
+from r2bspec.safe_io.safe_file import names_in
 
 LABELS_VARIABLE: Final = "R2BSPEC_LABELS"
 """The labels of this machine, as ``robot=carter,floor=2``."""
@@ -32,6 +35,25 @@ _NVIDIA: Final = Path("/proc/driver/nvidia/gpus")
 _OTHER_GPUS: Final = {"/dev/nvhost-gpu": "NVIDIA Tegra", "/dev/kfd": "AMD"}
 
 
+@dataclass(frozen=True, kw_only=True)
+class MachineFacts:
+    """What of a machine specs can require.
+
+    Attributes:
+        arch: as the kernel calls it, such as ``aarch64``.
+        cores: CPUs that a process may use.
+        gpus: their names.
+        ros_distro: empty if none is installed.
+        labels: given by the owner of the machine.
+    """
+
+    arch: str
+    cores: int
+    gpus: tuple[str, ...] = ()
+    ros_distro: str = ""
+    labels: Mapping[str, str] = field(default_factory=dict)
+
+
 @shared_lookup
 def this_machine() -> MachineFacts:
     """Architecture, CPUs, GPUs, ROS distribution and labels of this machine."""
@@ -47,8 +69,8 @@ def this_machine() -> MachineFacts:
 def gpus() -> tuple[str, ...]:
     """The GPUs of which the kernel has a driver, by their models."""
     try:
-        found = sorted(_NVIDIA.iterdir())
-        return tuple(_model(each) for each in found)
+        folders = sorted(_NVIDIA.iterdir())
+        return tuple(_model(folder) for folder in folders)
     except OSError:
         return tuple(name for file, name in _OTHER_GPUS.items() if Path(file).exists())
 
@@ -56,10 +78,10 @@ def gpus() -> tuple[str, ...]:
 def shared_memory_bytes() -> int | None:
     """The size of the file system for shared memory; None where there is none."""
     try:
-        found = os.statvfs(SHARED_MEMORY)
+        file_system = os.statvfs(SHARED_MEMORY)
     except OSError:
         return None
-    return found.f_blocks * found.f_frsize
+    return file_system.f_blocks * file_system.f_frsize
 
 
 def ros_distro() -> str:
@@ -67,9 +89,9 @@ def ros_distro() -> str:
     if distribution := os.environ.get("ROS_DISTRO"):
         return distribution
     installed = {
-        found[1] for each in sys.path for found in map(_RCLPY.match, _names_in(each)) if found
+        match[1] for folder in sys.path for match in map(_RCLPY.match, _names_in(folder)) if match
     }
-    return next((each for each in ROS_DISTROS if each in installed), "")
+    return next((distro for distro in ROS_DISTROS if distro in installed), "")
 
 
 def _names_in(folder: str) -> list[str]:
@@ -81,7 +103,7 @@ def _names_in(folder: str) -> list[str]:
 
 def labels_of(text: str) -> dict[str, str]:
     """Labels from ``NAME=VALUE,NAME=VALUE``; parts without an equals sign are left out."""
-    parts = (each.strip().partition("=") for each in text.split(","))
+    parts = (part.strip().partition("=") for part in text.split(","))
     return {name: value for name, equals, value in parts if equals and name}
 
 
@@ -90,3 +112,34 @@ def _model(folder: Path) -> str:
         if line.startswith("Model:"):
             return line.partition(":")[2].strip()
     return "NVIDIA"
+
+
+def unmet(requires: Requires | None, machine: MachineFacts) -> tuple[str, ...]:
+    """What a machine lacks, each as a clause such as ``it has 2 cores, not 8``; none if it fits."""
+    return tuple(_unmet(requires, machine)) if requires is not None else ()
+
+
+def _unmet(requires: Requires, machine: MachineFacts) -> Iterator[str]:
+    if requires.arch and requires.arch != machine.arch:
+        yield f"its architecture is {machine.arch}, not {requires.arch}"
+    if requires.cores > machine.cores:
+        yield f"it has {_count(machine.cores, 'core')}, not {requires.cores}"
+    if requires.ros_distro and requires.ros_distro != machine.ros_distro:
+        have = f"it has ROS {machine.ros_distro}" if machine.ros_distro else "it has no ROS"
+        yield f"{have}, not {requires.ros_distro}"
+    if requires.gpu and not machine.gpus:
+        yield "it has no GPU that is known"
+    for name, value in requires.labels.items():
+        yield from _unmet_label(name, value, machine.labels)
+
+
+def _unmet_label(name: str, value: Scalar, labels: Mapping[str, str]) -> Iterator[str]:
+    text = str(value).lower() if isinstance(value, bool) else str(value)
+    if name not in labels:
+        yield f"it has no label {name}"
+    elif not fnmatch.fnmatchcase(labels[name], text):
+        yield f"its label {name} is {labels[name]}, not {text}"
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

@@ -151,8 +151,8 @@ def init_command(
 
 def _git_would_add_runs() -> bool:
     """Whether no ``.gitignore`` of a work tree names the folder of runs, in the current folder."""
-    from r2bspec.untrusted.git import find_work_tree
-    from r2bspec.untrusted.safe_file import read_text
+    from r2bspec.safe_io.git import find_work_tree
+    from r2bspec.safe_io.safe_file import read_text
 
     here = Path.cwd().resolve()
     top = find_work_tree(here)
@@ -256,7 +256,7 @@ def interfaces_command(
     from r2bspec.api import InvalidSpecError, load
     from r2bspec.diagnostics import did_you_mean
     from r2bspec.introspect import record_interfaces
-    from r2bspec.report.findings.print_findings import show
+    from r2bspec.report.findings_text import print_findings as show
 
     try:
         loaded = load(spec, **values._asdict())
@@ -289,8 +289,8 @@ def interfaces_command(
 
 def _write_interface(folder: Path, name: str, interface: dict[str, Any]) -> str:
     """Write a node's file atomically; returns its path as the user would write it."""
-    from r2bspec.language.yaml_scalars import to_yaml
-    from r2bspec.record.atomic_files import write_atomically
+    from r2bspec.language.yaml_document import to_yaml
+    from r2bspec.record.files import write_atomically
     from r2bspec.wiring.companion_files import interface_file
 
     file = interface_file(folder, name)

@@ -1,4 +1,4 @@
-"""Checks files, one or thousands, and repairs them.
+"""Finds the files of specs, checks them, one or thousands, and repairs them.
 
 Of a document only its findings are kept, and its text where they refer to it, so that memory
 does not grow with the number of files. Many files are distributed among processes, one for each
@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import glob
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -24,11 +25,64 @@ from r2bspec.diagnostics import Diagnostic
 from r2bspec.diagnostics.waivers import may_contain_waiver
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.report.output import echo
-from r2bspec.untrusted.looked_up_files import shared_lookups
+from r2bspec.safe_io.looked_up_files import shared_lookups
+from r2bspec.safe_io.safe_file import is_folder, is_regular
 
 if TYPE_CHECKING:
     from r2bspec.diagnostics.edits import FixResult
     from r2bspec.language.load_spec import LoadedSpec
+
+
+SUFFIX = ".r2b.yaml"
+
+
+def spec_files(paths: Iterable[str]) -> list[str]:
+    """The files of `paths`, each once: in the given order, folders and patterns sorted by name.
+
+    Raises:
+        click.UsageError: a path that does not exist, or without a spec.
+    """
+    return list(dict.fromkeys(file for path in paths for file in _expand_path(path)))
+
+
+def present_spec_files(paths: Iterable[str]) -> list[str]:
+    """The same without the paths that do not exist, or have no spec."""
+    files: list[str] = []
+    for path in paths:
+        with contextlib.suppress(click.UsageError):
+            files += _expand_path(path)
+    return list(dict.fromkeys(files))
+
+
+def _expand_path(path: str) -> list[str]:
+    if path == "-":
+        return [path]
+    place = Path(path)
+    if is_folder(place):
+        return _require_files(
+            sorted(_find_specs(path)), f"the folder {path!r} has no *{SUFFIX} file"
+        )
+    if os.path.lexists(place):
+        return [path]
+    if glob.has_magic(path):
+        # Path.glob refuses absolute patterns.
+        matches = glob.glob(path, recursive=True)  # noqa: PTH207
+        files = sorted(each for each in matches if is_regular(Path(each)))
+        return _require_files(files, f"no file matches {path!r}")
+    raise click.UsageError(f"{path!r} does not exist")
+
+
+def _require_files(files: list[str], message: str) -> list[str]:
+    if not files:
+        raise click.UsageError(message)
+    return files
+
+
+def _find_specs(folder: str) -> Iterator[str]:
+    """All specs below a folder, hidden folders left out."""
+    for parent, folders, files in os.walk(folder):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        yield from (str(Path(parent, name)) for name in files if name.endswith(SUFFIX))
 
 
 class CheckOptions(msgspec.Struct, frozen=True):
@@ -253,8 +307,8 @@ def _apply_fixes(
 
 def read_text(file: str) -> str | None:
     """The text of a file; None if `validate` cannot read it, or if it is a link elsewhere."""
-    from r2bspec.language.source_text import MAX_DOCUMENT_BYTES
-    from r2bspec.untrusted import safe_file
+    from r2bspec.language.document import MAX_DOCUMENT_BYTES
+    from r2bspec.safe_io import safe_file
 
     path = Path(file)
     try:

@@ -97,7 +97,7 @@ def complete_metric(_ctx: click.Context) -> Iterable[str]:
 @_proposals
 def complete_dataset(_ctx: click.Context) -> Iterable[str]:
     """The datasets."""
-    from r2bspec.datasets.locate_bag import known_datasets
+    from r2bspec.datasets.catalogue import known_datasets
 
     return known_datasets()
 

@@ -59,8 +59,7 @@ def list_datasets(output_format: str) -> None:
     Synthetic ones are rendered on first use. A folder of that name under $R2B_DATASETS takes
     precedence.
     """
-    from r2bspec.datasets.locate_bag import index, known_datasets, locate_dataset
-    from r2bspec.datasets.sequences import SEQUENCES
+    from r2bspec.datasets.catalogue import SEQUENCES, index, known_datasets, locate_dataset
 
     found = {name: locate_dataset(name) for name in known_datasets()}
     if output_format == "json":
@@ -145,7 +144,7 @@ def info(bag: str, output_format: str) -> None:
     The sha256 of a bag on disk can be pinned in a spec; 'data make' prints that of a synthetic one.
     """
     from r2bspec.bags.integrity import hash_files
-    from r2bspec.datasets.locate_bag import index, locate
+    from r2bspec.datasets.catalogue import index, locate
 
     location = locate(bag, Path.cwd())
     result = index(location)
@@ -190,7 +189,7 @@ def _bag_on_disk(bag: str) -> Path:
     """
     if os.path.exists(bag):  # noqa: PTH110 - a name may be too long
         return Path(bag)
-    from r2bspec.datasets.locate_bag import locate
+    from r2bspec.datasets.catalogue import locate
     from r2bspec.datasets.synthesis import make as make_dataset
 
     location = locate(bag, Path.cwd())

@@ -60,13 +60,13 @@ def judge_command(
     the gate of --spec, time_budget has no effect, because nothing is played. RUN
     may also be a report of ros2_benchmark, to be judged by the SLOs of --spec.
     """
-    from r2bspec.compare.load_results import read_folder
+    from r2bspec.compare.report_input import read_folder
     from r2bspec.judge.judge_run import to_json
     from r2bspec.plan.compile_plan import gate_plan
     from r2bspec.record.run_folder import RunFolder
     from r2bspec.report.terminal import show_result
     from r2bspec.report.write_reports import takes_stdout, write_reports
-    from r2bspec.untrusted.safe_file import is_regular
+    from r2bspec.safe_io.safe_file import is_regular
 
     if is_regular(run):
         return _judge_report(run, spec, output_format, plain=not (write or reports or junit))
@@ -118,7 +118,7 @@ def _load_objectives(path: Path) -> Spec:
     from r2bspec.api import InvalidSpecError
     from r2bspec.check import check
     from r2bspec.language.load_spec import load_spec
-    from r2bspec.report.findings.print_findings import show
+    from r2bspec.report.findings_text import print_findings as show
 
     loaded = load_spec(path)
     found = [
@@ -183,7 +183,7 @@ def report_command(
     A result.json gives fewer charts than the folder, which has every message. The exit status says
     whether the reports were written; for the verdict, use 'r2bspec judge'.
     """
-    from r2bspec.compare.load_results import read_report_input
+    from r2bspec.compare.report_input import read_report_input
     from r2bspec.record.run_folder import open_run
     from r2bspec.report.errors import ReportUsageError
     from r2bspec.report.write_reports import write_reports
@@ -223,9 +223,8 @@ def compare_command(
     the exit status: comparisons of stored results are advisory. To gate, use 'r2bspec run
     --against'.
     """
-    from r2bspec.compare.comparison_subject import read_compared_result
-    from r2bspec.compare.result_comparison import compare
-    from r2bspec.report.comparison.comparison_formats import render
+    from r2bspec.compare.comparison import compare, read_compared_result
+    from r2bspec.report.comparison_formats import render
 
     first = read_compared_result(base)
     found = [

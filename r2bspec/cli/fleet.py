@@ -233,7 +233,7 @@ def _print_table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> No
 
     from r2bspec.diagnostics.plain_text import plain
     from r2bspec.report.output import console
-    from r2bspec.report.terminal.style import table
+    from r2bspec.report.terminal_tables import table
 
     made = table(header)
     for row in rows:

@@ -151,7 +151,7 @@ class FleetExecutor:
 
     def _row(self, entry: SuiteEntry, ended: Ended) -> SuiteRun:
         from r2bspec.cli.main import show_error
-        from r2bspec.compare.load_results import read_folder
+        from r2bspec.compare.report_input import read_folder
 
         try:
             if ended.error is not None:
@@ -282,7 +282,7 @@ def _table(
 ) -> RenderableType:
     from rich.text import Text
 
-    from r2bspec.report.terminal.style import table
+    from r2bspec.report.terminal_tables import table
 
     made = table(("benchmark", "host", "state", "left", "p99"))
     made.title = f"{done} of {total} runs, {len(hosts)} hosts"

@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING
 
 import click
 
+from r2bspec.cli.check_files import SUFFIX
 from r2bspec.cli.shared_options import FILE, FOLDER, repeatable_option
-from r2bspec.cli.spec_selection import SUFFIX
 from r2bspec.cli.text_output import aligned_lines, counted, print_findings
 from r2bspec.diagnostics import Diagnostic, Severity
 from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus
-from r2bspec.report.findings import finding_formats
-from r2bspec.report.findings.finding_formats import FORMATS
+from r2bspec.report import finding_formats
+from r2bspec.report.finding_formats import FORMATS
 from r2bspec.report.output import echo, echo_document
-from r2bspec.untrusted.safe_file import is_folder, is_there, open_regular
+from r2bspec.safe_io.safe_file import is_folder, is_there, open_regular
 
 if TYPE_CHECKING:
     from r2bspec.interop.ros2_benchmark import MonitorFigures, ReferenceReport
@@ -174,7 +174,7 @@ class _Scripts:
 
     def _import(self, file: Path, target: Path | None) -> Path | None:
         from r2bspec.interop.script_import.spec_builder import build_spec
-        from r2bspec.record.atomic_files import write_atomically
+        from r2bspec.record.files import write_atomically
 
         script = self._read(file)
         if script is None:
@@ -241,7 +241,7 @@ def _import_report(report: Path, output_format: str, output: Path | None) -> int
 
     reference = read_report(report)
     if output is not None:
-        from r2bspec.record.atomic_files import write_atomically
+        from r2bspec.record.files import write_atomically
 
         write_atomically(output, to_json(reference))
     elif output_format == "json":

@@ -190,7 +190,7 @@ def show_error(error: R2bspecError) -> None:
 
 
 def _show_message(error: R2bspecError) -> None:
-    from r2bspec.report.findings.slugs import code_with_slug
+    from r2bspec.report.findings_text import code_with_slug
 
     colour = sys.stderr.isatty() and "NO_COLOR" not in os.environ
     label = f"error[{code_with_slug(error.code)}]"

@@ -76,7 +76,7 @@ def command(
         return ExitStatus.OK
     plan = prepare_and_report(SpecSelection(spec, *values)).plan
     if other is not None:
-        from r2bspec.plan.plan_diff import diff_plans
+        from r2bspec.plan.comparability import diff_plans
 
         other_values = SpecValues(allow_paths=values.allow_paths, untrusted=values.untrusted)
         other_plan = prepare_and_report(SpecSelection(other, *other_values)).plan
@@ -98,7 +98,7 @@ def _provenance(loaded: LoadedSpec, path: str) -> str:
     """
     from r2bspec.errors import UsageError
     from r2bspec.language.value_trace import UnknownPathError, provenance
-    from r2bspec.report.findings.print_findings import show
+    from r2bspec.report.findings_text import print_findings as show
 
     if loaded.spec is None:
         show(loaded.diagnostics, loaded.texts)
@@ -118,11 +118,11 @@ def _render(plan: Plan, graph: str | None) -> bytes:
 
         return to_dot(plan).encode()
     if graph == "html":
-        from r2bspec.report.format_registry import check_installed
-        from r2bspec.report.html.graph_page import render_graph
+        from r2bspec.report.format_registry import GRAPH_PAGE, check_installed, load
 
         check_installed("html")
-        return render_graph(plan)
+        page: bytes = load(GRAPH_PAGE)(plan)
+        return page
     from r2bspec.plan.canonical_json import canonical_json
 
     return canonical_json(plan)
@@ -136,7 +136,7 @@ def _write(content: bytes, output: Path | None, *, is_json: bool = False) -> Non
             echo(content.decode(), nl=False)
         return
     from r2bspec.diagnostics.plain_text import plain
-    from r2bspec.record.atomic_files import write_atomically
+    from r2bspec.record.files import write_atomically
 
     # Text is made to be shown: by `cat`, in a review, in a comment.
     write_atomically(output, content if is_json else plain(content.decode()).encode())

@@ -105,8 +105,7 @@ def _run_pairs(
     from r2bspec.cli.run import RunOptions
     from r2bspec.cli.run_single import locked_host
     from r2bspec.plan.time_estimate import estimate_pairs
-    from r2bspec.report.progress_display import shown_progress
-    from r2bspec.report.remaining_time import RemainingTime
+    from r2bspec.report.progress import RemainingTime, shown_progress
 
     remaining = RemainingTime(estimate_pairs(prepared.plan, pairs))
     folder = output or api.default_run_folder(f"{prepared.plan.name}-pairs")
@@ -181,7 +180,7 @@ def _propose_limits(
 ) -> None:
     """Print the proposed change of the spec as a patch, or apply it."""
     from r2bspec.cli.check_files import read_text
-    from r2bspec.compare.margin_proposals import propose_limits
+    from r2bspec.compare.proposals import propose_limits
 
     file = str(selection.spec)
     before = read_text(file)
@@ -245,8 +244,8 @@ def _propose_objectives(
     spec: Path, prepared: PreparedBenchmark, folder: Path, finished: Run, *, write: bool
 ) -> None:
     from r2bspec.cli.check_files import read_text
-    from r2bspec.compare.load_results import read_folder
-    from r2bspec.compare.objective_proposals import propose_objectives
+    from r2bspec.compare.proposals import propose_objectives
+    from r2bspec.compare.report_input import read_folder
     from r2bspec.judge.judge_run import result_of
 
     before = read_text(str(spec))
@@ -265,7 +264,7 @@ def _propose_objectives(
 
 def _calibrations(spec: Path, prepared: PreparedBenchmark) -> list[Calibration]:
     from r2bspec.record.calibration_file import calibration_path, read_calibration_file
-    from r2bspec.untrusted.safe_file import is_regular
+    from r2bspec.safe_io.safe_file import is_regular
 
     file = calibration_path(spec)
     if not is_regular(file) or prepared.loaded is None:

@@ -112,11 +112,11 @@ def _example_findings(page: Page) -> str:
     """The findings in the failing example, as validate prints them; some need more than a spec."""
     from r2bspec.check.engine import check
     from r2bspec.language.load_spec import load_spec
-    from r2bspec.report.findings import text
+    from r2bspec.report.findings_text import render_text
 
     loaded = load_spec(page.failing, file=_FILE)
     found = [each for each in check(loaded) if each.code == page.code]
-    return text.render(found, loaded.texts)
+    return render_text(found, loaded.texts)
 
 
 def _indent(block: str) -> Iterator[str]:
@@ -135,7 +135,7 @@ def metrics_command(names: tuple[str, ...], output_format: str) -> int:
 
     With METRIC, such as latency.p99, only these, with their definition.
     """
-    from r2bspec.measure import metric_reference as reference
+    from r2bspec.measure import metric_catalogue as reference
     from r2bspec.measure.metric_catalogue import METRICS, MetricError
 
     try:
@@ -165,7 +165,7 @@ def explain_metric(name: str) -> list[str]:
 
 
 def _overview() -> Iterator[str]:
-    from r2bspec.measure import metric_reference as reference
+    from r2bspec.measure import metric_catalogue as reference
     from r2bspec.measure.metric_catalogue import METRICS
 
     width = max(map(len, METRICS))
@@ -182,14 +182,14 @@ def _overview() -> Iterator[str]:
 
 def _shown_modes(modes: tuple[str, ...]) -> str:
     """The modes in which a metric is known, where these are not all."""
-    from r2bspec.measure.metric_reference import MODES
+    from r2bspec.measure.metric_catalogue import MODES
 
     missing = [mode for mode in MODES if mode not in modes]
     return f" (not {' or '.join(missing)})" if missing else ""
 
 
 def _definition(name: str) -> Iterator[str]:
-    from r2bspec.measure import metric_reference as reference
+    from r2bspec.measure import metric_catalogue as reference
 
     info = reference.find_metric(name)
     meant = reference.definition(info)
@@ -211,8 +211,8 @@ def _definition(name: str) -> Iterator[str]:
 
 _SCHEMAS = {
     "spec": "r2bspec.language.json_schema:published_schema_text",
-    "plan": "r2bspec.plan.plan_schema:plan_schema_text",
-    "result": "r2bspec.report.result_schema:result_schema_text",
+    "plan": "r2bspec.plan.canonical_json:plan_schema_text",
+    "result": "r2bspec.report.result_json:result_schema_text",
 }
 """Each schema and the function that generates it; printing one imports no other."""
 
@@ -233,12 +233,13 @@ _PACKAGE = Path(__file__).parents[1]
 @click.argument("page", required=False)
 @click.option("--path", "show_path", is_flag=True, help="Print the path instead of the text.")
 def docs_command(page: str | None, show_path: bool) -> int:
-    """List the pages of the documentation, or print PAGE, such as running.
+    """List the pages of the documentation, or print PAGE, such as running or proofs/verdicts.
 
     Pages are Markdown.
     """
     folder = docs_folder()
-    pages = {each.stem: each for each in sorted(folder.glob("*.md"))}
+    files = (*sorted(folder.glob("*.md")), *sorted(folder.glob("*/*.md")))
+    pages = {file.relative_to(folder).with_suffix("").as_posix(): file for file in files}
     if page is None:
         if show_path:
             echo(str(folder))

@@ -365,9 +365,10 @@ def command(
     hosts = tuple(dict.fromkeys(each for each in others.pop("hosts").split(",") if each))
     options = RunOptions(reports=reports + junit, hosts=hosts or ("all",), **others)
     options.check()
+    from r2bspec.cli.check_files import present_spec_files, spec_files
     from r2bspec.cli.run_single import run_single
     from r2bspec.cli.run_suite import run_suite
-    from r2bspec.cli.spec_selection import is_file_list, present_spec_files, run_items, spec_files
+    from r2bspec.cli.spec_selection import is_file_list, run_items
 
     # Whether a spec that is gone may be gone is for the gate to say, which knows the base.
     files = present_spec_files(specs) if options.has_base_tree else None

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from r2bspec.compare.merge_gate import MergeGate
     from r2bspec.judge.result import Result
     from r2bspec.plan.time_estimate import TimeEstimate
-    from r2bspec.report.remaining_time import RemainingTime
+    from r2bspec.report.progress import RemainingTime
 
 
 def run_single(selection: SpecSelection, options: RunOptions) -> int:
@@ -33,7 +33,7 @@ def run_single(selection: SpecSelection, options: RunOptions) -> int:
 
 def _run(selection: SpecSelection, options: RunOptions, folder: OutputFolder) -> int:
     from r2bspec import api
-    from r2bspec.report.remaining_time import RemainingTime
+    from r2bspec.report.progress import RemainingTime
     from r2bspec.report.terminal import show_result
     from r2bspec.report.write_reports import takes_stdout
 
@@ -67,7 +67,7 @@ def _show_timings(folder: Path, waited_ns: int) -> None:
     import psutil
 
     from r2bspec.record.run_folder import open_run
-    from r2bspec.report.terminal.phase_table import show_phases
+    from r2bspec.report.terminal_tables import show_phases
 
     now_ns = time.monotonic_ns()
     began_ns = now_ns - round((time.time() - psutil.Process().create_time()) * 1e9)
@@ -91,7 +91,7 @@ def locked_host(what: str, options: RunOptions) -> Iterator[None]:
     if options.no_lock:
         yield
         return
-    from r2bspec.execute.host.host_lock import host_lock
+    from r2bspec.execute.processes.machine import host_lock
 
     def on_wait(holder: str) -> None:
         echo(f"waiting for {holder}, which runs on this host; --no-wait refuses", err=True)
@@ -179,9 +179,9 @@ def execute(
     """
     from r2bspec import api
     from r2bspec.compare.gate_strength import WeakerGateError
-    from r2bspec.record.errors import FolderTakenError
-    from r2bspec.report.findings.print_findings import show
-    from r2bspec.report.progress_display import shown_progress
+    from r2bspec.record.files import FolderTakenError
+    from r2bspec.report.findings_text import print_findings as show
+    from r2bspec.report.progress import shown_progress
 
     # Before the run: what is stored may be unreadable.
     ways = _ways(prepared, options)
@@ -244,7 +244,7 @@ def _ways(prepared: PreparedBenchmark, options: RunOptions) -> dict[str, Any]:
 def show_differences(result: Result, prepared: PreparedBenchmark) -> None:
     """Print differences between graph and spec that did not end the run."""
     from r2bspec import api
-    from r2bspec.report.findings.print_findings import show
+    from r2bspec.report.findings_text import print_findings as show
 
     if prepared.loaded is not None:
         show(api.differences_to_diagnostics(result, prepared.loaded), prepared.loaded.texts)
@@ -273,8 +273,7 @@ def reported_failures(options: RunOptions, folder: OutputFolder, spec: Path) -> 
     try:
         yield
     except R2bspecError as error:
-        from r2bspec.report.failure_reports import write_failure_reports
-        from r2bspec.report.write_reports import takes_stdout
+        from r2bspec.report.write_reports import takes_stdout, write_failure_reports
 
         if folder.path is None or not folder.path.exists():
             with contextlib.suppress(R2bspecError):
@@ -285,8 +284,8 @@ def reported_failures(options: RunOptions, folder: OutputFolder, spec: Path) -> 
 
 
 def _print_failure(error: R2bspecError, folder: Path | None) -> None:
-    from r2bspec.compare.load_results import read_folder
-    from r2bspec.record.errors import FolderTakenError
+    from r2bspec.compare.report_input import read_folder
+    from r2bspec.record.files import FolderTakenError
     from r2bspec.report.terminal import show_result
 
     if folder is not None and folder.exists() and not isinstance(error, FolderTakenError):

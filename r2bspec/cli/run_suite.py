@@ -27,7 +27,7 @@ from r2bspec.cli.text_output import counted
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo, echo_document
-from r2bspec.untrusted.safe_file import is_regular
+from r2bspec.safe_io.safe_file import is_regular
 
 if TYPE_CHECKING:
     from r2bspec.cli.run import RunOptions
@@ -131,7 +131,8 @@ def _compare_spec_sets(
         WeakerGateError: specs of the base, or cases of them, are gone.
         click.UsageError: neither the head nor the base has one of the paths.
     """
-    from r2bspec.cli.spec_selection import present_spec_files, selected_files, spec_files
+    from r2bspec.cli.check_files import present_spec_files, spec_files
+    from r2bspec.cli.spec_selection import selected_files
 
     base: list[str] = []
     for path in paths:
@@ -348,7 +349,7 @@ class Suite:
 
     def _earlier(self, entry: SuiteEntry) -> Result | None:
         """The result of a complete run of the same plan and code; any other makes room."""
-        from r2bspec.compare.load_results import read_folder
+        from r2bspec.compare.report_input import read_folder
         from r2bspec.execute.identity.identify_graph import graph_identity
         from r2bspec.plan.canonical_json import plan_hash
 
@@ -402,7 +403,7 @@ class Suite:
         )
 
     def _write_summary(self) -> None:
-        from r2bspec.record.atomic_files import write_atomically
+        from r2bspec.record.files import write_atomically
         from r2bspec.report.suite_formats import to_json
 
         write_atomically(self.root / SUMMARY_FILE, to_json(self._summary(), self._results))
@@ -465,7 +466,7 @@ class LocalExecutor:
 
     def _play(self, number: int, entries: Sequence[SuiteEntry]) -> Result:
         from r2bspec.report.headline import headline
-        from r2bspec.report.remaining_time import RemainingTime
+        from r2bspec.report.progress import RemainingTime
 
         entry = entries[number]
         assert entry.prepared is not None  # noqa: S101 - see the caller

@@ -13,7 +13,7 @@ from r2bspec.cli.completion import complete_case, complete_report, complete_vari
 from r2bspec.language.quantities import Duration, Quantity, QuantityError, Share
 
 if TYPE_CHECKING:
-    from r2bspec.language.untrusted_environment import UntrustedSpecs
+    from r2bspec.language.environment_access import UntrustedSpecs
     from r2bspec.report.write_reports import ReportRequest
 
 
@@ -147,7 +147,7 @@ def _parse_max_bytes(ctx: click.Context, param: click.Parameter, text: str | Non
     if text is None:
         return None
     from r2bspec.language.quantities import parse_size_option
-    from r2bspec.untrusted.decompression_budget import max_unpacked_bytes
+    from r2bspec.safe_io.decompression_budget import max_unpacked_bytes
 
     try:
         max_bytes = parse_size_option(text)
@@ -242,7 +242,7 @@ def spec_options(command: Callable[..., int]) -> Callable[..., int]:
     ) -> int:
         stranger = None
         if untrusted or base_ref:
-            from r2bspec.language.untrusted_environment import untrusted_specs
+            from r2bspec.language.environment_access import untrusted_specs
 
             stranger = untrusted_specs(Path.cwd(), untrusted=untrusted, base_ref=base_ref)
         values = SpecValues(sets, parse_pairs("--var", variables), case, allow_paths, stranger)

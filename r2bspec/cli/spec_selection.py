@@ -1,16 +1,13 @@
-"""The specs that a command line selects: files, cases, labels and scanned values.
+"""The runs that a command line selects: specs with their cases, labels and scanned values.
 
 Each spec is prepared here, with its findings printed; several of them are the entries of a suite.
 """
 
 from __future__ import annotations
 
-import contextlib
 import fnmatch
-import glob
 import itertools
-import os
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -19,7 +16,6 @@ import click
 
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.language.selected_spec import SpecSelection as SpecSelection
-from r2bspec.untrusted.safe_file import is_folder, is_regular
 
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
@@ -28,59 +24,8 @@ if TYPE_CHECKING:
     from r2bspec.plan.time_estimate import TimeEstimate
     from r2bspec.report.suite_summary import SuiteRun
 
-SUFFIX = ".r2b.yaml"
-
 ALL_CASES = "all"
 """The value of ``--case`` that selects every case of a matrix."""
-
-
-def spec_files(paths: Iterable[str]) -> list[str]:
-    """The files of `paths`, each once: in the given order, folders and patterns sorted by name.
-
-    Raises:
-        click.UsageError: a path that does not exist, or without a spec.
-    """
-    return list(dict.fromkeys(file for path in paths for file in _expand_path(path)))
-
-
-def present_spec_files(paths: Iterable[str]) -> list[str]:
-    """The same without the paths that do not exist, or have no spec."""
-    files: list[str] = []
-    for path in paths:
-        with contextlib.suppress(click.UsageError):
-            files += _expand_path(path)
-    return list(dict.fromkeys(files))
-
-
-def _expand_path(path: str) -> list[str]:
-    if path == "-":
-        return [path]
-    place = Path(path)
-    if is_folder(place):
-        return _require_files(
-            sorted(_find_specs(path)), f"the folder {path!r} has no *{SUFFIX} file"
-        )
-    if os.path.lexists(place):
-        return [path]
-    if glob.has_magic(path):
-        # Path.glob refuses absolute patterns.
-        matches = glob.glob(path, recursive=True)  # noqa: PTH207
-        files = sorted(each for each in matches if is_regular(Path(each)))
-        return _require_files(files, f"no file matches {path!r}")
-    raise click.UsageError(f"{path!r} does not exist")
-
-
-def _require_files(files: list[str], message: str) -> list[str]:
-    if not files:
-        raise click.UsageError(message)
-    return files
-
-
-def _find_specs(folder: str) -> Iterator[str]:
-    """All specs below a folder, hidden folders left out."""
-    for parent, folders, files in os.walk(folder):
-        folders[:] = [name for name in folders if not name.startswith(".")]
-        yield from (str(Path(parent, name)) for name in files if name.endswith(SUFFIX))
 
 
 def prepare_and_report(
@@ -100,7 +45,7 @@ def prepare_and_report(
         DataError: the bag does not exist or is not readable.
     """
     from r2bspec import api
-    from r2bspec.report.findings.print_findings import show
+    from r2bspec.report.findings_text import print_findings as show
 
     try:
         prepared = api.prepare(selection, smoke=smoke)
@@ -116,7 +61,7 @@ def prepare_and_report(
 
 def _require_objectives(prepared: PreparedBenchmark, selection: SpecSelection) -> None:
     from r2bspec.compare.gate_strength import MissingObjectivesError, require_objectives
-    from r2bspec.report.findings.print_findings import show
+    from r2bspec.report.findings_text import print_findings as show
 
     loaded = prepared.loaded
     try:

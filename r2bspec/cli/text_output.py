@@ -21,7 +21,7 @@ def counted(number: int, noun: str) -> str:
 
 def styled(text: str, **style: Any) -> str:
     """A text with a style of click for standard output, if that has colours."""
-    from r2bspec.report.findings.print_findings import wants_colour
+    from r2bspec.report.findings_text import wants_colour
 
     return click.style(text, **style) if wants_colour(sys.stdout) else text
 
@@ -63,8 +63,8 @@ def print_findings(
         names: all files that were checked.
         err: to standard error instead of standard output.
     """
-    from r2bspec.report.findings import finding_formats
-    from r2bspec.report.findings.print_findings import wants_colour
+    from r2bspec.report import finding_formats
+    from r2bspec.report.findings_text import wants_colour
 
     colour = output_format == "text" and wants_colour(sys.stderr if err else sys.stdout)
     shown = finding_formats.render(output_format, findings, sources, names, colour=colour)

@@ -16,9 +16,9 @@ from r2bspec.cli.check_files import FileReport
 from r2bspec.cli.shared_options import SpecValues, flag_options, max_bytes_option, spec_options
 from r2bspec.cli.text_output import counted, print_findings
 from r2bspec.exit_status import ExitStatus
-from r2bspec.report.findings.finding_formats import DOCUMENT_FORMATS, FORMATS
+from r2bspec.report.finding_formats import DOCUMENT_FORMATS, FORMATS
 from r2bspec.report.output import echo
-from r2bspec.untrusted.looked_up_files import Lookups, Stamp, looked_up_files, shared_lookups, stamp
+from r2bspec.safe_io.looked_up_files import Lookups, Stamp, looked_up_files, shared_lookups, stamp
 
 if TYPE_CHECKING:
     from r2bspec.cli.check_files import CheckOptions, FileReport
@@ -69,9 +69,8 @@ def command(
     PATH is a file, a folder (all *.r2b.yaml below it), a pattern such as 'specs/*.yaml', or -
     for standard input. All cases of a matrix are checked, unless --case selects one.
     """
-    from r2bspec.cli.check_files import CheckOptions, check_files, check_text
+    from r2bspec.cli.check_files import CheckOptions, check_files, check_text, spec_files
     from r2bspec.cli.internal_error import InternalError, WorkerEndedError
-    from r2bspec.cli.spec_selection import spec_files
 
     check_options = CheckOptions(
         values, offline=offline, resolved=resolved, require_slos=require_slos
@@ -114,8 +113,7 @@ def _watch(paths: tuple[str, ...], options: CheckOptions, *, quiet: bool) -> NoR
     """Print the findings of all files, now and after each change, until Ctrl-C."""
     from functools import partial
 
-    from r2bspec.cli.check_files import check_file, naming_the_file
-    from r2bspec.cli.spec_selection import spec_files
+    from r2bspec.cli.check_files import check_file, naming_the_file, spec_files
 
     check = partial(naming_the_file, partial(check_file, options=options))
     for checked in SpecWatch(partial(spec_files, paths), check).updates():

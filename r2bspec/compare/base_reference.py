@@ -21,8 +21,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from r2bspec.errors import UsageError
-from r2bspec.language.secret_variables import shown_value
-from r2bspec.untrusted.safe_file import is_folder, is_regular, is_there
+from r2bspec.language.environment_access import shown_value
+from r2bspec.safe_io.safe_file import is_folder, is_regular, is_there
 
 HINT = (
     "Give a revision of git such as origin/main, another work tree, a spec, var:NAME=VALUE, "
@@ -49,7 +49,7 @@ class BaseReference:
         spec: another spec or plan; None for that of the head.
         variables: values of variables that differ from the head's.
         sets: values that differ from the head's, each as ``path=value``.
-        environments: read by `r2bspec.execute.processes.workspaces.workspace`, in order.
+        environments: read by `r2bspec.execute.processes.environment.workspace`, in order.
     """
 
     text: str

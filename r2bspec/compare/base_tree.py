@@ -31,7 +31,7 @@ from r2bspec.diagnostics import did_you_mean
 from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import UsageError
 from r2bspec.record.graph_identity import Revision, revision_text
-from r2bspec.untrusted.git import (
+from r2bspec.safe_io.git import (
     commit_of,
     find_work_tree,
     git_command,

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from r2bspec.compare.errors import IncomparableError
 from r2bspec.compare.history_gate import TrackedMetric, tracked_metrics
-from r2bspec.judge.baseline_requirements import run_value
-from r2bspec.judge.statistics.power import noise_floor, smallest_detectable
+from r2bspec.judge.baseline_comparison import run_value
+from r2bspec.judge.statistics.t_interval import noise_floor, smallest_detectable
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples
 from r2bspec.plan.comparability import measured_hash, pair_count
@@ -19,7 +19,7 @@ from r2bspec.record.calibration_file import (
     calibration_path,
 )
 from r2bspec.record.comparison_folder import PairedComparison
-from r2bspec.record.machine_fingerprint import describe_machine, fingerprint
+from r2bspec.record.graph_identity import describe_machine, fingerprint
 
 MIN_PAIRS = 3
 """With fewer, the bound on the noise is more than five times the estimate."""

@@ -1,10 +1,50 @@
-"""A comparison as frozen values that serialise to JSON."""
+"""Compares results: which ones are comparable, and what their metrics show.
+
+With m the margin and [l, u] the bounds on the true ratio head / base, each one-sided at the stated
+confidence, a metric of which more is better is
+
+    improved     if l > 1 + m
+    worse        if u < 1 / (1 + m)
+    the same     if l >= 1 / (1 + m) and u <= 1 + m
+    undecided    otherwise
+
+and one of which less is better the other way round. The bounds are Welch's on the logarithms of the
+iterations' values, or of the means of starts where both have several
+(`r2bspec.judge.statistics.welch_t`). Drop rates are compared as the shares
+that arrived, with a margin of their own, because a ratio to 0 is undefined.
+
+Subjects are run folders, results, and reports of the reference tool. A comparison is frozen values
+that serialise to JSON.
+"""
 
 from __future__ import annotations
 
-from typing import Literal
+import importlib
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Literal
 
 import msgspec
+
+from r2bspec.compare.errors import IncomparableError, UnreadableResultError
+from r2bspec.compare.report_input import read_folder
+from r2bspec.errors import R2bspecError
+from r2bspec.judge.judge_run import from_json
+from r2bspec.judge.result import Result
+from r2bspec.judge.statistics.t_interval import RunValues, welch_ratio_of_runs
+from r2bspec.language.benchmark_defaults import CONFIDENCE
+from r2bspec.measure.distribution import MAIN_PERCENTILES, part_value, quantile
+from r2bspec.measure.metrics import MonitorMetrics, RateMetrics
+from r2bspec.measure.times import rank
+from r2bspec.measure.units import show
+from r2bspec.plan.comparability import brief_difference, graph_differences, load_differences
+from r2bspec.plan.plan import Plan
+from r2bspec.record.graph_identity import MACHINE_FACTS, GraphIdentity, identity_differences
+from r2bspec.record.run_record import SearchRecord
+from r2bspec.safe_io.safe_file import is_folder, read_bytes
+from r2bspec.safe_io.safe_json import MAX_JSON_BYTES
 
 Outcome = Literal["improved", "worse", "same", "can't tell"]
 
@@ -65,3 +105,381 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True):
     confidence: float
     differences: tuple[str, ...]
     lines: tuple[ComparisonLine, ...]
+
+
+READERS: Final = ("r2bspec.interop.ros2_benchmark",)
+"""Modules that read the results of other tools, imported on demand.
+
+A reader is a module with one function, which raises an `R2bspecError` for what is not its own::
+
+    def read_compared(content: bytes, source: str) -> ComparedResult
+"""
+
+SeriesKey = tuple[float | None, str, str]
+"""Offered rate, monitor, and the metric's name in the catalogue."""
+
+
+@dataclass(frozen=True)
+class MetricSeries:
+    """A metric in the iterations of one run.
+
+    Attributes:
+        values: None where an iteration has none, or where it is a lost message.
+        single: whether it is one value for an unknown number of iterations.
+        starts: the start of the processes that each was played in; empty where it is not known.
+        bracket: for the peak, the highest sustained rate and the lowest that was not.
+    """
+
+    values: tuple[float | None, ...]
+    unit: str
+    single: bool = False
+    bracket: tuple[float | None, float | None] | None = None
+    starts: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class ComparedResult:
+    """One side of a comparison; None is unknown."""
+
+    side: ComparedSource
+    series: dict[SeriesKey, MetricSeries]
+    plan: Plan | None
+    plan_hash: str | None
+    dataset: str | None
+    machine: dict[str, Any] | None
+    versions: dict[str, str]
+    tool: str = "r2bspec"
+    identity: GraphIdentity | None = None
+
+
+def read_compared_result(path: Path) -> ComparedResult:
+    """Read a run folder, that of a comparison, a ``result.json``, or a report of ros2_benchmark.
+
+    A comparison is represented by its head.
+
+    Raises:
+        RecordError: a folder is neither that of a run nor of a comparison.
+        UnreadableResultError: a file is none of these.
+    """
+    if is_folder(path):
+        found = read_folder(path)
+        return _of_result(str(path), found.result, found.run.plan if found.run else None)
+    try:
+        content = read_bytes(path, max_bytes=MAX_JSON_BYTES)
+    except OSError as error:
+        raise UnreadableResultError(f"{path} cannot be read: {error.strerror or error}") from error
+    try:
+        return _of_result(str(path), from_json(content), None)
+    except ValueError as not_a_result:  # msgspec's errors are such
+        reasons = []
+        for name in READERS:
+            try:
+                compared: ComparedResult = importlib.import_module(name).read_compared(
+                    content, str(path)
+                )
+            except R2bspecError as not_a_report:
+                reasons.append(str(not_a_report))
+            else:
+                return compared
+        raise UnreadableResultError(
+            f"{path} is neither a result ({not_a_result}) nor a report ({', '.join(reasons)})",
+            hint="Name a run folder, a result.json, or a report of ros2_benchmark.",
+        ) from not_a_result
+
+
+def _of_result(source: str, result: Result, plan: Plan | None) -> ComparedResult:
+    series: dict[SeriesKey, MetricSeries] = {}
+    graph = {
+        each.name for each in result.processes if each.role in {"host", "command", "container"}
+    }
+    for rate in result.metrics.rates:
+        series |= _of_rate(rate, graph)
+    if result.metrics.search is not None:
+        series[None, "", "peak.rate"] = _peak(result.metrics.search)
+    return ComparedResult(
+        side=ComparedSource(
+            source=source, name=result.name, run_id=result.run_id, started_at=result.started_at
+        ),
+        series=series,
+        plan=plan,
+        plan_hash=result.plan_hash,
+        dataset=str(result.dataset.get("sha256") or result.dataset.get("source") or "") or None,
+        machine=result.machine,
+        versions=result.versions,
+        identity=result.identity,
+    )
+
+
+def _of_rate(rate: RateMetrics, graph: set[str]) -> dict[SeriesKey, MetricSeries]:
+    found: dict[SeriesKey, MetricSeries] = {}
+    starts = tuple(one.start for one in rate.iterations)
+    starts = starts if all(starts) else ()
+    for monitor in rate.pooled.monitors:
+        seen = [one.monitors[monitor] for one in rate.iterations]
+        for metric, unit, values in _of_monitor(seen):
+            found[rate.offered_hz, monitor, metric] = MetricSeries(
+                tuple(values), unit, starts=starts
+            )
+    for process in rate.pooled.processes:
+        if process in graph:
+            uses = [one.processes.get(process) for one in rate.iterations]
+            values = [use.cpu_mean if use is not None else None for use in uses]
+            found[rate.offered_hz, "", f"cpu.{process}.mean"] = MetricSeries(
+                tuple(values), "share", starts=starts
+            )
+    return found
+
+
+def _of_monitor(
+    seen: Sequence[MonitorMetrics],
+) -> Iterator[tuple[str, str, list[float | None]]]:
+    yield "throughput.mean", "Hz", [one.throughput_hz for one in seen]
+    for part in ("mean", *MAIN_PERCENTILES):
+        yield f"latency.{part}", "s", [_latency(one, part) for one in seen]
+    yield "drop_rate", "share", [one.drop_rate for one in seen]
+
+
+def _latency(seen: MonitorMetrics, part: str) -> float | None:
+    """A part of the latency; None if the percentile is a lost message."""
+    q = quantile(part)
+    if q is not None and seen.expected and rank(q, seen.expected) > (seen.answered or 0):
+        return None
+    return part_value(seen.latency, part)
+
+
+def _peak(search: SearchRecord) -> MetricSeries:
+    return MetricSeries((search.holds_hz,), "Hz", bracket=(search.holds_hz, search.upper_hz))
+
+
+SHARE_MARGIN = 0.005
+"""Half a percent of the messages: the margin of the share that arrived."""
+
+_BIGGER_IS_BETTER = ("throughput.mean", "peak.rate")
+_MAX_DIFFERENCES = 12
+_COMPARED_BY_RATE = frozenset({"play", "play_at_peak", "search", "monitors"})
+"""Fields of a load that may differ: only metrics at the same rate and monitor are compared."""
+
+
+def compare(
+    base: ComparedResult, head: ComparedResult, *, margin: float, force: bool
+) -> Comparison:
+    """Compare one result with the base.
+
+    Args:
+        base: to compare with.
+        head: to be compared.
+        margin: a ratio nearer to 1 than this counts as the same; 0.05 is 5 %.
+        force: compare even with differences in load, data or machine.
+
+    Raises:
+        IncomparableError: load, data or machine differ, or they have no metric in common.
+    """
+    differences = tuple(differences_of(base, head))
+    if not force and any(blocking_differences(base, head)):
+        raise IncomparableError(
+            f"{base.side.source} and {head.side.source} are not comparable:\n"
+            + "\n".join(f"  {each}" for each in differences),
+            hint="Use --force to compare them anyway.",
+        )
+    lines = tuple(_lines(base, head, margin))
+    if not lines:
+        raise IncomparableError(
+            f"{base.side.source} and {head.side.source} have no metric at the same rate in common",
+            hint=f"The base was played at {_rates_text(base)}, the head at {_rates_text(head)}.",
+        )
+    return Comparison(
+        base=base.side, head=head.side, confidence=CONFIDENCE, differences=differences, lines=lines
+    )
+
+
+def blocking_differences(base: ComparedResult, head: ComparedResult) -> Iterator[object]:
+    """The differences for which a ratio says nothing about the graphs.
+
+    Graphs that differ are what one compares. Of reports of another tool, plan, data and machine are
+    unknown anyway; the comparison says so.
+    """
+    if "r2bspec" not in {base.tool, head.tool} or base.tool != head.tool:
+        return
+    if base.plan is not None and head.plan is not None:
+        yield from (
+            each
+            for each in load_differences(base.plan, head.plan)
+            if each.path != ("dataset", "sha256") and each.path[0] not in _COMPARED_BY_RATE
+        )
+    yield from _data_difference(base, head)
+    yield from _machine_differences(base, head)
+
+
+def differences_of(base: ComparedResult, head: ComparedResult) -> Iterator[str]:
+    """The differences of two results in tool, plan, code, data and machine, a line each."""
+    if base.tool != head.tool:
+        yield f"tool: {base.tool} -> {head.tool}, with different measurement rules"
+    elif base.tool != "r2bspec":
+        yield f"plan and data: unknown in reports of {base.tool}"
+    if base.plan is not None and head.plan is not None:
+        yield from _plan_differences(base.plan, head.plan)
+    elif base.plan_hash != head.plan_hash:
+        yield (
+            f"plan: {base.plan_hash or 'unknown'} -> {head.plan_hash or 'unknown'} "
+            "(compare run folders to see the differences)"
+        )
+    yield from _code_differences(base, head)
+    yield from _data_difference(base, head)
+    yield from _machine_differences(base, head)
+
+
+def _code_differences(base: ComparedResult, head: ComparedResult) -> Iterator[str]:
+    if base.identity is None or head.identity is None:
+        return
+    changes = identity_differences(base.identity, head.identity)
+    yield from (f"code: {change}" for change in changes[:_MAX_DIFFERENCES])
+    if len(changes) > _MAX_DIFFERENCES:
+        yield f"code: {len(changes) - _MAX_DIFFERENCES} more changes"
+
+
+def _data_difference(base: ComparedResult, head: ComparedResult) -> Iterator[str]:
+    if base.dataset != head.dataset:
+        yield f"data: {base.dataset or 'unknown'} -> {head.dataset or 'unknown'}"
+
+
+def _machine_differences(base: ComparedResult, head: ComparedResult) -> Iterator[str]:
+    for key in MACHINE_FACTS:
+        before, after = ((side.machine or {}).get(key) or None for side in (base, head))
+        # That reports of another tool lack these facts has been stated already.
+        if before != after and (base.tool == head.tool or None not in {before, after}):
+            yield f"machine, {key}: {before or 'unknown'} -> {after or 'unknown'}"
+
+
+def _plan_differences(base: Plan, head: Plan) -> Iterator[str]:
+    found = graph_differences(base, head)
+    # The data have a line of their own.
+    found = [each for each in found if each.path != ("dataset", "sha256")]
+    yield from (f"plan, {brief_difference(each)}" for each in found[:_MAX_DIFFERENCES])
+    if len(found) > _MAX_DIFFERENCES:
+        yield f"plan: {len(found) - _MAX_DIFFERENCES} more differences"
+
+
+def _rates_text(side: ComparedResult) -> str:
+    """The rates of a result: ``10 Hz and 30 Hz``."""
+    rates = sorted({rate for rate, _, _ in side.series if rate})
+    return " and ".join(show(rate, "Hz") for rate in rates[:_MAX_DIFFERENCES]) or "no fixed rate"
+
+
+def _lines(base: ComparedResult, head: ComparedResult, margin: float) -> Iterator[ComparisonLine]:
+    for key, before in base.series.items():
+        other = _matching_key(key, head)
+        if other is not None:
+            yield _line(key, before, head.series[other], margin)
+
+
+def _matching_key(key: SeriesKey, head: ComparedResult) -> SeriesKey | None:
+    """The same metric of the head. A monitor without a name matches the only monitor there is."""
+    if key in head.series:
+        return key
+    rate, monitor, metric = key
+    same = [each for each in head.series if (each[0], each[2]) == (rate, metric)]
+    return same[0] if len(same) == 1 and not (monitor and same[0][1]) else None
+
+
+def _line(key: SeriesKey, base: MetricSeries, head: MetricSeries, margin: float) -> ComparisonLine:
+    rate, monitor, metric = key
+    drops = metric == "drop_rate"
+    margin = SHARE_MARGIN if drops else margin
+    before, after = (
+        _delivered_share(base) if drops else base,
+        _delivered_share(head) if drops else head,
+    )
+    ratio, lower, upper = _ratio(before, after)
+    # A drop rate is compared by the share that arrived: more is better.
+    bigger = metric in _BIGGER_IS_BETTER or drops
+    outcome, reason = _decide(before, (ratio, lower, upper), margin, bigger=bigger)
+    return ComparisonLine(
+        offered_hz=rate,
+        monitor=monitor,
+        metric=metric,
+        unit=base.unit,
+        base=_mean(base),
+        head=_mean(head),
+        ratio=ratio,
+        lower=lower,
+        upper=upper,
+        margin=margin,
+        outcome=outcome,
+        reason=reason,
+    )
+
+
+def _delivered_share(series: MetricSeries) -> MetricSeries:
+    values = tuple(None if value is None else 1 - value for value in series.values)
+    return MetricSeries(values, series.unit, series.single, starts=series.starts)
+
+
+def _mean(series: MetricSeries) -> float | None:
+    known = [value for value in series.values if value is not None]
+    return sum(known) / len(known) if len(known) == len(series.values) and known else None
+
+
+def _ratio(
+    base: MetricSeries, head: MetricSeries
+) -> tuple[float | None, float | None, float | None]:
+    if base.bracket is not None and head.bracket is not None:
+        return _of_brackets(base.bracket, head.bracket)
+    a, b = _usable(base.values), _usable(head.values)
+    if a is None or b is None:
+        return None, None, None
+    if min(len(a), len(b)) < 2:
+        return (sum(b) / len(b)) / (sum(a) / len(a)), None, None
+    found, _ = welch_ratio_of_runs(RunValues(a, base.starts), RunValues(b, head.starts), CONFIDENCE)
+    return found.ratio, found.lower, found.upper
+
+
+def _of_brackets(
+    base: tuple[float | None, float | None], head: tuple[float | None, float | None]
+) -> tuple[float | None, float | None, float | None]:
+    """The peak lies somewhere in its bracket: the ratio's bounds are those of the extremes."""
+    (base_holds, base_fails), (head_holds, head_fails) = base, head
+    if not base_holds or not head_holds:
+        return None, None, None
+    lower = head_holds / base_fails if base_fails else None
+    upper = head_fails / base_holds if head_fails else None
+    return head_holds / base_holds, lower, upper
+
+
+def _usable(values: Sequence[float | None]) -> list[float] | None:
+    known = [value for value in values if value is not None and math.isfinite(value) and value > 0]
+    return known if known and len(known) == len(values) else None
+
+
+def _decide(
+    base: MetricSeries,
+    found: tuple[float | None, float | None, float | None],
+    margin: float,
+    *,
+    bigger: bool,
+) -> tuple[Outcome, str]:
+    ratio, lower, upper = found
+    if ratio is None:
+        if _usable(base.values) is None:
+            return "can't tell", "the base has no value, or a lost one, in some iteration"
+        return "worse", "the head has no value, or a lost one, in some iteration"
+    if lower is None and upper is None:
+        return "can't tell", "a single value does not show the variation"
+    high, low = 1 + margin, 1 / (1 + margin)
+    if lower is not None and lower > high:
+        return ("improved" if bigger else "worse"), _bounds_text(found, margin)
+    if upper is not None and upper < low:
+        return ("worse" if bigger else "improved"), _bounds_text(found, margin)
+    if lower is not None and upper is not None and lower >= low and upper <= high:
+        return "same", f"within {show(margin, 'share')}"
+    return "can't tell", _bounds_text(found, margin)
+
+
+def _bounds_text(found: tuple[float | None, float | None, float | None], margin: float) -> str:
+    _, lower, upper = found
+    ends = [f"at least {_percent(lower)}"] if lower is not None else []
+    ends += [f"at most {_percent(upper)}"] if upper is not None else []
+    return f"{' and '.join(ends)} of the base; the margin is {show(margin, 'share')}"
+
+
+def _percent(ratio: float | None) -> str:
+    return show(ratio, "share", 4)

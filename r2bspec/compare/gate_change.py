@@ -10,9 +10,9 @@ import msgspec
 
 from r2bspec.diagnostics.diagnostic import Path, Span
 from r2bspec.diagnostics.quote import clip
-from r2bspec.language import value_codec
+from r2bspec.language.declaration import encode_text
 from r2bspec.language.quantities import Duration, Rate, Share, Size
-from r2bspec.plan.plan_diff import ABSENT, PlanDifference
+from r2bspec.plan.comparability import ABSENT, PlanDifference
 
 if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec
@@ -93,7 +93,7 @@ def value_text(value: Any) -> str:
         return "none"
     if isinstance(value, str):
         return clip(value, _MAX_TEXT) or "none"
-    return clip(msgspec.json.encode(value, enc_hook=value_codec.encode).decode(), _MAX_TEXT)
+    return clip(msgspec.json.encode(value, enc_hook=encode_text).decode(), _MAX_TEXT)
 
 
 class Key(NamedTuple):

@@ -1,22 +1,33 @@
-"""Compares a run with earlier ones: a history gates, a stored run is advisory."""
+"""Compares a run with earlier ones: a history gates, a stored run is advisory.
+
+Such a run is run, judged, confirmed if it fails, and stored.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from r2bspec.compare.comparison import ComparedSource
-from r2bspec.compare.comparison_subject import ComparedResult, SeriesKey, read_compared_result
+import msgspec
+
+from r2bspec.compare.comparison import (
+    ComparedResult,
+    ComparedSource,
+    SeriesKey,
+    blocking_differences,
+    differences_of,
+    read_compared_result,
+)
 from r2bspec.compare.errors import IncomparableError
 from r2bspec.compare.history import HistoryEntry, HistoryMetric, open_history
-from r2bspec.compare.load_results import read_folder
-from r2bspec.compare.result_comparison import blocking_differences, differences_of
-from r2bspec.judge.baseline_requirements import iteration_values, run_value
-from r2bspec.judge.judge_requirement import iterations_at
+from r2bspec.compare.report_input import read_folder
+from r2bspec.judge import judge_run
+from r2bspec.judge.baseline_comparison import fails_by_history, iteration_values, run_value
+from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.result import Result
-from r2bspec.judge.statistics.prediction_interval import MAX_HISTORY_RUNS
+from r2bspec.judge.statistics.t_interval import MAX_HISTORY_RUNS
 from r2bspec.measure.distribution import HISTORY_PARTS
 from r2bspec.measure.metric_catalogue import MetricError, MetricInfo, resolve
 from r2bspec.measure.run_samples import read_samples
@@ -24,13 +35,23 @@ from r2bspec.measure.samples import RunSamples, starts_of
 from r2bspec.plan.canonical_json import plan_hash
 from r2bspec.plan.comparability import measured_hash
 from r2bspec.plan.plan import Plan
-from r2bspec.record.atomic_files import write_atomically
-from r2bspec.record.baseline_file import BASELINE_FILE, BaselineRecord, BaselineSeries, to_json
-from r2bspec.record.graph_identity import decode_identity, encode_identity
-from r2bspec.record.machine_fingerprint import describe_machine, fingerprint
-from r2bspec.record.run_folder import Run
+from r2bspec.record.baseline_file import (
+    BASELINE_FILE,
+    CONFIRMATION_FOLDER,
+    BaselineRecord,
+    BaselineSeries,
+    to_json,
+)
+from r2bspec.record.files import write_atomically
+from r2bspec.record.graph_identity import (
+    decode_identity,
+    describe_machine,
+    encode_identity,
+    fingerprint,
+)
+from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.record.run_record import RunRecord
-from r2bspec.untrusted.safe_file import is_folder
+from r2bspec.safe_io.safe_file import is_folder
 
 _MONITOR_METRICS = (
     "throughput.mean",
@@ -208,7 +229,7 @@ def _required_values(
                 value if value is not None and math.isfinite(value) else None
                 for value in iteration_values(info, monitor, at_hz, samples)
             ),
-            starts_of(iterations_at(samples.iterations, at_hz)),
+            starts_of(samples.iterations_at(at_hz)),
         )
         for at_hz, monitor, info in _required_metrics(plan, samples)
     }
@@ -241,3 +262,54 @@ def add_to_history(path: Path, run: Run, result: Result) -> bool:
 
 def _dataset(record: RunRecord) -> str:
     return str(record.dataset.get("sha256") or record.dataset.get("source") or "")
+
+
+RunPlan = Callable[[RunFolder, Plan], Result]
+"""Runs a plan, into a folder."""
+
+
+def run_with_baseline(
+    run_plan: RunPlan,
+    plan: Plan,
+    folder: RunFolder,
+    *,
+    history: Path | None,
+    stored: BaselineRecord | None,
+) -> Result:
+    """Run a benchmark and judge it by earlier runs.
+
+    Args:
+        run_plan: makes a run.
+        plan: of the run.
+        folder: of the run.
+        history: gates the run, and stores it.
+        stored: advisory, where there is no history.
+
+    Raises:
+        HistoryError: the history cannot be used; this is checked before the run.
+        RunError: the run failed.
+    """
+    if history is not None:
+        with open_history(history, create=True):
+            pass
+    result = run_plan(folder, plan)
+    baseline = baseline_from_history(history, open_run(folder.path)) if history else stored
+    if baseline is None:
+        return result
+    write_baseline(folder.path, baseline)
+    result = _judge(folder)
+    if fails_by_history(result.verdict) and plan.gate.confirm:
+        # The second run confirms the comparison with the history only.
+        once = msgspec.structs.replace(plan.gate, confirm=False)
+        with RunFolder.create(folder.path / CONFIRMATION_FOLDER) as confirmation:
+            run_plan(confirmation, msgspec.structs.replace(plan, gate=once))
+        result = _judge(folder)
+    if history is not None:
+        add_to_history(history, open_run(folder.path), result)
+    return result
+
+
+def _judge(folder: RunFolder) -> Result:
+    result = result_of(open_run(folder.path))
+    folder.write_result(judge_run.to_json(result))
+    return result

@@ -19,9 +19,9 @@ from r2bspec.compare.interleaved_runs import (
 from r2bspec.compare.judge_pairs import judge_comparison_folder, read_pair_set
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.errors import WorkspaceError
-from r2bspec.execute.host.machine import check_machine
 from r2bspec.execute.processes.environment import inherited_environment
-from r2bspec.execute.processes.middleware_setup import check_middleware
+from r2bspec.execute.processes.machine import check_machine
+from r2bspec.execute.processes.prerequisites import check_middleware
 from r2bspec.execute.progress import NullProgress, Progress
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import to_json

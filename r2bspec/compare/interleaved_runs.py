@@ -1,7 +1,7 @@
 """Interleaved runs of a base and a head: in pairs, each in new processes and with its own folder.
 
 A coin decides which side of a pair is first; its seed is in the record, and so is each order
-(`r2bspec.judge.statistics.paired_ratio` has the reason).
+(`r2bspec.judge.statistics.t_interval` has the reason).
 
 Every run is a complete one (`r2bspec.execute.controller`): it loads, starts, warms up, plays each
 rate once, and ends all that it started. Sharing the loaded data would save a second or two, and
@@ -20,15 +20,15 @@ from pathlib import Path
 from r2bspec.errors import R2bspecError, without_output
 from r2bspec.execute.controller import run_plan
 from r2bspec.execute.errors import InterruptedRunError, RunError, UnwritableRunError
-from r2bspec.execute.processes.signals import Interrupts
-from r2bspec.execute.processes.workspaces import applied_environment
+from r2bspec.execute.processes.environment import applied_environment
 from r2bspec.execute.progress import Progress
+from r2bspec.execute.states import Interrupts
 from r2bspec.exit_status import ExitStatus
 from r2bspec.judge.confirmation import needs_confirmation
 from r2bspec.judge.pair_comparison import interference_text, why_unusable
-from r2bspec.judge.statistics.paired_ratio import PairOrder, pair_orders
+from r2bspec.judge.statistics.t_interval import PairOrder, pair_orders
 from r2bspec.judge.verdict import Verdict
-from r2bspec.language.secret_variables import shown_value
+from r2bspec.language.environment_access import shown_value
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.comparability import single_run_plan

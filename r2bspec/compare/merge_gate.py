@@ -25,8 +25,7 @@ from typing import Protocol
 
 import msgspec
 
-from r2bspec.compare.base_build import BaseBuildError, BaseBuilds
-from r2bspec.compare.base_environment import is_code_of
+from r2bspec.compare.base_environment import BaseBuildError, BaseBuilds, is_code_of
 from r2bspec.compare.base_reference import BaseReference
 from r2bspec.compare.base_tree import BaseRevisionError, BaseTree
 from r2bspec.compare.gate_strength import (
@@ -41,7 +40,7 @@ from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import R2bspecError, without_output
 from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.identity.identify_graph import graph_identity
-from r2bspec.execute.processes.workspaces import applied_environment
+from r2bspec.execute.processes.environment import applied_environment
 from r2bspec.execute.progress import NullProgress, Progress
 from r2bspec.exit_status import ExitStatus
 from r2bspec.language.load_spec import LoadedSpec
@@ -49,9 +48,8 @@ from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.language.spec import GateBase, Objective
 from r2bspec.plan.comparability import difference_lines, graph_differences, load_differences
 from r2bspec.plan.plan import Plan
-from r2bspec.record.graph_identity import GraphIdentity, identity_differences
-from r2bspec.record.loaded_files import read_loaded_files
-from r2bspec.untrusted.safe_file import is_regular
+from r2bspec.record.graph_identity import GraphIdentity, identity_differences, read_loaded_files
+from r2bspec.safe_io.safe_file import is_regular
 
 ALLOW_BASE = "base"
 """The name under which a pipeline allows a base that cannot run."""

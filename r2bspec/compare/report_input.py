@@ -1,16 +1,29 @@
-"""The input of a report: the result, and the run folder if there is one."""
+"""The input of a report: the result, and the run folder if there is one.
+
+It is loaded from a run folder, or from a ``result.json`` by itself.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from r2bspec.compare.errors import SamplesMissingError
+import msgspec
+
+from r2bspec.compare.errors import SamplesMissingError, UnreadableResultError
+from r2bspec.compare.judge_pairs import judge_comparison_folder
+from r2bspec.judge.judge_run import from_json, result_of
 from r2bspec.judge.result import Result
+from r2bspec.language.spec import Objective
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples
-from r2bspec.record.run_folder import Run
+from r2bspec.plan.plan import GatePlan
+from r2bspec.record.comparison_folder import is_comparison, open_comparison
+from r2bspec.record.run_folder import Run, open_run
+from r2bspec.safe_io.safe_file import is_folder, read_bytes
+from r2bspec.safe_io.safe_json import MAX_JSON_BYTES
 
 
 @dataclass(frozen=True)
@@ -62,3 +75,69 @@ class ReportInput:
     def baseline_samples(self) -> RunSamples | None:
         """The same of the baseline."""
         return None if self.baseline is None else read_samples(self.baseline)
+
+
+def read_report_input(
+    path: Path, *, spec_file: Path | None = None, baseline: Run | None = None
+) -> ReportInput:
+    """The input of a report: a folder is measured and judged again, a file is read as it is.
+
+    Raises:
+        RecordError: a folder is neither that of a run nor of a comparison.
+        UnreadableResultError: a file is not a result.
+    """
+    if is_folder(path):
+        return read_folder(path, spec_file=spec_file, baseline=baseline)
+    return ReportInput(result=read_result(path), spec_file=spec_file, baseline=baseline)
+
+
+def read_folder(
+    path: Path,
+    *,
+    spec_file: Path | None = None,
+    baseline: Run | None = None,
+    objectives: Mapping[str, Objective] | None = None,
+    judged_by: str = "",
+    gate: GatePlan | None = None,
+) -> ReportInput:
+    """The folder of a run, or of a comparison, measured and judged again.
+
+    Args:
+        path: the folder.
+        spec_file: the spec whose objectives are judged, where it is known.
+        baseline: another run to be shown next to it; a comparison has its own.
+        objectives: to judge by, if not the folder's own objectives.
+        judged_by: the name of the spec of `objectives`.
+        gate: of that spec, if not the folder's own.
+
+    Raises:
+        RecordError: it is neither, or a file of it is missing or damaged.
+    """
+    if is_comparison(path):
+        judged = judge_comparison_folder(open_comparison(path), objectives, judged_by, gate)
+        return ReportInput(
+            result=judged.result,
+            run=judged.head,
+            spec_file=spec_file,
+            baseline=baseline or judged.base,
+        )
+    run = open_run(path)
+    result = result_of(run, objectives, judged_by, gate)
+    return ReportInput(result=result, run=run, spec_file=spec_file, baseline=baseline)
+
+
+def read_result(path: Path) -> Result:
+    """Read a ``result.json``.
+
+    Raises:
+        UnreadableResultError: it does not exist, or is not a result.
+    """
+    try:
+        return from_json(read_bytes(path, max_bytes=MAX_JSON_BYTES))
+    except OSError as error:
+        raise UnreadableResultError(f"{path} cannot be read: {error.strerror or error}") from error
+    except msgspec.DecodeError as error:
+        raise UnreadableResultError(
+            f"{path} is not a result of this version: {error}",
+            hint="Name a run folder or the result.json in it.",
+        ) from error

@@ -10,13 +10,11 @@ from typing import TYPE_CHECKING, Literal
 import msgspec
 
 from r2bspec.bags.recording import DISPARITY_NAME, GROUND_TRUTH_NAME
-from r2bspec.datasets.scene.cameras import Camera, camera_pose, project
-from r2bspec.datasets.scene.motion import Pose, quaternion
-from r2bspec.datasets.scene.rig import IMAGE, STEREO_PAIRS, TopicSource
-from r2bspec.datasets.scene.scenes import Scene
-from r2bspec.datasets.scene.tag import FAMILY, Tag, tag_pose
-from r2bspec.untrusted.safe_json import read_json
-from r2bspec.untrusted.safe_npz import read_npz_array
+from r2bspec.datasets.cameras import Camera, Pose, camera_pose, project, quaternion
+from r2bspec.datasets.rig import IMAGE, STEREO_PAIRS, TopicSource
+from r2bspec.datasets.scenes import FAMILY, Scene, Tag, tag_pose
+from r2bspec.safe_io.decompression_budget import read_npz_array
+from r2bspec.safe_io.safe_json import read_json
 
 if TYPE_CHECKING:
     import numpy as np

@@ -11,7 +11,7 @@ from r2bspec.diagnostics.diagnostic import (
     Span,
     format_path,
 )
-from r2bspec.diagnostics.suggest import did_you_mean
+from r2bspec.diagnostics.quote import did_you_mean
 
 __all__ = [
     "Certainty",

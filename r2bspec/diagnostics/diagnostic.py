@@ -1,13 +1,18 @@
-"""The types of diagnostics."""
+"""The types of diagnostics, and the lines that their spans count."""
 
 from __future__ import annotations
 
+import re
 from enum import StrEnum
 
 import msgspec
 
 Path = tuple[str | int, ...]
 """The place of a value in the document: keys and list indices from the root."""
+
+
+LINE_BREAK = re.compile(r"\r\n|[\n\r\x85\u2028\u2029]")
+"""Lines end where they end for YAML."""
 
 
 class Severity(StrEnum):
@@ -38,6 +43,11 @@ class Span(msgspec.Struct, frozen=True, gc=False):
     def of_file(cls, file: str) -> Span:
         """The beginning of a file, for problems without a more specific place."""
         return cls(file, 1, 1, 1, 1)
+
+
+def split_lines(text: str) -> list[str]:
+    """The lines of a text as YAML splits them, without line breaks."""
+    return LINE_BREAK.split(text)
 
 
 class Related(msgspec.Struct, frozen=True, gc=False):

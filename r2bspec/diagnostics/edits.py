@@ -11,8 +11,7 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from r2bspec.diagnostics.diagnostic import Diagnostic, Edit, Severity, Span
-from r2bspec.diagnostics.source_lines import LINE_BREAK
+from r2bspec.diagnostics.diagnostic import LINE_BREAK, Diagnostic, Edit, Severity, Span
 
 MAX_ROUNDS = 20
 """Rounds of editing and checking. Each round fixes at least one finding, so few are needed."""

@@ -18,10 +18,8 @@ from typing import Any
 import msgspec
 from msgspec.structs import replace
 
-from r2bspec.diagnostics.diagnostic import Diagnostic, Severity, Span
-from r2bspec.diagnostics.quote import quote
-from r2bspec.diagnostics.source_lines import split_lines
-from r2bspec.diagnostics.suggest import did_you_mean
+from r2bspec.diagnostics.diagnostic import Diagnostic, Severity, Span, split_lines
+from r2bspec.diagnostics.quote import did_you_mean, quote
 
 TOO_LARGE = "R2B002"
 WAIVER_WITHOUT_REASON = "R2B040"

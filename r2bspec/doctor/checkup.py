@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from r2bspec.execute.host.machine import interpreter
+from r2bspec.execute.processes.machine import interpreter
 from r2bspec.middleware.middleware import SHARED_MEMORY
 
 Status = Literal["ok", "warn", "problem"]
@@ -31,6 +31,14 @@ class CheckResult(msgspec.Struct, frozen=True):
     found: str
     advice: str = ""
     data: dict[str, Any] = {}
+
+
+def advised(
+    topic: str, name: str, found: str, advice: str, data: dict[str, Any] | None = None
+) -> CheckResult:
+    """The result of a check that warns where there is something to do, and is fine otherwise."""
+    status: Status = "warn" if advice else "ok"
+    return CheckResult(topic, name, status, found, advice=advice, data=data or {})
 
 
 @dataclass(frozen=True)

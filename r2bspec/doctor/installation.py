@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from r2bspec.doctor.checkup import CheckResult, System
+from r2bspec.doctor.checkup import CheckResult, System, advised
 from r2bspec.measure.units import show
 from r2bspec.middleware.middleware import (
     RMW_VARIABLE,
@@ -21,8 +21,8 @@ from r2bspec.middleware.middleware import (
     refuse_transport,
     selected_rmw,
 )
-from r2bspec.native.errors import BuildError
-from r2bspec.native.harness_library import harness_program
+from r2bspec.native.build import BuildError
+from r2bspec.native.harness_objects import harness_program
 
 _ROS = "ROS 2"
 
@@ -81,28 +81,23 @@ def _distributions(system: System) -> CheckResult:
     parts += [f"{each} as wheels" for each in named]
     # The metapackage of the wheels names the same rclpy again; only a sourced one competes.
     mixed = bool(sourced) and any(not each.startswith(sourced) for each in named)
-    return CheckResult(
+    advice = "" if parts else _INSTALL
+    if mixed:
+        advice = "two distributions are mixed: source none, or leave the wheels out"
+    return advised(
         _ROS,
         "distributions",
-        "warn" if mixed or not parts else "ok",
         ", ".join(parts) or "none that is sourced or installed as wheels",
-        advice="two distributions are mixed: source none, or leave the wheels out"
-        if mixed
-        else ("" if parts else _INSTALL),
-        data={"sourced": sourced, "prefixes": prefixes, "wheels": wheels},
+        advice,
+        {"sourced": sourced, "prefixes": prefixes, "wheels": wheels},
     )
 
 
 def _client_library(seconds: float, file: str) -> CheckResult:
     slow = seconds > _MAX_IMPORT_S
-    return CheckResult(
-        _ROS,
-        "rclpy",
-        "warn" if slow else "ok",
-        f"imported in {show(seconds, 's')} from {Path(file).parent}",
-        advice="every process of a run waits for this; a network file system?" if slow else "",
-        data={"import_s": seconds, "file": file},
-    )
+    found = f"imported in {show(seconds, 's')} from {Path(file).parent}"
+    advice = "every process of a run waits for this; a network file system?" if slow else ""
+    return advised(_ROS, "rclpy", found, advice, {"import_s": seconds, "file": file})
 
 
 def _middleware(system: System, used: str) -> CheckResult:
@@ -116,14 +111,8 @@ def _middleware(system: System, used: str) -> CheckResult:
     )
     others = [each for each in here if each != used]
     advice = [*_refused_transport(system, used), *_overridden_discovery(system, used)]
-    return CheckResult(
-        _ROS,
-        "middleware",
-        "warn" if advice else "ok",
-        used + (f" (also here: {', '.join(others)})" if others else ""),
-        advice="; ".join(advice),
-        data={"used": used, "here": here},
-    )
+    found = used + (f" (also here: {', '.join(others)})" if others else "")
+    return advised(_ROS, "middleware", found, "; ".join(advice), {"used": used, "here": here})
 
 
 def _refused_transport(system: System, used: str) -> Iterator[str]:
@@ -146,14 +135,9 @@ def _messages(system: System) -> CheckResult:
     found = probe_imports(system, *(f"{name}.msg" for name in _MESSAGES))
     missing = [name for name in _MESSAGES if "error" in found[f"{name}.msg"]]
     there = [name for name in _MESSAGES if name not in missing]
-    return CheckResult(
-        _ROS,
-        "messages",
-        "warn" if missing else "ok",
-        ", ".join(there) + (f"; not here: {', '.join(missing)}" if missing else ""),
-        advice=f"specs that use them cannot run; {_INSTALL}" if missing else "",
-        data={"missing": missing},
-    )
+    named = ", ".join(there) + (f"; not here: {', '.join(missing)}" if missing else "")
+    advice = f"specs that use them cannot run; {_INSTALL}" if missing else ""
+    return advised(_ROS, "messages", named, advice, {"missing": missing})
 
 
 def _paths(text: str) -> list[str]:
@@ -195,18 +179,9 @@ def check_vision(system: System) -> list[CheckResult]:
     """Check whether it can be imported. Other nodes than the reference nodes may not need it."""
     found = probe_imports(system, "cv2")["cv2"]
     if "error" in found:
-        return [
-            CheckResult(
-                _OPENCV,
-                "version",
-                "warn",
-                found["error"],
-                advice="the reference nodes for images need it: pip install 'r2bspec[vision]'",
-            )
-        ]
-    return [
-        CheckResult(_OPENCV, "version", "ok", found["version"], data=found),
-    ]
+        advice = "the reference nodes for images need it: pip install 'r2bspec[vision]'"
+        return [advised(_OPENCV, "version", found["error"], advice)]
+    return [advised(_OPENCV, "version", found["version"], "", found)]
 
 
 _NATIVE = "native harness"

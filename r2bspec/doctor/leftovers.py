@@ -17,8 +17,8 @@ from collections.abc import Iterator, Set
 from dataclasses import dataclass
 from pathlib import Path
 
-from r2bspec.datasets.dataset_cache import datasets_dir
-from r2bspec.doctor.checkup import CheckResult, System
+from r2bspec.datasets.synthesis import datasets_dir
+from r2bspec.doctor.checkup import CheckResult, System, advised
 from r2bspec.ipc.process_cleanup import Session, end_run_processes, now_ticks
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.measure.units import show
@@ -256,14 +256,9 @@ def clean(system: System, cache: Path | None = None) -> list[str]:
 
 
 def _living(found: Leftovers) -> CheckResult:
-    return CheckResult(
-        _RUNS,
-        "in progress",
-        "warn" if found.living else "ok",
-        f"{found.living}" if found.living else "none",
-        advice="runs at the same time disturb each other" if found.living else "",
-        data={"living": found.living},
-    )
+    advice = "runs at the same time disturb each other" if found.living else ""
+    living = f"{found.living}" if found.living else "none"
+    return advised(_RUNS, "in progress", living, advice, {"living": found.living})
 
 
 def _orphans(found: Leftovers) -> CheckResult:
@@ -281,26 +276,15 @@ def _orphans(found: Leftovers) -> CheckResult:
 def _segments(found: Leftovers) -> CheckResult:
     size = sum(each.bytes for each in found.segments)
     shown = [each.name for each in found.segments]
-    return CheckResult(
-        _RUNS,
-        "dead segments",
-        "warn" if shown else "ok",
-        f"{show(size, 'B')} in {len(shown)}" if shown else "none",
-        advice=f"shared memory of ROS programs that were killed; {_CLEAN}" if shown else "",
-        data={"bytes": size, "names": shown},
-    )
+    amount = f"{show(size, 'B')} in {len(shown)}" if shown else "none"
+    advice = f"shared memory of ROS programs that were killed; {_CLEAN}" if shown else ""
+    return advised(_RUNS, "dead segments", amount, advice, {"bytes": size, "names": shown})
 
 
 def _folders(found: Leftovers) -> CheckResult:
     shown = [str(each) for each in found.folders]
-    return CheckResult(
-        _RUNS,
-        "scratch folders",
-        "warn" if shown else "ok",
-        _shortened(shown),
-        advice=f"of runs that were killed; {_CLEAN}" if shown else "",
-        data={"paths": shown},
-    )
+    advice = f"of runs that were killed; {_CLEAN}" if shown else ""
+    return advised(_RUNS, "scratch folders", _shortened(shown), advice, {"paths": shown})
 
 
 def _shortened(names: list[str]) -> str:

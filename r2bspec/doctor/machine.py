@@ -14,8 +14,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from r2bspec.datasets.dataset_cache import datasets_dir
-from r2bspec.doctor.checkup import CheckResult, Status, System, read_int, read_text
+from r2bspec.datasets.synthesis import datasets_dir
+from r2bspec.doctor.checkup import CheckResult, Status, System, advised, read_int, read_text
 from r2bspec.measure.units import show
 from r2bspec.middleware.middleware import Middleware, Transport, middleware_of
 
@@ -39,28 +39,19 @@ def check_processor(
 def _cores(system: System) -> CheckResult:
     cores = len(os.sched_getaffinity(0))
     quota = _quota(system)
-    data = {"cores": cores, "quota": quota}
+    found, advice = f"{cores}", ""
     if quota is not None and quota < cores:
-        return CheckResult(
-            _PROCESSOR,
-            "cores",
-            "warn",
-            f"{cores}, limited to the CPU time of {quota:g} by a control group",
-            advice="processes are throttled when the quota of a period is used up; increase the "
-            "quota of the container, or assign cores instead",
-            data=data,
+        found = f"{cores}, limited to the CPU time of {quota:g} by a control group"
+        advice = (
+            "processes are throttled when the quota of a period is used up; increase the "
+            "quota of the container, or assign cores instead"
         )
-    if cores < _MIN_CORES:
-        return CheckResult(
-            _PROCESSOR,
-            "cores",
-            "warn",
-            f"{cores}",
-            advice="player, monitor and graph share the cores; compare results of this machine "
-            "only with each other",
-            data=data,
+    elif cores < _MIN_CORES:
+        advice = (
+            "player, monitor and graph share the cores; compare results of this machine "
+            "only with each other"
         )
-    return CheckResult(_PROCESSOR, "cores", "ok", f"{cores}", data=data)
+    return advised(_PROCESSOR, "cores", found, advice, {"cores": cores, "quota": quota})
 
 
 def _quota(system: System) -> float | None:
@@ -75,20 +66,14 @@ def _quota(system: System) -> float | None:
 def _governor(system: System) -> CheckResult:
     files = (system.sys / "devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
     governors = sorted({text for file in files if (text := read_text(file))})
-    data = {"governors": governors}
-    if not governors:
-        found = "unknown (usual for virtual machines)"
-        return CheckResult(_PROCESSOR, "governor", "ok", found, data=data)
-    if governors == ["performance"]:
-        return CheckResult(_PROCESSOR, "governor", "ok", "performance", data=data)
-    return CheckResult(
-        _PROCESSOR,
-        "governor",
-        "warn",
-        ", ".join(governors),
-        advice="at low rates, latencies include the wake-up of the cores: "
-        "sudo cpupower frequency-set -g performance",
-        data=data,
+    found = ", ".join(governors) or "unknown (usual for virtual machines)"
+    advice = (
+        "at low rates, latencies include the wake-up of the cores: "
+        "sudo cpupower frequency-set -g performance"
+    )
+    saving = bool(governors) and governors != ["performance"]
+    return advised(
+        _PROCESSOR, "governor", found, advice if saving else "", {"governors": governors}
     )
 
 
@@ -97,15 +82,9 @@ def _clock(system: System) -> CheckResult | None:
     source = read_text(folder / "current_clocksource")
     if source is None:
         return None
-    fast = source in _FAST_CLOCKS
-    return CheckResult(
-        _PROCESSOR,
-        "clock",
-        "ok" if fast else "warn",
-        source,
-        advice="" if fast else "reading it is a system call that takes a microsecond or more",
-        data={"clocksource": source},
-    )
+    slow = source not in _FAST_CLOCKS
+    advice = "reading it is a system call that takes a microsecond or more" if slow else ""
+    return advised(_PROCESSOR, "clock", source, advice, {"clocksource": source})
 
 
 def _load(system: System, sleep: Callable[[float], object]) -> CheckResult | None:
@@ -119,24 +98,13 @@ def _load(system: System, sleep: Callable[[float], object]) -> CheckResult | Non
     # user nice system idle iowait irq softirq steal
     busy, stolen = 1 - (spent[3] + spent[4]) / total, spent[7] / total
     data = {"busy": round(busy, 4), "stolen": round(stolen, 4)}
-    found = f"{busy:.0%} busy"
+    found, advice = f"{busy:.0%} busy", ""
     if stolen > _MAX_STEAL_SHARE:
-        return CheckResult(
-            _PROCESSOR,
-            "idle load",
-            "warn",
-            f"{found}, {stolen:.1%} taken by the host of this virtual machine (steal)",
-            advice="the virtual machine does not run during this time; use a dedicated host",
-            data=data,
-        )
-    return CheckResult(
-        _PROCESSOR,
-        "idle load",
-        "warn" if busy > _MAX_BUSY_SHARE else "ok",
-        found,
-        advice="stop other programs, which affect the results" if busy > _MAX_BUSY_SHARE else "",
-        data=data,
-    )
+        found += f", {stolen:.1%} taken by the host of this virtual machine (steal)"
+        advice = "the virtual machine does not run during this time; use a dedicated host"
+    elif busy > _MAX_BUSY_SHARE:
+        advice = "stop other programs, which affect the results"
+    return advised(_PROCESSOR, "idle load", found, advice, data)
 
 
 def _ticks(system: System) -> list[int] | None:
@@ -231,16 +199,13 @@ def _buffer(
         return CheckResult(_NETWORK, title, "ok", "not told by this kernel")
     data = {f"net.core.{name}": limit, "wanted": requested}
     if limit >= requested:
-        return CheckResult(_NETWORK, title, "ok", f"up to {show(limit, 'B')}", data=data)
-    return CheckResult(
-        _NETWORK,
-        title,
-        "warn",
-        f"at most {show(limit, 'B')}, while {middleware} asks for {show(requested, 'B')}",
-        advice="large messages over UDP will be lost and sent again; "
-        f"sudo sysctl -w net.core.{name}={requested}",
-        data=data,
+        return advised(_NETWORK, title, f"up to {show(limit, 'B')}", "", data)
+    found = f"at most {show(limit, 'B')}, while {middleware} asks for {show(requested, 'B')}"
+    advice = (
+        "large messages over UDP will be lost and sent again; "
+        f"sudo sysctl -w net.core.{name}={requested}"
     )
+    return advised(_NETWORK, title, found, advice, data)
 
 
 def _loopback(system: System) -> list[CheckResult]:

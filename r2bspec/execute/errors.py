@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
-from r2bspec.record.errors import RUN_UNWRITABLE
+from r2bspec.record.files import RUN_UNWRITABLE
 from r2bspec.record.run_record import Difference
 
 _CERTAIN_CODES = frozenset({"R2B633", "R2B644", "R2B658", "R2B681"})

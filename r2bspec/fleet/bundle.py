@@ -230,7 +230,7 @@ class _Recording:
 
 def _recordings(side: SentSide) -> Iterator[_Recording]:
     """The recordings of a plan; hosts make synthetic ones themselves."""
-    from r2bspec.datasets.locate_bag import locate
+    from r2bspec.datasets.catalogue import locate
 
     base_dir = _plain_path(side.base_dir)
     for dataset in side.plan.datasets or (side.plan.dataset,):

@@ -45,7 +45,7 @@ from r2bspec.fleet.hosts import Host
 from r2bspec.fleet.journal import Journal, State
 from r2bspec.fleet.play_run import Played
 from r2bspec.fleet.transfer import MAX_TRANSFERS, Call, Steps, fetch, offer
-from r2bspec.judge.history_comparison import fails_by_history
+from r2bspec.judge.baseline_comparison import fails_by_history
 from r2bspec.judge.judge_run import result_of, to_json
 from r2bspec.judge.result import Result
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
@@ -452,7 +452,7 @@ class FleetRuns:
 
 
 class FleetHistory:
-    """The history of a client, as `r2bspec.compare.gated_run` uses it for a run on this machine.
+    """The history of a client, as `r2bspec.compare.history_gate` uses it for a run on this machine.
 
     The machine is part of what a run is compared by, so each host has a history of its own.
     """

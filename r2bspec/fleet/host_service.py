@@ -18,7 +18,7 @@ import msgspec
 from distributed.diagnostics.plugin import WorkerPlugin
 
 from r2bspec.bags.integrity import hash_files
-from r2bspec.check.this_machine import LABELS_VARIABLE
+from r2bspec.check.this_machine import LABELS_VARIABLE, unmet
 from r2bspec.fleet.bundle import Job, SentFile, digest_of
 from r2bspec.fleet.errors import (
     FleetError,
@@ -41,9 +41,8 @@ from r2bspec.fleet.play_run import (
     RunState,
 )
 from r2bspec.plan.canonical_json import parse_plan
-from r2bspec.plan.host_match import unmet
 from r2bspec.private_files import user_umask
-from r2bspec.record.atomic_files import write_atomically
+from r2bspec.record.files import write_atomically
 
 PLUGIN: Final = "r2bspec"
 

@@ -10,10 +10,9 @@ from typing import Any, Final, NamedTuple
 import msgspec
 
 from r2bspec._version import __version__
-from r2bspec.check.this_machine import gpus, ros_distro
+from r2bspec.check.this_machine import MachineFacts, gpus, ros_distro, unmet
 from r2bspec.errors import R2bspecError
 from r2bspec.fleet.errors import NoHostError, VersionDiffersError
-from r2bspec.plan.host_match import MachineFacts, unmet
 from r2bspec.plan.plan import Plan
 
 ALL: Final = "all"
@@ -97,7 +96,7 @@ def describe_host(
         allows: see `HostFacts`.
         doctor: whether to run the checks of `r2bspec doctor`, which take a moment.
     """
-    from r2bspec.execute.host.machine import describe_machine, describe_versions
+    from r2bspec.execute.processes.machine import describe_machine, describe_versions
 
     machine = describe_machine()
     return HostFacts(

@@ -16,7 +16,7 @@ from typing import Any, Final, Literal
 import msgspec
 
 from r2bspec.errors import UsageError
-from r2bspec.untrusted.safe_file import read_bytes
+from r2bspec.safe_io.safe_file import read_bytes
 
 JOURNAL_FILE: Final = "fleet.jsonl"
 _MAX_BYTES: Final = 256_000_000

@@ -20,7 +20,7 @@ import msgspec
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.fleet.bundle import Job, Side
-from r2bspec.record.atomic_files import write_atomically
+from r2bspec.record.files import write_atomically
 
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
@@ -188,9 +188,9 @@ def _invalidity(job: Job, tree: Path) -> Problem | None:
 def _play(job: Job, spool: Path, tree: Path) -> Result:
     """Make the run, or the comparison."""
     from r2bspec import api
-    from r2bspec.execute.host.host_lock import host_lock
+    from r2bspec.execute.processes.machine import host_lock
     from r2bspec.plan.time_estimate import estimate_time
-    from r2bspec.report.remaining_time import RemainingTime
+    from r2bspec.report.progress import RemainingTime
 
     head = _prepared(job.head, tree)
     remaining = RemainingTime(estimate_time(head.plan))
@@ -233,7 +233,7 @@ def _compare(
 ) -> Result:
     from r2bspec.compare.interleaved_comparison import compare, prepare_comparison
     from r2bspec.compare.interleaved_runs import ComparisonSide
-    from r2bspec.execute.processes.workspaces import workspace_environments
+    from r2bspec.execute.processes.environment import workspace_environments
 
     environment = workspace_environments(job.environments)
     base = _prepared(job.base, tree) if job.base is not None else head

@@ -22,8 +22,8 @@ from urllib.parse import urlsplit
 import msgspec
 
 from r2bspec.fleet.errors import FleetNotInstalledError, InsecureFleetError
-from r2bspec.untrusted.safe_file import is_there, read_text
-from r2bspec.untrusted.safe_yaml import load_values
+from r2bspec.safe_io.safe_file import is_there, read_text
+from r2bspec.safe_io.safe_yaml import load_values
 
 if TYPE_CHECKING:
     from distributed.security import Security

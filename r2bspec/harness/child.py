@@ -26,7 +26,7 @@ from r2bspec.harness.control_channel import Channel, ChannelClosedError
 from r2bspec.ipc import protocol
 from r2bspec.ipc.sample_files import is_refusal, refusal_text
 from r2bspec.middleware.middleware import middleware_of
-from r2bspec.record.errors import RUN_UNWRITABLE
+from r2bspec.record.files import RUN_UNWRITABLE
 
 _SIGEV_THREAD = 2
 

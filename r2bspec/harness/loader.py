@@ -22,7 +22,7 @@ from r2bspec.harness import rclpy_tools
 from r2bspec.harness.control_channel import Channel
 from r2bspec.harness.observer import GraphParticipant
 from r2bspec.ipc import buffers, protocol
-from r2bspec.ipc.stamps import TF, TF_QOS, TF_STATIC, read_stamp
+from r2bspec.ipc.buffers import TF, TF_QOS, TF_STATIC, read_stamp
 from r2bspec.language.spec import QoS
 
 _MIN_TIMEOUT_NS = 20_000_000

@@ -8,20 +8,13 @@ A function that is a program of its own is run by ``-m r2bspec.harness.node_main
 [ARGUMENT]...``. It is called without arguments, as the entry point of ``ros2 run`` calls it: its
 call of ``rclpy.init`` reads the ROS arguments from the command line. Its file is not run as a
 script, because ``if __name__ == "__main__"`` may do something else.
-
-When it exits, the process names the files of the modules that it has imported, in a file of the
-folder that a variable names: the kernel does not know them.
 """
 
 from __future__ import annotations
 
-import atexit
-import contextlib
 import importlib
 import importlib.util
 import inspect
-import json
-import os
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -31,7 +24,6 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from r2bspec.exit_status import ExitStatus
-from r2bspec.ipc.protocol import MODULES_FOLDER_VARIABLE
 from r2bspec.plan.command_lines import flow_yaml
 from r2bspec.plan.plan import NodePlan
 from r2bspec.wiring.python_source import KEYWORD_ARGUMENTS
@@ -161,8 +153,6 @@ def _with_keywords(plan: NodePlan, factory: Any) -> Callable[[], Any]:
 def main() -> None:
     """Call the function that the command line names, and exit with what it returns."""
     target, *arguments = sys.argv[1:]
-    if folder := os.environ.get(MODULES_FOLDER_VARIABLE):
-        atexit.register(_name_modules, Path(folder))
     try:
         function = find_factory(target, Path.cwd())
     except NodeError as error:
@@ -170,12 +160,6 @@ def main() -> None:
         sys.exit(ExitStatus.FINDINGS_OR_FAILED)
     sys.argv = [target.rpartition(":")[0] or target, *arguments]
     sys.exit(function())
-
-
-def _name_modules(folder: Path) -> None:
-    with contextlib.suppress(OSError):
-        folder.mkdir(exist_ok=True)
-        (folder / f"{os.getpid()}.json").write_text(json.dumps(module_files()))
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from r2bspec.exit_status import ExitStatus
 from r2bspec.ipc.process_cleanup import Session, clean_up, now_ticks
-from r2bspec.record.folder_lock import LOCK_FILE
+from r2bspec.record.files import LOCK_FILE
 
 _GRACE_S = 1.0
 

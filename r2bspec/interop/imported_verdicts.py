@@ -26,12 +26,15 @@ from typing import Final, Literal
 import msgspec
 
 from r2bspec.interop.ros2_benchmark import MonitorFigures, ReferenceReport
-from r2bspec.judge.decision import Answer, Question, decide, requirement_verdict
-from r2bspec.judge.judge_requirement import limit_of
-from r2bspec.judge.methods.share_bound import share_test
-from r2bspec.judge.outcome import outcome_of
+from r2bspec.judge.methods.message_share import share_test
+from r2bspec.judge.requirement_case import (
+    Decision,
+    RequirementCase,
+    limit_of,
+    requirement_verdict,
+)
 from r2bspec.judge.statistics.effective_sample_size import EffectiveSample
-from r2bspec.judge.verdict import EXIT_CODES, RequirementVerdict, Verdict
+from r2bspec.judge.verdict import EXIT_CODES, RequirementVerdict, Verdict, outcome_of
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Objective
 from r2bspec.measure.metric_catalogue import MetricError, MetricInfo, resolve
@@ -112,7 +115,7 @@ def _judge_requirement(
     if named_monitor is not None:
         monitors = [named_monitor] if named_monitor in figures or len(figures) != 1 else [*figures]
     for monitor in monitors or [None]:
-        question = Question(
+        case = RequirementCase(
             objective=name,
             requirement=requirement,
             at_hz=at_hz,
@@ -123,13 +126,13 @@ def _judge_requirement(
         )
         # The playback is the same for all monitors.
         found = next(iter(figures.values()), None) if monitor is None else figures.get(monitor)
-        answer = _answer(question, report, found)
+        decision = _decision(case, report, found)
         notes: tuple[str, ...] = ()
-        if answer.method == "exact binomial":
+        if decision.method == "exact binomial":
             notes = (_BURSTS_UNKNOWN_NOTE,)
-        elif answer.method == "observation" and answer.outcome == "pass":
+        elif decision.method == "observation" and decision.outcome == "pass":
             notes = (_SINGLE_VALUE_NOTE,)
-        yield msgspec.structs.replace(requirement_verdict(question, answer), notes=notes)
+        yield msgspec.structs.replace(requirement_verdict(case, decision), notes=notes)
 
 
 def _resolve_metric(
@@ -161,74 +164,71 @@ def _figures_at(
     return next((found for rate, found in rates if math.isclose(float(rate), at_hz)), {})
 
 
-def _answer(question: Question, report: ReferenceReport, figures: MonitorFigures | None) -> Answer:
-    requirement, info = question.requirement, question.info
+def _decision(
+    case: RequirementCase, report: ReferenceReport, figures: MonitorFigures | None
+) -> Decision:
+    requirement, info = case.requirement, case.info
     if info.statistic == "search":
-        return _judge_peak(question, report.peak_hz)
+        return _judge_peak(case, report.peak_hz)
     if requirement.bound is None:
         return _inconclusive(f"The report has no {requirement.metric}.")
     if info.quantile is not None or requirement.windows_share is not None:
         return _inconclusive("The report has summaries only, not single messages.")
-    if math.isnan(question.limit):
+    if math.isnan(case.limit):
         return _inconclusive("A report is not compared with a baseline.")
     if figures is None:
-        where = f" at {show(question.at_hz, 'Hz')}" if question.at_hz is not None else ""
+        where = f" at {show(case.at_hz, 'Hz')}" if case.at_hz is not None else ""
         return _inconclusive(f"The report has no values{where}.")
     if info.name == "drop_rate":
-        return _judge_drop_rate(question, figures)
+        return _judge_drop_rate(case, figures)
     if info.scope == "machine":
         return _inconclusive("The report measures shares of all cores, but not their number.")
     field, extreme = _FIGURES.get(info.name, ("", ""))
     value = getattr(figures, field, None) if field else None
     if value is None:
         return _inconclusive(f"The report has no {info.name}.")
-    return _judge_observation(question, value, extreme)
+    return _judge_observation(case, value, extreme)
 
 
-def _judge_observation(question: Question, value: float, extreme: _Extreme) -> Answer:
+def _judge_observation(case: RequirementCase, value: float, extreme: _Extreme) -> Decision:
     """Compare a value with the limit, as far as it shows anything."""
-    is_met = question.is_met(value)
-    text = show(value, question.info.unit)
-    lost = (extreme == "largest" and question.is_upper_bound) or (
-        extreme == "smallest" and not question.is_upper_bound
+    is_met = case.is_met(value)
+    text = show(value, case.info.unit)
+    lost = (extreme == "largest" and case.is_upper_bound) or (
+        extreme == "smallest" and not case.is_upper_bound
     )
-    equal = question.requirement.op in {"==", "!="} and bool(extreme)
+    equal = case.requirement.op in {"==", "!="} and bool(extreme)
     if is_met and (lost or equal):
-        return Answer(
+        return Decision(
             outcome="inconclusive",
             method="none",
             reason=f"The report has {text}, but excludes the worst iteration.",
             remedy=_REMEDY,
             estimate=value,
         )
-    return Answer(
+    return Decision(
         outcome="pass" if is_met else "fail",
         method="observation",
-        reason=f"The report has {text}; the limit is {question.limit_text}.",
+        reason=f"The report has {text}; the limit is {case.limit_text}.",
         estimate=value,
         n=1,
     )
 
 
-def _judge_drop_rate(question: Question, figures: MonitorFigures) -> Answer:
+def _judge_drop_rate(case: RequirementCase, figures: MonitorFigures) -> Decision:
     """The binomial test on the messages of one iteration, which the values refer to."""
     if figures.sent is None or figures.missed is None or figures.sent < 1:
         return _inconclusive("The report has no message counts.")
     sent, missed = round(figures.sent), math.ceil(figures.missed)
     counts = EffectiveSample(n=sent, bad=missed, bursts=missed, inflation=1.0, cause="")
-    test = share_test(
-        counts, question.limit, question.confidence, lost=missed, ceiling=question.is_upper_bound
-    )
-    towards, against = (
-        (test.upper, test.lower) if question.is_upper_bound else (test.lower, test.upper)
-    )
-    outcome = decide(passes=question.is_met(towards), fails=not question.is_met(against))
-    return Answer(
+    test = share_test(counts, case.limit, case.confidence, lost=missed, ceiling=case.is_upper_bound)
+    outcome = case.outcome_of_bounds(test.lower, test.upper)
+    return Decision(
         outcome=outcome,
         method="exact binomial",
-        reason=f"{missed} of {sent} messages were missed; at {question.confidence_text} the true "
+        reason=f"{missed} of {sent} messages were missed; at {case.confidence_text} the true "
         f"share is {show(test.lower, 'share')} to {show(test.upper, 'share')}, and the limit is "
-        f"{question.limit_text}.",
+        f"{case.limit_text}.",
         remedy=_REMEDY if outcome == "inconclusive" else "",
         estimate=test.share,
         lower=test.lower,
@@ -239,21 +239,21 @@ def _judge_drop_rate(question: Question, figures: MonitorFigures) -> Answer:
     )
 
 
-def _judge_peak(question: Question, peak_hz: float | None) -> Answer:
+def _judge_peak(case: RequirementCase, peak_hz: float | None) -> Decision:
     if peak_hz is None:
         return _inconclusive("The report has no peak.")
-    is_met = question.is_met(peak_hz)
+    is_met = case.is_met(peak_hz)
     text = show(peak_hz, "Hz")
-    if is_met == question.is_upper_bound:
+    if is_met == case.is_upper_bound:
         # That search overestimates: a value below the limit is a proof.
-        return Answer(
+        return Decision(
             outcome="pass" if is_met else "fail",
             method="observation",
-            reason=f"The search of the report found {text}; the limit is {question.limit_text}.",
+            reason=f"The search of the report found {text}; the limit is {case.limit_text}.",
             estimate=peak_hz,
             n=1,
         )
-    return Answer(
+    return Decision(
         outcome="inconclusive",
         method="none",
         reason=f"The search of the report found {text}, but it accepts rates that the graph "
@@ -263,5 +263,5 @@ def _judge_peak(question: Question, peak_hz: float | None) -> Answer:
     )
 
 
-def _inconclusive(reason: str) -> Answer:
-    return Answer(outcome="inconclusive", method="none", reason=reason, remedy=_REMEDY)
+def _inconclusive(reason: str) -> Decision:
+    return Decision(outcome="inconclusive", method="none", reason=reason, remedy=_REMEDY)

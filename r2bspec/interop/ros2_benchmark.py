@@ -19,18 +19,13 @@ from typing import Any, Literal
 
 import msgspec
 
-from r2bspec.compare.comparison import ComparedSource
-from r2bspec.compare.comparison_subject import ComparedResult, MetricSeries, SeriesKey
+from r2bspec.compare.comparison import ComparedResult, ComparedSource, MetricSeries, SeriesKey
 from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
-from r2bspec.report.formats.ros2_benchmark import (
-    BASIC_PREFIX,
-    METADATA_PREFIX,
-    RESOURCE_PREFIX,
-)
-from r2bspec.untrusted.safe_file import read_bytes
-from r2bspec.untrusted.safe_json import MAX_JSON_BYTES, decode_python_json
+from r2bspec.report.ros2_benchmark import BASIC_PREFIX, METADATA_PREFIX, RESOURCE_PREFIX
+from r2bspec.safe_io.safe_file import read_bytes
+from r2bspec.safe_io.safe_json import MAX_JSON_BYTES, decode_python_json
 
 _RATE_KEY = re.compile(r"(\d+(?:\.\d+)?)fps")
 _KNOWN_PREFIXES = (BASIC_PREFIX, RESOURCE_PREFIX, "CPUProfilingMetrics")

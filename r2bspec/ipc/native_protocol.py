@@ -41,11 +41,17 @@ from typing import Any
 import msgspec
 
 from r2bspec.ipc import buffers, protocol
-from r2bspec.ipc.playback_events import Round, read_round
-from r2bspec.ipc.playback_file import PlaybackReader, playback_path, write_playback, write_playlist
+from r2bspec.ipc.buffers import TF, TF_QOS, TF_TYPE
+from r2bspec.ipc.playback_file import (
+    PlaybackReader,
+    Round,
+    playback_path,
+    read_round,
+    write_playback,
+    write_playlist,
+)
 from r2bspec.ipc.sample_files import STALL_FILE, is_refusal, refusal_text
 from r2bspec.ipc.schedule import Schedule
-from r2bspec.ipc.stamps import TF, TF_QOS, TF_TYPE
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import MonitorPlan
 

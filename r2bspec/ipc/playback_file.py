@@ -1,7 +1,7 @@
 """Playback files: what a player publishes when, and when it did so.
 
 The controller writes a file for each playback, and the player (``player.c``) maps it, plays it, and
-writes the times into it. A file has the entries (`r2bspec.ipc.playback_events.ENTRY_DTYPE`) after a
+writes the times into it. A file has the entries (`r2bspec.ipc.playback_file.ENTRY_DTYPE`) after a
 header, all little-endian::
 
     int64 published, magic "R2BPLAY4", int64 entries, is_loaded, has_stamps, least_ns
@@ -12,20 +12,319 @@ is then given a system time of at least `least_ns`; otherwise this is the least 
 earlier playbacks are not repeated in this way, although stamps may be ahead of the clock.
 The first `published` entries are complete: the player writes them before it counts them, so that
 this process can read while it plays, and after it was killed.
+
+An event is the messages that are published at one time; it has an entry for each of them.
+`read_round` makes one round of entries from a schedule and the buffers that have its messages.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.ipc.playback_events import ENTRY_DTYPE, Entries, Round, TimelineRound
+from r2bspec.ipc import buffers
+from r2bspec.ipc.buffers import STAMP_BYTES, TF, StampedTransforms
 from r2bspec.ipc.sample_files import named_errors
-from r2bspec.ipc.schedule import NO_STEP
+from r2bspec.ipc.schedule import ALL_INPUTS, NO_STEP, CyclicSchedule, Schedule, TimelineSchedule
+
+ENTRY_DTYPE = np.dtype(
+    [
+        ("due_ns", "<i8"),
+        ("stamp_ns", "<i8"),
+        ("published_ns", "<i8"),
+        ("done_ns", "<i8"),
+        ("inputs", "<i8"),
+        ("offset", "<i8"),
+        ("add_ns", "<i8"),
+        ("size", "<i4"),
+        ("place", "<i4"),
+        ("source", "<i2"),
+        ("is_published", "<i2"),
+        ("left", "<i4"),
+        ("step", "<i4"),
+        ("complete", "<i4"),
+    ]
+)
+"""One entry of a playback.
+
+- `due_ns`: when its event is due, relative to the first step.
+- `stamp_ns`: the stamp of the event, relative to the beginning of a playback that has stamps; 0 for
+  the time of publication.
+- `published_ns`, `done_ns`: when publishing began and ended; the player writes them, as the times
+  above, into the first entry of the event, and the last one into the last entry.
+- `inputs`: the inputs of the plan of which the complete step has messages, as bits; -1 for all.
+- `source`, `offset`, `size`: where the message is; a source is an input of the plan, or /tf after
+  them.
+- `place`, `add_ns`: where in the message the player writes the stamp of the event plus `add_ns`;
+  -1 for nowhere.
+- `is_published`: a message with several stamps has an entry for each of them, of which the last is
+  published.
+- `left`: the entries of the event from this one on.
+- `step`: of the playback, or `NO_STEP`.
+- `complete`: how many steps, from the first, are complete once the event is published.
+"""
+
+Entries = NDArray[np.void]
+
+_BLOCK = 1 << 17
+"""Entries that are computed at once: 10 MB."""
+
+
+@dataclass(frozen=True)
+class Round:
+    """One round of a schedule.
+
+    Attributes:
+        entries: of type `ENTRY_DTYPE`, in the order in which they are due. Steps and `complete`
+            count from the beginning of the round.
+        steps: how many it has.
+    """
+
+    entries: Entries
+    steps: int
+
+    def blocks(self, rate_hz: float, steps: int, first: int) -> Iterator[Entries]:
+        """The entries of a playback, in blocks.
+
+        Args:
+            rate_hz: steps per second.
+            steps: how many.
+            first: the step of the round to begin with.
+        """
+        begin, end = self._bounds(steps, first)
+        for start in range(begin, end, _BLOCK):
+            turns, places = np.divmod(np.arange(start, min(start + _BLOCK, end)), self.entries.size)
+            found = self.entries[places]
+            numbers = turns * self.steps - first
+            found["complete"] += numbers.astype(np.int32)
+            found["step"] += np.where(found["step"] == NO_STEP, 0, numbers).astype(np.int32)
+            self._set_times(found, turns, places, rate_hz)
+            yield self._within(found, steps)
+
+    def _bounds(self, steps: int, first: int) -> tuple[int, int]:
+        """The first entry of a playback and the one after its last, in rounds without an end."""
+        raise NotImplementedError
+
+    def _set_times(
+        self, entries: Entries, turns: NDArray[np.int64], places: NDArray[np.int64], rate_hz: float
+    ) -> None:
+        """Set due times and stamps; each entry is at one of `places` of one of the rounds."""
+        raise NotImplementedError
+
+    def _within(self, entries: Entries, steps: int) -> Entries:
+        """Those that belong to the steps of a playback."""
+        del steps
+        return entries
+
+
+@dataclass(frozen=True)
+class CyclicRound(Round):
+    """One round of steps without times.
+
+    Attributes:
+        at: for each entry, when it is due, in steps from the beginning of the round.
+    """
+
+    at: NDArray[np.float64]
+
+    def _bounds(self, steps: int, first: int) -> tuple[int, int]:
+        _, starts = np.unique(self.entries["step"], return_index=True)
+        starts = starts[-self.steps :]  # without what belongs to no step
+        turns, rest = divmod(first + steps, self.steps)
+        return int(starts[first]), turns * self.entries.size + int(starts[rest])
+
+    def _set_times(
+        self, entries: Entries, turns: NDArray[np.int64], places: NDArray[np.int64], rate_hz: float
+    ) -> None:
+        del turns
+        # What is between two steps comes after the one that it completes nothing more than.
+        steps = entries["complete"] - 1
+        in_round = self.entries["complete"][places] - 1
+        # Relative to the first due time, so that rounding errors do not accumulate.
+        entries["due_ns"] = np.rint((steps + self.at[places] - in_round) * (1e9 / rate_hz))
+
+
+@dataclass(frozen=True)
+class TimelineRound(Round):
+    """One round of a recording; each playback begins at its beginning, so that all are equal.
+
+    The due times and stamps of `entries` are those of the first round.
+
+    Attributes:
+        period_ns: the duration of a round.
+        stamp_period_ns: the same in the recording.
+    """
+
+    period_ns: int
+    stamp_period_ns: int
+
+    def _bounds(self, steps: int, first: int) -> tuple[int, int]:
+        del first
+        if steps == 0:
+            return 0, 0
+        turns, last = divmod(steps - 1, self.steps)
+        # Steps may overlap: the playback ends when all of them are complete.
+        of_last_round = (self.entries["step"] >= 0) & (self.entries["step"] <= last)
+        return 0, turns * self.entries.size + int(np.flatnonzero(of_last_round)[-1]) + 1
+
+    def _set_times(
+        self, entries: Entries, turns: NDArray[np.int64], places: NDArray[np.int64], rate_hz: float
+    ) -> None:
+        del places, rate_hz
+        entries["due_ns"] += turns * self.period_ns
+        entries["stamp_ns"] += turns * self.stamp_period_ns
+
+    def _within(self, entries: Entries, steps: int) -> Entries:
+        found = entries[entries["step"] < steps]
+        found["complete"] = np.minimum(found["complete"], steps)
+        return found
+
+
+def complete_steps(steps: NDArray[np.int32]) -> NDArray[np.int32]:
+    """For each entry of a round, how many steps, from the first, are complete once it is published.
+
+    Args:
+        steps: of each entry, or `NO_STEP`. Every step has an entry.
+    """
+    of_steps = np.flatnonzero(steps != NO_STEP)
+    last = np.zeros(int(steps.max()) + 1, dtype=np.int64)
+    np.maximum.at(last, steps[of_steps], of_steps)
+    completed_by = np.maximum.accumulate(last)
+    return np.searchsorted(completed_by, np.arange(steps.size), side="right").astype(np.int32)
+
+
+_STAMP_POSITION = STAMP_BYTES - 8
+_NO_PLACE = (-1, 0)
+
+
+class _Buffers:
+    """Where the messages of all sources are; a source is read when the first of them is played."""
+
+    def __init__(
+        self, sources: Sequence[str], stamped: Sequence[bool], folder: Path, *, shifts: bool
+    ) -> None:
+        self._topics = [*sources, TF]
+        self._stamped = [*stamped, False]
+        self._folder = folder
+        self._transforms = b""
+        if shifts and buffers.buffer_path(folder, TF, "cdr").exists():
+            self._transforms = buffers.buffer_path(folder, TF, "cdr").read_bytes()
+        self._found: dict[int, tuple[tuple[int, ...], list[int]]] = {}
+
+    def find(self, source: int, position: int) -> tuple[int, int, list[tuple[int, int]]]:
+        """The offset and the size of a message, and its stamps: the place and what is in it now."""
+        if source not in self._found:
+            sizes = buffers.read_index(self._folder, self._topics[source]).sizes
+            self._found[source] = sizes, np.cumsum([0, *sizes]).tolist()
+        offset, size = self._found[source][1][position], self._found[source][0][position]
+        places = []
+        if source == len(self._topics) - 1 and self._transforms:
+            message = bytearray(self._transforms[offset : offset + size])
+            places = StampedTransforms(message).places()
+        elif self._stamped[source] and size >= STAMP_BYTES:
+            # The stamp of a header is replaced, whatever it is.
+            places = [(_STAMP_POSITION, 0)]
+        return offset, size, places or [_NO_PLACE]
+
+
+class _Entries:
+    """The entries of a round while it is made."""
+
+    def __init__(self, found: _Buffers) -> None:
+        self._buffers = found
+        self.rows: list[tuple[int, ...]] = []
+        self.at: list[float] = []
+
+    def add(
+        self,
+        messages: Sequence[tuple[int, int, int]],
+        *,
+        step: int,
+        inputs: int = ALL_INPUTS,
+        at: float = 0.0,
+        due_ns: int = 0,
+        stamp_ns: int = 0,
+        complete: int = 0,
+    ) -> None:
+        """Add an event; a message is its source, its position there, and a shift of its stamps."""
+        stamps = [
+            (offset, stamp_in_it_ns + shift_ns, size, place, source, number == len(places))
+            for source, position, shift_ns in messages
+            for offset, size, places in [self._buffers.find(source, position)]
+            for number, (place, stamp_in_it_ns) in enumerate(places, 1)
+        ]
+        for number, each in enumerate(stamps):
+            left = len(stamps) - number
+            self.rows.append((due_ns, stamp_ns, 0, 0, inputs, *each, left, step, complete))
+            self.at.append(at)
+
+    def array(self) -> NDArray[np.void]:
+        """The entries; of type `ENTRY_DTYPE`."""
+        return np.array(self.rows, dtype=ENTRY_DTYPE)
+
+
+def read_round(
+    schedule: Schedule, sources: Sequence[str], stamped: Sequence[bool], folder: Path
+) -> Round:
+    """One round of what the player gets for a schedule.
+
+    Args:
+        schedule: of the player.
+        sources: the topics of the buffers, in the order of the inputs of the plan.
+        stamped: for each of them, whether its messages get the stamp of the step in their headers.
+        folder: has the buffers, also that of /tf if the schedule plays it.
+
+    Raises:
+        OSError: a buffer is missing.
+        ValueError: a message on /tf is damaged.
+    """
+    if isinstance(schedule, CyclicSchedule):
+        return _cyclic_round(_Entries(_Buffers(sources, stamped, folder, shifts=True)), schedule)
+    shifts = schedule.shift_transforms
+    return _timeline_round(_Entries(_Buffers(sources, stamped, folder, shifts=shifts)), schedule)
+
+
+def _cyclic_round(entries: _Entries, schedule: CyclicSchedule) -> CyclicRound:
+    columns = schedule.columns or tuple(range(len(schedule.steps[0])))
+    inputs = sum(1 << each for each in columns) if schedule.between else ALL_INPUTS
+    extras = [each for each in schedule.without_step() if each[0] >= 0]
+    taken = 0
+    for step, positions in enumerate(schedule.steps):
+        shifts = schedule.stamp_offsets_ns[step : step + 1] or [(0,) * len(columns)]
+        of_step = list(zip(columns, positions, shifts[0], strict=True))
+        entries.add(of_step, step=step, inputs=inputs, at=float(step), complete=step + 1)
+        while taken < len(extras) and extras[taken][0] < step + 1:
+            at, (source, position), origin_ns = extras[taken]
+            between = [(source, position, -origin_ns)]
+            entries.add(between, step=NO_STEP, at=at, complete=step + 1)
+            taken += 1
+    return CyclicRound(entries.array(), len(schedule.steps), np.array(entries.at))
+
+
+def _timeline_round(entries: _Entries, schedule: TimelineSchedule) -> TimelineRound:
+    for each in schedule.messages:
+        stamp_ns, inputs, shift_ns = 0, ALL_INPUTS, 0
+        if each.step != NO_STEP:
+            step = schedule.steps[each.step]
+            stamp_ns, inputs = step.stamp_ns, step.inputs
+            if schedule.stamp_offsets_ns:
+                shift_ns = schedule.stamp_offsets_ns[each.step][each.input]
+        entries.add(
+            [(each.input, each.position, shift_ns)],
+            step=each.step,
+            inputs=inputs,
+            due_ns=each.offset_ns,
+            stamp_ns=stamp_ns - schedule.origin_ns,
+        )
+    found = entries.array()
+    found["complete"] = complete_steps(found["step"])
+    return TimelineRound(found, len(schedule.steps), schedule.period_ns, schedule.stamp_period_ns)
+
 
 _MAGIC = b"R2BPLAY4"
 _HEADER = struct.Struct("<q8s4q")

@@ -11,7 +11,7 @@ with its first message. The stamps of a round are those of the recording, shifte
 so that they stay consistent with each other; each round shifts them further by the recorded length
 of a round, so that no stamp is repeated.
 
-What is published when is computed by `r2bspec.ipc.playback_events`.
+What is published when is computed by `r2bspec.ipc.playback_file`.
 
 Transforms can be played with both, and in a cyclic schedule the messages of inputs with a rate of
 their own. They belong to no step and do not count as steps.

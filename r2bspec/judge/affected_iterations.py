@@ -1,4 +1,19 @@
-"""Iterations affected by host interference, and what they may do to a verdict.
+"""Host interference: which iterations it affected, and what it does to a verdict.
+
+``gate.interference`` says what it may do:
+
+    tolerate    nothing: the run is judged as it was measured, and reports show the interference
+    note        a FAIL that interference can explain becomes INCONCLUSIVE
+    strict      also, a PASS becomes INCONCLUSIVE if it rests on anything that was affected: on an
+                iteration without an unaffected rerun, on a probe, or on a start that others
+                disturbed while its processes came up
+
+In all of them, what no interference can explain stays a FAIL.
+
+What others do while a start comes up is over before its first iteration, whose own interference
+counts. It can only have changed where processes and their memory lie, which differs from start to
+start anyway: starts are the highest level of the sample, and a FAIL is confirmed in fresh ones. So
+it is stated, and changes no FAIL.
 
 On a shared machine other programs take the processor, the hypervisor takes it away (steal), and
 it is throttled because of heat. What is measured then is the machine. An iteration is affected if
@@ -22,7 +37,7 @@ in their best case:
     unaffected     the unaffected iterations alone, and where an affected one was played again and
                    the rerun was unaffected, the rerun in its place
     best case      all of these, and of each affected iteration without such a rerun as much as
-                   the interference cannot explain (`r2bspec.judge.best_case`)
+                   the interference cannot explain (`r2bspec.judge.interference_bound`)
 
 The verdict stays FAIL if either of them fails, too; otherwise it becomes INCONCLUSIVE. A PASS stays
 a PASS, and nothing becomes one: whatever is found here, the share of wrong passes is that of the
@@ -36,22 +51,108 @@ run whose failure the interference cannot explain.
 
 from __future__ import annotations
 
-import math
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Final, Literal
 
-import msgspec
-
-from r2bspec.judge.best_case import best_case_iteration, waiting_share
-from r2bspec.judge.interference_policy import REMEDY
-from r2bspec.judge.methods.method_registry import METHODS
-from r2bspec.judge.playback_validity import schedule_problem
+from r2bspec.judge.interference_bound import best_case_iteration, taken_share, waiting_share
+from r2bspec.judge.methods import METHODS
+from r2bspec.judge.validity import schedule_problem
 from r2bspec.judge.verdict import DisturbedIteration, RequirementVerdict
-from r2bspec.judge.waiting_bound import taken_share
 from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.samples import RunSamples, SegmentSamples
 from r2bspec.measure.units import show
+from r2bspec.record.run_record import Probe, RunRecord
+
+InterferencePolicy = Literal["tolerate", "note", "strict"]
+
+REMEDY: Final = "Run again on an otherwise idle machine."
+STRICT_REMEDY: Final = f"{REMEDY[:-1]}, or allow interference: 'interference: note'."
+
+
+def strict_pass(
+    judged: RequirementVerdict,
+    unaffected: RequirementVerdict,
+    disturbed: Mapping[str, DisturbedIteration],
+    disturbance_text: str,
+) -> RequirementVerdict:
+    """A PASS on affected iterations, under ``strict``.
+
+    Args:
+        judged: the verdict on all iterations as they were first played.
+        unaffected: the verdict on the unaffected ones, with unaffected reruns in their places.
+        disturbed: the affected iterations.
+        disturbance_text: those of this requirement, without a full stop.
+    """
+    left = [
+        one
+        for one in disturbed.values()
+        if not one.rerun_of
+        and judged.is_at(one.rate_hz)
+        and (not one.rerun or one.rerun in disturbed)
+    ]
+    if not left and unaffected.outcome == "pass":
+        note = f"{disturbance_text}. With those in their places it passes, too."
+        return judged.noted(note)
+    return strict_refusal(judged, disturbance_text)
+
+
+def strict_refusal(judged: RequirementVerdict, disturbance_text: str) -> RequirementVerdict:
+    """A PASS that ``strict`` does not accept; the text is without a full stop."""
+    note = f"{disturbance_text}. 'interference: strict' accepts no such PASS."
+    return judged.opened(note, STRICT_REMEDY)
+
+
+def disturbed_starts_text(one: RequirementVerdict, samples: RunSamples) -> str:
+    """Which starts that a requirement rests on were disturbed, without a full stop."""
+    played = {
+        each.segment.start
+        for rate_hz, found in samples.iterations.items()
+        if one.is_at(rate_hz)
+        for each in found
+    }
+    rests_on = played if METHODS[one.method].rests_on == "iterations" else {1}
+    found = [each for each in samples.record.starts if each.disturbed and each.number in rests_on]
+    if not found:
+        return ""
+    names = ", ".join(str(each.number) for each in found)
+    starts = "start" if len(found) == 1 else "starts"
+    return f"Host interference while {starts} {names} came up: {', '.join(found[0].disturbed)}"
+
+
+def judge_probe(
+    one: RequirementVerdict, record: RunRecord, policy: InterferencePolicy
+) -> RequirementVerdict:
+    """A verdict that rests on probes, with regard to the interference during them."""
+    probes = [each for each in _probes_of(one, record) if each.disturbed]
+    if not probes:
+        return one
+    at = f"{probes[-1].rate_hz:.4g} Hz"
+    text = f"Host interference during the probe at {at}: {', '.join(probes[-1].disturbed)}"
+    note = f"{text}."
+    if policy == "strict" and one.outcome == "pass":
+        return strict_refusal(one, text)
+    if one.outcome == "fail" and METHODS[one.method].rests_on == "probes":
+        if policy != "tolerate" and probes[-1].explained:
+            return one.opened(f"{note} Without it the rate might be sustained.", REMEDY)
+        if policy != "tolerate":
+            note = f"{note} That does not explain the failure."
+    return one.noted(note)
+
+
+def _probes_of(one: RequirementVerdict, record: RunRecord) -> list[Probe]:
+    """The probes that decided a requirement, the last one of each rate."""
+    rests_on = METHODS[one.method].rests_on
+    if rests_on == "probes":
+        found = [each for each in record.sustained if one.is_at(each.rate_hz)]
+    elif rests_on == "search" and record.search is not None:
+        ends = (record.search.holds_hz, record.search.fails_hz)
+        found = [each for each in record.search.probes if each.rate_hz in ends]
+    else:
+        found = []
+    return list({each.rate_hz: each for each in found}.values())
+
 
 _MAX_STEAL_SHARE = 0.01
 _MAX_FOREIGN_SHARE = 0.1
@@ -185,42 +286,32 @@ def weaken_failure(
     played: RequirementVerdict,
     unaffected: RequirementVerdict,
     disturbance_text: str,
-    best_case: RequirementVerdict | None = None,
+    best_case: RequirementVerdict,
 ) -> RequirementVerdict:
-    """A requirement judged on everything that was played, with regard to host interference.
+    """A FAIL on everything that was played, with regard to host interference.
 
     Args:
         played: the verdict on everything as it was first played.
         unaffected: the verdict without the affected iterations.
-        disturbance_text: which were affected, as a sentence without its full stop; empty for none.
-        best_case: the verdict with their best case, where there is one.
+        disturbance_text: which were affected, as a sentence without its full stop.
+        best_case: the verdict with their best case.
     """
-    if (
-        played.outcome != "fail"
-        or not disturbance_text
-        or not _rests_on_iterations(played, unaffected)
-    ):
+    if not _rests_on_iterations(played, unaffected):
         return played
     if unaffected.outcome == "fail":
         note = f"{disturbance_text}. The unaffected part fails, too."
-    elif best_case is not None and best_case.outcome == "fail":
+    elif best_case.outcome == "fail":
         note = (
             f"{disturbance_text}. That does not explain the failure: "
             "it fails in the best case, too."
         )
     else:
-        note = (
+        return played.opened(
             f"{disturbance_text}. Without it the requirement might be met, so it does not count "
-            "as failed."
+            "as failed.",
+            REMEDY,
         )
-        return msgspec.structs.replace(
-            played,
-            outcome="inconclusive",
-            remedy=REMEDY,
-            notes=(*played.notes, note),
-            weakened=True,
-        )
-    return msgspec.structs.replace(played, notes=(*played.notes, note))
+    return played.noted(note)
 
 
 def _rests_on_iterations(played: RequirementVerdict, unaffected: RequirementVerdict) -> bool:
@@ -233,11 +324,7 @@ def affected_iterations_text(
     played: RequirementVerdict, disturbed: Mapping[str, DisturbedIteration]
 ) -> str:
     """How many iterations at the rate of a requirement were affected; empty for none."""
-    first = [
-        one
-        for one in disturbed.values()
-        if not one.rerun_of and played.at_hz is not None and math.isclose(one.rate_hz, played.at_hz)
-    ]
+    first = [one for one in disturbed.values() if not one.rerun_of and played.is_at(one.rate_hz)]
     if not first:
         return ""
     number = f"{len(first)} iterations" if len(first) > 1 else "1 iteration"

@@ -17,114 +17,186 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import msgspec
 
-from r2bspec.judge.decision import decide
-from r2bspec.judge.methods.method_registry import Method
-from r2bspec.judge.statistics.paired_ratio import RatioInterval, paired_ratio
-from r2bspec.judge.statistics.power import pairs_needed
-from r2bspec.judge.statistics.prediction_interval import MIN_HISTORY_RUNS, predicted_ratio
-from r2bspec.judge.statistics.welch_t import RunValues, welch_ratio_of_runs
-from r2bspec.judge.verdict import Compared, Outcome, RequirementVerdict
-from r2bspec.language.confidence import CONFIDENCE
-from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.judge.methods import Method
+from r2bspec.judge.requirement_case import Decision, RequirementCase, requirement_verdict
+from r2bspec.judge.statistics.t_interval import (
+    MIN_HISTORY_RUNS,
+    RatioInterval,
+    RunValues,
+    paired_ratio,
+    pairs_needed,
+    predicted_ratio,
+    welch_ratio_of_runs,
+)
+from r2bspec.judge.verdict import BaselineEstimate, Outcome, RequirementVerdict
 from r2bspec.measure.units import show
 
 Values = Sequence[float | None]
 """A metric in the iterations of one side; None or infinite where it has no value."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class BaselineComparison:
-    """A requirement on a ratio, about to be judged.
+@dataclass(frozen=True)
+class BaselineCase(RequirementCase):
+    """A requirement on a ratio; its limit is the ratio that is allowed or required, such as 0.97.
 
     Attributes:
-        limit: the ratio that is allowed or required, such as 0.97.
-        unit: of the metric.
         resolution: the smallest difference that the clock can show in a value of the metric.
-        sampled: whether a missing value means that nothing was sampled, not that nothing arrived.
-        zero_allowed: whether 0 is an ordinary value, as for a share of drops, and does not mean
-            that nothing arrived.
     """
 
-    objective: str
-    requirement: Requirement
-    at_hz: float | None
-    metric: str
-    monitor: str | None
-    limit: float
-    unit: str = ""
     resolution: float = 0.0
-    sampled: bool = False
-    zero_allowed: bool = False
-    confidence: float = CONFIDENCE
 
     @property
-    def is_upper_bound(self) -> bool:
-        """Whether the requirement is an upper limit (``<``, ``<=``) and not a lower one."""
-        return self.requirement.op in {"<", "<="}
+    def sampled(self) -> bool:
+        """Whether a missing value means that nothing was sampled, not that nothing arrived."""
+        return self.info.scope in {"process", "machine"}
+
+    @property
+    def zero_allowed(self) -> bool:
+        """Whether 0 is an ordinary value, as for a share of drops: something arrived."""
+        return self.info.dimension == "share" or self.info.family == "jitter"
 
 
-def judge_pairs(comparison: BaselineComparison, base: Values, head: Values) -> RequirementVerdict:
-    """Decide by interleaved pairs: `base[i]` and `head[i]` were played one after the other."""
-    method: Method = "paired t on logs"
-    missing = _missing_value_verdict(comparison, method, base, head)
-    if missing is not None:
-        return missing
-    a, b = _known(base), _known(head)
-    if len(a) != len(b):
-        raise ValueError("base and head have different numbers of values")
-    sides = _ComparedValues(base, head)
-    if len(a) < 2:
-        return _verdict(
-            comparison,
-            method,
-            "inconclusive",
-            "One pair does not show the variation between pairs.",
-            sides,
-            remedy="At least 2 pairs are needed; 10 give a useful interval.",
+@dataclass(frozen=True)
+class _Sides:
+    """The values that a ratio is of, and how it is decided."""
+
+    case: BaselineCase
+    method: Method
+    base: Values
+    head: Values
+
+    def undecided(self, reason: str, remedy: str = "") -> RequirementVerdict:
+        return self.verdict("inconclusive", reason, remedy)
+
+    def decided(self, interval: RatioInterval, pieces: str, remedy: str) -> RequirementVerdict:
+        """The verdict by an interval, with what would settle an open one."""
+        outcome = self.case.outcome_of_bounds(interval.lower, interval.upper)
+        remedy = remedy if outcome == "inconclusive" else ""
+        return self.verdict(outcome, self.reason(interval, pieces), remedy, interval)
+
+    def verdict(
+        self, outcome: Outcome, reason: str, remedy: str = "", interval: RatioInterval | None = None
+    ) -> RequirementVerdict:
+        decision = Decision(
+            outcome=outcome,
+            method=self.method,
+            reason=reason,
+            remedy=remedy,
+            estimate=interval.ratio if interval is not None else None,
+            lower=interval.lower if interval is not None else None,
+            upper=interval.upper if interval is not None else None,
+            n=interval.n if interval is not None else len(self.base),
         )
-    found = paired_ratio(a, b, comparison.confidence, comparison.resolution)
-    outcome = _decide(comparison, found)
-    remedy = _pairs_hint(comparison, found) if outcome == "inconclusive" else ""
-    reason = _reason(comparison, found, sides, "pairs")
-    return _verdict(comparison, method, outcome, reason, sides, remedy=remedy, found=found)
+        estimate = BaselineEstimate(
+            unit=self.case.info.unit,
+            base=_geometric_mean(self.base),
+            head=_geometric_mean(self.head),
+            base_values=tuple(map(_finite, self.base)),
+            head_values=tuple(map(_finite, self.head)),
+            deviation=interval.deviation if interval is not None else None,
+        )
+        verdict = requirement_verdict(self.case, decision)
+        return msgspec.structs.replace(verdict, unit="share", compared=estimate)
+
+    def reason(self, interval: RatioInterval, pieces: str) -> str:
+        base, head = (
+            show(_geometric_mean([value for value in values if value]), self.case.info.unit)
+            for values in (self.base, self.head)
+        )
+        ratio, lower, upper, limit = (
+            show(value, "share", 4)
+            for value in (interval.ratio, interval.lower, interval.upper, self.case.limit)
+        )
+        return (
+            f"{self.case.info.name} went from {base} to {head}, {ratio} of the baseline over "
+            f"{interval.n} {pieces}; at {self.case.confidence_text} the true ratio is {lower} to "
+            f"{upper}, and the limit is {limit}."
+        )
+
+    def without_value(self) -> RequirementVerdict | None:
+        """The verdict where a side has no value, or where a value is 0; else None."""
+        unknown = self.without_head_value()
+        if unknown is not None:
+            return unknown
+        lost = _count_missing(self.case, self.base)
+        if lost or not self.base:
+            return self.undecided(
+                f"{self.case.info.name} has no value in {lost} of {len(self.base)} iterations of "
+                "the base.",
+                "Compare with a base that produces output.",
+            )
+        return self.with_zero()
+
+    def without_head_value(self) -> RequirementVerdict | None:
+        """The same for the head alone."""
+        if not self.head:
+            return self.undecided(
+                f"The head has no iteration in which {self.case.info.name} could be measured."
+            )
+        lost = _count_missing(self.case, self.head)
+        if not lost:
+            return replace(self, base=()).with_zero()
+        reason = (
+            f"{self.case.info.name} has no value in {lost} of {len(self.head)} iterations of the "
+            "head."
+        )
+        if self.case.sampled:
+            return self.undecided(reason, "Make the iterations longer to get more samples.")
+        return self.verdict("fail", reason)
+
+    def with_zero(self) -> RequirementVerdict | None:
+        """The verdict where a value is 0, such as a share of drops; else None."""
+        if all(value is not None and value > 0 for value in (*self.base, *self.head)):
+            return None
+        return self.undecided(
+            f"{self.case.info.name} is 0 in some iterations, and a ratio to 0 is undefined.",
+            "Use an absolute bound, such as 0.1 %, instead of one 'of baseline'.",
+        )
 
 
-def judge_history(
-    comparison: BaselineComparison, history: Values, new: float | None
-) -> RequirementVerdict:
+def judge_pairs(case: BaselineCase, base: Values, head: Values) -> RequirementVerdict:
+    """Decide by interleaved pairs: `base[i]` and `head[i]` were played one after the other."""
+    sides = _Sides(case, "paired t on logs", base, head)
+    unknown = sides.without_value()
+    if unknown is not None:
+        return unknown
+    before, after = _known(base), _known(head)
+    if len(before) != len(after):
+        raise ValueError("base and head have different numbers of values")
+    if len(before) < 2:
+        return sides.undecided(
+            "One pair does not show the variation between pairs.",
+            "At least 2 pairs are needed; 10 give a useful interval.",
+        )
+    interval = paired_ratio(before, after, case.confidence, case.resolution)
+    return sides.decided(interval, "pairs", _pairs_hint(case, interval))
+
+
+def judge_history(case: BaselineCase, history: Values, new: float | None) -> RequirementVerdict:
     """Decide by a history of runs of the same plan on the same kind of machine, oldest first."""
-    method: Method = "prediction interval"
     earlier = [value for value in history if value is not None and _usable(value)]
-    missing = _missing_head_verdict(comparison, method, earlier, [new])
-    if missing is not None:
-        return missing
-    sides = _ComparedValues(earlier, [new])
+    sides = _Sides(case, "prediction interval", earlier, [new])
+    unknown = sides.without_head_value()
+    if unknown is not None:
+        return unknown
     if len(earlier) < MIN_HISTORY_RUNS:
         runs = "1 run" if len(earlier) == 1 else f"{len(earlier)} runs"
         learning = f"{len(earlier) + 1} of {MIN_HISTORY_RUNS}"
-        short = _verdict(
-            comparison,
-            method,
-            "inconclusive",
+        short = sides.undecided(
             f"Learning, {learning}: the history has {runs} of this plan on this kind of machine "
-            f"with a value of {comparison.metric}.",
-            sides,
-            remedy=f"{MIN_HISTORY_RUNS} are needed: {MIN_HISTORY_RUNS - len(earlier)} more.",
+            f"with a value of {case.info.name}.",
+            f"{MIN_HISTORY_RUNS} are needed: {MIN_HISTORY_RUNS - len(earlier)} more.",
         )
         return msgspec.structs.replace(short, learning=learning)
-    found = predicted_ratio(earlier, _known([new])[0], comparison.confidence)
-    outcome = _decide(comparison, found)
-    remedy = (
-        "Runs vary too much for this margin: compare interleaved pairs with --against."
-        if outcome == "inconclusive"
-        else ""
+    return sides.decided(
+        predicted_ratio(earlier, _known([new])[0], case.confidence),
+        "runs",
+        "Runs vary too much for this margin: compare interleaved pairs with --against.",
     )
-    reason = _reason(comparison, found, sides, "runs")
-    return _verdict(comparison, method, outcome, reason, sides, remedy=remedy, found=found)
 
 
 @dataclass(frozen=True)
@@ -137,52 +209,51 @@ class StoredValues:
     def usable(self) -> RunValues:
         """Those of which a ratio can be made."""
         kept = [place for place, value in enumerate(self.values) if value and _usable(value)]
+        starts_known = len(self.starts) == len(self.values)
         return RunValues(
             values=[self.values[place] or 0.0 for place in kept],
-            starts=[self.starts[place] for place in kept]
-            if len(self.starts) == len(self.values)
-            else (),
+            starts=[self.starts[place] for place in kept] if starts_known else (),
         )
 
 
 def advise_by_stored_run(
-    comparison: BaselineComparison, base: StoredValues, head: StoredValues
+    case: BaselineCase, base: StoredValues, head: StoredValues
 ) -> RequirementVerdict:
     """State what a single stored run suggests. The outcome is always inconclusive."""
-    method: Method = "stored baseline"
     remedy = "A stored run is advisory only: gate on interleaved pairs with --against."
-    a, b = base.usable(), head.usable()
-    sides = _ComparedValues(base.values, head.values)
-    if min(len(a.values), len(b.values)) < 2:
-        reason = "Too few iterations have a value to be compared with a stored run."
-        return _verdict(comparison, method, "inconclusive", reason, sides, remedy=remedy)
-    found, pieces = welch_ratio_of_runs(a, b, comparison.confidence)
-    would = {"pass": "would pass", "fail": "would fail", "inconclusive": "would be inconclusive"}
-    seen = _reason(comparison, found, sides, pieces)
-    reason = f"{seen} By this alone it {would[_decide(comparison, found)]}."
-    return _verdict(comparison, method, "inconclusive", reason, sides, remedy=remedy, found=found)
-
-
-@dataclass(frozen=True)
-class _ComparedValues:
-    """The values that a ratio is of."""
-
-    base: Values
-    head: Values
-
-    def compared(self, unit: str, deviation: float | None) -> Compared:
-        return Compared(
-            unit=unit,
-            base=_geometric_mean(self.base),
-            head=_geometric_mean(self.head),
-            base_values=tuple(map(_finite, self.base)),
-            head_values=tuple(map(_finite, self.head)),
-            deviation=deviation,
+    before, after = base.usable(), head.usable()
+    sides = _Sides(case, "stored baseline", base.values, head.values)
+    if min(len(before.values), len(after.values)) < 2:
+        return sides.undecided(
+            "Too few iterations have a value to be compared with a stored run.", remedy
         )
+    interval, pieces = welch_ratio_of_runs(before, after, case.confidence)
+    words = {"pass": "would pass", "fail": "would fail", "inconclusive": "would be inconclusive"}
+    outcome = case.outcome_of_bounds(interval.lower, interval.upper)
+    reason = f"{sides.reason(interval, pieces)} By this alone it {words[outcome]}."
+    return sides.verdict("inconclusive", reason, remedy, interval)
 
 
-def _finite(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None
+def _pairs_hint(case: BaselineCase, interval: RatioInterval) -> str:
+    distance = abs(math.log(interval.ratio / case.limit))
+    needed = (
+        pairs_needed(distance, interval.deviation, case.confidence, power=0.5)
+        if distance > 0 and interval.deviation > 0
+        else None
+    )
+    if needed is None:
+        return (
+            f"The ratio is too close to {show(case.limit, 'share')} for pairs that differ by "
+            f"{show(interval.deviation, 'share')}: widen the margin, or use a quieter machine."
+        )
+    return (
+        f"About {max(needed, interval.n + 1)} pairs would decide it, if the ratio stays the same."
+    )
+
+
+def _count_missing(case: BaselineCase, values: Values) -> int:
+    least = 0.0 if case.zero_allowed else math.ulp(0.0)
+    return sum(value is None or not least <= value < math.inf for value in values)
 
 
 def _geometric_mean(values: Values) -> float | None:
@@ -201,133 +272,5 @@ def _known(values: Values) -> list[float]:
     return [value for value in values if value is not None]
 
 
-def _missing_value_verdict(
-    comparison: BaselineComparison, method: Method, base: Values, head: Values
-) -> RequirementVerdict | None:
-    """The verdict where a side has no value, or None."""
-    found = _missing_head_verdict(comparison, method, base, head)
-    if found is not None:
-        return found
-    lost = _count_missing(comparison, base)
-    if lost or not base:
-        reason = (
-            f"{comparison.metric} has no value in {lost} of {len(base)} iterations of the base."
-        )
-        remedy = "Compare with a base that produces output."
-        sides = _ComparedValues(base, head)
-        return _verdict(comparison, method, "inconclusive", reason, sides, remedy=remedy)
-    return _zero_verdict(comparison, method, base, head)
-
-
-def _missing_head_verdict(
-    comparison: BaselineComparison, method: Method, base: Values, head: Values
-) -> RequirementVerdict | None:
-    """The same for the head alone."""
-    lost = _count_missing(comparison, head)
-    sides = _ComparedValues(base, head)
-    if not lost and head:
-        return _zero_verdict(comparison, method, (), head)
-    if not head:
-        reason = f"The head has no iteration in which {comparison.metric} could be measured."
-        return _verdict(comparison, method, "inconclusive", reason, sides)
-    reason = f"{comparison.metric} has no value in {lost} of {len(head)} iterations of the head."
-    if comparison.sampled:
-        remedy = "Make the iterations longer to get more samples."
-        return _verdict(comparison, method, "inconclusive", reason, sides, remedy=remedy)
-    return _verdict(comparison, method, "fail", reason, sides)
-
-
-def _count_missing(comparison: BaselineComparison, values: Values) -> int:
-    least = 0.0 if comparison.zero_allowed else math.ulp(0.0)
-    return sum(value is None or not least <= value < math.inf for value in values)
-
-
-def _zero_verdict(
-    comparison: BaselineComparison, method: Method, base: Values, head: Values
-) -> RequirementVerdict | None:
-    """The verdict where a value is 0, such as a share of drops; or None."""
-    if all(value is not None and value > 0 for value in (*base, *head)):
-        return None
-    reason = f"{comparison.metric} is 0 in some iterations, and a ratio to 0 is undefined."
-    remedy = "Use an absolute bound, such as 0.1 %, instead of one 'of baseline'."
-    return _verdict(
-        comparison, method, "inconclusive", reason, _ComparedValues(base, head), remedy=remedy
-    )
-
-
-def _decide(comparison: BaselineComparison, found: RatioInterval) -> Outcome:
-    towards, against = (
-        (found.upper, found.lower) if comparison.is_upper_bound else (found.lower, found.upper)
-    )
-    is_met = comparison.requirement.is_met
-    return decide(
-        passes=is_met(towards, comparison.limit), fails=not is_met(against, comparison.limit)
-    )
-
-
-def _reason(
-    comparison: BaselineComparison, found: RatioInterval, sides: _ComparedValues, what: str
-) -> str:
-    base = show(_geometric_mean([each for each in sides.base if each]), comparison.unit)
-    head = show(_geometric_mean([each for each in sides.head if each]), comparison.unit)
-    ratio, lower, upper, limit = (
-        show(each, "share", 4) for each in (found.ratio, found.lower, found.upper, comparison.limit)
-    )
-    return (
-        f"{comparison.metric} went from {base} to {head}, {ratio} of the baseline over {found.n} "
-        f"{what}; at {show(comparison.confidence, 'share', 4)} confidence the true ratio "
-        f"is {lower} to "
-        f"{upper}, and the limit is {limit}."
-    )
-
-
-def _pairs_hint(comparison: BaselineComparison, found: RatioInterval) -> str:
-    distance = abs(math.log(found.ratio / comparison.limit))
-    needed = (
-        pairs_needed(distance, found.deviation, comparison.confidence, power=0.5)
-        if distance > 0 and found.deviation > 0
-        else None
-    )
-    if needed is None:
-        return (
-            f"The ratio is too close to {show(comparison.limit, 'share')} for pairs that differ by "
-            f"{show(found.deviation, 'share')}: widen the margin, or use a quieter machine."
-        )
-    return f"About {max(needed, found.n + 1)} pairs would decide it, if the ratio stays the same."
-
-
-def _verdict(
-    comparison: BaselineComparison,
-    method: Method,
-    outcome: Outcome,
-    reason: str,
-    sides: _ComparedValues,
-    *,
-    remedy: str = "",
-    found: RatioInterval | None = None,
-) -> RequirementVerdict:
-    n = found.n if found is not None else len(sides.base)
-    return RequirementVerdict(
-        objective=comparison.objective,
-        text=comparison.requirement.text,
-        at_hz=comparison.at_hz,
-        metric=comparison.metric,
-        monitor=comparison.monitor,
-        outcome=outcome,
-        method=method,
-        estimate=found.ratio if found is not None else None,
-        lower=found.lower if found is not None else None,
-        upper=found.upper if found is not None else None,
-        limit=comparison.limit,
-        unit="share",
-        n=n,
-        effective_n=float(n) if n else None,
-        confidence=comparison.confidence,
-        over=None,
-        lost=False,
-        share=None,
-        rule_of_three=None,
-        reason=reason,
-        remedy=remedy,
-        compared=sides.compared(comparison.unit, found.deviation if found is not None else None),
-    )
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None

@@ -24,18 +24,20 @@ No verdict becomes a PASS.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 import msgspec
 
-from r2bspec.judge.decision_policy import DecisionPolicy
-from r2bspec.judge.ended_rates import weaken_ended
-from r2bspec.judge.interference_policy import InterferencePolicy
-from r2bspec.judge.judge_samples import judge
-from r2bspec.judge.methods.method_registry import METHODS
-from r2bspec.judge.outcome import InconclusivePolicy, outcome_of
-from r2bspec.judge.verdict import EXIT_CODES, RequirementVerdict, Verdict
-from r2bspec.language.confidence import CONFIRMATION_CONFIDENCE
+from r2bspec.judge.affected_iterations import InterferencePolicy
+from r2bspec.judge.decision_policy import DecisionPolicy, without_own_confidence
+from r2bspec.judge.methods import METHODS
+from r2bspec.judge.pipeline import judge
+from r2bspec.judge.verdict import (
+    InconclusivePolicy,
+    RequirementVerdict,
+    Verdict,
+)
+from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 from r2bspec.language.spec import Objective
 from r2bspec.measure.samples import RunSamples
 
@@ -49,9 +51,7 @@ _REMEDY = "Run again; if the failure is intermittent, look for what differs betw
 
 def needs_confirmation(verdict: Verdict) -> bool:
     """Whether a verdict is a FAIL that has to be confirmed by a second session."""
-    return verdict.outcome == "fail" and any(
-        one.outcome == "fail" and one.level == "error" for one in verdict.requirements
-    )
+    return verdict.outcome == "fail" and any(one.fails_run for one in verdict.requirements)
 
 
 def judge_with_confirmation(
@@ -67,27 +67,22 @@ def judge_with_confirmation(
         samples: the run.
         policy: of the first session.
     """
-    first = weaken_ended(judge(objectives, samples, policy), objectives, samples, policy)
+    first = judge(objectives, samples, policy)
     if not needs_confirmation(first) or not any(map(_can_be_confirmed, first.requirements)):
         return first
     if samples.confirmation is None:
-        return msgspec.structs.replace(first, reason=f"{first.reason} {_NOT_PLAYED_AGAIN}")
+        return first.saying(_NOT_PLAYED_AGAIN)
     if not policy.confirm:
-        return msgspec.structs.replace(first, reason=f"{first.reason} {_NOT_COUNTED}")
+        return first.saying(_NOT_COUNTED)
     second = judge_confirmation(objectives, samples.confirmation, first, policy.interference)
     found = confirm_run(first, second, policy.inconclusive)
-    sentence = _CONFIRMED if needs_confirmation(found) else _NOT_CONFIRMED
-    return msgspec.structs.replace(
-        found,
-        reason=f"{found.reason} {sentence}",
-        disturbed=(*first.disturbed, *second.disturbed),
-    )
+    found = found.saying(_CONFIRMED if needs_confirmation(found) else _NOT_CONFIRMED)
+    return msgspec.structs.replace(found, disturbed=(*first.disturbed, *second.disturbed))
 
 
 def _can_be_confirmed(one: RequirementVerdict) -> bool:
     """Whether a requirement failed in a way that a second session could repeat or not."""
-    failed = one.outcome == "fail" and one.level == "error"
-    return failed and METHODS[one.method].rests_on != "truth"
+    return one.fails_run and METHODS[one.method].rests_on != "truth"
 
 
 def judge_confirmation(
@@ -104,14 +99,10 @@ def judge_confirmation(
         first: the verdict on the first session; only what failed there is judged again.
         interference: what host interference does to a verdict.
     """
-    failed = {_key(one) for one in first.requirements if one.outcome == "fail"}
-    again = {
-        name: msgspec.structs.replace(objective, confidence=None)
-        for name, objective in objectives.items()
-    }
+    failed = {one.key for one in first.requirements if one.outcome == "fail"}
     policy = DecisionPolicy(confidence=CONFIRMATION_CONFIDENCE, interference=interference)
-    found = judge(again, confirmation, policy)
-    judged_again = tuple(one for one in found.requirements if _key(one) in failed)
+    found = judge(without_own_confidence(objectives), confirmation, policy)
+    judged_again = tuple(one for one in found.requirements if one.key in failed)
     return msgspec.structs.replace(found, requirements=judged_again)
 
 
@@ -127,16 +118,13 @@ def confirm_requirement(
     if first.outcome != "fail" or METHODS[first.method].rests_on == "truth":
         return first
     if second is not None and second.outcome == "fail":
-        note = f"Confirmed by a second run: {_lower(second.reason)}"
-        return msgspec.structs.replace(first, notes=(*first.notes, note))
+        return first.noted(f"Confirmed by a second run: {_lower(second.reason)}")
     if second is None:
         note = "The first run failed; a second run could not be judged."
     else:
         did = "passed" if second.outcome == "pass" else "was inconclusive"
         note = f"The first run failed, a second run {did}: {_lower(second.reason)}"
-    return msgspec.structs.replace(
-        first, outcome="inconclusive", remedy=_REMEDY, notes=(*first.notes, note)
-    )
+    return msgspec.structs.replace(first.noted(note), outcome="inconclusive", remedy=_REMEDY)
 
 
 def confirm_run(first: Verdict, second: Verdict, policy: InconclusivePolicy = "report") -> Verdict:
@@ -151,25 +139,9 @@ def confirm_run(first: Verdict, second: Verdict, policy: InconclusivePolicy = "r
             `CONFIRMATION_CONFIDENCE` and no interim looks.
         policy: what an inconclusive requirement does to the run.
     """
-    usable: Iterable[RequirementVerdict] = second.requirements
-    if second.outcome in {"invalid", "incomplete"}:
-        usable = ()
-    found = {_key(one): one for one in usable}
-    requirements = tuple(
-        confirm_requirement(one, found.get(_key(one))) for one in first.requirements
-    )
-    outcome, reason = outcome_of(requirements, policy, first.starts)
-    return msgspec.structs.replace(
-        first,
-        outcome=outcome,
-        exit_code=EXIT_CODES[outcome],
-        reason=reason,
-        requirements=requirements,
-    )
-
-
-def _key(one: RequirementVerdict) -> tuple[str, str, str | None, float | None]:
-    return one.objective, one.text, one.monitor, one.at_hz
+    again = {one.key: one for one in second.requirements} if second.is_judged else {}
+    requirements = tuple(confirm_requirement(one, again.get(one.key)) for one in first.requirements)
+    return first.with_requirements(requirements, policy)
 
 
 def _lower(text: str) -> str:

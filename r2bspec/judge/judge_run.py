@@ -11,10 +11,10 @@ from collections.abc import Mapping
 import msgspec
 
 from r2bspec.diagnostics.plain_text import escaped_json
+from r2bspec.judge.baseline_comparison import judge_with_baseline
 from r2bspec.judge.confirmation import judge_with_confirmation
 from r2bspec.judge.decision_policy import decision_policy
-from r2bspec.judge.history_comparison import judge_with_baseline
-from r2bspec.judge.peak_refutation import with_refuted_peak
+from r2bspec.judge.methods.peak_bracket import with_refuted_peak
 from r2bspec.judge.result import BaselineResult, ObjectiveText, PairsResult, Result
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.spec import Objective
@@ -25,7 +25,7 @@ from r2bspec.record.baseline_file import BaselineRecord, read_baseline, read_con
 from r2bspec.record.graph_identity import GraphIdentity, identity_differences
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import RunRecord
-from r2bspec.untrusted.safe_json import decode_json
+from r2bspec.safe_io.safe_json import decode_json
 
 
 def result_of(

@@ -12,20 +12,21 @@ look these tests are made, the others only if the first does not reject:
     sustained       keeps up, and few lost
 
 `completed` is the rate at which the graph completes steps, with its error by batch means
-(`r2bspec.measure.completion_rate`): while a graph does not keep up, the completed steps are a
+(`r2bspec.measure.times`): while a graph does not keep up, the completed steps are a
 random walk of service times. The first third of the steps is left out there, because queues that
 fill up to a constant level are no overload. While a graph does keep up, latencies scatter about a
 level, and the slope of the line through them is known much better than the rate is
-(`r2bspec.judge.statistics.trend`). `loss` is the drop rate that the spec allows, zero by default:
-"none is lost" means that at most half the precision is. The upper bound is the larger one of that
-by batch means, which knows of bursts, and that of Clopper and Pearson, which knows that a probe of
-20 messages without a drop shows no more than that at most a fifth is dropped. So a rate that keeps
-up may be undecided, because too few messages were played. Short queues that drop do not let the
-latency climb, however large the overload is: a graph that has dropped more so far is undecided.
+(`r2bspec.judge.statistics.autocorrelation`). `loss` is the drop rate that the spec allows, zero by
+default: "none is lost" means that at most half the precision is. The upper bound is the larger one
+of that by batch means, which knows of bursts, and that of Clopper and Pearson, which knows that a
+probe of 20 messages without a drop shows no more than that at most a fifth is dropped. So a rate
+that keeps up may be undecided, because too few messages were played. Short queues that drop do not
+let the latency climb, however large the overload is: a graph that has dropped more so far is
+undecided.
 
 A graph may start slowly, so a look before `COLD_S` rejects only a gross overload: a graph that
 completes less than a third of what is offered. It may also start fast; a rate that must be shown to
-be sustained is played whole (`r2bspec.language.probe_length`).
+be sustained is played whole (`r2bspec.language.benchmark_defaults`).
 
 A growth below a tenth of the precision cannot be told from none. Just above the capacity a short
 probe cannot tell either, because the messages that it played may have been quick ones by chance:
@@ -42,27 +43,48 @@ played whole is sustained only by its end, which has the whole error.
 
 from __future__ import annotations
 
+import contextlib
+import importlib
 import math
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.judge.capacity_estimate import Departures
+from r2bspec.judge.stationarity import CompletionTimes
+from r2bspec.judge.statistics.autocorrelation import trend
 from r2bspec.judge.statistics.binomial import upper_bound
 from r2bspec.judge.statistics.rule_of_three import min_sample_size
-from r2bspec.judge.statistics.trend import trend
-from r2bspec.language.confidence import CONFIDENCE
-from r2bspec.language.probe_length import (
+from r2bspec.language.benchmark_defaults import (
+    CONFIDENCE,
     FIRST_LOOK_S,
     LOOKS_RATIO,
     MAX_NO_OUTPUT_S,
     MIN_LOOK_MESSAGES,
 )
-from r2bspec.measure.completion_rate import DeliveryEstimate, delivery
 from r2bspec.measure.matching import Matching
+from r2bspec.measure.times import DeliveryEstimate, delivery
 from r2bspec.record.sample_arrays import Rows
+
+
+def load_scipy() -> threading.Thread:
+    """Import SciPy in a thread; it has to be joined before anything is measured.
+
+    Its first use is otherwise the first look at a probe, while it plays: the import, a third of a
+    second of processor time, would take a core from the graph under test.
+    """
+    thread = threading.Thread(target=_import_scipy, name="import of SciPy", daemon=True)
+    thread.start()
+    return thread
+
+
+def _import_scipy() -> None:
+    # The first use says that it is missing, and how to install it.
+    with contextlib.suppress(ImportError):
+        importlib.import_module("scipy.special")
+
 
 _TRANSIENT_DIVISOR = 3
 """One of so many steps is left out at the start."""
@@ -159,7 +181,7 @@ class ProbeEstimate:
     dropped: NDArray[np.bool_]
     sent_s: NDArray[np.float64]
     latency_s: NDArray[np.float64]
-    departures: Departures
+    departures: CompletionTimes
 
 
 def plan_interim_looks(limit_s: float) -> tuple[InterimLook, ...]:
@@ -213,13 +235,13 @@ def _departures(
     published_ns: NDArray[np.int64],
     received_ns: NDArray[np.int64],
     per_step: float,
-) -> Departures:
+) -> CompletionTimes:
     """The outputs that arrived while inputs were published."""
     first_ns, last_ns = (
         (int(published_ns[0]), int(published_ns[-1])) if published_ns.size else (0, 0)
     )
     arrived = np.sort(received_ns[received_ns <= last_ns])
-    return Departures(
+    return CompletionTimes(
         begun_s=first_ns / 1e9,
         times_s=(arrived - first_ns) / 1e9,
         played_s=(last_ns - first_ns) / 1e9,

@@ -435,3 +435,24 @@ def _texts(record: type[Record]) -> Mapping[str, str]:
         name, _, text = part.strip().partition(": ")
         found[name] = " ".join(text.split())
     return found
+
+
+def encode_text(value: object) -> str:
+    """The `enc_hook` of msgspec: a quantity or a requirement as text."""
+    if isinstance(value, Quantity | Requirement):
+        return str(value)
+    raise NotImplementedError(f"cannot write {type(value).__name__}")
+
+
+def decode_text(kind: type, value: object) -> Any:
+    """The `dec_hook` of msgspec: the inverse of `encode_text`.
+
+    Raises:
+        QuantityError: the text is not a quantity of that kind.
+        RequirementError: the text is not a requirement.
+    """
+    if isinstance(value, kind):
+        return value
+    if isinstance(value, str) and issubclass(kind, Quantity | Requirement):
+        return kind.parse(value)
+    raise NotImplementedError(f"cannot read a {kind.__name__} from {type(value).__name__}")

@@ -1,26 +1,306 @@
-"""A parsed document: with the files that it extends and with options, before its matrix.
+"""A document: its text, read and decoded, what is found in it, and its state while it is loaded.
 
-Values come from extended files, siblings and repeated entries, and keep the place where they are
-written. `ValueOrigins` are the places that led there: without them, a finding would be hard to
-understand. Keys that begin with ``x-`` are for notes and anchors; the language ignores them.
+YAML also allows UTF-16 and UTF-32. They are refused here: no other tool of a ROS workspace reads
+them, so a file in one of them is most likely an accident.
+
+`Document` is one value that each step of loading changes. Values come from extended files, siblings
+and repeated entries, and keep the place where they are written. `ValueOrigins` are the places that
+led there: without them, a finding would be hard to understand.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import re
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cache, cached_property
 from pathlib import Path as FilePath
+from typing import NoReturn
 
 import msgspec
 from msgspec.structs import replace
 
-from r2bspec.diagnostics import Diagnostic, Path, Related, Span
-from r2bspec.language.declaration import Rule, language
-from r2bspec.language.extended_files import extend
-from r2bspec.language.extended_siblings import extend_siblings
-from r2bspec.language.located_tree import Entry, MapNode, ScalarNode, TreeNode
-from r2bspec.language.overrides import apply_overrides
-from r2bspec.language.source_text import ReadResult, Source, decode, read_file, read_text
-from r2bspec.language.yaml_composer import compose
+from r2bspec.diagnostics import Certainty, Diagnostic, Edit, Path, Related, Severity, Span
+from r2bspec.diagnostics.diagnostic import split_lines
+from r2bspec.language.located_tree import TreeNode
+from r2bspec.safe_io.safe_file import (
+    ByteBudget,
+    OutsideFolderError,
+    RefusedFileError,
+    TooLargeError,
+    read_bytes,
+)
+
+MAX_DOCUMENT_BYTES = 10_000_000
+"""Size of the largest document that is read; a spec has a few thousand bytes."""
+
+_FORBIDDEN_ASCII = re.compile("[^\t\n\r\x20-\x7e]")
+"""Less than `_forbidden`, which takes longer to compile than a spec to parse."""
+_UTF16_AND_UTF32_BOMS = (b"\xff\xfe", b"\xfe\xff", b"\x00\x00\xfe\xff")
+
+
+@dataclass(frozen=True)
+class Source:
+    """The text of a document and the file name shown to the user."""
+
+    file: str
+    text: str
+
+    @cached_property
+    def lines(self) -> list[str]:
+        """The lines, split where YAML splits them, without line breaks."""
+        return split_lines(self.text)
+
+    def line(self, number: int) -> str:
+        """The line with that number, counted from 1; empty if there is none."""
+        return self.lines[number - 1] if 0 < number <= len(self.lines) else ""
+
+    def span_at(self, offset: int) -> Span:
+        """The span of the one character at an offset into the text."""
+        before = split_lines(self.text[:offset])
+        line, column = len(before), len(before[-1]) + 1
+        return Span(self.file, line, column, line, column + 1)
+
+
+def has_errors(diagnostics: Iterable[Diagnostic]) -> bool:
+    """Whether one of some findings is an error."""
+    return any(found.severity is Severity.ERROR for found in diagnostics)
+
+
+class ReadResult(msgspec.Struct, frozen=True):
+    """A source and its problems; with an error the text serves for excerpts only."""
+
+    source: Source
+    diagnostics: tuple[Diagnostic, ...] = ()
+
+    @property
+    def usable(self) -> bool:
+        """Whether the text can be parsed."""
+        return not has_errors(self.diagnostics)
+
+
+def read_file(
+    path: FilePath, folders: Iterable[FilePath] = (), budget: ByteBudget | None = None
+) -> ReadResult:
+    """Read and decode one file; ``-`` is standard input. Problems become diagnostics.
+
+    Args:
+        path: the file. If it is a link, the file itself must be below the folder of the link.
+        folders: further folders in which the file itself may be.
+        budget: what this file and others may have together.
+    """
+    file = "<stdin>" if str(path) == "-" else str(path)
+    try:
+        if str(path) == "-":
+            data = sys.stdin.buffer.read(MAX_DOCUMENT_BYTES + 1)
+        else:
+            allowed = (path.parent, *folders)
+            data = read_bytes(path, max_bytes=MAX_DOCUMENT_BYTES, folders=allowed, budget=budget)
+    except TooLargeError:
+        if budget is not None and not budget.left:
+            return ReadResult(Source(file, ""), (_too_large_together(file, budget),))
+        return decode(b" " * (MAX_DOCUMENT_BYTES + 1), file)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        message = f"cannot read the file: {reason}"
+        found = _error("R2B001", message, Span.of_file(file), _reading_help(error))
+        return ReadResult(Source(file, ""), (found,))
+    return decode(data, file)
+
+
+def _too_large_together(file: str, budget: ByteBudget) -> Diagnostic:
+    return _error(
+        "R2B002",
+        f"the extended files have more than {budget.max_bytes // 1_000_000} MB together",
+        Span.of_file(file),
+        "remove some: a file that is extended twice counts twice",
+    )
+
+
+def _reading_help(error: Exception) -> str:
+    if isinstance(error, OutsideFolderError):
+        return "copy the file here, or allow the folder that it is in with --allow-path"
+    return error.hint if isinstance(error, RefusedFileError) else ""
+
+
+def decode(data: bytes, file: str) -> ReadResult:
+    """Decode the bytes of a document; `file` is its name in messages."""
+    if len(data) > MAX_DOCUMENT_BYTES:
+        limit = MAX_DOCUMENT_BYTES // 1_000_000
+        found = _error(
+            "R2B002",
+            f"the file is larger than {limit} MB",
+            Span.of_file(file),
+            "check the path: a spec refers to recorded data, it does not contain it",
+        )
+        return ReadResult(Source(file, ""), (found,))
+    if data.startswith(_UTF16_AND_UTF32_BOMS):
+        found = _error(
+            "R2B003",
+            "the file is encoded as UTF-16 or UTF-32, not as UTF-8",
+            Span.of_file(file),
+            "save it as UTF-8",
+        )
+        return ReadResult(Source(file, ""), (found,))
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        source = Source(file, data.decode("utf-8", errors="replace"))
+        place = source.span_at(len(data[: error.start].decode("utf-8")))
+        found = _error(
+            "R2B003",
+            f"the file is not UTF-8: invalid byte 0x{data[error.start]:02x}",
+            place,
+            "save it as UTF-8",
+        )
+        return ReadResult(source, (found,))
+    return read_text(text, file)
+
+
+def read_text(text: str, file: str) -> ReadResult:
+    """Check text that is already decoded."""
+    found: list[Diagnostic] = []
+    if text.startswith("\ufeff"):
+        text = text[1:]
+        place = Span.of_file(file)
+        found.append(
+            Diagnostic(
+                "R2B004",
+                Severity.WARNING,
+                "the file begins with a byte-order mark (BOM)",
+                place,
+                help="save it as UTF-8 without BOM; some tools read it as part of the first key",
+            )
+        )
+    source = Source(file, text)
+    wrong = (_FORBIDDEN_ASCII if text.isascii() else _forbidden()).search(text)
+    if wrong is not None:
+        place = source.span_at(wrong.start())
+        name = "a NUL byte" if wrong[0] == "\0" else f"the character U+{ord(wrong[0]):04X}"
+        found.append(
+            _error(
+                "R2B003",
+                f"{name} is not allowed in YAML",
+                place,
+                "is this a text file?" if wrong[0] == "\0" else "remove it",
+                None if wrong[0] == "\0" else Edit(place, ""),
+            )
+        )
+    if len(text) > MAX_DOCUMENT_BYTES:
+        return decode(b" " * (MAX_DOCUMENT_BYTES + 1), file)
+    return ReadResult(source, tuple(found))
+
+
+@cache
+def _forbidden() -> re.Pattern[str]:
+    """The characters outside of YAML's c-printable."""
+    return re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def _error(
+    code: str, message: str, span: Span, help_text: str = "", edit: Edit | None = None
+) -> Diagnostic:
+    return Diagnostic(code, Severity.ERROR, message, span, help=help_text, edit=edit)
+
+
+def inner_span(source: Source | None, span: Span, text: str, offset: int, length: int) -> Span:
+    """The span of ``text[offset : offset + length]``, where `text` is the value at `span`.
+
+    Quotes, escapes and folded lines make the characters of the file differ from those of the
+    value. Therefore the part is searched for in the file, as the occurrence of the same rank. If
+    that fails, or if `source` is None, the result is the whole span.
+    """
+    if source is None:
+        return span
+    raw = _source_text(source, span)
+    piece = text[offset : offset + length]
+    if not piece:
+        end = len(raw.rstrip())
+        end -= 1 if raw[:1] in ("'", '"') and end > 1 else 0
+        return _span_at_offset(span, raw, end, 1)
+    rank = text.count(piece, 0, offset)
+    found = -1
+    for _ in range(rank + 1):
+        found = raw.find(piece, found + 1)
+        if found < 0:
+            return span
+    return _span_at_offset(span, raw, found, len(piece))
+
+
+def _source_text(source: Source, span: Span) -> str:
+    lines = source.lines[span.line - 1 : span.end_line]
+    if not lines:
+        return ""
+    if span.line == span.end_line:
+        return lines[0][span.column - 1 : span.end_column - 1]
+    if len(lines) == span.end_line - span.line + 1:
+        lines[-1] = lines[-1][: span.end_column - 1]
+    lines[0] = lines[0][span.column - 1 :]
+    return "\n".join(lines)
+
+
+def _span_at_offset(span: Span, raw: str, start: int, length: int) -> Span:
+    before = raw[:start]
+    line = span.line + before.count("\n")
+    column = start + span.column if line == span.line else start - before.rfind("\n")
+    return Span(span.file, line, column, line, column + length)
+
+
+MAX_PROBLEMS = 1000
+"""Problems that one step reports at most; thousands are usually one mistake repeated."""
+
+
+class StopReadingError(Exception):
+    """The rest of the document is not read; the reason has been reported."""
+
+
+class DiagnosticCollector:
+    """Collects the diagnostics of one step."""
+
+    def __init__(self) -> None:
+        self.diagnostics: list[Diagnostic] = []
+
+    @property
+    def full(self) -> bool:
+        """Whether further errors would be dropped."""
+        return len(self.diagnostics) >= MAX_PROBLEMS
+
+    def error(
+        self,
+        code: str,
+        message: str,
+        span: Span,
+        help_text: str = "",
+        *,
+        related: tuple[Related, ...] = (),
+        edit: Edit | None = None,
+        certainty: Certainty = Certainty.CERTAIN,
+    ) -> None:
+        """Add an error, unless there are `MAX_PROBLEMS` already."""
+        if self.full:
+            return
+        self.diagnostics.append(
+            Diagnostic(
+                code,
+                Severity.ERROR,
+                message,
+                span,
+                help=help_text,
+                related=related,
+                edit=edit,
+                certainty=certainty,
+            )
+        )
+
+    def stop(self, code: str, message: str, span: Span, help_text: str = "") -> NoReturn:
+        """Add an error and stop reading the document.
+
+        Raises:
+            StopReadingError: always.
+        """
+        self.diagnostics.append(Diagnostic(code, Severity.ERROR, message, span, help=help_text))
+        raise StopReadingError
 
 
 class ValueOrigins(msgspec.Struct, frozen=True):
@@ -31,8 +311,8 @@ class ValueOrigins(msgspec.Struct, frozen=True):
         entries: for the path of an entry made from another, the place that says so.
     """
 
-    files: Mapping[str, tuple[Related, ...]] = msgspec.field(default_factory=dict)
-    entries: Mapping[Path, tuple[Related, ...]] = msgspec.field(default_factory=dict)
+    files: dict[str, tuple[Related, ...]] = msgspec.field(default_factory=dict)
+    entries: dict[Path, tuple[Related, ...]] = msgspec.field(default_factory=dict)
 
     def origins_of(self, path: Path, span: Span) -> tuple[Related, ...]:
         """The places that led to the value at a path, which is written at `span`."""
@@ -52,110 +332,24 @@ class ValueOrigins(msgspec.Struct, frozen=True):
         return replace(one, related=(*one.related, *new)) if new else one
 
 
-PREFIX = "x-"
-
-
-def without_extensions(root: TreeNode, rule: Rule) -> TreeNode:
-    """The tree without ``x-`` keys in maps whose keys `rule` defines.
-
-    In maps whose keys are names given by the user, such a key is an ordinary name. Shared values
-    stay shared.
-    """
-    done: dict[tuple[int, int], TreeNode] = {}
-
-    def strip(node: TreeNode, rule: Rule | None) -> TreeNode:
-        if rule is None or not isinstance(node, MapNode):
-            return node
-        name = (id(node), id(rule))
-        if name not in done:
-            done[name] = strip_map(node, rule)
-        return done[name]
-
-    def strip_map(node: MapNode, rule: Rule) -> MapNode:
-        known = rule.keys
-        entries: dict[str, Entry] = {}
-        changed = False
-        for key, entry in node.entries.items():
-            if known is not None and key.startswith(PREFIX):
-                changed = True
-                continue
-            if type(entry.value) is MapNode:
-                value = strip(entry.value, rule.below(key))
-                if value is not entry.value:
-                    changed = True
-                    entry = Entry(entry.key_span, value, entry.key_resolved)
-            entries[key] = entry
-        return MapNode(entries, node.span) if changed else node
-
-    return strip(root, rule)
-
-
-Variables = Mapping[str, bool | int | float | str]
-
-
-class ParsedDocument(msgspec.Struct):
+class Document(msgspec.Struct):
     """What all cases of a document share.
 
     Attributes:
         tree: None where the text is not YAML.
-        files: for each extended file, the places that led to it.
-        entries: for each entry that extends a sibling, the place that says so.
+        sources: the texts that places point into, by file name.
         incomplete: paths that extend something that does not exist; the empty path is the
             document.
     """
 
     file: str
-    tree: TreeNode | None
-    diagnostics: list[Diagnostic]
-    sources: dict[str, Source]
-    files: dict[str, tuple[Related, ...]] = msgspec.field(default_factory=dict)
-    entries: dict[Path, tuple[Related, ...]] = msgspec.field(default_factory=dict)
+    tree: TreeNode | None = None
+    problems: DiagnosticCollector = msgspec.field(default_factory=DiagnosticCollector)
+    sources: dict[str, Source] = msgspec.field(default_factory=dict)
+    origins: ValueOrigins = msgspec.field(default_factory=ValueOrigins)
     incomplete: set[Path] = msgspec.field(default_factory=set)
 
     @property
     def base_dir(self) -> FilePath:
         """The folder to which paths in the document are relative."""
         return FilePath(self.file).parent
-
-
-def open_document(
-    source: FilePath | str | bytes,
-    file: str,
-    sets: Sequence[str],
-    variables: Variables,
-    allow_paths: Iterable[FilePath],
-) -> ParsedDocument:
-    """Read a document, up to its matrix."""
-    allow_paths = tuple(allow_paths)
-    read = _read(source, file, allow_paths)
-    document = ParsedDocument(
-        read.source.file, None, list(read.diagnostics), {read.source.file: read.source}
-    )
-    if read.usable:
-        composed = compose(read.source)
-        document.diagnostics += composed.diagnostics
-        document.tree = composed.tree
-        if isinstance(composed.tree, ScalarNode):
-            # It is no spec, and perhaps a file of secrets: findings show no line of it.
-            blank = "\n" * (len(read.source.lines) - 1)
-            document.sources[read.source.file] = Source(read.source.file, blank)
-    if document.tree is None:
-        return document
-    extended = extend(document.tree, document.file, language(), allow_paths)
-    siblings = extend_siblings(extended.tree)
-    overridden = apply_overrides(siblings.tree, sets, variables)
-    for problems in (extended.problems, siblings.problems, overridden.problems):
-        document.diagnostics += problems.diagnostics
-    document.sources |= extended.sources | overridden.sources
-    document.files, document.entries = extended.origins, siblings.origins
-    document.incomplete = siblings.incomplete | (set() if extended.complete else {()})
-    document.tree = without_extensions(overridden.tree, language())
-    return document
-
-
-def _read(source: FilePath | str | bytes, file: str, allow_paths: Iterable[FilePath]) -> ReadResult:
-    if isinstance(source, FilePath):
-        return read_file(source, allow_paths)
-    if isinstance(source, bytes):
-        return decode(source, file)
-    return read_text(source, file)

@@ -1,4 +1,4 @@
-"""The published JSON Schema and the reference tables, both made of the rules of the language.
+"""The published JSON Schema, made of the rules of the language.
 
 The schema is for editors and other tools. It is plain draft-07, accepts ``$(var x)`` and
 ``$(env X)`` for every scalar, ignores ``x-`` keys, and accepts null in maps with 'extends'. What
@@ -9,8 +9,6 @@ The schema is for editors and other tools. It is plain draft-07, accepts ``$(var
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Sequence
 from typing import Any
 
 from r2bspec.language.declaration import NamePattern, Rule, language
@@ -174,73 +172,3 @@ def _quantity(rule: Rule) -> Schema:
 
 def _or_reference(pattern: str) -> str:
     return f"(?:{pattern})|{_REFERENCE}"
-
-
-_TABLE_BLOCK = re.compile(r"<!-- keys of (?P<path>\S+) -->\n.*?<!-- end -->", re.DOTALL)
-
-
-def with_tables(text: str) -> str:
-    """The text with every table replaced by that of the current language.
-
-    A table is between ``<!-- keys of PATH -->`` and ``<!-- end -->``; ``spec`` is the document
-    itself, and ``<name>`` in a path is any name given by the user.
-    """
-
-    def table(found: re.Match[str]) -> str:
-        return f"<!-- keys of {found['path']} -->\n{key_table(found['path'])}<!-- end -->"
-
-    return _TABLE_BLOCK.sub(table, text)
-
-
-def key_table(path: str) -> str:
-    """The table of the keys of the map at a path."""
-    owner: Rule | None = language()
-    for part in path.split(".") if path != "spec" else ():
-        owner = owner.below(part) if owner is not None else None
-    if owner is None or owner.keys is None:
-        raise KeyError(f"the language has no map {path}")
-    lines = ["| key | value | default | meaning | example |", "| --- | --- | --- | --- | --- |"]
-    for name, rule in owner.keys.items():
-        default = "required" if name in owner.required else _default(rule)
-        cells = (f"`{name}`", _kind(rule), default, _cell(rule.description), _example(rule))
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
-
-
-def _kind(rule: Rule) -> str:
-    words = [f"`{word}`" for word in rule.words]
-    if rule.is_parsed and rule.quantity is not None:
-        return _cell(" or ".join([rule.quantity.kind, *words]))
-    if rule.is_choice:
-        return ", ".join(words)
-    if rule.const is not None:
-        return f"`{rule.const}`"
-    called = {"object": "map", "array": "list"}
-    kinds: Sequence[str] = rule.kinds or ("any",)
-    shown = [called.get(name, name) for name in kinds if not (words and name == "string")]
-    return ", ".join([*words, *shown])
-
-
-def _default(rule: Rule) -> str:
-    default = rule.shown_default
-    return "" if default in (None, "", [], {}) and default is not False else f"`{_flow(default)}`"
-
-
-def _example(rule: Rule) -> str:
-    shown = _flow(rule.about.examples[0]) if rule.about.examples else ""
-    return f"`{_cell(shown)}`" if shown and len(shown) <= 60 else ""
-
-
-def _flow(value: object) -> str:
-    """A value as YAML on one line; strings are unquoted."""
-    if isinstance(value, str):
-        return value
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{key}: {_flow(inner)}" for key, inner in value.items()) + "}"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_flow, value)) + "]"
-    return json.dumps(value)
-
-
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|")

@@ -13,15 +13,27 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING
+from typing import Unpack
 
 from r2bspec.diagnostics import Diagnostic, Path, Severity, Span, did_you_mean
 from r2bspec.diagnostics.quote import quote
-from r2bspec.language.declaration import language
-from r2bspec.language.diagnostic_collector import MAX_PROBLEMS
-from r2bspec.language.document import ParsedDocument, ValueOrigins, Variables, open_document
+from r2bspec.language.declaration import Rule, language
+from r2bspec.language.document import (
+    MAX_PROBLEMS,
+    Document,
+    ReadResult,
+    Source,
+    ValueOrigins,
+    decode,
+    has_errors,
+    inner_span,
+    read_file,
+    read_text,
+)
+from r2bspec.language.extends import extend_files, extend_siblings
 from r2bspec.language.key_constraints import key_constraint_errors
 from r2bspec.language.located_tree import (
+    Entry,
     MapNode,
     ScalarNode,
     TreeNode,
@@ -34,15 +46,13 @@ from r2bspec.language.located_tree import (
     without,
 )
 from r2bspec.language.matrix import KEY as MATRIX
-from r2bspec.language.matrix import Matrix, MatrixCase, matrix_of, with_case_values
-from r2bspec.language.read_spec import read_spec
-from r2bspec.language.source_text import Source, inner_span
+from r2bspec.language.matrix import Matrix, MatrixCase, matrix_of
+from r2bspec.language.read_spec import Violation, read_spec
+from r2bspec.language.selected_spec import LoadOptions
 from r2bspec.language.spec import Spec
 from r2bspec.language.substitution import substitute
-from r2bspec.language.variables import OPENING
-
-if TYPE_CHECKING:
-    from r2bspec.language.untrusted_environment import UntrustedSpecs
+from r2bspec.language.variables import OPENING, apply_overrides, with_variables
+from r2bspec.language.yaml_document import compose, to_yaml
 
 
 @contextmanager
@@ -50,7 +60,7 @@ def gc_paused() -> Iterator[None]:
     """Pause the collector.
 
     Reading creates many values and no cycles: the collector would traverse them all repeatedly and
-    free nothing. Their number is limited (`r2bspec.language.yaml_composer`).
+    free nothing. Their number is limited (`r2bspec.language.yaml_document`).
     """
     if not gc.isenabled():
         yield
@@ -125,7 +135,7 @@ class LoadedSpec:
 
     def span_inside(self, path: Path, offset: int, length: int = 1) -> Span:
         """The place of a piece of the text at a path, such as a metric in a requirement."""
-        node = lookup(self.tree, path) if self.tree is not None else None
+        node = lookup(self.tree, path)
         if not isinstance(node, ScalarNode):
             return self.span(path)
         if node.origin is not None:
@@ -140,70 +150,32 @@ class LoadedSpec:
 
     def resolved_yaml(self) -> str:
         """The document as YAML: one case, with files, options, variables and merges applied."""
-        from r2bspec.language.yaml_scalars import to_yaml
-
         return to_yaml(to_plain(self.tree)) if self.tree is not None else ""
 
 
-def load_spec(
-    source: FilePath | str | bytes,
-    *,
-    file: str = "<text>",
-    sets: Sequence[str] = (),
-    variables: Variables | None = None,
-    environ: Mapping[str, str] | None = None,
-    case: str = "",
-    allow_paths: Iterable[FilePath] = (),
-    untrusted: UntrustedSpecs | None = None,
-) -> LoadedSpec:
+def load_spec(source: FilePath | str | bytes, **options: Unpack[LoadOptions]) -> LoadedSpec:
     """Load one spec. Never raises because of the content: all problems are in `diagnostics`.
 
     Of a document with a matrix, one case is loaded. If it has several, `case` must select one.
 
     Args:
         source: the path of a file (``Path("-")`` is standard input), or the text itself.
-        file: the name of a text that is given as `source`; its folder is `base_dir`.
-        sets: values to replace, each as ``path=value``.
-        variables: values for declared variables. A string is read as an unquoted YAML scalar.
-        environ: the environment for ``$(env X)``; that of this process by default.
-        case: the case to load, as ``threads=2`` or as ``name[threads=2]``.
-        allow_paths: further folders, besides that of the file, with files that may be extended.
-        untrusted: for a spec of a stranger's change: the variables that it may read.
+        options: what decides besides the text what is in it.
     """
     with gc_paused():
-        document = open_document(source, file, sets, variables or {}, allow_paths)
-        return _load_one(document, case, environ, untrusted)
-
-
-def _load_one(
-    document: ParsedDocument,
-    case: str,
-    environ: Mapping[str, str] | None,
-    untrusted: UntrustedSpecs | None,
-) -> LoadedSpec:
-    matrix = matrix_of(document.tree) if document.tree is not None else None
-    matrix_cases = _select_cases(document, matrix, case)
-    if len(matrix_cases) > 1 and matrix is not None:
-        known = ", ".join(each.name for each in matrix_cases[:12])
-        message = f"the matrix has {len(matrix_cases)} cases; none is selected"
-        help_text = f"select one with --case: {known}"
-        document.diagnostics.append(
-            Diagnostic("R2B140", Severity.ERROR, message, matrix.span, help=help_text)
-        )
-        matrix_cases = ()
-    return _load_case(document, matrix_cases[0] if matrix_cases else None, environ, untrusted)
+        document = _open_document(source, options)
+        matrix, matrix_cases = _select_cases(document, options.get("case", ""))
+        if len(matrix_cases) > 1 and matrix is not None:
+            known = ", ".join(case.name for case in matrix_cases[:12])
+            message = f"the matrix has {len(matrix_cases)} cases; none is selected"
+            help_text = f"select one with --case: {known}"
+            document.problems.error("R2B140", message, matrix.span, help_text)
+            matrix_cases = ()
+        return _load_case(document, matrix_cases[0] if matrix_cases else None, options)
 
 
 def load_cases(
-    source: FilePath | str | bytes,
-    *,
-    file: str = "<text>",
-    sets: Sequence[str] = (),
-    variables: Variables | None = None,
-    environ: Mapping[str, str] | None = None,
-    case: str = "",
-    allow_paths: Iterable[FilePath] = (),
-    untrusted: UntrustedSpecs | None = None,
+    source: FilePath | str | bytes, **options: Unpack[LoadOptions]
 ) -> tuple[LoadedSpec, ...]:
     """Load every case of a spec, or the one that `case` names; without a matrix, the spec itself.
 
@@ -211,20 +183,78 @@ def load_cases(
     itself is invalid, the document without a case.
     """
     with gc_paused():
-        document = open_document(source, file, sets, variables or {}, allow_paths)
-        matrix = matrix_of(document.tree) if document.tree is not None else None
-        matrix_cases = _select_cases(document, matrix, case)
-        if not matrix_cases:
-            return (_load_case(document, None, environ, untrusted),)
-        first = _load_case(document, matrix_cases[0], environ, untrusted)
-        _drop_checked_matrix(document, first)
-        return (
-            first,
-            *(_load_case(document, each, environ, untrusted) for each in matrix_cases[1:]),
-        )
+        document = _open_document(source, options)
+        _, matrix_cases = _select_cases(document, options.get("case", ""))
+        first = _load_case(document, matrix_cases[0] if matrix_cases else None, options)
+        if len(matrix_cases) > 1:
+            _drop_checked_matrix(document, first)
+        return (first, *(_load_case(document, case, options) for case in matrix_cases[1:]))
 
 
-def _drop_checked_matrix(document: ParsedDocument, first: LoadedSpec) -> None:
+def _open_document(source: FilePath | str | bytes, options: LoadOptions) -> Document:
+    """Read a document, up to its matrix."""
+    folders = tuple(options.get("allow_paths", ()))
+    read = _read(source, options.get("file", "<text>"), folders)
+    document = Document(read.source.file, sources={read.source.file: read.source})
+    document.problems.diagnostics += read.diagnostics
+    if read.usable:
+        composed = compose(read.source)
+        document.problems.diagnostics += composed.diagnostics
+        document.tree = composed.tree
+        if isinstance(composed.tree, ScalarNode):
+            # It is no spec, and perhaps a file of secrets: findings show no line of it.
+            blank = "\n" * (len(read.source.lines) - 1)
+            document.sources[read.source.file] = Source(read.source.file, blank)
+    if document.tree is not None:
+        extend_files(document, folders)
+        extend_siblings(document)
+        apply_overrides(document, options.get("sets", ()), options.get("variables") or {})
+        document.tree = _without_notes(document.tree, language())
+    return document
+
+
+def _read(source: FilePath | str | bytes, file: str, folders: Iterable[FilePath]) -> ReadResult:
+    if isinstance(source, FilePath):
+        return read_file(source, folders)
+    return read_text(source, file) if isinstance(source, str) else decode(source, file)
+
+
+def _without_notes(root: TreeNode, rule: Rule) -> TreeNode:
+    """The tree without ``x-`` keys in maps whose keys `rule` defines: notes, and anchors.
+
+    In maps whose keys are names given by the user, such a key is an ordinary name. Shared values
+    stay shared.
+    """
+    done: dict[tuple[int, int], TreeNode] = {}
+
+    def strip(node: TreeNode, rule: Rule | None) -> TreeNode:
+        if rule is None or not isinstance(node, MapNode):
+            return node
+        name = (id(node), id(rule))
+        if name not in done:
+            done[name] = strip_map(node, rule)
+        return done[name]
+
+    def strip_map(node: MapNode, rule: Rule) -> MapNode:
+        known = rule.keys
+        entries: dict[str, Entry] = {}
+        changed = False
+        for key, entry in node.entries.items():
+            if known is not None and key.startswith("x-"):
+                changed = True
+                continue
+            if type(entry.value) is MapNode:
+                value = strip(entry.value, rule.below(key))
+                if value is not entry.value:
+                    changed = True
+                    entry = Entry(entry.key_span, value, entry.key_resolved)
+            entries[key] = entry
+        return MapNode(entries, node.span) if changed else node
+
+    return strip(root, rule)
+
+
+def _drop_checked_matrix(document: Document, first: LoadedSpec) -> None:
     """Remove the matrix once one case was loaded: it is the same, and as long, in every case.
 
     Its problems are those of the document. A matrix with references, which is rare, stays: what
@@ -233,81 +263,80 @@ def _drop_checked_matrix(document: ParsedDocument, first: LoadedSpec) -> None:
     tree = document.tree
     if not isinstance(tree, MapNode) or MATRIX not in tree.entries:
         return
-    if any(OPENING in each.text for each in scalars_of(tree.entries[MATRIX].value)):
+    if any(OPENING in scalar.text for scalar in scalars_of(tree.entries[MATRIX].value)):
         return
-    document.diagnostics += [one for one in first.diagnostics if one.path[:1] == (MATRIX,)]
+    document.problems.diagnostics += [
+        problem for problem in first.diagnostics if problem.path[:1] == (MATRIX,)
+    ]
     document.tree = without(tree, MATRIX)
 
 
-def _select_cases(
-    document: ParsedDocument, matrix: Matrix | None, case: str
-) -> tuple[MatrixCase, ...]:
-    """The selected cases; problems of the matrix are added to the diagnostics."""
+def _select_cases(document: Document, case: str) -> tuple[Matrix | None, tuple[MatrixCase, ...]]:
+    """The matrix and the selected cases; its problems are added to those of the document."""
+    matrix = matrix_of(document.tree) if document.tree is not None else None
     if matrix is not None:
-        document.diagnostics += matrix.problems.diagnostics
-        if any(one.severity is Severity.ERROR for one in matrix.problems.diagnostics):
-            return ()
-    wanted = case.partition("[")[2].removesuffix("]") if case.endswith("]") else case
+        document.problems.diagnostics += matrix.problems.diagnostics
+        if has_errors(matrix.problems.diagnostics):
+            return matrix, ()
+    selected = case.partition("[")[2].removesuffix("]") if case.endswith("]") else case
     matrix_cases = matrix.matrix_cases if matrix is not None else ()
-    if not wanted or document.tree is None or (matrix is not None and not matrix_cases):
-        return matrix_cases
-    found = tuple(each for each in matrix_cases if each.name == wanted)
-    if not found:
+    if not selected or document.tree is None or (matrix is not None and not matrix_cases):
+        return matrix, matrix_cases
+    matching = tuple(each for each in matrix_cases if each.name == selected)
+    if not matching:
         names = [each.name for each in matrix_cases]
-        close = did_you_mean(wanted, names)
+        close = did_you_mean(selected, names)
         known = "known cases: " + ", ".join(names[:12]) if names else "it has no matrix"
-        document.diagnostics.append(
-            Diagnostic(
-                "R2B140",
-                Severity.ERROR,
-                f"unknown case {quote(wanted)}",
-                matrix.span if matrix is not None else Span.of_file(document.file),
-                help=f"did you mean '{close}'? {known}" if close else known,
-            )
+        document.problems.error(
+            "R2B140",
+            f"unknown case {quote(selected)}",
+            matrix.span if matrix is not None else Span.of_file(document.file),
+            f"did you mean '{close}'? {known}" if close else known,
         )
-    return found
+    return matrix, matching
 
 
 def _load_case(
-    document: ParsedDocument,
-    matrix_case: MatrixCase | None,
-    environ: Mapping[str, str] | None,
-    untrusted: UntrustedSpecs | None,
+    document: Document, matrix_case: MatrixCase | None, options: LoadOptions
 ) -> LoadedSpec:
     """Substitute, validate and convert one case of a document."""
-    found, tree = list(document.diagnostics), document.tree
-    entries = dict(document.entries)
+    problems, tree = list(document.problems.diagnostics), document.tree
+    origins = ValueOrigins(document.origins.files, dict(document.origins.entries))
     used: frozenset[str] = frozenset()
     spec: Spec | None = None
     if tree is not None and matrix_case is not None:
-        tree = with_case_values(tree, matrix_case)
+        tree = with_variables(tree, matrix_case.values)
     if isinstance(tree, MapNode):
-        environment = os.environ if environ is None else environ
+        environ, untrusted = options.get("environ"), options.get("untrusted")
         refused = untrusted.refused_variables(document.file, tree) if untrusted is not None else {}
-        found += refused.values()
+        problems += refused.values()
         substituted = substitute(
-            tree, language(), document.sources, environment, refused=frozenset(refused)
+            tree,
+            language(),
+            document.sources,
+            os.environ if environ is None else environ,
+            refused=frozenset(refused),
         )
-        found += substituted.diagnostics
+        problems += substituted.problems.diagnostics
         tree = substituted.tree
-        used = substituted.used | _condition_variables(tree)
-        entries |= substituted.origins
+        used = _condition_variables(tree) | substituted.used
+        origins.entries.update(substituted.origins)
     if tree is not None and not isinstance(tree, UnknownNode):
-        spec, explained = _read(tree, document.sources)
-        found += [*explained, *key_constraint_errors(tree, explained)]
+        spec, violations = read_spec(tree, document.sources)
+        explained = _explained(violations)
+        problems += [*explained, *key_constraint_errors(tree, explained)]
         if isinstance(tree, MapNode) and MATRIX in tree.entries:
             tree = without(tree, MATRIX)
-        if any(one.severity is Severity.ERROR for one in found):
+        if has_errors(problems):
             spec = None
     if document.incomplete:
-        found = [one for one in found if not _is_consequence(one, document.incomplete)]
-    origins = ValueOrigins(document.files, entries)
+        problems = [each for each in problems if not _is_consequence(each, document.incomplete)]
     return LoadedSpec(
         document.file,
         document.base_dir,
         spec,
         tree,
-        _sorted_unique(origins.with_origins(found)),
+        _sorted_unique(origins.with_origins(problems)),
         document.sources,
         used,
         matrix_case=matrix_case,
@@ -315,38 +344,39 @@ def _load_case(
     )
 
 
-def _read(tree: TreeNode, sources: Mapping[str, Source]) -> tuple[Spec | None, list[Diagnostic]]:
-    spec, violations = read_spec(tree, sources)
+def _explained(violations: Sequence[Violation]) -> list[Diagnostic]:
     if not violations:
-        return spec, []
+        return []
+    # Explanations are imported only where there is something to explain.
     from r2bspec.language.explain_violations import explain_violations
 
-    return spec, explain_violations(violations)
+    return explain_violations(violations)
 
 
-def _is_consequence(one: Diagnostic, incomplete: set[Path]) -> bool:
+def _is_consequence(problem: Diagnostic, incomplete: set[Path]) -> bool:
     """Whether a problem may only be due to something that could not be read."""
     if () in incomplete:
-        return one.code in _MISSING_FILE_CODES
-    return one.code in _MISSING_VALUE_CODES and one.path in incomplete
+        return problem.code in _MISSING_FILE_CODES
+    return problem.code in _MISSING_VALUE_CODES and problem.path in incomplete
 
 
 def _condition_variables(root: TreeNode) -> frozenset[str]:
     """The variables in the `when` of objectives."""
     slos = child(root, "slos")
-    conditions = (
-        child(entry.value, "when")
-        for entry in (slos.entries.values() if isinstance(slos, MapNode) else ())
-    )
+    objectives = slos.entries.values() if isinstance(slos, MapNode) else ()
+    conditions = (child(objective.value, "when") for objective in objectives)
     return frozenset(
-        name for each in conditions if isinstance(each, MapNode) for name in each.entries
+        name
+        for condition in conditions
+        if isinstance(condition, MapNode)
+        for name in condition.entries
     )
 
 
-def _sorted_unique(found: list[Diagnostic]) -> tuple[Diagnostic, ...]:
+def _sorted_unique(problems: list[Diagnostic]) -> tuple[Diagnostic, ...]:
     """Sorted by place; the same finding at the same place, as with aliases, is kept once."""
-    unique = {(one.code, one.span, one.message): one for one in reversed(found)}
-    ordered = sorted(unique.values(), key=lambda one: one.sort_key)
+    unique = {(each.code, each.span, each.message): each for each in reversed(problems)}
+    ordered = sorted(unique.values(), key=lambda problem: problem.sort_key)
     if len(ordered) > MAX_PROBLEMS:
         place = ordered[MAX_PROBLEMS].span
         message = f"more than {MAX_PROBLEMS:,} problems; the rest is not shown"

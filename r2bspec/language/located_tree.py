@@ -15,7 +15,8 @@ from typing import Any
 import msgspec
 
 from r2bspec.diagnostics.diagnostic import Path, Related, Span
-from r2bspec.language.yaml_scalars import ScalarValue
+
+ScalarValue = bool | int | float | str | None
 
 
 class ScalarNode(msgspec.Struct, frozen=True, gc=False):
@@ -68,7 +69,7 @@ class MapNode(msgspec.Struct, frozen=True, gc=False):
 TreeNode = ScalarNode | ListNode | MapNode | UnknownNode
 
 
-def child(node: TreeNode, part: str | int) -> TreeNode | None:
+def child(node: TreeNode | None, part: str | int) -> TreeNode | None:
     """The value under a key or an index, or None."""
     if isinstance(node, MapNode) and isinstance(part, str):
         entry = node.entries.get(part)
@@ -78,11 +79,11 @@ def child(node: TreeNode, part: str | int) -> TreeNode | None:
     return None
 
 
-def lookup(root: TreeNode, path: Path) -> TreeNode | None:
+def lookup(root: TreeNode | None, path: Path) -> TreeNode | None:
     """The value at a path, or None."""
-    node: TreeNode | None = root
+    node = root
     for part in path:
-        node = child(node, part) if node is not None else None
+        node = child(node, part)
     return node
 
 

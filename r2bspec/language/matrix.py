@@ -22,7 +22,7 @@ from msgspec.structs import replace
 
 from r2bspec.diagnostics import Diagnostic, Related, Severity, Span, did_you_mean
 from r2bspec.diagnostics.quote import clip, quote
-from r2bspec.language.diagnostic_collector import DiagnosticCollector
+from r2bspec.language.document import DiagnosticCollector
 from r2bspec.language.located_tree import (
     Entry,
     ListNode,
@@ -33,7 +33,6 @@ from r2bspec.language.located_tree import (
     size_of,
     without,
 )
-from r2bspec.language.variables import with_variables
 
 if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec
@@ -89,11 +88,6 @@ def matrix_of(root: TreeNode) -> Matrix | None:
         size = size_of(without(root, KEY))
         found.matrix_cases = _expand_cases(found, axes, cases, excluded, size)
     return found
-
-
-def with_case_values(root: TreeNode, matrix_case: MatrixCase) -> TreeNode:
-    """The document with the values of a case."""
-    return with_variables(root, matrix_case.values)
 
 
 def _expand_cases(
@@ -201,38 +195,25 @@ def _check_names(
     cases: Mapping[str, tuple[Span, Values]],
     excluded: list[tuple[Span, Values]],
 ) -> bool:
-    before = len(problems.diagnostics)
+    variables = [
+        *((name, entry.key_span) for name, entry in axes.items()),
+        *((name, value.span) for _, case in cases.values() for name, value in case.items()),
+    ]
+    named_axes = [(name, value.span) for _, rule in excluded for name, value in rule.items()]
     declare = "declare it under 'variables' with a default value"
-    for name, entry in axes.items():
-        if name not in known:
-            _report_unknown(problems, name, entry.key_span, known, "unknown variable", declare)
-    for _, values in cases.values():
-        for name, value in values.items():
-            if name not in known:
-                _report_unknown(problems, name, value.span, known, "unknown variable", declare)
-    for _, values in excluded:
-        for name, value in values.items():
-            if name not in axes:
-                help_text = "the keys of an exclusion are axes of the matrix"
-                _report_unknown(problems, name, value.span, axes, "unknown axis", help_text)
-    return len(problems.diagnostics) == before
-
-
-def _report_unknown(
-    problems: DiagnosticCollector,
-    name: str,
-    span: Span,
-    known: Mapping[str, object],
-    what: str,
-    help_text: str,
-) -> None:
-    close = did_you_mean(name, known)
-    problems.error(
-        "R2B137",
-        f"{what} {quote(name)}",
-        span,
-        f"did you mean '{close}'?" if close else help_text,
-    )
+    exclude = "the keys of an exclusion are axes of the matrix"
+    is_valid = True
+    for noun, places, valid, help_text in (
+        ("variable", variables, known, declare),
+        ("axis", named_axes, axes, exclude),
+    ):
+        for name, span in places:
+            if name not in valid:
+                close = did_you_mean(name, valid)
+                meant = f"did you mean '{close}'?" if close else help_text
+                problems.error("R2B137", f"unknown {noun} {quote(name)}", span, meant)
+                is_valid = False
+    return is_valid
 
 
 def _axes(node: MapNode) -> Mapping[str, Entry] | None:
@@ -241,12 +222,12 @@ def _axes(node: MapNode) -> Mapping[str, Entry] | None:
         return {}
     if not isinstance(axes, MapNode):
         return None
-    for entry in axes.entries.values():
-        if not isinstance(entry.value, ListNode) or not entry.value.items:
-            return None
-        if len(_scalars(entry.value)) != len(entry.value.items):
-            return None
-    return axes.entries
+    lists = [entry.value for entry in axes.entries.values()]
+    is_valid = all(
+        isinstance(axis, ListNode) and axis.items and len(_scalars(axis)) == len(axis.items)
+        for axis in lists
+    )
+    return axes.entries if is_valid else None
 
 
 def _cases(node: MapNode) -> dict[str, tuple[Span, Values]] | None:
@@ -255,13 +236,12 @@ def _cases(node: MapNode) -> dict[str, tuple[Span, Values]] | None:
         return {}
     if not isinstance(cases, MapNode):
         return None
-    found: dict[str, tuple[Span, Values]] = {}
-    for name, entry in cases.entries.items():
-        values = _values(entry.value)
-        if values is None:
-            return None
-        found[name] = (entry.key_span, values)
-    return found
+    named = {
+        name: (entry.key_span, values)
+        for name, entry in cases.entries.items()
+        if (values := _values(entry.value)) is not None
+    }
+    return named if len(named) == len(cases.entries) else None
 
 
 def _excluded(node: MapNode) -> list[tuple[Span, Values]] | None:
@@ -270,13 +250,10 @@ def _excluded(node: MapNode) -> list[tuple[Span, Values]] | None:
         return []
     if not isinstance(excluded, ListNode):
         return None
-    found: list[tuple[Span, Values]] = []
-    for item in excluded.items:
-        values = _values(item)
-        if values is None:
-            return None
-        found.append((item.span, values))
-    return found
+    rules = [
+        (item.span, values) for item in excluded.items if (values := _values(item)) is not None
+    ]
+    return rules if len(rules) == len(excluded.items) else None
 
 
 def _values(node: TreeNode) -> Values | None:

@@ -63,7 +63,7 @@ class Quantity:
     """A number with the dimension that its class names: immutable, ordered, hashable.
 
     Not a dataclass: msgspec would read it from a JSON object, but a quantity is a string in every
-    document (see `r2bspec.language.value_codec`).
+    document (see `r2bspec.language.declaration`).
     """
 
     __slots__ = ("_value",)

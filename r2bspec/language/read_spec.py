@@ -19,7 +19,7 @@ import msgspec
 
 from r2bspec.diagnostics import Diagnostic, Edit, Path, Related, Severity, Span, format_path
 from r2bspec.language.declaration import Record, Rule, language
-from r2bspec.language.diagnostic_collector import MAX_PROBLEMS
+from r2bspec.language.document import MAX_PROBLEMS, Source
 from r2bspec.language.located_tree import (
     ListNode,
     MapNode,
@@ -30,7 +30,6 @@ from r2bspec.language.located_tree import (
     span_at,
     to_plain,
 )
-from r2bspec.language.source_text import Source
 from r2bspec.language.spec import Spec
 
 INVALID: Final = msgspec.UNSET
@@ -158,7 +157,7 @@ class _Reader:
         if type(node) is UnknownNode:
             return INVALID
         if not rule.kinds:
-            return to_plain(node)
+            return self._anything(node, rule, path)
         if type(node) is MapNode:
             if rule.keys is not None:
                 return self._record(node, rule, path)
@@ -167,6 +166,18 @@ class _Reader:
         elif type(node) is ListNode and rule.items is not None:
             return self._list(node, rule, rule.items, path)
         return self._refuse("quantity" if rule.is_parsed else "type", node, rule, path)
+
+    def _anything(self, node: TreeNode, rule: Rule, path: Path) -> Any:
+        """A list or a map of any kind, in which only null is no value."""
+        if isinstance(node, MapNode):
+            entries = {
+                key: self.read(entry.value, rule, (*path, key))
+                for key, entry in node.entries.items()
+            }
+            return INVALID if INVALID in entries.values() else entries
+        items = node.items if isinstance(node, ListNode) else ()
+        values = [self.read(item, rule, (*path, index)) for index, item in enumerate(items)]
+        return INVALID if INVALID in values else values
 
     def _refuse(self, kind: str, node: TreeNode, rule: Rule, path: Path, key: str = "") -> Any:
         if len(self.violations) < _MAX_VIOLATIONS:
@@ -186,7 +197,7 @@ class _Reader:
                 return value if record is None or record.word is None else record.from_word(value)
             kind = "words" if rule.words else "pattern" if rule.pattern else "empty"
             return self._refuse(kind, node, rule, path)
-        if kinds and (value is None or _TYPES[type(value)].isdisjoint(kinds)):
+        if value is None or (kinds and _TYPES[type(value)].isdisjoint(kinds)):
             return self._refuse("type", node, rule, path)
         if rule.const is not None and value != rule.const:
             return self._refuse("const", node, rule, path)

@@ -22,8 +22,7 @@ from typing import ClassVar, Literal, TypeVar
 
 import msgspec
 
-from r2bspec.diagnostics.quote import quote
-from r2bspec.diagnostics.suggest import did_you_mean
+from r2bspec.diagnostics.quote import did_you_mean, quote
 from r2bspec.language.quantities import Duration, Quantity, QuantityError, Rate, Share, Size
 
 _Q = TypeVar("_Q", bound=Quantity)
@@ -67,7 +66,7 @@ class Bound(msgspec.Struct, frozen=True, kw_only=True):
 class Requirement:
     """One parsed requirement; immutable, and equal to any other with the same text.
 
-    Not a struct: in every document a requirement is a string (see `r2bspec.language.value_codec`).
+    Not a struct: in every document a requirement is a string (see `r2bspec.language.declaration`).
 
     Attributes:
         text: the text as the user wrote it.

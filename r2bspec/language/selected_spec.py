@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, TypedDict
 
 if TYPE_CHECKING:
+    from r2bspec.language.environment_access import UntrustedSpecs
     from r2bspec.language.load_spec import LoadedSpec
-    from r2bspec.language.untrusted_environment import UntrustedSpecs
 
 Variables = Mapping[str, bool | int | float | str]
 
@@ -22,6 +22,18 @@ class SelectionValues(TypedDict, total=False):
     case: str
     allow_paths: Iterable[Path]
     untrusted: UntrustedSpecs | None
+
+
+class LoadOptions(SelectionValues, total=False):
+    """What decides besides a text what is in a spec.
+
+    Attributes:
+        file: the name of a text; its folder is that of the spec.
+        environ: the environment for ``$(env X)``; that of this process by default.
+    """
+
+    file: str
+    environ: Mapping[str, str] | None
 
 
 @dataclass(frozen=True)
@@ -57,14 +69,14 @@ class SpecSelection:
 
         return load_cases(self.spec, **self._values())
 
-    def _values(self) -> dict[str, Any]:
-        return {
-            "sets": self.sets,
-            "variables": self.variables,
-            "case": self.case,
-            "allow_paths": self.allow_paths,
-            "untrusted": self.untrusted,
-        }
+    def _values(self) -> SelectionValues:
+        return SelectionValues(
+            sets=self.sets,
+            variables=self.variables,
+            case=self.case,
+            allow_paths=self.allow_paths,
+            untrusted=self.untrusted,
+        )
 
 
 def select(spec: SpecSelection | Path | str, values: SelectionValues) -> SpecSelection:

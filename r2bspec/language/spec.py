@@ -2,7 +2,7 @@
 
 `Spec` is both what the rest of the program reads and what the language is made of: each field is
 declared once, as `r2bspec.language.declaration` explains, and everything that is known of a key
-follows from there. Its sections are in `spec_data`, `spec_graph` and `spec_benchmark`.
+follows from there. Its sections are in `spec_graph` and `spec_benchmark`.
 
 Names are kept as the user wrote them; the plan resolves `image` to `/r2b/image`. Quantities are
 exact (`r2bspec.language.quantities`).
@@ -11,34 +11,31 @@ exact (`r2bspec.language.quantities`).
 from typing import Annotated, Any, ClassVar, Literal
 
 from r2bspec.language import names
+from r2bspec.language.benchmark_defaults import default_starts
 from r2bspec.language.declaration import Record, Written, key
-from r2bspec.language.default_starts import default_starts
 from r2bspec.language.spec_benchmark import (
+    BagSource,
     Benchmark,
+    DataLoader,
     Gate,
     GateBase,
     Harness,
     Monitor,
     Objective,
     Pacing,
-    Ratio,
-    Search,
-    Transport,
-    Truth,
-    TruthKind,
-)
-from r2bspec.language.spec_data import (
-    MAX_ENTRIES,
-    BagSource,
-    DataLoader,
     Pairing,
     Playback,
     PlaybackInput,
-    QoS,
+    Ratio,
+    Search,
     Timeline,
+    Transport,
+    Truth,
+    TruthKind,
     Window,
 )
 from r2bspec.language.spec_graph import (
+    MAX_ENTRIES,
     AfterReadyStep,
     Container,
     Graph,
@@ -48,6 +45,7 @@ from r2bspec.language.spec_graph import (
     Nodes,
     ParameterSource,
     ParameterValue,
+    QoS,
     ReadyProbe,
     Scalar,
     ServiceCall,

@@ -1,4 +1,4 @@
-"""`graph` and what belongs to it: nodes, their containers, and the steps around their start.
+"""`graph` and what belongs to it: nodes, topics, containers, and the steps around their start.
 
 What a description says is shown to the authors of specs; see `r2bspec.language.declaration`.
 """
@@ -9,7 +9,9 @@ from r2bspec.language import names
 from r2bspec.language.declaration import Record, Written, key
 from r2bspec.language.node_kinds import NODE_KINDS, NodeKind, kind_of, kinds_text
 from r2bspec.language.quantities import Duration, Size
-from r2bspec.language.spec_data import MAX_ENTRIES, QoS
+
+MAX_ENTRIES: Final = 5000
+"""Nodes, inputs, monitors or loaded topics of a spec: far above every real one."""
 
 MAX_PARAMETER_SOURCES: Final = 100
 """Parameter files and maps of parameters that one node lists."""
@@ -93,6 +95,77 @@ _MemoryLimit = Annotated[
         positive=True,
     ),
 ]
+
+
+def _profile(
+    depth: int, *, reliability: str = "reliable", durability: str = "volatile"
+) -> dict[str, Any]:
+    return {
+        "reliability": reliability,
+        "durability": durability,
+        "history": "keep_last",
+        "depth": depth,
+    }
+
+
+PROFILES: Final[dict[str, dict[str, Any]]] = {
+    "default": _profile(10),
+    "sensor_data": _profile(5, reliability="best_effort"),
+    "services": _profile(10),
+    "parameters": _profile(1000),
+    "system_default": _profile(1),
+    "clock": _profile(1, reliability="best_effort"),
+    "rosout": _profile(1000, durability="transient_local"),
+}
+"""The quality-of-service profiles of ROS, by their names in rclpy and rmw.
+
+All fields are given explicitly, so that results do not depend on the defaults of a middleware.
+`system_default`, which leaves every choice to the middleware, has the values that its publishers
+use.
+"""
+
+_ProfileName = Annotated[str, key(words=tuple(PROFILES))]
+
+
+class QoS(Record, frozen=True, kw_only=True):
+    """A quality-of-service profile; the default is the one that rclpy uses for `depth=10`.
+
+    Attributes:
+        profile: The profile that provides the values of keys that this map does not set.
+        reliability: Whether lost messages are sent again. A reliable subscription does not match a
+            best-effort publisher.
+        durability: Whether a subscription that is made later gets the last messages, too.
+        history: Whether only the last 'depth' messages are kept, or all.
+        depth: The number of messages that keep_last keeps.
+    """
+
+    about = key(
+        *("sensor_data", {"reliability": "best_effort", "depth": 5}),
+        snippets=(
+            {"label": "sensor data", "body": "sensor_data"},
+            {
+                "label": "field by field",
+                "body": {"reliability": "best_effort", "depth": "${1:5}"},
+            },
+        ),
+    )
+    word = _ProfileName
+
+    profile: ClassVar[Annotated[_ProfileName, key("default", default="default")]]
+    reliability: Literal["reliable", "best_effort"] = "reliable"
+    durability: Literal["volatile", "transient_local"] = "volatile"
+    history: Literal["keep_last", "keep_all"] = "keep_last"
+    depth: Annotated[int, key(10, minimum=1)] = 10
+
+    @classmethod
+    def from_word(cls, word: str) -> "QoS":
+        """The profile of that name."""
+        return cls(**PROFILES[word])
+
+    @classmethod
+    def from_keys(cls, keys: dict[str, Any]) -> "QoS":
+        """A profile with all fields of the one that it is based on, and its own."""
+        return cls(**PROFILES[keys.pop("profile", "default")] | keys)
 
 
 class Container(Record, frozen=True, kw_only=True):

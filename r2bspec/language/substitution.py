@@ -12,7 +12,7 @@ The rules:
   expanded once per instance.
 - ``$(env X)`` reads only variables that `environment:` lists, so that the file shows what it
   depends on. The text is read as an unquoted value, as with ``--var``.
-- ``$(env X)`` is not replaced if X is a secret (`r2bspec.language.secret_variables`). Such a
+- ``$(env X)`` is not replaced if X is a secret (`r2bspec.language.environment_access`). Such a
   reference is allowed only where nothing but a process needs the value.
 """
 
@@ -21,14 +21,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cache
 
-import msgspec
 from msgspec.structs import replace
 
-from r2bspec.diagnostics import Certainty, Diagnostic, Related, Span, did_you_mean
+from r2bspec.diagnostics import Certainty, Related, Span, did_you_mean
 from r2bspec.diagnostics import Path as TreePath
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language.declaration import Rule
-from r2bspec.language.diagnostic_collector import DiagnosticCollector
+from r2bspec.language.document import MAX_DOCUMENT_BYTES, DiagnosticCollector, Source, inner_span
+from r2bspec.language.environment_access import is_secret_variable, secret_reference
 from r2bspec.language.located_tree import (
     Entry,
     ListNode,
@@ -38,8 +38,6 @@ from r2bspec.language.located_tree import (
     UnknownNode,
     child,
 )
-from r2bspec.language.secret_variables import is_secret_variable, secret_reference
-from r2bspec.language.source_text import MAX_DOCUMENT_BYTES, Source, inner_span
 from r2bspec.language.variables import (
     OPENING,
     MalformedReference,
@@ -52,23 +50,9 @@ from r2bspec.language.variables import (
     restricts_value,
     with_value,
 )
-from r2bspec.language.yaml_composer import MAX_EXPANDED_VALUES
-from r2bspec.language.yaml_scalars import ScalarError, ScalarValue, resolve
+from r2bspec.language.yaml_document import MAX_EXPANDED_VALUES, parse_unquoted
 
 _DECLARATIONS = frozenset({"variables", "environment", "r2bspec"})
-
-
-class SubstitutionResult(msgspec.Struct, frozen=True):
-    """The tree after substitution, the problems, and the variables that were used.
-
-    Attributes:
-        origins: for each entry made by `repeat`, the place that names the instance.
-    """
-
-    tree: TreeNode
-    diagnostics: tuple[Diagnostic, ...]
-    used: frozenset[str]
-    origins: Mapping[TreePath, tuple[Related, ...]]
 
 
 def substitute(
@@ -77,22 +61,20 @@ def substitute(
     sources: Mapping[str, Source],
     environ: Mapping[str, str],
     refused: frozenset[str] = frozenset(),
-) -> SubstitutionResult:
+) -> Substitution:
     """Replace every reference in a document; `rule` defines the known keys.
 
     Variables in `refused` have been reported, and have unknown values.
     """
-    work = _Substitution(root, sources, environ, _sections(rule), refused)
+    work = Substitution(root, sources, environ, _sections(rule), refused)
     entries = dict(root.entries)
     if work.variables is not None:
         entries["variables"] = replace(entries["variables"], value=work.variables)
     for key, entry in root.entries.items():
         if key not in _DECLARATIONS:
             entries[key] = replace(entry, value=work.walk(entry.value, rule.below(key)))
-    tree = MapNode(entries, root.span)
-    return SubstitutionResult(
-        tree, tuple(work.problems.diagnostics), frozenset(work.used), work.origins
-    )
+    work.tree = MapNode(entries, root.span)
+    return work
 
 
 @cache
@@ -107,7 +89,13 @@ def _sections(rule: Rule, path: TreePath = ()) -> dict[int, TreePath]:
     }
 
 
-class _Substitution:
+class Substitution:
+    """The tree after substitution, the problems, and the variables that were used.
+
+    Attributes:
+        origins: for each entry made by `repeat`, the place that names the instance.
+    """
+
     def __init__(
         self,
         root: MapNode,
@@ -116,6 +104,7 @@ class _Substitution:
         sections: Mapping[int, TreePath],
         refused: frozenset[str],
     ) -> None:
+        self.tree: TreeNode = root
         self.problems = DiagnosticCollector()
         self.used: set[str] = set()
         self.variables: MapNode | None = None
@@ -415,16 +404,6 @@ def _is_final(node: TreeNode) -> bool:
 def _as_text(node: ScalarNode | UnknownNode) -> ScalarNode | UnknownNode:
     """A value that must be a string, such as an argument, also if the variable is a number."""
     return replace(node, value=node.text) if isinstance(node, ScalarNode) else node
-
-
-def parse_unquoted(text: str) -> ScalarValue:
-    """The value of a text from outside, read like an unquoted value of the document."""
-    if not text:
-        return text
-    try:
-        return resolve(text)
-    except ScalarError:
-        return text
 
 
 def _declared_at(name: str, declared: Mapping[str, Entry]) -> tuple[Related, ...]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from r2bspec.diagnostics import Path, Span, did_you_mean, format_path
 from r2bspec.diagnostics.quote import clip, quote
 from r2bspec.language.declaration import rule_at
-from r2bspec.language.explain_values import to_flow_yaml
+from r2bspec.language.explain_violations import to_flow_yaml
 from r2bspec.language.load_spec import LoadedSpec
 from r2bspec.language.located_tree import (
     ListNode,
@@ -19,7 +19,7 @@ from r2bspec.language.located_tree import (
     lookup,
     to_plain,
 )
-from r2bspec.language.overrides import parse_path
+from r2bspec.language.variables import parse_path
 
 _MAX_VALUE_CHARS = 200
 
@@ -103,7 +103,7 @@ def _alias_steps(root: TreeNode, path: Path) -> Iterator[ProvenanceStep]:
     """Aliases and merge keys: what they bring is written outside of the value that contains it."""
     node: TreeNode | None = root
     for part in path:
-        owner, node = node, child(node, part) if node is not None else None
+        owner, node = node, child(node, part)
         if node is None:
             return
         if isinstance(owner, MapNode):

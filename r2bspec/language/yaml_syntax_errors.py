@@ -14,7 +14,7 @@ import msgspec
 import yaml
 
 from r2bspec.diagnostics import Diagnostic, Edit, Related, Severity, Span
-from r2bspec.language.source_text import Source
+from r2bspec.language.document import Source
 
 
 class ScannerReport(msgspec.Struct, frozen=True):
@@ -62,20 +62,24 @@ class ScannerReport(msgspec.Struct, frozen=True):
             edit=edit,
         )
 
+    def span(self, start: int, end: int, line: int = 0) -> Span:
+        """The span from a column to another in a line, by default in the failing one."""
+        line = line or self.problem_span.line
+        return Span(self.problem_span.file, line, start, line, end)
+
     def rest_span(self) -> Span:
         """The span of the line's content from the failing column on."""
         start = self.problem_span.column
-        end = start + max(len(self.rest.rstrip()), 1)
-        return Span(
-            self.problem_span.file, self.problem_span.line, start, self.problem_span.line, end
-        )
+        return self.span(start, start + max(len(self.rest.rstrip()), 1))
 
     def line_span(self, number: int) -> Span:
         """The span of one line's content, without its indentation."""
         text = self.source.line(number)
-        return Span(
-            self.problem_span.file, number, indentation(text) + 1, number, len(text.rstrip()) + 1
-        )
+        return self.span(indentation(text) + 1, len(text.rstrip()) + 1, number)
+
+    def opening(self) -> str:
+        """The first character of what the scanner was reading."""
+        return self.source.line(self.context_span.line)[self.context_span.column - 1 :][:1]
 
     def line_above(self) -> tuple[int, str]:
         """The nearest line above that has content: its number, and its text."""
@@ -98,14 +102,11 @@ def tab_indentation(report: ScannerReport) -> Diagnostic | None:
         return None
     indent = re.match(r"[ \t]*", report.line)
     width = len(indent[0]) if indent is not None else 0
-    span = Span(
-        report.problem_span.file, report.problem_span.line, 1, report.problem_span.line, width + 1
-    )
     return report.error(
         "R2B011",
         "tab in the indentation",
         "indent with spaces, two per level",
-        span=span if "\t" in report.line[:width] else None,
+        span=report.span(1, width + 1) if "\t" in report.line[:width] else None,
     )
 
 
@@ -115,8 +116,8 @@ def reserved_character(report: ScannerReport) -> Diagnostic | None:
         return None
     char = report.rest[:1]
     word = _word(report.rest)
-    span = report.problem_span
-    span = Span(span.file, span.line, span.column, span.line, span.column + max(len(word), 1))
+    start = report.problem_span.column
+    span = report.span(start, start + max(len(word), 1))
     text = f'"{word}"'
     simple = word and not set(word) & {'"', "\\"}
     return report.error(
@@ -133,7 +134,7 @@ def unclosed_quote(report: ScannerReport) -> Diagnostic | None:
     ended = "unexpected end of stream" in report.problem
     if not ended and "document indicator" not in report.problem:
         return None
-    mark = report.source.line(report.context_span.line)[report.context_span.column - 1 :][:1]
+    mark = report.opening()
     return report.error(
         "R2B012",
         "unclosed single quote" if mark == "'" else "unclosed double quote",
@@ -149,7 +150,7 @@ def unclosed_bracket(report: ScannerReport) -> Diagnostic | None:
     if "flow" not in report.context:
         return None
     at_end = not report.rest.strip() or "stream end" in report.problem
-    opener = report.source.line(report.context_span.line)[report.context_span.column - 1 :][:1]
+    opener = report.opening()
     if opener not in ("[", "{"):
         if not at_end:
             return None
@@ -201,24 +202,12 @@ def invalid_escape(report: ScannerReport) -> Diagnostic | None:
     if "escape character" not in report.problem and "hexdecimal" not in report.problem:
         return None
     # libyaml points to the backslash, the Python scanner to the character after it.
-    column = (
-        report.problem_span.column
-        if report.rest.startswith("\\")
-        else report.problem_span.column - 1
-    )
-    span = Span(
-        report.problem_span.file,
-        report.problem_span.line,
-        column,
-        report.problem_span.line,
-        column + 2,
-    )
-    shown = report.line[column - 1 : column + 1]
+    column = report.problem_span.column - (not report.rest.startswith("\\"))
     return report.error(
         "R2B016",
-        f"unknown escape sequence '{shown}'",
+        f"unknown escape sequence '{report.line[column - 1 : column + 1]}'",
         "write a backslash as \\\\, or use single quotes, which have no escapes",
-        span=span,
+        span=report.span(column, column + 2),
     )
 
 
@@ -247,47 +236,28 @@ def unexpected_colon(report: ScannerReport) -> Diagnostic | None:
         return None
     key = re.match(r"\s*(?:- +)*([^\s:#'\"\[{][^:#]*?)\s*:(?:\s|$)", report.before)
     if key is not None and report.before[key.end() :].strip():
-        start, value = key.end(), report.line[key.end() :].rstrip()
-        start += len(value) - len(value.lstrip())
-        value = value.strip()
-        span = Span(
-            report.problem_span.file,
-            report.problem_span.line,
-            start + 1,
-            report.problem_span.line,
-            len(value) + start,
-        )
+        rest = report.line[key.end() :].rstrip()
+        value = rest.strip()
+        start = key.end() + len(rest) - len(value) + 1
         quotable = '"' not in value and "\\" not in value and " #" not in value
         return report.error(
             "R2B014",
             f"the value of '{key[1]}' contains ': ', which starts another map",
             "quote the value, or write the inner keys on lines of their own",
-            edit=Edit(
-                Span(span.file, span.line, start + 1, span.line, start + 1 + len(value)),
-                f'"{value}"',
-            )
-            if quotable
-            else None,
+            edit=Edit(report.span(start, start + len(value)), f'"{value}"') if quotable else None,
         )
-    above = report.line_above()
-    no_space = re.match(r"\s*(?:- +)*([A-Za-z_]\w*):(\S.*)", above[1])
+    number, above = report.line_above()
+    no_space = re.match(r"\s*(?:- +)*([A-Za-z_]\w*):(\S.*)", above)
     if no_space is not None:
-        number, _ = above
         column = no_space.start(2) + 1
-        return report.error(
-            "R2B014",
-            f"missing space after '{no_space[1]}:'",
-            f"write '{no_space[1]}: {no_space[2].strip()}'",
-            span=Span(report.problem_span.file, number, column - 1, number, column),
-            edit=Edit(Span(report.problem_span.file, number, column, number, column), " "),
-        )
-    if indentation(report.line) > indentation(above[1]) and above[1].strip():
+        return _missing_space(report, number, column, f"{no_space[1]}:", no_space[2].strip())
+    if indentation(report.line) > indentation(above) and above.strip():
         return report.error(
             "R2B015",
             "this line is indented below a key that already has a value",
             "indent it like the line above, or move the value of that line to a line of its own",
             span=report.line_span(report.problem_span.line),
-            related=(Related("the line above", report.line_span(above[0])),),
+            related=(Related("the line above", report.line_span(number)),),
         )
     return report.error("R2B014", "unexpected ':'", "quote the value that contains it")
 
@@ -296,29 +266,28 @@ def missing_colon(report: ScannerReport) -> Diagnostic | None:
     """A line that should be a key."""
     if "could not find expected ':'" not in report.problem:
         return None
-    text = report.source.line(report.context_span.line)[report.context_span.column - 1 :].rstrip()
-    span = Span(
-        report.context_span.file,
-        report.context_span.line,
-        report.context_span.column,
-        report.context_span.line,
-        report.context_span.column + max(len(text), 1),
-    )
+    line, start = report.context_span.line, report.context_span.column
+    text = report.source.line(line)[start - 1 :].rstrip()
     glued = re.match(r"[A-Za-z_][A-Za-z0-9_]*:(?=[^\s:/])", text)
     if glued is not None:
-        column = span.column + glued.end()
-        return report.error(
-            "R2B014",
-            f"missing space after '{glued[0]}'",
-            f"write '{glued[0]} {text[glued.end() :]}'",
-            span=Span(span.file, span.line, column - 1, span.line, column),
-            edit=Edit(Span(span.file, span.line, column, span.line, column), " "),
-        )
+        return _missing_space(report, line, start + glued.end(), glued[0], text[glued.end() :])
     return report.error(
         "R2B014",
         "this line is neither a key nor part of the value above",
         "write 'key: value', or indent the line to continue the value above",
-        span=span,
+        span=report.span(start, start + max(len(text), 1), line),
+    )
+
+
+def _missing_space(
+    report: ScannerReport, line: int, column: int, key: str, value: str
+) -> Diagnostic:
+    return report.error(
+        "R2B014",
+        f"missing space after '{key}'",
+        f"write '{key} {value}'",
+        span=report.span(column - 1, column, line),
+        edit=Edit(report.span(column, column, line), " "),
     )
 
 

@@ -18,20 +18,18 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
-from r2bspec.check.check_context import Context
-from r2bspec.check.document_files import DocumentFiles
-from r2bspec.check.engine import check_cases_in_contexts, context_of
+from r2bspec.check.check_context import Context, DocumentFiles
+from r2bspec.check.engine import check_cases, context_of
 from r2bspec.diagnostics import Diagnostic, Severity
 from r2bspec.diagnostics import Path as TreePath
 from r2bspec.language.declaration import Rule, rule_at
+from r2bspec.language.document import Source
 from r2bspec.language.load_spec import LoadedSpec, load_cases, load_spec
 from r2bspec.language.located_tree import TreeNode, to_plain
 from r2bspec.language.matrix import KEY as MATRIX
-from r2bspec.language.source_text import Source
-from r2bspec.language.yaml_composer import compose
-from r2bspec.language.yaml_scalars import to_yaml
-from r2bspec.untrusted.looked_up_files import shared_lookups
-from r2bspec.untrusted.unsaved_files import unsaved_files
+from r2bspec.language.yaml_document import compose, to_yaml
+from r2bspec.safe_io.looked_up_files import shared_lookups
+from r2bspec.safe_io.safe_file import unsaved_files
 
 _MAX_ROUNDS: Final = 8
 """Each round repairs all errors that are seen; a repaired value may have further ones."""
@@ -166,7 +164,7 @@ def analyse(path: Path, text: str, unsaved: Mapping[Path, str] | None = None) ->
         cases = load_cases(text, file=str(path))
         files = DocumentFiles(cases[0].base_dir)
         contexts = tuple(context_of(each, files=files) for each in cases)
-        found = check_cases_in_contexts(cases, contexts)
+        found = check_cases(cases, contexts=contexts)
     return Analysis(path, text, cases, contexts, tuple(found))
 
 

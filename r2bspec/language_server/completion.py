@@ -16,8 +16,7 @@ from lsprotocol import types
 from r2bspec.diagnostics.code_pages import all_pages
 from r2bspec.language.declaration import Rule, rule_at
 from r2bspec.language_server.analysis import Analysis
-from r2bspec.language_server.cursor_context import CursorContext, Proposal, cursor_context
-from r2bspec.language_server.positions import TextPositions
+from r2bspec.language_server.positions import CursorContext, Proposal, TextPositions, cursor_context
 from r2bspec.language_server.proposed_names import (
     environment_names,
     names_as_keys,

@@ -1,23 +1,30 @@
-"""Positions in a text, of the compiler and of the protocol, and what is written there.
+"""Positions in a text, of the compiler and of the protocol, and where in a document the cursor is.
 
 The compiler counts lines as YAML does and columns in characters, both from 1. The protocol counts
-from 0, its lines end only with a carriage return or a line feed, and its columns are in the units
 of the negotiated encoding: UTF-16 code units by default. An offset is in characters.
+
+The cursor may be in a text that is not valid: the word at the cursor is replaced by a marker and
+the text is parsed; where the marker is in the tree tells the path, and whether a key or a value is
+being written. A text that cannot be parsed with the marker as a value is tried with the marker as a
+key, then without what follows the line.
 """
 
 from __future__ import annotations
 
 import re
 from bisect import bisect_right
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
 from lsprotocol import types
 
 from r2bspec.diagnostics import Path, Span
-from r2bspec.diagnostics.source_lines import LINE_BREAK
-from r2bspec.language.located_tree import ListNode, MapNode, TreeNode
+from r2bspec.diagnostics.diagnostic import LINE_BREAK
+from r2bspec.language.document import Source
+from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
+from r2bspec.language.yaml_document import compose
+from r2bspec.language_server.analysis import Analysis
 
 _PROTOCOL_LINE_BREAK: Final = re.compile(r"\r\n|\n|\r")
 
@@ -149,3 +156,158 @@ def _find_place(
     if not contains(node.span, file, place):
         return None
     return Place(path, node.span, is_key=False, parents=parents)
+
+
+_MARKER: Final = "r2bspec_cursor_marker"
+_WORD: Final = re.compile(r"[^\s,:{}\[\]\"'#&*!|>%@`]*")
+_WORD_BEFORE: Final = re.compile(r"[^\s,{}\[\]\"'#]*\Z")
+_COMMENT: Final = re.compile(r"(?:^|\s)#[^\n]*\Z")
+_CLOSING: Final = {"{": "}", "[": "]"}
+
+
+@dataclass(frozen=True, slots=True)
+class CursorContext:
+    """What is being written at the cursor.
+
+    Attributes:
+        path: of the map whose key is written, or of the value.
+        is_key: whether a key is written.
+        before: what is written of the key or the value before the cursor.
+        start: the offset at which the word begins that a completion replaces.
+        end: the offset at which it ends.
+        siblings: the keys that the map has, without the one that is written.
+        has_colon: whether the key is followed by a colon.
+    """
+
+    path: Path
+    is_key: bool
+    before: str
+    start: int
+    end: int
+    siblings: frozenset[str] = frozenset()
+    has_colon: bool = False
+
+
+def cursor_context(text: str, offset: int) -> CursorContext | None:
+    """The context of the cursor at an offset; None in a comment, or where nothing fits."""
+    line_start = text.rfind("\n", 0, offset) + 1
+    line = text[line_start:offset]
+    if _COMMENT.search(line):
+        return None
+    start = offset - len(_word_before(line))
+    match = _WORD.match(text, offset)
+    end = match.end() if match is not None else offset
+    for candidate in _candidates(text, start, end):
+        tree = compose(Source("cursor", candidate)).tree
+        found = _find(tree, ()) if tree is not None else None
+        if found is not None:
+            path, is_key, before, siblings = found
+            followed = text[end:].lstrip(" ").startswith(":")
+            written = text[start:offset]
+            return CursorContext(path, is_key, before + written, start, end, siblings, followed)
+    return None
+
+
+def _word_before(line: str) -> str:
+    """The part of a word that is before the cursor; a key ends at its colon."""
+    match = _WORD_BEFORE.search(line)
+    return match[0] if match is not None else ""
+    # 'key:value' is one word in YAML; 'key: value' was split at the space.
+
+
+def _candidates(text: str, start: int, end: int) -> Iterator[str]:
+    line_end = text.find("\n", end)
+    rest_of_line = text[end : line_end if line_end >= 0 else len(text)]
+    above, below = text[:start], text[end:]
+    yield f"{above}{_MARKER}{below}"
+    if not rest_of_line.lstrip().startswith(":"):
+        yield f"{above}{_MARKER}: {below}"
+        # In a flow map: a key without a value yet.
+        yield f"{above}{_MARKER}: 0{below}"
+    closing = _open_brackets(above)
+    yield f"{above}{_MARKER}{closing}\n"
+    yield f"{above}{_MARKER}: {closing}\n"
+    # Of a document that is broken above, too, only the lines that lead here by their indentation.
+    leading = "".join(_leading_lines(above))
+    yield f"{leading}{_MARKER}{closing}\n"
+    yield f"{leading}{_MARKER}: {closing}\n"
+
+
+def _open_brackets(text: str) -> str:
+    """What closes the flow collections that are open at the end of a text."""
+    opened: list[str] = []
+    for line in text.rsplit("\n", 40):
+        quote = ""
+        for character in line:
+            if quote:
+                quote = "" if character == quote else quote
+            elif character in "\"'":
+                quote = character
+            elif character == "#":
+                break
+            elif character in _CLOSING:
+                opened.append(_CLOSING[character])
+            elif character in "}]" and opened:
+                opened.pop()
+    return "".join(reversed(opened))
+
+
+def _leading_lines(above: str) -> list[str]:
+    """The lines above that are parents of the last one, by their indentation, and that one."""
+    *lines, last = above.split("\n")
+    kept = [last]
+    indent = len(last) - len(last.lstrip())
+    for line in reversed(lines):
+        depth = len(line) - len(line.lstrip())
+        if line.strip() and depth < indent and not line.lstrip().startswith("#"):
+            key, colon, _ = line.partition(":")
+            kept.append(f"{key}{colon}\n" if colon else f"{line}\n")
+            indent = depth
+    return kept[::-1]
+
+
+_Found = tuple[Path, bool, str, frozenset[str]]
+
+
+def _find(node: TreeNode, path: Path) -> _Found | None:
+    """The path of the marker, whether it is a key, what is before it, and its sibling keys."""
+    if isinstance(node, ScalarNode):
+        before, marker, _ = node.text.partition(_MARKER)
+        return (path, False, before, frozenset()) if marker else None
+    if isinstance(node, ListNode):
+        found = (_find(item, (*path, index)) for index, item in enumerate(node.items))
+        return next((each for each in found if each is not None), None)
+    if isinstance(node, MapNode):
+        for key, entry in node.entries.items():
+            if _MARKER in key:
+                siblings = frozenset(each for each in node.entries if each != key)
+                return path, True, key.partition(_MARKER)[0], siblings
+            below = _find(entry.value, (*path, key))
+            if below is not None:
+                return below
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """One thing that can be written.
+
+    Attributes:
+        label: what is shown, and inserted if `insert` is empty.
+        insert: what is inserted instead of the label; the lines after the first one are relative
+            to the indentation of the first.
+        is_snippet: whether `insert` has placeholders.
+        order: lower ones are shown first.
+    """
+
+    label: str
+    detail: str = ""
+    documentation: str = ""
+    insert: str = ""
+    kind: types.CompletionItemKind = types.CompletionItemKind.Value
+    is_snippet: bool = False
+    order: int = 500
+
+
+ProposalSource = Callable[[Analysis, CursorContext], Iterator[Proposal]]
+"""What can be written at the path of a context."""

@@ -7,6 +7,7 @@ Message types are that of the topic first, then those that are known.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any, Final
 
@@ -20,7 +21,7 @@ from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNod
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language_server import proposed_values as files
 from r2bspec.language_server.analysis import Analysis
-from r2bspec.language_server.cursor_context import CursorContext, Proposal, ProposalSource
+from r2bspec.language_server.positions import CursorContext, Proposal, ProposalSource
 from r2bspec.language_server.proposed_values import quantities, requirements
 from r2bspec.language_server.symbols import names_of
 from r2bspec.wiring.name_resolution import expand
@@ -47,13 +48,17 @@ def _proposal(name: str, detail: str, order: int) -> Proposal:
     return Proposal(name, detail, kind=types.CompletionItemKind.Struct, order=order)
 
 
+def _topic(name: str, detail: str, *, documentation: str = "", order: int = 5) -> Proposal:
+    field = types.CompletionItemKind.Field
+    return Proposal(name, detail, documentation, kind=field, order=order)
+
+
 def _topics_beside(analysis: Analysis, owner: Path) -> Iterator[str]:
     """The topics of the input or the monitor whose type is written."""
     if owner[:2] == ("playback", "inputs"):
         yield str(owner[-1])
-    tree = analysis.loaded.tree
     for key in ("from", "topic"):
-        node = lookup(tree, (*owner, key)) if tree is not None else None
+        node = lookup(analysis.loaded.tree, (*owner, key))
         if isinstance(node, ScalarNode):
             yield node.text
 
@@ -76,8 +81,7 @@ def _common_types() -> tuple[str, ...]:
 
 def variable_value(analysis: Analysis, name: str) -> str:
     """The value of a variable as it is written; empty if it is unknown."""
-    tree = analysis.loaded.tree
-    node = lookup(tree, ("variables", name)) if tree is not None else None
+    node = lookup(analysis.loaded.tree, ("variables", name))
     return node.text if isinstance(node, ScalarNode) else ""
 
 
@@ -90,10 +94,9 @@ def environment_names(analysis: Analysis) -> list[str]:
 def bag_topics(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
     """The topics of the recordings, with their types."""
     del context
-    spec_context = analysis.known
-    bag = spec_context.bag if spec_context is not None else None
+    bag = analysis.known.bag if analysis.known is not None else None
     for name, info in (bag.topics if bag is not None else {}).items():
-        yield Proposal(name, info.type, kind=types.CompletionItemKind.Field, order=5)
+        yield _topic(name, info.type)
 
 
 def graph_topics(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
@@ -106,13 +109,8 @@ def graph_topics(analysis: Analysis, context: CursorContext) -> Iterator[Proposa
         for topic in phase.topics:
             ends = (*phase.publishers(topic), *phase.subscriptions(topic))
             known = next((each.type for each in ends if each.type), "")
-            yield Proposal(
-                spec_context.relative_name(topic),
-                known,
-                documentation="\n".join(_owners(topic, ends)),
-                kind=types.CompletionItemKind.Field,
-                order=5,
-            )
+            lines = "\n".join(_owners(topic, ends))
+            yield _topic(spec_context.relative_name(topic), known, documentation=lines)
 
 
 def _owners(topic: str, ends: Iterable[Any]) -> Iterator[str]:
@@ -133,22 +131,12 @@ def input_topics(analysis: Analysis, context: CursorContext) -> Iterator[Proposa
         publishers = [each for each in phase.publishers(topic) if each.is_node]
         if readers and not publishers:
             known = next((each.type for each in readers if each.type), "")
-            yield Proposal(
-                spec_context.relative_name(topic),
-                known,
-                kind=types.CompletionItemKind.Field,
-                order=1,
-            )
+            yield _topic(spec_context.relative_name(topic), known, order=1)
     # Before the graph is written, the recorded names are the best that is known.
     for name, info in (spec_context.bag.topics if spec_context.bag is not None else {}).items():
         if name in spec_context.spec.data_loader.topics:
-            yield Proposal(
-                name.removeprefix("/"),
-                info.type,
-                documentation="The name in the recording.",
-                kind=types.CompletionItemKind.Field,
-                order=2,
-            )
+            recorded = "The name in the recording."
+            yield _topic(name.removeprefix("/"), info.type, order=2, documentation=recorded)
 
 
 def _node_at(analysis: Analysis, path: Path) -> NodeWiring | None:
@@ -167,7 +155,7 @@ def own_topics(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]
         return
     found = {**(node.interface.publishes or {}), **(node.interface.subscribes or {})}
     for name, type_name in found.items():
-        yield Proposal(name, type_name, kind=types.CompletionItemKind.Field, order=5)
+        yield _topic(name, type_name)
 
 
 def parameters(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
@@ -203,7 +191,7 @@ def inputs(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
     del context
     known = analysis.known
     for name in known.spec.playback.inputs if known is not None else ():
-        yield Proposal(name, "input", kind=types.CompletionItemKind.Field, order=5)
+        yield _topic(name, "input")
 
 
 def rates(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
@@ -274,20 +262,9 @@ def names_as_keys(analysis: Analysis | None, context: CursorContext) -> Iterator
     if analysis is not None:
         for pattern, source in _KEYS:
             if _matches(context.path, pattern):
-                for each in source(analysis, context):
-                    yield each if context.has_colon else _as_key(each)
-
-
-def _as_key(each: Proposal) -> Proposal:
-    return Proposal(
-        each.label,
-        each.detail,
-        each.documentation,
-        f"{each.insert or each.label}: ",
-        each.kind,
-        each.is_snippet,
-        each.order,
-    )
+                for proposal in source(analysis, context):
+                    key = f"{proposal.insert or proposal.label}: "
+                    yield proposal if context.has_colon else replace(proposal, insert=key)
 
 
 def _matches(path: Path, pattern: Sequence[str]) -> bool:

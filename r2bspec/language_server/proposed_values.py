@@ -14,18 +14,18 @@ from typing import Final
 
 from lsprotocol import types
 
+from r2bspec.bags.recording import BAG_FORMATS
 from r2bspec.check.installed_packages import (
     ament_packages,
     package_executables,
     package_plugins,
     package_share,
 )
-from r2bspec.language.bag_formats import BAG_FORMATS
 from r2bspec.language.declaration import Rule
 from r2bspec.language.located_tree import ScalarNode, lookup
 from r2bspec.language.quantities import QUANTITIES, Duration, Quantity
 from r2bspec.language_server.analysis import Analysis
-from r2bspec.language_server.cursor_context import CursorContext, Proposal
+from r2bspec.language_server.positions import CursorContext, Proposal
 from r2bspec.language_server.symbols import definitions_in, names_of
 
 _MAX_FILES: Final = 200
@@ -33,8 +33,8 @@ _MAX_FILES: Final = 200
 
 def recordings(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
     """Datasets, and the recordings below the folder of the spec."""
-    from r2bspec.bags.errors import DataError
-    from r2bspec.datasets.locate_bag import known_datasets
+    from r2bspec.bags.recording import DataError
+    from r2bspec.datasets.catalogue import known_datasets
 
     try:
         for name in known_datasets():
@@ -146,7 +146,7 @@ def launch_files(analysis: Analysis, context: CursorContext) -> Iterator[Proposa
 
 def _package_beside(analysis: Analysis, context: CursorContext) -> str:
     tree = analysis.loaded.tree
-    package = lookup(tree, (*context.path[:-1], "package")) if tree is not None else None
+    package = lookup(tree, (*context.path[:-1], "package"))
     return package.text if isinstance(package, ScalarNode) else ""
 
 
@@ -193,8 +193,13 @@ def requirements(analysis: Analysis, context: CursorContext) -> Iterator[Proposa
 
 
 def _metrics(analysis: Analysis) -> Iterator[Proposal]:
-    from r2bspec.measure.metric_catalogue import METRICS, MetricError, names
-    from r2bspec.measure.metric_reference import example_requirement, find_metric
+    from r2bspec.measure.metric_catalogue import (
+        METRICS,
+        MetricError,
+        example_requirement,
+        find_metric,
+        names,
+    )
 
     spec_context = analysis.known
     processes = spec_context.processes if spec_context is not None else ()
@@ -228,8 +233,7 @@ def _metrics(analysis: Analysis) -> Iterator[Proposal]:
 
 
 def _dimension(metric: str) -> str:
-    from r2bspec.measure.metric_catalogue import MetricError
-    from r2bspec.measure.metric_reference import find_metric
+    from r2bspec.measure.metric_catalogue import MetricError, find_metric
 
     for name in (metric, metric.partition(".")[2]):
         try:

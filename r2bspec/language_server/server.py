@@ -18,20 +18,26 @@ from pygls.uris import to_fs_path
 
 from r2bspec._version import __version__
 from r2bspec.diagnostics import Span
-from r2bspec.language_server import commands
+from r2bspec.language_server import actions
+from r2bspec.language_server.actions import REQUEST as CASES
+from r2bspec.language_server.actions import (
+    SpecCase,
+    code_actions,
+    code_lenses,
+    diagnostics_by_file,
+    spec_cases,
+    uri,
+)
 from r2bspec.language_server.analysis import Analysis, OpenSpecs
-from r2bspec.language_server.commands import REQUEST as CASES
-from r2bspec.language_server.commands import SpecCase, code_lenses, spec_cases
 from r2bspec.language_server.completion import TRIGGERS, ClientCapabilities, complete
-from r2bspec.language_server.findings import code_actions, diagnostics_by_file, uri
-from r2bspec.language_server.positions import TextPositions
-from r2bspec.language_server.reading import (
+from r2bspec.language_server.document_views import (
     document_symbols,
     folding_ranges,
     hover,
     inlay_hints,
     selection_range,
 )
+from r2bspec.language_server.positions import TextPositions
 from r2bspec.language_server.symbols import (
     RenameError,
     definitions,
@@ -40,8 +46,7 @@ from r2bspec.language_server.symbols import (
     rename,
 )
 from r2bspec.language_server.transport import AnsweringProtocol, MessageInput
-from r2bspec.untrusted.errors import RefusedFileError
-from r2bspec.untrusted.safe_file import read_text
+from r2bspec.safe_io.safe_file import RefusedFileError, read_text
 
 DEBOUNCE_S: Final = 0.005
 """Time without a change after which a text is analysed: editors may send what belongs together in
@@ -56,9 +61,9 @@ _MAX_SHOWN: Final = 200
 """Characters of a URI that a message shows."""
 
 _SUFFIXES: Final = {
-    commands.PLAN: "json",
-    commands.DRAW_GRAPH: "mmd",
-    commands.SHOW_RESULT: "md",
+    actions.PLAN: "json",
+    actions.DRAW_GRAPH: "mmd",
+    actions.SHOW_RESULT: "md",
 }
 """The commands whose output is shown as a document, and the kind of it."""
 
@@ -206,7 +211,7 @@ class SpecLanguageServer(LanguageServer):
         Raises:
             ValueError: the argument is not that of a command.
         """
-        self._start(name, commands.SpecCommand.from_argument(argument).argv(name))
+        self._start(name, actions.SpecCommand.from_argument(argument).argv(name))
 
     def show_result(self, folder: str) -> None:
         """Show the report of a run folder.
@@ -214,7 +219,7 @@ class SpecLanguageServer(LanguageServer):
         Raises:
             ValueError: it is none.
         """
-        self._start(commands.SHOW_RESULT, commands.report_argv(folder))
+        self._start(actions.SHOW_RESULT, actions.report_argv(folder))
 
     def _start(self, name: str, argv: list[str]) -> None:
         task = asyncio.ensure_future(self._run_command(name, argv))
@@ -223,7 +228,7 @@ class SpecLanguageServer(LanguageServer):
 
     async def _run_command(self, name: str, argv: list[str]) -> None:
         log = partial(self._log, types.MessageType.Log)
-        status, output = await commands.run_command(argv, self.folder, log)
+        status, output = await actions.run_command(argv, self.folder, log)
         if name in _SUFFIXES and status == 0:
             self._show_text(name, output)
         else:
@@ -499,10 +504,10 @@ def _add_commands(server: SpecLanguageServer) -> None:
         text, unsaved = server.text_of(path), server.specs.unsaved()
         return await asyncio.to_thread(spec_cases, path, text, unsaved)
 
-    for name in commands.COMMANDS:
+    for name in actions.COMMANDS:
         server.command(name)(_starter(server, name))
 
-    @server.command(commands.SHOW_RESULT)
+    @server.command(actions.SHOW_RESULT)
     def show(folder: str) -> None:
         _or_invalid(partial(server.show_result, folder))
 

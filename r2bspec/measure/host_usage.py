@@ -127,15 +127,18 @@ def _process_use(resources: Rows, index: int, began_ns: int, ended_ns: int) -> R
     )
 
 
-def _growth_of_process(rows: Rows, field: str, start: int, end: int) -> float | None:
-    """By how much a cumulative value has grown; None if it is unknown at some sample."""
-    values = rows[field]
-    # -1 in files of versions that did not record it.
-    if not np.all(values >= 0):
-        return None
+def _growth(rows: Rows, field: str, start: int, end: int) -> float:
+    """By how much a cumulative value has grown; NaN where the system does not report it."""
+    # Relative to the start of the window, because float64 cannot represent nanoseconds since boot.
     times_s = (rows["time_ns"] - start) / 1e9
-    first, last = np.interp([0.0, (end - start) / 1e9], times_s, values)
+    first, last = np.interp([0.0, (end - start) / 1e9], times_s, rows[field])
     return float(last - first)
+
+
+def _growth_of_process(rows: Rows, field: str, start: int, end: int) -> float | None:
+    """The same; None if it is unknown at some sample."""
+    # -1 in files of versions that did not record it.
+    return _growth(rows, field, start, end) if np.all(rows[field] >= 0) else None
 
 
 def _sum(values: list[float | None]) -> float | None:
@@ -223,10 +226,7 @@ def _covers(rows: Rows, began_ns: int, ended_ns: int) -> bool:
 
 def _growth_on_host(rows: Rows, field: str, began_ns: int, ended_ns: int) -> float | None:
     """By how much a sum grew; None if the system does not report it."""
-    # Relative to the start of the window, because float64 cannot represent nanoseconds since boot.
-    times = (rows["time_ns"] - began_ns) / 1e9
-    first, last = np.interp([0.0, (ended_ns - began_ns) / 1e9], times, rows[field])
-    grown = float(last - first)
+    grown = _growth(rows, field, began_ns, ended_ns)
     return max(0.0, grown) if math.isfinite(grown) else None
 
 

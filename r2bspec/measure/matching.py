@@ -14,6 +14,10 @@ This is known for an iteration only if the stamps are times of that clock: not i
 hundred is after the reception of its message or more than an hour before it, as with stamps that
 were never set, or come from a simulation or a recording; and not if the clock was set meanwhile.
 What was sent, missed, duplicated or reordered is unknown, and no metric of it has a value.
+
+An output carries the stamp of one of its inputs, whichever the node copies. Where stamps within a
+step differ (`r2bspec.plan.nearest_stamps`), the stamp of an output is therefore replaced by that of
+its step before anything is matched or recorded (`StepStamps`).
 """
 
 from __future__ import annotations
@@ -25,6 +29,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from r2bspec.ipc.schedule import Schedule, TimelineSchedule
 from r2bspec.plan.plan import InputPlan, MonitorPlan
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import Segment
@@ -324,29 +329,6 @@ def input_mask(inputs: Sequence[InputPlan], topics: Sequence[str]) -> int:
     return sum(1 << number for number, each in enumerate(inputs) if each.topic in topics)
 
 
-def match_segment(run: Run, segment: Segment, monitor: MonitorPlan) -> tuple[Rows, Rows, Matching]:
-    """The steps of a segment that count for a monitor, what it received, and how they match.
-
-    In a live segment, in which nothing is played, each message is its own step, published when its
-    source stamped it; there are none if that is not known.
-
-    Raises:
-        RecordError: a file of the segment is missing or damaged.
-    """
-    rows = run.monitor(segment, monitor.name)
-    if not segment.live:
-        steps = select_expected_steps(run.playback(segment), run.plan.inputs, monitor)
-        ratio = ratio_of(monitor, segment.played_before)
-        return steps, rows, match(steps, rows, monitor.match, ratio)
-    stamped = source_times_ns(segment, rows)
-    steps = np.zeros(0 if stamped is None else rows.size, PLAYBACK_DTYPE)
-    if stamped is not None:
-        steps["stamp_ns"] = rows["stamp_ns"]
-        for name in ("due_ns", "published_ns", "done_ns"):
-            steps[name] = stamped
-    return steps, rows, match(steps, rows, "order")
-
-
 @dataclass(frozen=True)
 class MatchedMonitor:
     """The match of one monitor. It is costly, and therefore computed once.
@@ -383,3 +365,90 @@ def match_monitor(
     steps = select_expected_steps(playback, inputs, plan)
     ratio = ratio_of(plan, played_before)
     return MatchedMonitor(steps, rows, ratio, match(steps, rows, plan.match, ratio))
+
+
+def match_segment(run: Run, segment: Segment, monitor: MonitorPlan) -> tuple[Rows, Rows, Matching]:
+    """The steps of a segment that count for a monitor, what it received, and how they match.
+
+    In a live segment, in which nothing is played, each message is its own step, published when its
+    source stamped it; there are none if that is not known.
+
+    Raises:
+        RecordError: a file of the segment is missing or damaged.
+    """
+    rows = run.monitor(segment, monitor.name)
+    if not segment.live:
+        playback, inputs = run.playback(segment), run.plan.inputs
+        matched = match_monitor(playback, rows, monitor, inputs, segment.played_before)
+        return matched.steps, rows, matched.matching
+    stamped = source_times_ns(segment, rows)
+    steps = np.zeros(0 if stamped is None else rows.size, PLAYBACK_DTYPE)
+    if stamped is not None:
+        steps["stamp_ns"] = rows["stamp_ns"]
+        for name in ("due_ns", "published_ns", "done_ns"):
+            steps[name] = stamped
+    return steps, rows, match(steps, rows, "order")
+
+
+class StepStamps:
+    """Replaces the stamps of received messages by those of their steps.
+
+    Outputs of earlier steps are known, too: late ones are then recognised in a later segment.
+    """
+
+    def __init__(self, schedule: Schedule) -> None:
+        self._offsets_ns = np.array(schedule.stamp_offsets_ns, dtype=np.int64)
+        self._restarts = isinstance(schedule, TimelineSchedule)
+        # Of all inputs played before, ascending, and the stamp of the step of each.
+        self._inputs_ns: NDArray[np.int64] = np.empty(0, dtype=np.int64)
+        self._steps_ns: NDArray[np.int64] = np.empty(0, dtype=np.int64)
+
+    def replace(self, received: Rows, playback: Rows, first: int) -> Rows:
+        """The rows with the stamps of steps where theirs is that of an input of the step.
+
+        Args:
+            received: rows of type `MONITOR_DTYPE`.
+            playback: rows of type `PLAYBACK_DTYPE` that were played in one go.
+            first: the number of the first of them among all that the player has played.
+        """
+        if not self._offsets_ns.size or not received.size:
+            return received
+        found = received.copy()
+        # Where a stamp belongs to two steps, the earlier one counts.
+        for inputs_ns, steps_ns in (
+            _ascending(*self._stamps(playback, first)),
+            (self._inputs_ns, self._steps_ns),
+        ):
+            if not inputs_ns.size:
+                continue
+            place = np.searchsorted(inputs_ns, received["stamp_ns"])
+            place = np.minimum(place, inputs_ns.size - 1)
+            belongs = inputs_ns[place] == received["stamp_ns"]
+            found["stamp_ns"][belongs] = steps_ns[place[belongs]]
+        return found
+
+    def remember(self, playback: Rows, first: int) -> None:
+        """Keep the stamps of steps that have been played; arguments as in `replace`."""
+        if not self._offsets_ns.size:
+            return
+        inputs_ns, steps_ns = _ascending(*self._stamps(playback, first))
+        # Later steps have later stamps, as a rule; then nothing is moved.
+        place = np.searchsorted(self._inputs_ns, inputs_ns, side="right")
+        self._inputs_ns = np.insert(self._inputs_ns, place, inputs_ns)
+        self._steps_ns = np.insert(self._steps_ns, place, steps_ns)
+
+    def _stamps(self, playback: Rows, first: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """The stamps of all inputs of some steps, and for each that of its step; shape (n,)."""
+        # A timeline begins anew with each playback, a cyclic schedule goes on.
+        begin = 0 if self._restarts else first
+        places = (begin + np.arange(playback.size)) % len(self._offsets_ns)
+        offsets_ns = self._offsets_ns[places]
+        steps_ns = np.broadcast_to(playback["stamp_ns"][:, np.newaxis], offsets_ns.shape)
+        return (steps_ns + offsets_ns).ravel(), steps_ns.ravel()
+
+
+def _ascending(
+    inputs_ns: NDArray[np.int64], steps_ns: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    order = np.argsort(inputs_ns, kind="stable")
+    return inputs_ns[order], steps_ns[order]

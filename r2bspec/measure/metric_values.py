@@ -29,14 +29,12 @@ from r2bspec.measure.samples import (
     MonitorSamples,
     SegmentSamples,
     StepTimes,
-    intervals_with_edge_gaps,
     output_period_ns,
+    output_times,
 )
 from r2bspec.measure.times import (
     Seconds,
-    jitter,
     percentile,
-    seconds,
     throughput,
 )
 
@@ -246,30 +244,18 @@ def _cut_window(
     seen: MonitorSamples, part: slice, ended_ns: int, window_ns: int, period_ns: float = 0.0
 ) -> MonitorSamples:
     steps = seen.steps
-    due, published = steps.due_ns[part], steps.published_ns[part]
-    received = steps.received_ns[part]
-    inside = StepTimes(due, published, received)
-    answered = inside.answered
-    arrived = np.sort(received[answered])
-    latency = seconds(received[answered] - published[answered])
-    between, rate_hz = np.empty(0), 0.0
-    if arrived.size:
-        soonest = int(published[0]) + round(float(latency.min()) * 1e9)
-        between = intervals_with_edge_gaps(arrived, soonest, ended_ns)
-        due_ns = due.size * period_ns or window_ns
-        rate_hz = throughput(arrived, soonest, due_ns, period_ns)
+    inside = StepTimes(steps.due_ns[part], steps.published_ns[part], steps.received_ns[part])
+    number = int(inside.due_ns.size)
+    outputs = output_times(
+        inside, int(inside.published_ns[0]), ended_ns, number * period_ns or window_ns, period_ns
+    )
     return MonitorSamples(
         steps=inside,
-        times={
-            "latency": latency,
-            "latency_from_due": seconds(received[answered] - due[answered]),
-            "interval": between,
-            "jitter": jitter(arrived),
-        },
-        sent=int(due.size),
-        answered=int(arrived.size),
-        received=int(arrived.size),
-        throughput_hz=rate_hz,
+        times=outputs.by_family,
+        sent=number,
+        answered=int(outputs.arrived_ns.size),
+        received=int(outputs.arrived_ns.size),
+        throughput_hz=outputs.throughput_hz,
         by_order=seen.by_order,
         per_step=seen.per_step,
     )

@@ -8,7 +8,7 @@ added, messages pooled, rates averaged.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal
 
 import msgspec
@@ -21,14 +21,15 @@ from r2bspec.measure.distribution import (
     Distribution,
     part_value,
 )
-from r2bspec.measure.hop_latency import HopSamples, pool_hops
 from r2bspec.measure.host_usage import HostInterference, ResourceUse
 from r2bspec.measure.samples import (
+    HopSamples,
     MonitorSamples,
     PlaybackSamples,
     RunSamples,
     SegmentSamples,
     StepTimes,
+    pool_hops,
 )
 from r2bspec.measure.times import Seconds, percentile
 from r2bspec.record.run_record import Probe, SearchRecord
@@ -186,16 +187,22 @@ class RunMetrics(msgspec.Struct, frozen=True, kw_only=True):
     incomplete: tuple[str, ...]
 
 
+_OF_SENT = (
+    *("sent", "answered", "duplicates", "reordered", "unmatched"),
+    *("late", "early", "overdue", "surplus"),
+)
+"""Counts of `MonitorSamples` that depend on what was sent."""
+
+_COUNTS = (*_OF_SENT, "received", "untimed")
+
+
 def pool_monitor(samples: Sequence[MonitorSamples]) -> MonitorSamples:
     """One monitor over several iterations, at least one.
 
     Times are concatenated, so that each message weighs the same; no interval spans two
     iterations. The throughput is the mean of the iterations' throughputs.
     """
-
-    def total(count: Callable[[MonitorSamples], int]) -> int:
-        return sum(count(one) for one in samples)
-
+    counts = {name: sum(getattr(one, name) for one in samples) for name in _COUNTS}
     return MonitorSamples(
         steps=StepTimes(
             due_ns=np.concatenate([one.steps.due_ns for one in samples]),
@@ -208,22 +215,12 @@ def pool_monitor(samples: Sequence[MonitorSamples]) -> MonitorSamples:
             else np.empty(0)
             for family in samples[0].times
         },
-        sent=total(lambda one: one.sent),
-        answered=total(lambda one: one.answered),
-        received=total(lambda one: one.received),
-        duplicates=total(lambda one: one.duplicates),
-        reordered=total(lambda one: one.reordered),
-        unmatched=total(lambda one: one.unmatched),
         throughput_hz=sum(one.throughput_hz for one in samples) / len(samples),
-        late=total(lambda one: one.late),
-        early=total(lambda one: one.early),
-        overdue=total(lambda one: one.overdue),
-        surplus=total(lambda one: one.surplus),
         by_order=samples[0].by_order,
-        untimed=total(lambda one: one.untimed),
         per_step=samples[0].per_step,
         hops=pool_hops([one.hops for one in samples]),
         live=samples[0].live,
+        **counts,
     )
 
 
@@ -350,30 +347,19 @@ def _spread(iterations: Sequence[SegmentMetrics], monitor: str) -> dict[str, Spr
 
 
 def _monitor(seen: MonitorSamples) -> MonitorMetrics:
-    def known(count: int) -> int | None:
-        return None if seen.live else count
-
+    counts = {name: None if seen.live else getattr(seen, name) for name in (*_OF_SENT, "missed")}
     return MonitorMetrics(
-        sent=known(seen.sent),
-        answered=known(seen.answered),
-        missed=known(seen.missed),
         drop_rate=seen.missed / seen.expected if seen.expected and not seen.live else None,
         received=seen.received,
-        duplicates=known(seen.duplicates),
-        reordered=known(seen.reordered),
-        unmatched=known(seen.unmatched),
         throughput_hz=seen.throughput_hz,
         latency=distribution(seen.times["latency"]),
         latency_from_due=distribution(seen.times["latency_from_due"]),
         interval=distribution(seen.times["interval"]),
         jitter=distribution(seen.times["jitter"]),
-        late=known(seen.late),
-        early=known(seen.early),
-        overdue=known(seen.overdue),
-        surplus=known(seen.surplus),
         untimed=seen.untimed,
         unknown_latency=seen.unknown_latency,
         hops=tuple(map(_hop, seen.hops)),
+        **counts,
     )
 
 

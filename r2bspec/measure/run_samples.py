@@ -9,7 +9,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.measure.hop_latency import hop_samples
 from r2bspec.measure.host_usage import (
     MACHINE_INDEX,
     ORPHANS_INDEX,
@@ -23,6 +22,7 @@ from r2bspec.measure.samples import (
     MonitorSamples,
     RunSamples,
     SegmentSamples,
+    hop_samples,
     live_samples,
     monitor_samples,
     playback_samples,

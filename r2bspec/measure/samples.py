@@ -1,30 +1,131 @@
-"""The samples of one segment, matched and in seconds, and those of a run."""
+"""The samples of one segment, matched and in seconds, and those of a run.
+
+The latency of a graph is split into that of its hops by the taps. The same message is identified at
+every tap by its header stamp. With t_A(s) the time at which the message of step s was received at
+A, the latency of the hop from A to B is
+
+    t_B(s) - t_A(s)
+
+for every step received at both. For the player, t(s) is when publishing of the step began. Means of
+successive hops add up to the mean of the whole path, for the same steps; percentiles do not.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.measure.hop_latency import HopSamples
 from r2bspec.measure.host_usage import HostInterference, ResourceUse
-from r2bspec.measure.matching import NO_MATCH, MatchedMonitor, Matching, source_times_ns
+from r2bspec.measure.matching import NO_MATCH, MatchedMonitor, Matching, match, source_times_ns
 from r2bspec.measure.times import (
     Seconds,
-    arrivals,
     edge_gaps,
     intervals,
     jitter,
-    latencies,
-    latencies_from_due,
     mean_rate,
     seconds,
     throughput,
 )
+from r2bspec.plan.plan import MonitorPlan, Plan
+from r2bspec.plan.taps import PLAYER, hops_to
 from r2bspec.record.run_record import RunRecord, Segment
 from r2bspec.record.sample_arrays import Rows
+
+
+@dataclass(frozen=True)
+class HopSamples:
+    """One hop: its latency in seconds, a value for each step received at both ends, in their order.
+
+    `missed` steps were received at `source` and not at `target`.
+    """
+
+    source: str
+    target: str
+    times: Seconds
+    missed: int
+
+
+def hop_samples(
+    plan: Plan,
+    monitor: MonitorPlan,
+    playback: Rows,
+    taps: Mapping[str, Rows],
+    seen: Rows,
+    matched: Matching,
+) -> tuple[HopSamples, ...]:
+    """The hops of the path to a monitor, in one segment.
+
+    A tap whose messages have no header is left out, and its two hops are merged.
+
+    Args:
+        plan: of the run.
+        monitor: the monitor; without taps there are no hops.
+        playback: rows of type `PLAYBACK_DTYPE`.
+        taps: rows of type `MONITOR_DTYPE` of each tap, by topic.
+        seen: rows of type `MONITOR_DTYPE` of the monitor itself.
+        matched: how these match.
+    """
+    if not monitor.taps:
+        return ()
+    unstamped = [name for name, rows in taps.items() if rows.size and not rows["stamp_ns"].any()]
+    times = {name: _received_by_stamp(playback, rows) for name, rows in taps.items()}
+    times[PLAYER] = playback["published_ns"]
+    times[monitor.topic] = _received_by_step(playback.size, seen, matched)
+    waited = np.zeros(playback.size, dtype=np.bool_)
+    waited[matched.trigger_steps] = True
+    everything = np.ones(playback.size, dtype=np.bool_)
+    return tuple(
+        _hop(source, target, times, waited if target == monitor.topic else everything)
+        for source, target in hops_to(plan, monitor, unstamped)
+    )
+
+
+def _received_by_stamp(playback: Rows, rows: Rows) -> NDArray[np.int64]:
+    """When the message of each step was first received at a tap; shape (steps,)."""
+    return _received_by_step(playback.size, rows, match(playback, rows, "stamp"))
+
+
+def _received_by_step(steps: int, rows: Rows, matched: Matching) -> NDArray[np.int64]:
+    received = np.full(steps, NO_MATCH, dtype=np.int64)
+    answered = np.flatnonzero(matched.answered)[::-1]  # the first of several is written last
+    received[matched.trigger_steps[answered]] = rows["received_ns"][matched.first_row[answered]]
+    return received
+
+
+def _hop(
+    source: str, target: str, times: Mapping[str, NDArray[np.int64]], waited: NDArray[np.bool_]
+) -> HopSamples:
+    there, here = times[source], times[target]
+    seen = (there != NO_MATCH) & waited
+    both = seen & (here != NO_MATCH)
+    return HopSamples(
+        source=source,
+        target=target,
+        times=seconds(here[both] - there[both]),
+        missed=int(np.count_nonzero(seen) - np.count_nonzero(both)),
+    )
+
+
+def pool_hops(iterations: Sequence[Iterable[HopSamples]]) -> tuple[HopSamples, ...]:
+    """Each hop over several iterations: messages pooled, counts added."""
+    found: dict[tuple[str, str], list[HopSamples]] = {}
+    for hops in iterations:
+        for hop in hops:
+            found.setdefault((hop.source, hop.target), []).append(hop)
+    return tuple(
+        HopSamples(
+            source=source,
+            target=target,
+            times=np.concatenate([hop.times for hop in hops]),
+            missed=sum(hop.missed for hop in hops),
+        )
+        for (source, target), hops in found.items()
+    )
+
 
 LOSS_SENSITIVE_FAMILIES = ("latency", "latency_from_due")
 """Families in which a missed output counts as later than every other."""
@@ -46,6 +147,33 @@ class StepTimes:
     def answered(self) -> NDArray[np.bool_]:
         """Whether each expected output arrived."""
         return np.not_equal(self.received_ns, NO_MATCH)
+
+    @property
+    def latency(self) -> Seconds:
+        """Received - published of each output, in the order of the steps; shape (answered,).
+
+        Published is when publishing of the step's first input began; received is when the
+        middleware received the first output. Where several steps lead to one output, the last of
+        them counts: the graph could not respond before.
+        """
+        answered = self.answered
+        return seconds(self.received_ns[answered] - self.published_ns[answered])
+
+    @property
+    def latency_from_due(self) -> Seconds:
+        """The same since the step was due: free of coordinated omission, delays of playback count.
+
+        Shape (answered,).
+        """
+        answered = self.answered
+        return seconds(self.received_ns[answered] - self.due_ns[answered])
+
+    @property
+    def reordered(self) -> int:
+        """Outputs that arrived after that of a later step (see `Matching`)."""
+        in_order_of_arrival = np.argsort(self.received_ns[self.answered], kind="stable")
+        highest_before = np.maximum.accumulate(in_order_of_arrival)[:-1]
+        return int(np.count_nonzero(in_order_of_arrival[1:] < highest_before))
 
 
 @dataclass(frozen=True)
@@ -221,6 +349,13 @@ class RunSamples:
         """
         return min((len(set(starts_of(found))) for found in self.iterations.values()), default=1)
 
+    def iterations_at(self, at_hz: float | None) -> tuple[SegmentSamples, ...]:
+        """The iterations at a rate; none if there is no rate."""
+        if at_hz is None:
+            return ()
+        rates = self.iterations.items()
+        return next((played for rate, played in rates if math.isclose(rate, at_hz)), ())
+
     @property
     def processes(self) -> tuple[str, ...]:
         """The names of all processes that ran, once each."""
@@ -232,37 +367,73 @@ def starts_of(iterations: Sequence[SegmentSamples]) -> tuple[int, ...]:
     return tuple(one.segment.start for one in iterations)
 
 
+@dataclass(frozen=True)
+class OutputTimes:
+    """What follows from when the outputs of some steps came.
+
+    Attributes:
+        by_family: the times of `MonitorSamples`.
+        arrived_ns: when they came, ascending.
+        throughput_hz: see `r2bspec.measure.times.throughput`.
+    """
+
+    by_family: Mapping[str, Seconds]
+    arrived_ns: NDArray[np.int64]
+    throughput_hz: float
+
+
+def output_times(
+    steps: StepTimes, first_ns: int, ended_ns: int, window_ns: float, period_ns: float
+) -> OutputTimes:
+    """The times of the outputs of a segment, or of a part of it.
+
+    Args:
+        steps: the expected outputs.
+        first_ns: when the first step was published, whether or not it has an output.
+        ended_ns: the end of the sending window.
+        window_ns: see `r2bspec.measure.times.throughput`.
+        period_ns: likewise.
+    """
+    latency, arrived = steps.latency, np.sort(steps.received_ns[steps.answered])
+    between, rate_hz = np.empty(0), 0.0
+    if arrived.size:
+        soonest = first_ns + round(float(latency.min()) * 1e9)
+        between = intervals_with_edge_gaps(arrived, soonest, ended_ns)
+        rate_hz = throughput(arrived, soonest, window_ns, period_ns)
+    times = {
+        "latency": latency,
+        "latency_from_due": steps.latency_from_due,
+        "interval": between,
+        "jitter": jitter(arrived),
+    }
+    return OutputTimes(times, arrived, rate_hz)
+
+
 def monitor_samples(segment: Segment, matched_monitor: MatchedMonitor) -> MonitorSamples:
     """The counts and times of one monitor in one segment."""
     playback, monitor = matched_monitor.steps, matched_monitor.rows
     matched = matched_monitor.matching
-    latency = latencies(playback, monitor, matched)
-    arrived = arrivals(monitor, matched)
-    between, rate_hz = np.empty(0), 0.0
-    if arrived.size:
-        soonest = int(playback["published_ns"][0]) + round(float(latency.min()) * 1e9)
-        between = intervals_with_edge_gaps(arrived, soonest, segment.ended_ns)
-        period_ns = output_period_ns(segment, int(playback.size), matched.per_step)
-        due_ns = matched.trigger_steps.size * period_ns
-        rate_hz = throughput(arrived, soonest, due_ns, period_ns)
+    steps = step_times(playback, monitor, matched)
+    period_ns = output_period_ns(segment, int(playback.size), matched.per_step)
+    outputs = output_times(
+        steps,
+        int(playback["published_ns"][0]) if playback.size else 0,
+        segment.ended_ns,
+        matched.trigger_steps.size * period_ns,
+        period_ns,
+    )
+    unknown = dict.fromkeys(LOSS_SENSITIVE_FAMILIES, np.empty(0))
     return MonitorSamples(
-        steps=_step_times(playback, monitor, matched),
-        times={
-            "latency": latency if matched.pairs_known else np.empty(0),
-            "latency_from_due": latencies_from_due(playback, monitor, matched)
-            if matched.pairs_known
-            else np.empty(0),
-            "interval": between,
-            "jitter": jitter(arrived),
-        },
+        steps=steps,
+        times=outputs.by_family if matched.pairs_known else {**outputs.by_family, **unknown},
         sent=int(playback.size),
-        answered=int(arrived.size),
+        answered=int(outputs.arrived_ns.size),
         received=int(monitor.size),
         duplicates=matched.duplicates,
         reordered=matched.reordered,
         unmatched=matched.unmatched,
-        throughput_hz=rate_hz,
-        late=int(np.count_nonzero(arrived > segment.ended_ns)),
+        throughput_hz=outputs.throughput_hz,
+        late=int(np.count_nonzero(outputs.arrived_ns > segment.ended_ns)),
         early=matched.early,
         surplus=matched.surplus,
         by_order=matched.by_order,
@@ -279,7 +450,8 @@ def output_period_ns(segment: Segment, steps: int, per_step: float) -> float:
     return (segment.ended_ns - segment.began_ns) / (steps * per_step) if steps else 0.0
 
 
-def _step_times(playback: Rows, monitor: Rows, matched: Matching) -> StepTimes:
+def step_times(playback: Rows, monitor: Rows, matched: Matching) -> StepTimes:
+    """When each expected output was due, published and received."""
     received = np.full(matched.trigger_steps.size, NO_MATCH, dtype=np.int64)
     answered = matched.answered
     received[answered] = monitor["received_ns"][matched.first_row[answered]]
@@ -291,8 +463,7 @@ def intervals_with_edge_gaps(arrived: NDArray[np.int64], soonest_ns: int, ended_
     """The intervals between outputs, and the gaps at the ends that count (see `edge_gaps`)."""
     if not arrived.size:
         return np.empty(0)
-    gaps = edge_gaps(arrived, soonest_ns, ended_ns)
-    ends = [gap for gap in (gaps.before_ns, gaps.after_ns) if gap]
+    ends = [gap for gap in edge_gaps(arrived, soonest_ns, ended_ns) if gap]
     return np.concatenate((intervals(arrived), seconds(np.array(ends, dtype=np.int64))))
 
 

@@ -3,6 +3,10 @@
 A result is kept under the digest of everything that it was made from: sources, compiler, headers
 and flags. It is compiled in a folder of its own and moved into place, so that two builds at once
 do not disturb each other, and an interrupted one leaves nothing behind that would be used.
+
+A ROS installation that is sourced has headers and libraries in its prefixes
+(``AMENT_PREFIX_PATH``); the wheels have them in the environment of the interpreter. Both have one
+folder for each package below ``include``.
 """
 
 from __future__ import annotations
@@ -13,15 +17,102 @@ import os
 import shlex
 import shutil
 import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from r2bspec.native.errors import BuildError
-from r2bspec.native.python_symbols import symbol_flags
-from r2bspec.native.ros_headers import RCL_PACKAGES, RosFiles
+from r2bspec.errors import R2bspecError
+from r2bspec.exit_status import ExitStatus
 from r2bspec.private_files import private_files
+
+NOT_BUILT = "R2B668"
+
+
+class BuildError(R2bspecError):
+    """The native part of the harness cannot be built on this machine."""
+
+    code = NOT_BUILT
+    exit_code = ExitStatus.USAGE
+
+
+RCL_PACKAGES = (
+    *("rcl", "rmw", "rcutils", "rosidl_runtime_c", "rosidl_typesupport_interface"),
+    *("rosidl_dynamic_typesupport", "rcl_yaml_param_parser", "type_description_interfaces"),
+    *("service_msgs", "builtin_interfaces", "rcl_interfaces", "rosidl_typesupport_c"),
+)
+"""The packages whose headers rcl's own include."""
+
+_MARKER = Path("rcl/rcl/rcl.h")
+
+
+@dataclass(frozen=True)
+class RosFiles:
+    """What a C program needs of a ROS.
+
+    Attributes:
+        prefixes: in the order of their precedence.
+        wheels: whether they are the wheels of this interpreter, whose libraries have unresolved
+            symbols of CPython.
+    """
+
+    prefixes: tuple[Path, ...]
+    wheels: bool
+
+    def include_folders(self, packages: Sequence[str] = RCL_PACKAGES) -> list[Path]:
+        """The folders of headers of some packages, as far as they are installed."""
+        return [
+            folder
+            for prefix in self.prefixes
+            for package in packages
+            if (folder := prefix / "include" / package).is_dir()
+        ]
+
+    def library_folders(self) -> list[Path]:
+        """Where the linker finds the libraries."""
+        return [folder for prefix in self.prefixes if (folder := prefix / "lib").is_dir()]
+
+
+def find_ros(environ: Mapping[str, str] = os.environ) -> RosFiles:
+    """Find the ROS that processes with this environment use; a sourced one precedes the wheels.
+
+    Raises:
+        BuildError: there are no headers of rcl (R2B668).
+    """
+    sourced = tuple(Path(each) for each in environ.get("AMENT_PREFIX_PATH", "").split(":") if each)
+    if any((prefix / "include" / _MARKER).is_file() for prefix in sourced):
+        return RosFiles(prefixes=sourced, wheels=False)
+    if (Path(sys.prefix) / "include" / _MARKER).is_file():
+        return RosFiles(prefixes=(*sourced, Path(sys.prefix)), wheels=True)
+    where = ", ".join(str(each) for each in (*sourced, Path(sys.prefix)))
+    raise BuildError(
+        f"the C headers of ROS 2 are not installed: no include/{_MARKER} in {where}",
+        hint="Source a ROS 2 installation with ros-<distro>-rcl, or pip install 'r2bspec[ros]'.",
+    )
+
+
+# Libraries in the wheels are linked to the converters of messages between C and Python, which a
+# program without an interpreter never calls. The loader wants their data to exist at once, and
+# their functions where ``LD_BIND_NOW`` is set.
+_SYMBOLS = """
+PyExc_RuntimeError _Py_TrueStruct PyBool_FromLong PyBuffer_Release PyBuffer_ToContiguous
+PyBytes_AsStringAndSize PyBytes_FromStringAndSize PyErr_SetString PyFloat_FromDouble
+PyImport_ImportModule PyList_New PyList_SetItem PyLong_AsLong PyLong_AsLongLong
+PyLong_AsSize_t PyLong_AsUnsignedLong PyLong_AsUnsignedLongLong PyLong_FromLong
+PyLong_FromLongLong PyLong_FromUnsignedLong PyLong_FromUnsignedLongLong
+PyObject_CallFunctionObjArgs PyObject_CallObject PyObject_CheckBuffer PyObject_GetAttrString
+PyObject_GetBuffer PyObject_SetAttrString PyObject_Size PySequence_Fast PySequence_Size
+PyUnicode_AsUTF16String PyUnicode_AsUTF8String PyUnicode_DecodeUTF16 PyUnicode_DecodeUTF8
+_Py_Dealloc
+"""
+
+
+def symbol_flags() -> list[str]:
+    """Flags of the compiler that define the symbols, at an address that cannot be used."""
+    return [f"-Wl,--defsym={each}=0" for each in _SYMBOLS.split()]
+
 
 Kind = Literal["program", "library"]
 

@@ -46,7 +46,7 @@ typedef struct source {
   mapping_t buffer; /* its messages */
 } source_t;
 
-/* r2bspec/ipc/playback_events.py: a message of an event, or one more stamp in the message after it.
+/* r2bspec/ipc/playback_file.py: a message of an event, or one more stamp in the message after it.
  * The first three times are relative until an event is played. */
 typedef struct entry {
   int64_t due_ns, stamp_ns, published_ns, done_ns;

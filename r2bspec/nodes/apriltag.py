@@ -8,8 +8,8 @@ from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 
-from r2bspec.nodes import camera, camera_subscription, images, tag_poses
-from r2bspec.nodes.declared_parameters import declare, destroy_on_value_error, greater_than, one_of
+from r2bspec.nodes import camera, images, node_tools, tag_poses
+from r2bspec.nodes.node_tools import declare, destroy_on_value_error, greater_than, one_of
 
 
 class AprilTagNode(Node):
@@ -43,10 +43,8 @@ class AprilTagNode(Node):
             "how corners are brought below one pixel",
             one_of(*tag_poses.REFINEMENTS),
         )
-        self._publisher = self.create_publisher(
-            PoseArray, "detections", camera_subscription.QOS_DEPTH
-        )
-        camera_subscription.subscribe_pair(self, "image", "camera_info", self._on_pair)
+        self._publisher = self.create_publisher(PoseArray, "detections", node_tools.QOS_DEPTH)
+        node_tools.subscribe_pair(self, "image", "camera_info", self._on_pair)
 
     def _on_pair(self, image: Image, info: CameraInfo) -> None:
         found = tag_poses.detect(

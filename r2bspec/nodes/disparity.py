@@ -9,8 +9,8 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, RegionOfInterest
 from stereo_msgs.msg import DisparityImage
 
-from r2bspec.nodes import camera, camera_subscription, images, stereo_matching
-from r2bspec.nodes.declared_parameters import (
+from r2bspec.nodes import camera, images, node_tools, stereo
+from r2bspec.nodes.node_tools import (
     Constraint,
     at_least,
     declare,
@@ -43,11 +43,9 @@ class DisparityNode(Node):
 
     def _start(self) -> None:
         self._matching = self._declared()
-        self._matcher = stereo_matching.make_matcher(self._matching)
-        self._publisher = self.create_publisher(
-            DisparityImage, "disparity", camera_subscription.QOS_DEPTH
-        )
-        camera_subscription.subscribe_set(
+        self._matcher = stereo.make_matcher(self._matching)
+        self._publisher = self.create_publisher(DisparityImage, "disparity", node_tools.QOS_DEPTH)
+        node_tools.subscribe_set(
             self,
             {
                 "left/image_rect": Image,
@@ -58,14 +56,14 @@ class DisparityNode(Node):
             self._on_set,
         )
 
-    def _declared(self) -> stereo_matching.MatcherParameters:
-        return stereo_matching.MatcherParameters(
+    def _declared(self) -> stereo.MatcherParameters:
+        return stereo.MatcherParameters(
             algorithm=declare(
                 self,
                 "stereo_algorithm",
                 0,
                 "0 block matching, 1 semi-global block matching",
-                one_of(stereo_matching.BLOCK_MATCHING, stereo_matching.SEMI_GLOBAL),
+                one_of(stereo.BLOCK_MATCHING, stereo.SEMI_GLOBAL),
             ),
             window_px=declare(
                 self, "correlation_window_size", 15, "edge of the compared square, pixels", _ODD
@@ -115,14 +113,14 @@ class DisparityNode(Node):
         if baseline_m <= 0:
             raise ValueError("right/camera_info has no baseline: p[3] must be negative")
         offset_px = float(left_camera[0, 2] - right_camera[0, 2])
-        found = stereo_matching.disparity(
+        found = stereo.disparity(
             self._matcher,
             images.gray(images.view(left), left.encoding),
             images.gray(images.view(right), right.encoding),
             offset_px,
         )
         tried = self._matching
-        window = stereo_matching.valid_window(tried, left.width, left.height)
+        window = stereo.valid_window(tried, left.width, left.height)
         self._publisher.publish(
             DisparityImage(
                 header=left.header,
@@ -142,6 +140,6 @@ class DisparityNode(Node):
                 ),
                 min_disparity=tried.min_disparity_px - offset_px,
                 max_disparity=tried.min_disparity_px + tried.range_px - 1 - offset_px,
-                delta_d=stereo_matching.DISPARITY_STEP_PX,
+                delta_d=stereo.DISPARITY_STEP_PX,
             )
         )

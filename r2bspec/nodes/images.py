@@ -11,7 +11,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.nodes.opencv import cv2
+try:
+    import cv2 as cv2
+except ImportError as missing:
+    raise ImportError(
+        "this node needs OpenCV, which is not installed: pip install 'r2bspec[vision]'"
+    ) from missing
+
 
 Pixels = NDArray[Any]
 

@@ -9,8 +9,8 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 from stereo_msgs.msg import DisparityImage
 
-from r2bspec.nodes import camera, camera_subscription, images, stereo_points
-from r2bspec.nodes.declared_parameters import any_bool, declare, destroy_on_value_error
+from r2bspec.nodes import camera, images, node_tools, stereo
+from r2bspec.nodes.node_tools import any_bool, declare, destroy_on_value_error
 
 _FIELDS = tuple(
     PointField(name=name, offset=offset, datatype=PointField.FLOAT32, count=1)
@@ -39,10 +39,8 @@ class PointCloudNode(Node):
         self._use_color = declare(
             self, "use_color", True, "whether points have the colour of their pixels", any_bool()
         )
-        self._publisher = self.create_publisher(
-            PointCloud2, "points2", camera_subscription.QOS_DEPTH
-        )
-        camera_subscription.subscribe_set(
+        self._publisher = self.create_publisher(PointCloud2, "points2", node_tools.QOS_DEPTH)
+        node_tools.subscribe_set(
             self,
             {
                 "left/image_rect_color": Image,
@@ -59,12 +57,12 @@ class PointCloudNode(Node):
                 f"the image has {image.width}x{image.height} pixels, "
                 f"the disparity {disparity.image.width}x{disparity.image.height}"
             )
-        cloud = stereo_points.points(
+        cloud = stereo.points(
             found, camera.projection(info), disparity.f, disparity.t, disparity.min_disparity
         )
         if self._use_color:
-            cloud["rgb"] = stereo_points.colors(images.view(image), image.encoding)
-        size = stereo_points.POINT_TYPE.itemsize
+            cloud["rgb"] = stereo.colors(images.view(image), image.encoding)
+        size = stereo.POINT_TYPE.itemsize
         self._publisher.publish(
             PointCloud2(
                 header=disparity.header,

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from r2bspec.nodes import camera
-from r2bspec.nodes.images import Pixels
-from r2bspec.nodes.opencv import cv2
+from r2bspec.nodes.images import Pixels, cv2
 
 INTERPOLATIONS = MappingProxyType(
     {0: cv2.INTER_NEAREST, 1: cv2.INTER_LINEAR, 2: cv2.INTER_CUBIC, 4: cv2.INTER_LANCZOS4}

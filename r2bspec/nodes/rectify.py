@@ -7,8 +7,8 @@ from typing import Any
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 
-from r2bspec.nodes import camera, camera_subscription, images, rectification
-from r2bspec.nodes.declared_parameters import declare, destroy_on_value_error, one_of
+from r2bspec.nodes import camera, images, node_tools, rectification
+from r2bspec.nodes.node_tools import declare, destroy_on_value_error, one_of
 
 
 class RectifyNode(Node):
@@ -35,13 +35,11 @@ class RectifyNode(Node):
             "0 nearest, 1 linear, 2 cubic, 4 Lanczos over 8x8 pixels",
             one_of(*rectification.INTERPOLATIONS),
         )
-        self._image_publisher = self.create_publisher(
-            Image, "image_rect", camera_subscription.QOS_DEPTH
-        )
+        self._image_publisher = self.create_publisher(Image, "image_rect", node_tools.QOS_DEPTH)
         self._info_publisher = self.create_publisher(
-            CameraInfo, "camera_info_rect", camera_subscription.QOS_DEPTH
+            CameraInfo, "camera_info_rect", node_tools.QOS_DEPTH
         )
-        camera_subscription.subscribe_pair(self, "image", "camera_info", self._on_pair)
+        node_tools.subscribe_pair(self, "image", "camera_info", self._on_pair)
 
     def _on_pair(self, image: Image, info: CameraInfo) -> None:
         memory, target = images.allocate(image.encoding, image.height, image.width)

@@ -7,7 +7,8 @@ from typing import Any
 
 from rclpy.node import Node
 
-from r2bspec.nodes.declared_parameters import (
+from r2bspec.nodes.format_classes import message_type
+from r2bspec.nodes.node_tools import (
     Constraint,
     any_bool,
     at_least,
@@ -15,7 +16,6 @@ from r2bspec.nodes.declared_parameters import (
     destroy_on_value_error,
     one_of,
 )
-from r2bspec.nodes.format_classes import message_type
 from r2bspec.nodes.service_times import JITTERS, service_times_ns
 
 

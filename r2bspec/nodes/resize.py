@@ -7,8 +7,8 @@ from typing import Any
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 
-from r2bspec.nodes import camera, camera_subscription, images
-from r2bspec.nodes.declared_parameters import (
+from r2bspec.nodes import camera, images, node_tools
+from r2bspec.nodes.node_tools import (
     Constraint,
     any_bool,
     declare,
@@ -65,14 +65,12 @@ class ResizeNode(Node):
             one_of(0, 1, 2, 3, 4),
         )
         self._image_publisher = self.create_publisher(
-            Image, "resize/image_raw", camera_subscription.QOS_DEPTH
+            Image, "resize/image_raw", node_tools.QOS_DEPTH
         )
         self._info_publisher = self.create_publisher(
-            CameraInfo, "resize/camera_info", camera_subscription.QOS_DEPTH
+            CameraInfo, "resize/camera_info", node_tools.QOS_DEPTH
         )
-        camera_subscription.subscribe_pair(
-            self, "image/image_raw", "image/camera_info", self._on_pair
-        )
+        node_tools.subscribe_pair(self, "image/image_raw", "image/camera_info", self._on_pair)
 
     def _on_pair(self, image: Image, info: CameraInfo) -> None:
         width, height = self._output_size(image)

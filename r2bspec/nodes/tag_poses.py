@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.nodes.opencv import cv2
+from r2bspec.nodes.images import cv2
 
 FAMILIES = ("16h5", "25h9", "36h10", "36h11")
 REFINEMENTS = ("none", "subpix", "contour", "apriltag")

@@ -1,4 +1,4 @@
-"""The canonical JSON of a plan, its hash, and reading it.
+"""The canonical JSON of a plan, its hash, reading it, and its JSON Schema.
 
 Canonical form: JSON in UTF-8, sorted keys, indentation of two spaces, shortest floats that can be
 read back exactly, control characters and bidirectional marks as escapes, a newline at the end.
@@ -8,17 +8,34 @@ Quantities and requirements are strings of the language.
 from __future__ import annotations
 
 import hashlib
+import json
 from pathlib import Path
+from typing import Any, Final
 
 import msgspec
 
 from r2bspec.diagnostics.plain_text import escaped_json
-from r2bspec.language import value_codec
-from r2bspec.language.default_starts import MAX_STARTS
-from r2bspec.plan.errors import PLAN_BROKEN, PLAN_FOREIGN, PLAN_UNREADABLE, PlanError
+from r2bspec.errors import R2bspecError
+from r2bspec.exit_status import ExitStatus
+from r2bspec.language.benchmark_defaults import MAX_STARTS
+from r2bspec.language.declaration import decode_text, encode_text
+from r2bspec.language.quantities import Quantity
+from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.plan.plan import Plan, PlayPlan
-from r2bspec.untrusted.safe_file import read_bytes
-from r2bspec.untrusted.safe_json import MAX_JSON_BYTES, decode_json
+from r2bspec.safe_io.safe_file import read_bytes
+from r2bspec.safe_io.safe_json import MAX_JSON_BYTES, decode_json
+
+PLAN_UNREADABLE: Final = "R2B610"
+PLAN_FOREIGN: Final = "R2B611"
+PLAN_BROKEN: Final = "R2B612"
+
+
+class PlanError(R2bspecError):
+    """A file cannot be used as a plan. The message names the file; `hint` is the remedy."""
+
+    code = PLAN_BROKEN
+    exit_code = ExitStatus.USAGE
+
 
 PLAN_VERSION = 1
 
@@ -35,7 +52,7 @@ class _PlanHeader(msgspec.Struct):
 
 def canonical_json(plan: Plan) -> bytes:
     """The canonical form of a plan."""
-    text = msgspec.json.encode(plan, enc_hook=value_codec.encode, order="sorted")
+    text = msgspec.json.encode(plan, enc_hook=encode_text, order="sorted")
     return escaped_json(msgspec.json.format(text, indent=2) + b"\n")
 
 
@@ -130,6 +147,57 @@ def _check_header(data: bytes, name: str) -> None:
 
 def _decode(kind: type, value: object) -> object:
     try:
-        return value_codec.decode(kind, value)
+        return decode_text(kind, value)
     except NotImplementedError as error:
         raise ValueError(str(error)) from error
+
+
+SCHEMA_FILE_NAME = "r2bspec-plan-v1.schema.json"
+
+
+def plan_schema() -> dict[str, Any]:
+    """The schema as published in ``schemas/``: JSON Schema draft 2020-12."""
+    (reference,), components = msgspec.json.schema_components(
+        [_with_quantities_required()], schema_hook=_string_type, ref_template="#/$defs/{name}"
+    )
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$id": SCHEMA_FILE_NAME,
+        "title": "A plan of r2bspec, version 1",
+        **reference,
+        "$defs": components,
+    }
+
+
+def _with_quantities_required() -> type[msgspec.Struct]:
+    """`Plan`, but defaults that are quantities, which msgspec cannot write, are none."""
+    fields = [
+        (field.name, field.type, msgspec.NODEFAULT)
+        if isinstance(field.default, Quantity)
+        else (field.name, field.type, _default(field))
+        for field in msgspec.structs.fields(Plan)
+    ]
+    namespace = {"__doc__": Plan.__doc__}
+    return msgspec.defstruct(
+        "Plan", fields, namespace=namespace, kw_only=True, forbid_unknown_fields=True
+    )
+
+
+def _default(field: msgspec.structs.FieldInfo) -> Any:
+    if field.default_factory is not msgspec.NODEFAULT:
+        return msgspec.field(default_factory=field.default_factory)
+    return field.default
+
+
+def plan_schema_text() -> str:
+    """The schema as a file, with a newline at its end."""
+    return json.dumps(plan_schema(), indent=2, sort_keys=True, ensure_ascii=False) + "\n"
+
+
+def _string_type(kind: type) -> dict[str, Any]:
+    """Values of the language that are strings in every document."""
+    if issubclass(kind, Quantity):
+        return {"type": "string", "title": kind.__name__, "examples": [kind.example]}
+    if issubclass(kind, Requirement):
+        return {"type": "string", "title": "Requirement", "examples": ["latency.p99 < 50 ms"]}
+    raise NotImplementedError(f"{kind.__name__} has no schema")

@@ -22,12 +22,13 @@ import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
+from r2bspec.language.environment_access import quoted_secret_references
 from r2bspec.language.node_kinds import NodeKindName
-from r2bspec.language.secret_variables import quoted_secret_references
 from r2bspec.language.spec import Container, Launch, ParameterValue
 from r2bspec.wiring.wiring import NodeWiring
 
 HARNESS_ARGV = ("$(python)", "-P", "-m", "r2bspec.harness.child")
+"""The command line of the loader, and of a host of Python nodes."""
 
 NATIVE_ARGV = ("$(harness)",)
 
@@ -37,11 +38,6 @@ INCLUDED_LAUNCH = "$(included_launch)"
 
 CONTAINER_PACKAGE = "rclcpp_components"
 """The package of the component containers."""
-
-
-def host_argv() -> tuple[str, ...]:
-    """The command line of a host of Python nodes."""
-    return HARNESS_ARGV
 
 
 def is_own_program(argv: Sequence[str]) -> bool:

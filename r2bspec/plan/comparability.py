@@ -1,4 +1,8 @@
-"""Comparing plans: whether they measure the same, and the plan of one run of a pair."""
+"""Comparing plans: their differences, and whether they measure the same.
+
+A difference means another load, another graph, or neither. That follows from the declaration of the
+key that a field of a plan shows (`r2bspec.language.declaration`), so a new key needs no word here.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +11,104 @@ import json
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cache
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from r2bspec.diagnostics.diagnostic import format_path
+from r2bspec.diagnostics.diagnostic import Path, format_path
 from r2bspec.diagnostics.quote import clip
-from r2bspec.language.declaration import Change, change_at
+from r2bspec.language.declaration import Change, change_at, encode_text
 from r2bspec.language.spec import Objective, Pacing
 from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.plan import GatePlan, Plan, PlayPlan
-from r2bspec.plan.plan_diff import ABSENT, PlanDifference, diff_plans
+
+
+class _Absent:
+    """The value of an absent member."""
+
+    def __repr__(self) -> str:
+        return "(absent)"
+
+
+ABSENT: Final = _Absent()
+
+# Members of these lists are compared by identity instead of position, so that an additional process
+# does not make all following ones differ.
+_IDENTITY_KEYS: Final = {
+    "bag topics": ("bag_topic",),
+    "inputs": ("topic",),
+    "monitors": ("name",),
+    "nodes": ("name",),
+    "play": ("rate_hz",),
+    "processes": ("name",),
+    "topics": ("phase", "name"),
+}
+
+
+class PlanDifference(NamedTuple):
+    """A different value, as JSON values; `ABSENT` if one plan does not have it."""
+
+    path: Path
+    before: Any
+    after: Any
+
+    def __str__(self) -> str:
+        return f"{format_path(self.path)}: {_json_text(self.before)} -> {_json_text(self.after)}"
+
+
+def diff_plans(before: Plan, after: Plan) -> list[PlanDifference]:
+    """All differences of two plans, in the order of the fields; empty if they are equal."""
+    return list(_diff((), _builtins(before), _builtins(after)))
+
+
+def _builtins(plan: Plan) -> Any:
+    return msgspec.to_builtins(plan, enc_hook=encode_text)
+
+
+def _diff(path: Path, before: Any, after: Any) -> Iterator[PlanDifference]:
+    if isinstance(before, dict) and isinstance(after, dict):
+        yield from _diff_maps(path, before, after)
+        return
+    if isinstance(before, list | tuple) and isinstance(after, list | tuple):
+        yield from _diff_lists(path, before, after)
+    # 1, 1.0 and true are equal to Python, but not to ROS.
+    elif type(before) is not type(after) or before != after:
+        yield PlanDifference(path, before, after)
+
+
+def _diff_maps(
+    path: Path, before: dict[str, Any], after: dict[str, Any]
+) -> Iterator[PlanDifference]:
+    for key in dict.fromkeys((*before, *after)):
+        yield from _diff((*path, key), before.get(key, ABSENT), after.get(key, ABSENT))
+
+
+def _diff_lists(path: Path, before: Any, after: Any) -> Iterator[PlanDifference]:
+    old, new = _by_identity(path, before), _by_identity(path, after)
+    if old is None or new is None:
+        old, new = dict(enumerate(before)), dict(enumerate(after))
+    for key in dict.fromkeys((*old, *new)):
+        yield from _diff((*path, key), old.get(key, ABSENT), new.get(key, ABSENT))
+    kept_before = [key for key in old if key in new]
+    kept_after = [key for key in new if key in old]
+    if kept_before != kept_after:
+        yield PlanDifference((*path, "order"), kept_before, kept_after)
+
+
+def _by_identity(path: Path, members: Any) -> dict[str | int, Any] | None:
+    """The members by identity; None if they have none, or if one occurs twice."""
+    keys = _IDENTITY_KEYS.get("bag topics" if path[:1] == ("dataset",) else str(path[-1]))
+    if keys is None or not all(isinstance(each, dict) for each in members):
+        return None
+    found: dict[str | int, Any] = {
+        " ".join(str(each.get(key)) for key in keys): each for each in members
+    }
+    return found if len(found) == len(members) else None
+
+
+def _json_text(value: Any) -> str:
+    return repr(value) if value is ABSENT else json.dumps(value, ensure_ascii=False)
+
 
 _SHOWN_KEYS: Final[Mapping[str, str]] = {
     **{name: name for name in ("name", "title", "description", "labels", "namespace")},
@@ -91,7 +182,7 @@ def measured_hash(plan: Plan) -> str:
 
 def load_differences(base: Plan, head: Plan) -> list[PlanDifference]:
     """The differences in the load or the harness of two plans, not in the graph under test."""
-    return [each for each in diff_plans(base, head) if _change(each) == "load"]
+    return [difference for difference in diff_plans(base, head) if _change(difference) == "load"]
 
 
 def graph_differences(base: Plan, head: Plan) -> list[PlanDifference]:
@@ -159,32 +250,34 @@ def _single_iteration(play: PlayPlan) -> PlayPlan:
 
 
 def _wants_peak(objective: Objective) -> bool:
-    return objective.at_peak or any(each.metric == "peak.rate" for each in objective.require)
+    return objective.at_peak or any(
+        requirement.metric == "peak.rate" for requirement in objective.require
+    )
 
 
 def pair_count(plan: Plan) -> int:
     """The number of pairs of a plan: its number of iterations, at least one."""
     plays = (*plan.play, *([plan.play_at_peak] if plan.play_at_peak else []))
-    return max((each.iterations for each in plays), default=1)
+    return max((play.iterations for play in plays), default=1)
 
 
 def difference_lines(differences: list[PlanDifference], max_lines: int = 12) -> Iterator[str]:
     """The differences, one per line, limited to `max_lines` and a count of the others."""
-    yield from (str(each) for each in differences[:max_lines])
+    yield from (str(difference) for difference in differences[:max_lines])
     if len(differences) > max_lines:
         yield f"{len(differences) - max_lines} more differences"
 
 
-def brief_difference(each: PlanDifference) -> str:
+def brief_difference(difference: PlanDifference) -> str:
     """A difference in at most a line: what was added or removed is named, not printed."""
-    path = _end_of(format_path(each.path))
-    if each.before is ABSENT:
-        return f"{path}: only in the head{_brief_value(each.after)}"
-    if each.after is ABSENT:
-        return f"{path}: only in the base{_brief_value(each.before)}"
+    path = _end_of(format_path(difference.path))
+    if difference.before is ABSENT:
+        return f"{path}: only in the head{_brief_value(difference.after)}"
+    if difference.after is ABSENT:
+        return f"{path}: only in the base{_brief_value(difference.before)}"
     before, after = (
         clip(json.dumps(value, ensure_ascii=False), _MAX_VALUE)
-        for value in (each.before, each.after)
+        for value in (difference.before, difference.after)
     )
     return f"{path}: {before} -> {after}"
 

@@ -1,4 +1,7 @@
-"""Compiling a spec to the plan of its run."""
+"""Compiling a spec to the plan of its run.
+
+Topics and monitors are in `r2bspec.plan.topic_plans`, processes in `r2bspec.plan.process_plans`.
+"""
 
 from __future__ import annotations
 
@@ -9,21 +12,23 @@ import msgspec
 
 from r2bspec._version import __version__
 from r2bspec.bags.recording import merge_indexes
-from r2bspec.language.spec import BagSource, Objective, Pacing, Spec
-from r2bspec.plan.monitor_plans import plan_monitors
+from r2bspec.language.spec import BagSource, Objective, Pacing, ReadyProbe, Spec
 from r2bspec.plan.plan import (
+    AfterReadyPlan,
     BagTopicPlan,
     DatasetPlan,
     GatePlan,
     HarnessPlan,
     Plan,
     PlayPlan,
+    ProbeKind,
+    ProbePlan,
     SearchPlan,
+    SetupPlan,
     TimelinePlan,
 )
 from r2bspec.plan.process_plans import plan_external, plan_processes
-from r2bspec.plan.step_plans import plan_after_ready, plan_ready, plan_setup
-from r2bspec.plan.topic_plans import plan_inputs, plan_topics
+from r2bspec.plan.topic_plans import plan_inputs, plan_monitors, plan_topics
 from r2bspec.wiring.build_wiring import build_wiring, harness_topic
 from r2bspec.wiring.companion_files import NO_COMPANION_FILES, CompanionFiles
 from r2bspec.wiring.node_interface import InterfaceTable
@@ -57,7 +62,7 @@ def compile_plan(
             built it already.
     """
     bags = list(bag) if isinstance(bag, Sequence) else [bag]
-    together = merge_indexes([each for each in bags if each is not None])
+    together = merge_indexes([index for index in bags if index is not None])
     wiring = wiring or build_wiring(
         spec, bag_types=bag_types(spec, together), table=table, companion_files=companion_files
     )
@@ -91,7 +96,7 @@ def compile_plan(
         objectives=objectives,
         datasets=datasets if len(datasets) > 1 else (),
         timeline=_timeline(spec),
-        harness=_harness(spec),
+        harness=HarnessPlan(placement=spec.harness.placement),
         external=plan_external(wiring),
         setup=plan_setup(spec),
         ready=plan_ready(spec, wiring.namespace),
@@ -110,10 +115,10 @@ def compile_plan(
 def active_objectives(spec: Spec) -> dict[str, Objective]:
     """The active objectives: their level is not `off`, and their `when` is true."""
     return {
-        name: each
-        for name, each in spec.slos.items()
-        if each.level != "off"
-        and all(str(spec.variables.get(key)) == str(value) for key, value in each.when.items())
+        name: objective
+        for name, objective in spec.slos.items()
+        if objective.level != "off"
+        and all(str(spec.variables.get(key)) == str(value) for key, value in objective.when.items())
     }
 
 
@@ -121,8 +126,8 @@ def bag_types(spec: Spec, bag: BagIndex | None) -> dict[str, str]:
     """The types of the bag topics of a spec, by their names in the spec."""
     if bag is None:
         return {}
-    found = {name: bag.find(name) for name in spec.data_loader.topics}
-    return {name: info.type for name, info in found.items() if info is not None}
+    infos = {name: bag.find(name) for name in spec.data_loader.topics}
+    return {name: info.type for name, info in infos.items() if info is not None}
 
 
 def _datasets(spec: Spec, bags: Sequence[BagIndex | None], wiring: Wiring) -> Iterator[DatasetPlan]:
@@ -169,9 +174,10 @@ def _largest_message_bytes(spec: Spec, bag: BagIndex | None) -> int:
     sizes = []
     for name in spec.data_loader.topics:
         info = None if bag is None else bag.find(name)
-        sizes.append(None if info is None else info.max_message_bytes)
-    known = [size for size in sizes if size is not None]
-    return max(known, default=0) if len(known) == len(sizes) else 0
+        if info is None or info.max_message_bytes is None:
+            return 0
+        sizes.append(info.max_message_bytes)
+    return max(sizes, default=0)
 
 
 def _search(spec: Spec) -> SearchPlan | None:
@@ -199,10 +205,6 @@ def _timeline(spec: Spec) -> TimelinePlan | None:
     )
 
 
-def _harness(spec: Spec) -> HarnessPlan:
-    return HarnessPlan(placement=spec.harness.placement)
-
-
 def gate_plan(spec: Spec) -> GatePlan:
     """How the verdicts of a spec are decided, and their consequences."""
     gate = spec.benchmark.gate
@@ -220,16 +222,14 @@ def _sustained_hz(objectives: dict[str, Objective]) -> tuple[float, ...]:
         objective.at.hz
         for objective in objectives.values()
         if objective.at is not None
-        and any(each.metric == "sustained" for each in objective.require)
+        and any(requirement.metric == "sustained" for requirement in objective.require)
     }
     return tuple(sorted(rates))
 
 
 def _play(spec: Spec) -> Iterator[PlayPlan]:
-    rates = [rate.hz for rate in dict.fromkeys(spec.benchmark.rates)]
-    if has_own_rate(spec):
-        rates = [0.0]
-    for rate_hz in rates:
+    rates = dict.fromkeys(rate.hz for rate in spec.benchmark.rates)
+    for rate_hz in [0.0] if has_own_rate(spec) else rates:
         yield _play_at(spec, rate_hz)
 
 
@@ -243,7 +243,7 @@ def _play_at(spec: Spec, rate_hz: float) -> PlayPlan:
 
 
 def _play_at_peak(spec: Spec, objectives: dict[str, Objective]) -> PlayPlan | None:
-    at_peak = any(each.at_peak for each in objectives.values())
+    at_peak = any(objective.at_peak for objective in objectives.values())
     return _play_at(spec, 0.0) if at_peak and spec.benchmark.search is not None else None
 
 
@@ -253,28 +253,68 @@ def has_own_rate(spec: Spec) -> bool:
 
 
 def _phases(spec: Spec, sustained_hz: tuple[float, ...], *, plays: bool) -> Iterator[str]:
-    if spec.setup:
-        yield "setup"
-    if not spec.live:
-        yield "load"
-    if spec.preprocessors:
-        yield "preprocess"
-    yield "start"
-    if not spec.live:
-        yield "harness_overhead"
-    yield "graph"
-    if spec.ready:
-        yield "ready"
-    if spec.after_ready:
-        yield "after_ready"
-    if spec.benchmark.warm_up.ns:
-        yield "warm_up"
-    if spec.benchmark.search is not None:
-        yield "search"
-    if sustained_hz:
-        yield "sustained"
-    if plays:
-        yield "play"
-    if any(each.truth is not None for each in spec.monitors.values()):
-        yield "truth"
-    yield "collect"
+    """The phases of the run, in order."""
+    has_phase = {
+        "setup": spec.setup,
+        "load": not spec.live,
+        "preprocess": spec.preprocessors,
+        "start": True,
+        "harness_overhead": not spec.live,
+        "graph": True,
+        "ready": spec.ready,
+        "after_ready": spec.after_ready,
+        "warm_up": spec.benchmark.warm_up.ns,
+        "search": spec.benchmark.search is not None,
+        "sustained": sustained_hz,
+        "play": plays,
+        "truth": any(monitor.truth is not None for monitor in spec.monitors.values()),
+        "collect": True,
+    }
+    return (phase for phase, is_present in has_phase.items() if is_present)
+
+
+def plan_setup(spec: Spec) -> tuple[SetupPlan, ...]:
+    """The setup steps, in the order of the spec."""
+    return tuple(
+        SetupPlan(
+            name=name,
+            argv=step.command,
+            creates=step.creates,
+            directory=step.directory,
+            env=step.env,
+            timeout_ns=step.timeout.ns,
+        )
+        for name, step in spec.setup.items()
+    )
+
+
+def plan_ready(spec: Spec, namespace: str) -> tuple[ProbePlan, ...]:
+    """The readiness probes, in the order of the spec."""
+    return tuple(_probe(name, probe, namespace) for name, probe in spec.ready.items())
+
+
+def _probe(name: str, probe: ReadyProbe, namespace: str) -> ProbePlan:
+    kind: ProbeKind = "service" if probe.service else "topic"
+    target, pattern = harness_topic(probe.service or probe.topic, namespace), ""
+    if probe.log is not None:
+        kind, target, pattern = "log", probe.log.process, probe.log.pattern
+    elif probe.file:
+        kind, target = "file", probe.file
+    return ProbePlan(
+        name=name, kind=kind, target=target, pattern=pattern, timeout_ns=probe.timeout.ns
+    )
+
+
+def plan_after_ready(spec: Spec, namespace: str) -> tuple[AfterReadyPlan, ...]:
+    """The `after_ready` steps, in the order of the spec."""
+    return tuple(
+        AfterReadyPlan(
+            name=name,
+            argv=step.command,
+            service=harness_topic(step.service.name, namespace) if step.service else "",
+            service_type=step.service.type if step.service else "",
+            request=step.service.request if step.service else {},
+            timeout_ns=step.timeout.ns,
+        )
+        for name, step in spec.after_ready.items()
+    )

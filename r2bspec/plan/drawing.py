@@ -5,7 +5,6 @@ GitHub and GitLab render Mermaid in Markdown. The HTML page draws the same figur
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -40,10 +39,9 @@ class Arrow:
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """The boxes of one phase."""
+    """The boxes of one phase, which is its title, too."""
 
     id: str
-    title: str
     boxes: tuple[FigureBox, ...]
 
 
@@ -55,9 +53,6 @@ class Figure:
     boxes: tuple[FigureBox, ...]
     groups: tuple[Group, ...]
     arrows: tuple[Arrow, ...]
-
-
-_PHASE_TITLES = {"preprocess": "preprocess", "measure": "measure"}
 
 
 @dataclass
@@ -115,7 +110,7 @@ def _group(sketch: _FigureBuilder, phase: str) -> Group:
         for subscriber in topic.readers:
             for owner in _subscriber_boxes(plan, subscriber, topic.name):
                 sketch.arrows.append(Arrow(box.id, sketch.id_of(phase, "owner", owner)))
-    return Group(phase, _PHASE_TITLES[phase], tuple(boxes))
+    return Group(phase, tuple(boxes))
 
 
 def _harness_boxes(sketch: _FigureBuilder, phase: str, seen: set[str]) -> list[FigureBox]:
@@ -168,26 +163,24 @@ _DOT_SHAPES = {
 
 def to_dot(plan: Plan) -> str:
     """The digraph, with a newline at its end."""
-    return "\n".join(_dot_lines(plan)) + "\n"
-
-
-def _dot_lines(plan: Plan) -> Iterator[str]:
     drawing = figure(plan)
-    yield f"digraph {_dot_quoted(plan.name)} {{"
-    yield f"  label={_dot_quoted(drawing.title)}; labelloc=t; rankdir=LR;"
-    yield '  node [fontname="sans-serif"];'
-    for box in drawing.boxes:
-        yield f"  {_dot_box(box)}"
+    lines = [
+        f"digraph {_dot_quoted(plan.name)} {{",
+        f"  label={_dot_quoted(drawing.title)}; labelloc=t; rankdir=LR;",
+        '  node [fontname="sans-serif"];',
+        *(f"  {_dot_box(box)}" for box in drawing.boxes),
+    ]
     for group in drawing.groups:
-        yield f"  subgraph cluster_{group.id} {{"
-        yield f"    label={_dot_quoted(group.title)}; style=rounded;"
-        for box in group.boxes:
-            yield f"    {_dot_box(box)}"
-        yield "  }"
+        lines += [
+            f"  subgraph cluster_{group.id} {{",
+            f"    label={_dot_quoted(group.id)}; style=rounded;",
+            *(f"    {_dot_box(box)}" for box in group.boxes),
+            "  }",
+        ]
     for arrow in drawing.arrows:
         style = " [style=dashed]" if arrow.stored else ""
-        yield f"  {arrow.tail} -> {arrow.head}{style};"
-    yield "}"
+        lines.append(f"  {arrow.tail} -> {arrow.head}{style};")
+    return "\n".join([*lines, "}"]) + "\n"
 
 
 def _dot_box(box: FigureBox) -> str:
@@ -218,23 +211,14 @@ _MERMAID_STYLES = (
 
 def to_mermaid(plan: Plan) -> str:
     """The flowchart, with a newline at its end."""
-    return "\n".join(_mermaid_lines(plan)) + "\n"
-
-
-def _mermaid_lines(plan: Plan) -> Iterator[str]:
     drawing = figure(plan)
-    yield "flowchart LR"
-    for box in drawing.boxes:
-        yield f"  {_mermaid_box(box)}"
+    lines = ["flowchart LR", *(f"  {_mermaid_box(box)}" for box in drawing.boxes)]
     for group in drawing.groups:
-        yield f'  subgraph {group.id}["{_mermaid_escaped(group.title)}"]'
-        for box in group.boxes:
-            yield f"    {_mermaid_box(box)}"
-        yield "  end"
+        boxes = (f"    {_mermaid_box(box)}" for box in group.boxes)
+        lines += [f'  subgraph {group.id}["{group.id}"]', *boxes, "  end"]
     for arrow in drawing.arrows:
-        yield f"  {arrow.tail} {'-.->' if arrow.stored else '-->'} {arrow.head}"
-    for style in _MERMAID_STYLES:
-        yield f"  {style}"
+        lines.append(f"  {arrow.tail} {'-.->' if arrow.stored else '-->'} {arrow.head}")
+    return "\n".join([*lines, *(f"  {style}" for style in _MERMAID_STYLES)]) + "\n"
 
 
 def _mermaid_box(box: FigureBox) -> str:

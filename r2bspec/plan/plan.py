@@ -7,11 +7,13 @@ machine.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, Literal
 
 import msgspec
 
-from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Objective, Pacing, QoS, Requires, Scalar, TruthKind
 
@@ -160,6 +162,9 @@ class SetupPlan(_Value, frozen=True, kw_only=True):
     timeout_ns: int
 
 
+ProbeKind = Literal["file", "service", "log", "topic"]
+
+
 class ProbePlan(_Value, frozen=True, kw_only=True):
     """A condition that must be met before the graph counts as ready.
 
@@ -171,7 +176,7 @@ class ProbePlan(_Value, frozen=True, kw_only=True):
     """
 
     name: str
-    kind: Literal["file", "service", "log", "topic"]
+    kind: ProbeKind
     target: str
     pattern: str = ""
     timeout_ns: int
@@ -347,7 +352,7 @@ class Plan(Pacing, frozen=True, kw_only=True):
         segment_bytes: the size of the shared memory segment in the spec; 0 derives it from the
             largest message.
         starts: how often all processes are started, each time for a part of the iterations;
-            see `r2bspec.plan.start_groups`.
+            see `iterations_by_look`.
         clock: whether loader and player publish the system time on /clock.
         requires: what the machine must be; a plan without it has no such key.
     """
@@ -388,3 +393,56 @@ class Plan(Pacing, frozen=True, kw_only=True):
     unpaired: Literal["refuse", "drop"] = "refuse"
     clock: bool = False
     requires: Requires | msgspec.UnsetType = msgspec.UNSET
+
+
+def iterations_of_starts(iterations: int, starts: int) -> tuple[range, ...]:
+    """The iterations of each start, counted from 1: as equal parts as possible, larger ones first.
+
+    Args:
+        iterations: their number at each rate.
+        starts: at least 1; those without an iteration are left out.
+    """
+    each, rest = divmod(iterations, starts)
+    ends = [number * each + min(number, rest) for number in range(starts + 1)]
+    return tuple(range(first + 1, end + 1) for first, end in pairwise(ends) if end > first)
+
+
+def iterations_by_look(looks: Sequence[int], starts: int) -> tuple[tuple[range, ...], ...]:
+    """The iterations of each start, in groups between two interim looks.
+
+    A look comes after whole starts: the iterations that follow it are played in further starts,
+    which have as many iterations as the first ones, or up to twice as many where the rest does not
+    suffice for another start. A run that has one start keeps it.
+
+    Args:
+        looks: after how many iterations the run is judged, ascending; at least one.
+        starts: up to the first look, at least 1.
+
+    Returns:
+        For each look, the ranges of iterations, of one start each.
+    """
+    if starts == 1:
+        return tuple((range(first + 1, end + 1),) for first, end in pairwise((0, *looks)))
+    groups = [iterations_of_starts(looks[0], starts)]
+    for before, end in pairwise(looks):
+        further = max(1, (end - before) * starts // looks[0])
+        groups.append(
+            tuple(
+                range(before + each.start, before + each.stop)
+                for each in iterations_of_starts(end - before, further)
+            )
+        )
+    return tuple(groups)
+
+
+def starts_of_iterations(looks: Sequence[int], starts: int) -> tuple[int, ...]:
+    """The start, counted from 1, in which each iteration is played.
+
+    Args:
+        looks: as for `iterations_by_look`.
+        starts: up to the first look, at least 1.
+    """
+    ranges = [each for group in iterations_by_look(looks, starts) for each in group]
+    return tuple(
+        1 if starts == 1 else number for number, each in enumerate(ranges, start=1) for _ in each
+    )

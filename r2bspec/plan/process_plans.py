@@ -4,25 +4,29 @@ A node runs in the container that it names. The placement of other nodes is ``gr
 their own processes (`separate`), in one common process (`shared`), or, for Python nodes, in the
 process of the harness (`harness`). C++ components always need a component container; preprocessors
 without a container always have their own processes.
+
+With ``harness.placement: graph`` the player runs where the inputs are read, so that they need not
+be sent to another process; each monitor runs where its topic is published. The spec names the
+process (``in``) where that is not the only possible one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Literal
 
 import msgspec
 
+from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.spec import Container, Node, Spec
 from r2bspec.plan.command_lines import (
     HARNESS_ARGV,
     NATIVE_ARGV,
     container_argv,
-    host_argv,
     node_argv,
 )
-from r2bspec.plan.graph_placement import join_processes
-from r2bspec.plan.plan import ExternalPlan, NodePlan, ProcessPlan
+from r2bspec.plan.plan import ExternalPlan, JoinPlan, NodePlan, ProcessPlan
+from r2bspec.wiring.build_wiring import harness_topic
 from r2bspec.wiring.wiring import NodeWiring, Phase, Wiring
 
 HARNESS_PROCESS_NAMES = ("loader", "player", "monitor")
@@ -90,7 +94,9 @@ def reserved_names(spec: Spec) -> tuple[str, ...]:
 
 def process_names(spec: Spec, wiring: Wiring) -> tuple[str, ...]:
     """The names of the processes that run during the measurement."""
-    return tuple(each.name for each in plan_processes(spec, wiring) if each.phase == "measure")
+    return tuple(
+        process.name for process in plan_processes(spec, wiring) if process.phase == "measure"
+    )
 
 
 def _preprocess(spec: Spec, wiring: Wiring) -> Iterator[ProcessPlan]:
@@ -150,7 +156,7 @@ def _container(
     name: str, container: Container, nodes: list[NodeWiring], namespace: str, phase: Phase
 ) -> ProcessPlan:
     python = container.executable == "python"
-    argv = host_argv() if python else container_argv(name, container, namespace)
+    argv = HARNESS_ARGV if python else container_argv(name, container, namespace)
     limit = container.memory_limit
     return ProcessPlan(
         name=name if phase == "measure" else f"preprocess.{name}",
@@ -158,7 +164,7 @@ def _container(
         phase=phase,
         argv=(*container.prefix, *argv),
         env=_env(container.env, nodes),
-        nodes=tuple(_node(each) for each in nodes),
+        nodes=tuple(_node(node) for node in nodes),
         container=name,
         executor=container.executor,
         threads=container.threads,
@@ -194,10 +200,10 @@ def _shared(wiring: Wiring, nodes: list[NodeWiring]) -> Iterator[ProcessPlan]:
 
 
 def _env(env: dict[str, str], nodes: Iterable[NodeWiring]) -> dict[str, str]:
-    found = dict(env)
+    merged = dict(env)
     for node in nodes:
-        found |= node.node.env
-    return found
+        merged |= node.node.env
+    return merged
 
 
 def _harness_process(role: Literal["loader", "player", "monitor"], phase: Phase) -> ProcessPlan:
@@ -258,3 +264,93 @@ def _node(node: NodeWiring) -> NodePlan:
         plugin=node.node.plugin,
         parameter_files=node.node.parameter_files or msgspec.UNSET,
     )
+
+
+class Place(msgspec.Struct, frozen=True):
+    """Where one part of the harness runs.
+
+    Attributes:
+        part: ``player``, or the name of a monitor.
+        path: the place in the spec that can name its process.
+        process: the name of its process; empty if that is not decided.
+        program: as in `JoinPlan`.
+        named: what the spec says.
+        choices: the processes that it can run in; those of the nodes in question, if there are any.
+        external: whether only external nodes read its inputs, or publish its topic.
+    """
+
+    part: str
+    path: Path
+    process: str = ""
+    program: str = ""
+    named: str = ""
+    choices: tuple[str, ...] = ()
+    external: bool = False
+
+
+def find_places(spec: Spec, wiring: Wiring, processes: Iterable[ProcessPlan]) -> tuple[Place, ...]:
+    """The place of the player, unless the benchmark is live, and of each monitor.
+
+    Args:
+        spec: with ``placement: graph``.
+        wiring: which node reads and publishes which topic.
+        processes: of the graph.
+    """
+    owners = {node.node: each.name for each in processes for node in each.nodes}
+    phase = wiring.measure
+    found = []
+    if not spec.live:
+        topics = [harness_topic(each, wiring.namespace) for each in spec.playback.inputs]
+        ends = {end.owner for topic in topics for end in phase.subscriptions(topic) if end.is_node}
+        known = [node for node in phase.nodes if node.name in ends]
+        unknown = phase.possible_subscribers
+        found.append(_place("player", ("harness",), spec.harness.process, owners, known or unknown))
+    for name, monitor in spec.monitors.items():
+        topic = harness_topic(monitor.topic, wiring.namespace)
+        ends = {end.owner for end in phase.publishers(topic) if end.is_node}
+        known = [node for node in phase.nodes if node.name in ends]
+        unknown = phase.possible_publishers
+        found.append(_place(name, ("monitors", name), monitor.process, owners, known or unknown))
+    return tuple(found)
+
+
+def _place(
+    part: str, path: Path, named: str, owners: dict[str, str], nodes: Sequence[NodeWiring]
+) -> Place:
+    """The place of a part, whose topics these nodes read or publish."""
+    processes = tuple(dict.fromkeys(owners.values()))
+    if named:
+        name, _, program = named.partition("/")
+        process = owners.get(name, name if name in processes else "")
+        return Place(part, path, process, program, named=named, choices=processes)
+    likely = tuple(dict.fromkeys(owners[each.key] for each in nodes if each.key in owners))
+    if nodes and not likely:
+        return Place(part, path, choices=processes, external=True)
+    choices = likely or processes
+    return Place(part, path, choices[0] if len(choices) == 1 else "", choices=choices)
+
+
+def join_processes(
+    spec: Spec, wiring: Wiring, processes: Sequence[ProcessPlan]
+) -> tuple[ProcessPlan, ...]:
+    """The processes of the graph, with the parts of the harness that each gets.
+
+    A part whose place is not decided, which is an error of the spec, runs in none.
+    """
+    places = find_places(spec, wiring, processes)
+    return tuple(
+        _joined(process, [place for place in places if place.process == process.name])
+        for process in processes
+    )
+
+
+def _joined(process: ProcessPlan, places: Sequence[Place]) -> ProcessPlan:
+    if not places:
+        return process
+    programs = [each.program for each in places if each.program]
+    join = JoinPlan(
+        player=any(each.path == ("harness",) for each in places),
+        monitors=tuple(each.part for each in places if each.path != ("harness",)),
+        program=programs[0] if programs else "",
+    )
+    return msgspec.structs.replace(process, join=join)

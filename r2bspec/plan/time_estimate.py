@@ -62,7 +62,7 @@ class TimeEstimate:
 
 def estimate_time(plan: Plan) -> TimeEstimate:
     """The time that a run of the plan will take."""
-    play_s = sum(_play_s(each, each.iterations) for each in _plays(plan))
+    play_s = sum(_play_s(play, play.iterations) for play in _plays(plan))
     # Data and schedule are ready, and the harness overhead is known.
     later_starts_s = (plan.starts - 1) * (
         _LATER_START_S + _PROCESS_START_S * len(plan.processes) + plan.warm_up_ns / 1e9
@@ -83,12 +83,12 @@ def estimate_time(plan: Plan) -> TimeEstimate:
     }
     phases = {name: seconds for name, seconds in phases.items() if seconds}
     longest_play_s = sum(
-        _play_s(each, max(each.iterations, each.max_iterations)) for each in _plays(plan)
+        _play_s(play, max(play.iterations, play.max_iterations)) for play in _plays(plan)
     )
     longest = sum(phases.values()) + longest_play_s - play_s
     if plan.gate.confirm and plan.objectives and not plan.external:
         measured = longest_play_s + phases.get("search", 0.0) + phases.get("sustained", 0.0)
-        session_s = sum(phases.get(each, 0.0) for each in _SESSION_PHASES)
+        session_s = sum(phases.get(play, 0.0) for play in _SESSION_PHASES)
         longest += measured + session_s + later_starts_s
     if plan.gate.time_budget_ns:
         declared = sum(phases.values())
@@ -121,7 +121,7 @@ def _truth_s(plan: Plan) -> float:
     """Every message of the buffer once, at the lowest rate; a timeline about once."""
     if "truth" not in plan.phases:
         return 0.0
-    rates = [each.rate_hz for each in plan.play] + list(plan.sustained_hz)
+    rates = [play.rate_hz for play in plan.play] + list(plan.sustained_hz)
     rates += [plan.search.min_hz] if plan.search is not None else []
     rate_hz = min(rates, default=0.0)
     return plan.buffer / rate_hz if rate_hz and plan.buffer else _TYPICAL_PROBE_S
@@ -133,12 +133,12 @@ def _play_s(play: PlayPlan, iterations: int) -> float:
 
 def _search_s(plan: Plan) -> float:
     """Both ends of the range, then halving it (in logarithms) down to the precision."""
-    wanted = plan.search
-    if wanted is None or wanted.max_hz <= wanted.min_hz or wanted.precision <= 0:
+    search = plan.search
+    if search is None or search.max_hz <= search.min_hz or search.precision <= 0:
         return 0.0
-    span = math.log(wanted.max_hz / wanted.min_hz) / math.log1p(wanted.precision)
+    span = math.log(search.max_hz / search.min_hz) / math.log1p(search.precision)
     probes = 2 + math.ceil(math.log2(max(span, 1.0)))
-    return probes * min(wanted.probe_ns / 1e9, _TYPICAL_PROBE_S)
+    return probes * min(search.probe_ns / 1e9, _TYPICAL_PROBE_S)
 
 
 def time_text(seconds: float) -> str:

@@ -1,11 +1,11 @@
-"""The topics of a plan, and the sources of its playback inputs."""
+"""The topics of a plan: the sources of its playback inputs, its monitors, and what they tap."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.language.spec import QoS, Spec
-from r2bspec.plan.plan import InputPlan, TopicPlan
+from r2bspec.language.spec import Monitor, QoS, Spec
+from r2bspec.plan.plan import InputPlan, MonitorPlan, TapPlan, TopicPlan, TruthPlan
 from r2bspec.wiring.build_wiring import harness_topic
 from r2bspec.wiring.wiring import Endpoint, PhaseWiring, Wiring
 
@@ -16,22 +16,22 @@ def plan_inputs(spec: Spec, wiring: Wiring) -> tuple[InputPlan, ...]:
     return tuple(
         InputPlan(
             topic=harness_topic(name, wiring.namespace),
-            type=each.format,
-            source=(source := harness_topic(each.source, wiring.namespace)),
+            type=played.format,
+            source=(source := harness_topic(played.source, wiring.namespace)),
             bag_topic=direct_bag_topic(source, spec, wiring),
-            qos=each.qos,
-            timestamp=each.timestamp,
+            qos=played.qos,
+            timestamp=played.timestamp,
             later_ns=later.ns if (later := translations.get(name)) is not None else 0,
-            slop_ns=(each.pairing or spec.playback.pairing).slop.ns,
-            recorded_rate=each.rate == "recorded",
+            slop_ns=(played.pairing or spec.playback.pairing).slop.ns,
+            recorded_rate=played.rate == "recorded",
         )
-        for name, each in spec.playback.inputs.items()
+        for name, played in spec.playback.inputs.items()
     )
 
 
 def direct_bag_topic(source: str, spec: Spec, wiring: Wiring) -> str:
     """The bag topic that is loaded as `source` without preprocessing; empty if there is none."""
-    if any(each.is_node for each in wiring.preprocess.publishers(source)):
+    if any(publisher.is_node for publisher in wiring.preprocess.publishers(source)):
         return ""
     for bag_topic, target in spec.data_loader.topics.items():
         if harness_topic(target, wiring.namespace) == source:
@@ -54,14 +54,14 @@ def _preprocess_topics(spec: Spec, wiring: Wiring) -> Iterator[TopicPlan]:
     for name in phase.topics:
         straight = bool(direct_bag_topic(name, spec, wiring))
         readers = tuple(
-            each
-            for each in phase.subscriptions(name)
-            if not (straight and each.owner == "recorder")
+            endpoint
+            for endpoint in phase.subscriptions(name)
+            if not (straight and endpoint.owner == "recorder")
         )
         if (
             readers
             or phase.possible_subscribers
-            or any(each.is_node for each in phase.publishers(name))
+            or any(endpoint.is_node for endpoint in phase.publishers(name))
         ):
             yield _topic(phase, name, readers)
 
@@ -69,7 +69,7 @@ def _preprocess_topics(spec: Spec, wiring: Wiring) -> Iterator[TopicPlan]:
 def _topic(phase: PhaseWiring, name: str, readers: tuple[Endpoint, ...] | None = None) -> TopicPlan:
     writers = phase.publishers(name)
     readers = phase.subscriptions(name) if readers is None else readers
-    types = (each.type for each in (*writers, *readers) if each.type)
+    types = (endpoint.type for endpoint in (*writers, *readers) if endpoint.type)
     return TopicPlan(
         name=name,
         type=next(types, ""),
@@ -82,10 +82,76 @@ def _topic(phase: PhaseWiring, name: str, readers: tuple[Endpoint, ...] | None =
 
 def _qos_profiles(endpoints: tuple[Endpoint, ...]) -> dict[str, QoS]:
     """The known profiles of nodes; those of the harness are in inputs and monitors."""
-    return {each.owner: each.qos for each in endpoints if each.is_node and each.qos is not None}
+    return {
+        endpoint.owner: endpoint.qos
+        for endpoint in endpoints
+        if endpoint.is_node and endpoint.qos is not None
+    }
 
 
 def _owners(endpoints: tuple[Endpoint, ...]) -> tuple[str, ...]:
     # The loader is also the recorder: one process has both roles.
-    names = ("loader" if each.owner == "recorder" else each.owner for each in endpoints)
+    names = ("loader" if endpoint.owner == "recorder" else endpoint.owner for endpoint in endpoints)
     return tuple(dict.fromkeys(names))
+
+
+def plan_monitors(spec: Spec, wiring: Wiring) -> tuple[MonitorPlan, ...]:
+    """The monitors, in the order of the spec."""
+    return tuple(
+        MonitorPlan(
+            name=name,
+            topic=harness_topic(monitor.topic, wiring.namespace),
+            type=monitor.format,
+            match=monitor.match,
+            qos=monitor.qos,
+            ratio_inputs=monitor.ratio.inputs,
+            ratio_outputs=monitor.ratio.outputs,
+            label=monitor.label,
+            answers=_answers(monitor, spec, wiring),
+            taps=_taps(monitor, wiring) if monitor.taps else (),
+            truth=TruthPlan(kind=monitor.truth.kind, name=monitor.truth.name)
+            if monitor.truth
+            else None,
+        )
+        for name, monitor in spec.monitors.items()
+    )
+
+
+def _answers(monitor: Monitor, spec: Spec, wiring: Wiring) -> tuple[str, ...]:
+    """The inputs of a timeline that a monitor answers, in the order of the spec.
+
+    Without `answers`, they are those with a known path to the monitor; all if there is none.
+    """
+    if spec.playback.mode != "timeline":
+        return ()
+    inputs = [harness_topic(name, wiring.namespace) for name in spec.playback.inputs]
+    named = {harness_topic(name, wiring.namespace) for name in monitor.answers}
+    topic = harness_topic(monitor.topic, wiring.namespace)
+    known = wiring.measure.upstream_of(topic)
+    return tuple(
+        [topic for topic in inputs if topic in named]
+        or [topic for topic in inputs if topic in known]
+        or inputs
+    )
+
+
+def _taps(monitor: Monitor, wiring: Wiring) -> tuple[TapPlan, ...]:
+    """The topics of known type between the player and a monitor."""
+    phase = wiring.measure
+    topic = harness_topic(monitor.topic, wiring.namespace)
+    played = [
+        endpoint.topic
+        for endpoint in phase.endpoints_of("player")
+        if endpoint.topic_is_key and endpoint.qos_path
+    ]
+    between = phase.downstream_of(played) & phase.upstream_of(topic)
+    return tuple(
+        TapPlan(topic=name, type=kind)
+        for name in phase.topics
+        if name in between - {topic, *played} and (kind := _type(phase, name))
+    )
+
+
+def _type(phase: PhaseWiring, topic: str) -> str:
+    ends = (*phase.publishers(topic), *phase.subscriptions(topic))
+    return next((endpoint.type for endpoint in ends if endpoint.type), "")

@@ -11,10 +11,10 @@ from typing import Final, Literal
 
 import msgspec
 
-from r2bspec.record.errors import RecordError
+from r2bspec.record.files import RecordError
 from r2bspec.record.graph_identity import GraphIdentity
 from r2bspec.record.run_folder import Run, open_run
-from r2bspec.untrusted.safe_json import read_json
+from r2bspec.safe_io.safe_json import read_json
 
 BASELINE_FILE: Final = "baseline.json"
 CONFIRMATION_FOLDER: Final = "confirm"

@@ -11,9 +11,8 @@ from typing import Final, Literal
 
 import msgspec
 
-from r2bspec.record.atomic_files import write_atomically
-from r2bspec.record.errors import RecordError
-from r2bspec.untrusted.safe_json import read_json
+from r2bspec.record.files import RecordError, write_atomically
+from r2bspec.safe_io.safe_json import read_json
 
 CALIBRATION_SUFFIX: Final = ".noise.json"
 FORMAT_VERSION: Final = 1

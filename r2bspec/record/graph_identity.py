@@ -4,6 +4,10 @@ A plan says what is run, and is the same on every machine. Which code that was i
 and belongs to the record. Digests do not depend on where a work tree lies, so that two work trees
 with the same code have the same identity. The revision is for people: a commit that changes
 nothing of the graph is not another graph.
+
+Runs can be compared if they share the fingerprint of a machine. What was really in the processes of
+a graph is in ``loaded_files.json`` of a run folder: mapped files (programs, libraries, extension
+modules) and modules of Python. A node that took a module from elsewhere shows there.
 """
 
 from __future__ import annotations
@@ -11,12 +15,13 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from pathlib import PurePosixPath
-from typing import Final
+from pathlib import Path, PurePosixPath
+from typing import Any, Final
 
 import msgspec
 
-from r2bspec.untrusted.safe_json import decode_json
+from r2bspec.record.files import RecordError, write_atomically
+from r2bspec.safe_io.safe_json import decode_json, read_json
 
 _SHOWN_COMMIT_DIGITS: Final = 7
 
@@ -222,3 +227,64 @@ def _file_changes(base: dict[str, str], head: dict[str, str]) -> Iterator[str]:
 
 def _name(path: str) -> str:
     return PurePosixPath(path).name
+
+
+MACHINE_FACTS: Final = ("architecture", "cpu", "cores", "gpus", "cpu_governor")
+"""The facts that determine the speed of a machine and are constant over time. They do not include
+the host name: machines of one kind are interchangeable, as in a pool of CI runners."""
+
+_FINGERPRINT_DIGITS = 12
+
+
+def fingerprint(machine: Mapping[str, Any]) -> str:
+    """Identifies the kind of machine, with twelve hexadecimal digits.
+
+    Args:
+        machine: as in `RunRecord.machine`; unknown facts are ignored.
+    """
+    facts = [machine.get(key) or None for key in MACHINE_FACTS]
+    return hashlib.sha256(msgspec.json.encode(facts)).hexdigest()[:_FINGERPRINT_DIGITS]
+
+
+def describe_machine(machine: Mapping[str, Any]) -> str:
+    """The description of a machine, on one line."""
+    cores = machine.get("cores")
+    parts = (
+        str(machine.get("cpu") or machine.get("architecture") or "an unknown machine"),
+        f"{cores} cores" if cores else "",
+        ", ".join(map(str, machine.get("gpus") or ())),
+        str(machine.get("cpu_governor") or ""),
+    )
+    return " · ".join(each for each in parts if each)
+
+
+LOADED_FILES: Final = "loaded_files.json"
+
+
+def write_loaded_files(folder: Path, files: Mapping[str, Iterable[str]]) -> None:
+    """Write the absolute paths of the files that each process has loaded, by its name.
+
+    Raises:
+        RecordError: the file cannot be written.
+    """
+    content = {name: sorted(files[name]) for name in sorted(files)}
+    text = msgspec.json.format(msgspec.json.encode(content), indent=1)
+    write_atomically(folder / LOADED_FILES, text + b"\n")
+
+
+def read_loaded_files(folder: Path) -> dict[str, tuple[str, ...]]:
+    """The files that each process of a run has loaded, by its name; empty if that is not known.
+
+    Raises:
+        RecordError: the file is damaged.
+    """
+    path = folder / LOADED_FILES
+    try:
+        return read_json(path, dict[str, tuple[str, ...]])
+    except FileNotFoundError:
+        return {}
+    except (OSError, msgspec.DecodeError, ValueError) as error:
+        raise RecordError(
+            f"{path} is damaged: {error}",
+            hint="The folder was changed after the run, or was not written by r2bspec.",
+        ) from error

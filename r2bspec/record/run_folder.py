@@ -3,6 +3,10 @@
 `r2bspec.record.run_record` describes the layout. Every file is written atomically. A folder with
 ``record.json`` is a run folder: it is written last, and also earlier, marked as incomplete, so that
 a killed run can be read.
+
+A profile in it has folded stacks: each stack on a line, with the number of its samples. The frames
+are separated by semicolons, from the first called to the last, as flamegraph.pl and py-spy write
+them: ``main;work;memcpy 42``.
 """
 
 from __future__ import annotations
@@ -11,6 +15,7 @@ import hashlib
 import os
 import re
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -18,13 +23,17 @@ from typing import Any, Self
 import msgspec
 import numpy as np
 
-from r2bspec.plan.canonical_json import parse_plan
-from r2bspec.plan.errors import PlanError
+from r2bspec.plan.canonical_json import PlanError, parse_plan
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.taps import tap_name
-from r2bspec.record.atomic_files import write_atomically
-from r2bspec.record.errors import RUN_UNWRITABLE, FolderTakenError, RecordError
-from r2bspec.record.folder_lock import LOCK_FILE, FolderLock
+from r2bspec.record.files import (
+    LOCK_FILE,
+    RUN_UNWRITABLE,
+    FolderLock,
+    FolderTakenError,
+    RecordError,
+    write_atomically,
+)
 from r2bspec.record.run_record import RunRecord, Segment
 from r2bspec.record.sample_arrays import (
     INTERFERENCE_DTYPE,
@@ -35,9 +44,46 @@ from r2bspec.record.sample_arrays import (
     read_rows,
     write_rows,
 )
-from r2bspec.untrusted.safe_file import is_folder, is_there, read_bytes, read_text
-from r2bspec.untrusted.safe_json import MAX_JSON_BYTES, decode_json
-from r2bspec.untrusted.safe_yaml import RefusedYamlError, check_document
+from r2bspec.safe_io.safe_file import is_folder, is_there, read_bytes, read_text
+from r2bspec.safe_io.safe_json import MAX_JSON_BYTES, decode_json
+from r2bspec.safe_io.safe_yaml import RefusedYamlError, check_document
+
+Stacks = Mapping[tuple[str, ...], int]
+"""The number of samples by the frames of their stack, the first called first."""
+
+_MAX_BYTES = 64 << 20
+
+
+def write_stacks(path: Path, stacks: Stacks) -> None:
+    """Write a file of folded stacks.
+
+    Raises:
+        RecordError: the file system refuses.
+    """
+    lines = [f"{';'.join(map(_frame, stack))} {count}\n" for stack, count in sorted(stacks.items())]
+    write_atomically(path, "".join(lines).encode(errors="replace"))
+
+
+def read_stacks(path: Path, folder: Path) -> Stacks:
+    """Read a file of folded stacks below a folder; lines that are not such are left out.
+
+    Raises:
+        RefusedFileError: it is too large, is no file, or leads out of the folder.
+        OSError: it cannot be read.
+    """
+    found: dict[tuple[str, ...], int] = {}
+    content = read_bytes(path, max_bytes=_MAX_BYTES, folders=[folder])
+    for line in content.decode(errors="replace").splitlines():
+        frames, _, count = line.rpartition(" ")
+        if frames and count.isascii() and count.isdecimal() and len(count) < 16:
+            stack = tuple(frames.split(";"))
+            found[stack] = found.get(stack, 0) + int(count)
+    return found
+
+
+def _frame(name: str) -> str:
+    return " ".join(name.replace(";", ":").split()) or "[unknown]"
+
 
 FORMAT_VERSION = 1
 

@@ -25,7 +25,44 @@ import msgspec
 
 from r2bspec.language.spec import TruthKind
 from r2bspec.record.graph_identity import GraphIdentity
-from r2bspec.record.phase_times import PhaseTime
+
+
+class WaitTime(msgspec.Struct, frozen=True, kw_only=True):
+    """All waits of the controller for the same thing in one phase.
+
+    Attributes:
+        what: such as ``relay: ready``, or ``answers after the last input``.
+        count: how often it was waited for.
+        took_ns: for how long, all together.
+    """
+
+    what: str
+    count: int
+    took_ns: int
+
+
+class PhaseTime(msgspec.Struct, frozen=True, kw_only=True):
+    """A phase of a run; phases follow each other without gaps. Times are CLOCK_MONOTONIC.
+
+    Attributes:
+        name: as in the events of the record; ``prepare`` before the first of them.
+        began_ns: when it began.
+        ended_ns: when it ended.
+        cpu_ns: the processor time of the controller in it.
+        waits: the longest first. What is left of the phase is work of the controller.
+    """
+
+    name: str
+    began_ns: int
+    ended_ns: int
+    cpu_ns: int
+    waits: tuple[WaitTime, ...] = ()
+
+    @property
+    def took_ns(self) -> int:
+        """From its beginning to its end."""
+        return self.ended_ns - self.began_ns
+
 
 PLAYBACK_FIELDS = (
     ("stamp_ns", "<i8"),
@@ -446,7 +483,7 @@ class ProfileRecord(msgspec.Struct, frozen=True, kw_only=True):
         process: its name.
         profiler: the name of the profiler.
         files: what the profiler wrote, as paths in the run folder.
-        stacks: the one with folded stacks (`r2bspec.record.folded_stacks`); empty without.
+        stacks: the one with folded stacks (`r2bspec.record.run_folder`); empty without.
         rate_hz: the rate of the iteration.
         began_ns: before the profiler was started.
         ended_ns: after it had ended.

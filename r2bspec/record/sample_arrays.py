@@ -10,16 +10,14 @@ import numpy as np
 from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
-from r2bspec.record.atomic_files import write_atomically
-from r2bspec.record.errors import RecordError
+from r2bspec.record.files import RecordError, write_atomically
 from r2bspec.record.run_record import (
     INTERFERENCE_FIELDS,
     MONITOR_FIELDS,
     PLAYBACK_FIELDS,
     RESOURCE_FIELDS,
 )
-from r2bspec.untrusted.errors import TooLargeError
-from r2bspec.untrusted.safe_file import open_regular
+from r2bspec.safe_io.safe_file import TooLargeError, open_regular
 
 _MAX_BYTES = 512 << 20
 

@@ -1,10 +1,11 @@
-"""Every format of a report: its name, its module, and the libraries that it needs.
+"""Every format of every report: its name, the function that renders it, and what it needs.
 
-A format is a module with one function::
+A format of a run is a function::
 
     def render(report_input: ReportInput) -> bytes
 
-It is imported on demand, so that listing the formats costs nothing.
+Functions are named here, and imported on demand, so that listing the formats costs nothing, and so
+that the HTML pages stand beside the other reports, which do not import them.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics import did_you_mean
@@ -29,7 +30,7 @@ class Format:
     """One format.
 
     Attributes:
-        module: has `render`; imported on demand.
+        function: that renders it, as ``module:function`` in this package; imported on demand.
         what: a description in one line.
         needs: libraries of the extra ``report`` that the module imports.
         single: whether a file has one monitor at one rate; its path may then contain the
@@ -38,56 +39,76 @@ class Format:
             character of a text in their own way.
     """
 
-    module: str
+    function: str
     what: str
     needs: tuple[str, ...] = ()
     single: bool = False
     is_text: bool = True
 
 
-_FORMATS_PACKAGE = "r2bspec.report.formats"
-
 FORMATS: Final[dict[str, Format]] = {
-    "json": Format(f"{_FORMATS_PACKAGE}.json", "the content of result.json", is_text=False),
-    "text": Format(f"{_FORMATS_PACKAGE}.text", "the terminal report, without colours"),
+    "json": Format("result_json:render", "the content of result.json", is_text=False),
+    "text": Format("terminal:render", "the terminal report, without colours"),
     "html": Format(
-        "r2bspec.report.html", "one self-contained page with charts", ("jinja2", "matplotlib")
+        "html.page:render", "one self-contained page with charts", ("jinja2", "matplotlib")
     ),
-    "markdown": Format(f"{_FORMATS_PACKAGE}.markdown", "Markdown for a comment or a step summary"),
-    "github": Format(f"{_FORMATS_PACKAGE}.github", "annotations on the spec's lines"),
-    "junit": Format(f"{_FORMATS_PACKAGE}.junit", "JUnit XML, a test case for each requirement"),
+    "markdown": Format("markdown:render", "Markdown for a comment or a step summary"),
+    "github": Format("pipelines:render_github", "annotations on the spec's lines"),
+    "junit": Format("pipelines:render_junit", "JUnit XML, a test case for each requirement"),
     "junit_lenient": Format(
-        f"{_FORMATS_PACKAGE}.junit_lenient", "the same, with inconclusive as skipped"
+        "pipelines:render_junit_lenient", "the same, with inconclusive as skipped"
     ),
-    "csv": Format(f"{_FORMATS_PACKAGE}.csv", "every metric of every iteration, one per line"),
-    "samples": Format(f"{_FORMATS_PACKAGE}.samples_csv", "every single message as a line of CSV"),
-    "openmetrics": Format(f"{_FORMATS_PACKAGE}.openmetrics", "OpenMetrics text for Prometheus"),
+    "csv": Format("csv_formats:render_values", "every metric of every iteration, one per line"),
+    "samples": Format("csv_formats:render_samples", "every single message as a line of CSV"),
+    "openmetrics": Format("openmetrics:render", "OpenMetrics text for Prometheus"),
     "hdrhistogram": Format(
-        f"{_FORMATS_PACKAGE}.hdrhistogram", "percentile distribution of the latency", single=True
+        "hdrhistogram:render", "percentile distribution of the latency", single=True
     ),
     "ros2_benchmark": Format(
-        f"{_FORMATS_PACKAGE}.ros2_benchmark",
-        "the JSON format of NVIDIA's ros2_benchmark",
-        is_text=False,
+        "ros2_benchmark:render", "the JSON format of NVIDIA's ros2_benchmark", is_text=False
     ),
-    "bencher": Format(f"{_FORMATS_PACKAGE}.bencher", "Bencher Metric Format", is_text=False),
+    "bencher": Format("benchmark_services:render_bencher", "Bencher Metric Format", is_text=False),
     "benchmark_smaller": Format(
-        f"{_FORMATS_PACKAGE}.benchmark_smaller",
+        "benchmark_services:render_smaller",
         "github-action-benchmark, customSmallerIsBetter",
         is_text=False,
     ),
     "benchmark_bigger": Format(
-        f"{_FORMATS_PACKAGE}.benchmark_bigger",
+        "benchmark_services:render_bigger",
         "github-action-benchmark, customBiggerIsBetter",
         is_text=False,
     ),
     "trace": Format(
-        f"{_FORMATS_PACKAGE}.trace", "a timeline for Perfetto or chrome://tracing", is_text=False
+        "timeline:render_trace", "a timeline for Perfetto or chrome://tracing", is_text=False
     ),
     "mcap": Format(
-        f"{_FORMATS_PACKAGE}.mcap", "metrics over time for Foxglove", ("mcap",), is_text=False
+        "timeline:render_mcap", "metrics over time for Foxglove", ("mcap",), is_text=False
     ),
 }
+"""The formats of a run."""
+
+COMPARISON_FORMATS: Final = {
+    "text": "comparison_formats:to_text",
+    "markdown": "comparison_formats:to_markdown",
+    "json": "comparison_formats:to_json",
+    "csv": "comparison_formats:to_csv",
+    "github": "comparison_formats:to_github",
+    "html": "html.comparison_page:to_html",
+}
+"""The formats of a comparison of stored results."""
+
+GRAPH_PAGE: Final = "html.graph_drawing:render_graph"
+"""The drawing of a plan as a page."""
+
+HOST_CHARTS: Final = "html.host_charts:host_charts"
+"""The charts of a suite that ran on several hosts."""
+
+
+def load(function: str) -> Callable[..., Any]:
+    """A function that this registry names, imported now."""
+    module, _, name = function.partition(":")
+    loaded: Callable[..., Any] = getattr(importlib.import_module(f"r2bspec.report.{module}"), name)
+    return loaded
 
 
 def find_format(name: str) -> Format:
@@ -113,7 +134,9 @@ def check_installed(name: str) -> None:
         ReportUsageError: there is no such format.
         ReportError: a library is missing.
     """
-    missing = [each for each in find_format(name).needs if importlib.util.find_spec(each) is None]
+    missing = [
+        library for library in find_format(name).needs if importlib.util.find_spec(library) is None
+    ]
     if missing:
         raise ReportError(
             f"the report format {name!r} needs {' and '.join(missing)}",
@@ -130,8 +153,8 @@ def renderer(name: str) -> Renderer:
     """
     check_installed(name)
     known = find_format(name)
-    found: Renderer = importlib.import_module(known.module).render
-    return partial(_render_text, found, commands=name == "github") if known.is_text else found
+    render: Renderer = load(known.function)
+    return partial(_render_text, render, commands=name == "github") if known.is_text else render
 
 
 def _render_text(render: Renderer, report_input: ReportInput, *, commands: bool) -> bytes:

@@ -13,18 +13,18 @@ from enum import IntEnum
 from itertools import chain, repeat
 from typing import Final
 
-from r2bspec.judge.evidence_limits import MAY_RESEMBLE
+from r2bspec.judge.caveats import FIRST_START_ALONE, MAY_RESEMBLE, WITHOUT_BURST, particular_caveats
 from r2bspec.judge.result import Result
-from r2bspec.judge.run_limits import FIRST_START_ALONE, WITHOUT_BURST, particular_limits
 from r2bspec.judge.verdict import DisturbedIteration, RequirementVerdict
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import at_rate, show
 from r2bspec.middleware.middleware import middleware_named
 from r2bspec.record.run_record import Probe, ProfileRecord, StartRecord
-from r2bspec.report.harness_wording import joined_notes, overhead_notes
 from r2bspec.report.headline import headline
 from r2bspec.report.report_wording import (
+    joined_notes,
     loaded_rmw,
+    overhead_notes,
     requirement_text,
     sentences,
     several_monitors,
@@ -145,7 +145,7 @@ def _weighted(result: Result) -> Iterator[Note]:
         (Weight.MEANING, joined_notes(result)),
         (Weight.MEANING, profile_notes(result.profiles)),
         (Weight.MET, _requirement_notes(result, ("pass",))),
-        (Weight.MET, particular_limits(result.verdict.limits)),
+        (Weight.MET, particular_caveats(result.verdict.limits)),
         (Weight.DETAIL, overhead_notes(result)),
     )
     pairs = chain.from_iterable(zip(repeat(weight), texts) for weight, texts in groups)

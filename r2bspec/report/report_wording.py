@@ -1,18 +1,18 @@
-"""The wording shared by all reports: requirements, bounds, the search, and notes."""
+"""The wording shared by all reports: requirements, bounds, the search, harness and code."""
 
 from __future__ import annotations
 
 import statistics
 from collections.abc import Iterator, Sequence
 
-from r2bspec.judge.methods.method_registry import METHODS
+from r2bspec.judge.methods import METHODS
 from r2bspec.judge.methods.peak_bracket import peak_doubts
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import OverallOutcome, RequirementVerdict, Verdict
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import show
 from r2bspec.record.graph_identity import revision_text
-from r2bspec.record.run_record import Probe, SearchRecord, StartRecord
+from r2bspec.record.run_record import HarnessOverheadRecord, Probe, SearchRecord, StartRecord
 
 OUTCOME_WORDS: dict[OverallOutcome, str] = {
     "pass": "✔ PASS",
@@ -42,24 +42,6 @@ def verdict_word(one: RequirementVerdict) -> str:
 def sentences(one: RequirementVerdict) -> list[str]:
     """The reason of a verdict, its notes, and what would decide it."""
     return [text for text in (one.reason, *one.notes, one.remedy) if text]
-
-
-def reasons(requirements: Sequence[RequirementVerdict], *, name_monitor: bool) -> list[list[str]]:
-    """The reason of each requirement and what would decide it; nothing is said twice.
-
-    Of several requirements with one reason, such as a monitor that received nothing, the others
-    refer to the first.
-    """
-    first: dict[str, str] = {}
-    texts: list[list[str]] = []
-    for verdict in requirements:
-        own = [text for text in (verdict.reason, verdict.remedy) if text]
-        if own and own[0] in first:
-            own = [f"As for {first[own[0]]}."]
-        elif own:
-            first[own[0]] = requirement_text(verdict, name_monitor=name_monitor)
-        texts.append(own)
-    return texts
 
 
 def several_monitors(verdict: Verdict) -> bool:
@@ -103,6 +85,11 @@ KEPT_UP_MARK = "~"
 def probe_mark(probe: Probe) -> str:
     """The mark of a probe."""
     return KEPT_UP_MARK if probe.keeps_up and probe.holds is None else PROBE_MARKS[probe.holds]
+
+
+def all_probes(metrics: RunMetrics) -> list[Probe]:
+    """The probes of the search, then those of required rates."""
+    return [*(metrics.search.probes if metrics.search is not None else ()), *metrics.sustained]
 
 
 PROBE_PURPOSES = {"saturation": "overload", "confirmation": "played whole"}
@@ -248,3 +235,33 @@ def starts_text(starts: Sequence[StartRecord]) -> str:
         text += f" and {confirming} to confirm"
     cost_s = statistics.median(each.cost_ns for each in (starts[1:] or starts)) / 1e9
     return f"{text}, {show(cost_s, 's', 2)}{' each' if len(starts) > 1 else ''}"
+
+
+def overhead_placement(overheads: tuple[HarnessOverheadRecord, ...]) -> str:
+    """Between how many processes the overhead was measured; empty in records without it."""
+    processes = max((overhead.processes for overhead in overheads), default=0)
+    return {1: "within one process", 2: "between two processes"}.get(processes, "")
+
+
+def joined_notes(result: Result) -> Iterator[str]:
+    """In which processes of the graph player and monitors ran."""
+    seen = dict.fromkeys((each.name, each.parts) for each in result.processes if each.parts)
+    for name, parts in seen:
+        yield (
+            f"Process {name} contains the {' and the '.join(parts)} of the harness: its processor "
+            "time, memory and page faults include theirs"
+        )
+
+
+def overhead_notes(result: Result) -> Iterator[str]:
+    """With which placement of the harness the overhead was measured, and how large it is."""
+    where = overhead_placement(result.harness_overhead)
+    known = [
+        each.latency_p50_ns for each in result.harness_overhead if each.latency_p50_ns is not None
+    ]
+    if where and known:
+        placement = result.harness_overhead[0].placement
+        yield (
+            f"The harness overhead is at most {show(max(known) / 1e9, 's')} at p50, {where} "
+            f"(harness.placement: {placement}); the latencies contain it"
+        )

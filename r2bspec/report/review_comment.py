@@ -33,8 +33,8 @@ import msgspec
 
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
-from r2bspec.untrusted import safe_file
-from r2bspec.untrusted.safe_json import decode_json
+from r2bspec.safe_io import safe_file
+from r2bspec.safe_io.safe_json import decode_json
 
 T = TypeVar("T")
 

@@ -18,6 +18,7 @@ from r2bspec.diagnostics.quote import printable, printable_lines
 from r2bspec.judge.result import Result
 from r2bspec.measure.distribution import SHORT_PERCENTILES, part_title
 from r2bspec.measure.units import show, show_rate
+from r2bspec.report.format_registry import HOST_CHARTS, load
 from r2bspec.report.report_wording import OUTCOME_WORDS
 from r2bspec.report.suite_summary import SuiteRow, SuiteRun, SuiteSummary
 from r2bspec.report.write_reports import STDOUT, link_text
@@ -57,7 +58,7 @@ def to_text(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byte
     from rich.text import Text
 
     from r2bspec.report.output import console
-    from r2bspec.report.terminal.style import table
+    from r2bspec.report.terminal_tables import table
 
     buffer = io.StringIO()
     page = console(buffer, width=_WIDEST, color_system=None, legacy_windows=False)
@@ -78,7 +79,7 @@ def to_text(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byte
 
 def to_markdown(summary: SuiteSummary, results: Results, path: str = STDOUT) -> bytes:  # noqa: ARG001
     """The same for a comment or a step summary."""
-    from r2bspec.report.formats.markdown import escaped, table
+    from r2bspec.report.markdown import escaped, table
 
     lines = [f"### {escaped(_count_text(summary))}", ""]
     if summary.runs:
@@ -123,9 +124,7 @@ def _figures(summary: SuiteSummary, results: Results) -> Iterator[str]:
     if importlib.util.find_spec("matplotlib") is None:
         yield "<p>Hosts are drawn where r2bspec[report] is installed.</p>\n"
         return
-    from r2bspec.report.html.host_charts import host_charts
-
-    for chart in host_charts(summary, results):
+    for chart in load(HOST_CHARTS)(summary, results):
         note = f'<p class="note">{html.escape(chart.note)}</p>\n' if chart.note else ""
         yield (
             f"<figure>\n<figcaption>{html.escape(chart.title)}</figcaption>\n{chart.svg}\n"
@@ -153,7 +152,7 @@ def to_junit(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byt
     """A test suite for each run, with a case for each requirement."""
     from junitparser import Error, JUnitXml, Skipped, TestCase, TestSuite
 
-    from r2bspec.report.formats.junit import to_suite
+    from r2bspec.report.pipelines import to_suite
 
     xml = JUnitXml("r2bspec")
     for run in summary.runs:

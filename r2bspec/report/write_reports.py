@@ -1,6 +1,10 @@
 """Writes the requested reports: ``FORMAT=PATH``, with ``-`` for standard output.
 
 A file is written atomically; its folders are created.
+
+Of a run that ended before there was anything to report, the reports say why. A pipeline shows the
+requested reports, and its readers see no log. So the formats that people read in a pipeline
+(``markdown``, ``github``, ``junit``) have the error and its findings; others are not written.
 """
 
 from __future__ import annotations
@@ -8,18 +12,21 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import quote
 
 from r2bspec.compare.report_input import ReportInput
+from r2bspec.diagnostics import Diagnostic, Severity, Span
+from r2bspec.errors import R2bspecError
 from r2bspec.measure.units import rate_name
-from r2bspec.record.atomic_files import write_atomically
-from r2bspec.record.errors import RUN_UNWRITABLE, RecordError
+from r2bspec.record.files import RUN_UNWRITABLE, RecordError, write_atomically
+from r2bspec.report import finding_formats
 from r2bspec.report.errors import ReportError, ReportUsageError
+from r2bspec.report.findings_text import render_text
 from r2bspec.report.format_registry import check_installed, find_format, renderer
-from r2bspec.untrusted.safe_file import is_folder, is_regular, is_there
+from r2bspec.safe_io.safe_file import is_folder, is_regular, is_there
 
 STDOUT = "-"
 
@@ -158,7 +165,38 @@ def write_folder_reports(
     """
     if not requests:
         return
-    from r2bspec.compare.load_results import read_folder
+    from r2bspec.compare.report_input import read_folder
 
     found = replace(read_folder(folder, spec_file=spec_file), verbose=verbose)
     write_reports(requests, replace(found, suite_page=suite_page))
+
+
+def write_failure_reports(
+    requests: Iterable[ReportRequest], error: R2bspecError, spec: Path
+) -> None:
+    """Write the requested reports that can tell of an error.
+
+    Args:
+        requests: the reports.
+        error: why there is no run; with `diagnostics` and the document `loaded`, if it has some.
+        spec: the file of the benchmark.
+
+    Raises:
+        RecordError: a file cannot be written.
+    """
+    diagnostics = tuple(getattr(error, "diagnostics", ()))
+    if not diagnostics:
+        place = Span.of_file(str(spec))
+        diagnostics = (Diagnostic(error.code, Severity.ERROR, str(error), place, help=error.hint),)
+    loaded = getattr(error, "loaded", None)
+    sources: Mapping[str, str] = loaded.texts if loaded is not None else {}
+    for request in requests:
+        if request.format == "markdown":
+            # Indented, so that nothing in the text ends the block or is markup.
+            block = render_text(diagnostics, sources).replace("\n", "\n    ").rstrip()
+            content = f"### ✘ error {error.code}: nothing was measured\n\n    {block}\n"
+        elif request.format in {"github", "junit"}:
+            content = finding_formats.render(request.format, diagnostics, sources)
+        else:
+            continue
+        write_report(request.path, content.encode())

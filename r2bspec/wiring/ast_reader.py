@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Literal
 
 from r2bspec.language.spec import QoS
-from r2bspec.untrusted.safe_file import ByteBudget, read_bytes
+from r2bspec.safe_io.safe_file import ByteBudget, read_bytes
 from r2bspec.wiring.node_interface import InterfaceEntry, ParameterInfo, ParameterType
 from r2bspec.wiring.python_source import (
     PARAMETER_METHODS,

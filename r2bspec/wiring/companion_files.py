@@ -18,9 +18,9 @@ from pathlib import Path
 import msgspec
 
 from r2bspec.language.spec import Node, Spec
-from r2bspec.untrusted import safe_file
-from r2bspec.untrusted.git import find_work_tree
-from r2bspec.untrusted.safe_yaml import load_values
+from r2bspec.safe_io import safe_file
+from r2bspec.safe_io.git import find_work_tree
+from r2bspec.safe_io.safe_yaml import load_values
 from r2bspec.wiring.ast_reader import read_node_class, read_python_file
 from r2bspec.wiring.node_interface import InterfaceEntry, origin_difference, parse_interface_entry
 from r2bspec.wiring.parameter_files import (

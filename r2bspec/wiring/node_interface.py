@@ -18,10 +18,10 @@ from typing import Any, Literal
 
 import msgspec
 
-from r2bspec.language import value_codec
+from r2bspec.language.declaration import decode_text
 from r2bspec.language.spec import Node, ParameterValue, QoS
-from r2bspec.untrusted import safe_file
-from r2bspec.untrusted.safe_yaml import load_values
+from r2bspec.safe_io import safe_file
+from r2bspec.safe_io.safe_yaml import load_values
 from r2bspec.wiring.name_resolution import expand, remap
 
 _MAX_FILE_BYTES = 64_000_000
@@ -220,7 +220,7 @@ def parse_interface_entry(
     Raises:
         msgspec.ValidationError: the row is invalid.
     """
-    read = msgspec.convert(row, _InterfaceRow, dec_hook=value_codec.decode)
+    read = msgspec.convert(row, _InterfaceRow, dec_hook=decode_text)
     return InterfaceEntry(
         subscribes=read.subscribes or {},
         publishes=read.publishes or {},

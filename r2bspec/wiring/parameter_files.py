@@ -22,9 +22,8 @@ from typing import Any
 import yaml
 
 from r2bspec.language.spec import Node, ParameterValue
-from r2bspec.untrusted.errors import OutsideFolderError
-from r2bspec.untrusted.safe_file import ByteBudget, read_text, real_path
-from r2bspec.untrusted.safe_yaml import RefusedYamlError, load_values
+from r2bspec.safe_io.safe_file import ByteBudget, OutsideFolderError, read_text, real_path
+from r2bspec.safe_io.safe_yaml import RefusedYamlError, load_values
 
 _MAX_FILE_BYTES = 1_000_000
 _MAX_DEPTH = 50

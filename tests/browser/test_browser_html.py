@@ -15,7 +15,7 @@ from chromium import Chromium, Page, find_chromium
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
-from r2bspec.report.html import render
+from r2bspec.report.html.page import render
 from report_runs import HOSTILE_RUN, USUAL
 
 PROGRAM = find_chromium()

@@ -9,8 +9,8 @@ import pytest
 from chromium import Chromium, find_chromium
 
 from profiled_runs import MISSING, WHOLE, profiled_run
-from r2bspec.record.folded_stacks import Stacks, write_stacks
-from r2bspec.report.html import render
+from r2bspec.record.run_folder import Stacks, write_stacks
+from r2bspec.report.html.page import render
 from report_runs import HOSTILE
 
 PROGRAM = find_chromium()

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from r2bspec.cli.main import main
-from r2bspec.language_server.commands import COMMANDS
+from r2bspec.language_server.actions import COMMANDS
 from vscode_extension import EXTENSION, npm, packaged
 
 ROOT = Path(__file__).parents[2]

@@ -28,7 +28,7 @@ from data_bags import (
     write_ros1,
 )
 from r2bspec.cli.main import main
-from r2bspec.report.findings.slugs import code_with_slug
+from r2bspec.report.findings_text import code_with_slug
 from ros_runs import quick_input, relay_node, relay_spec
 
 MESSAGES = chatter(30)

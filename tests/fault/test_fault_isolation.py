@@ -18,7 +18,7 @@ pytest.importorskip("rclpy")
 
 from r2bspec.execute.processes.environment import inherited_environment
 from r2bspec.middleware.middleware import SHARED_MEMORY
-from r2bspec.native.harness_library import harness_program
+from r2bspec.native.harness_objects import harness_program
 from ros_runs import Bench, Finished, relay_node, relay_spec
 from ros_runs import nothing_left as nothing_left
 
@@ -36,6 +36,7 @@ OWN = {
     "ROS_DOMAIN_ID",
     "ROS_AUTOMATIC_DISCOVERY_RANGE",
     "ROS_LOG_DIR",
+    "PYTHONPATH",
     "PYTHONUNBUFFERED",
     "FASTRTPS_DEFAULT_PROFILES_FILE",
     "FASTDDS_DEFAULT_PROFILES_FILE",

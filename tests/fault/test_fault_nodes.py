@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from r2bspec.execute.processes.process_logs import MAX_LOG_BYTES
+from r2bspec.execute.processes.process import MAX_LOG_BYTES
 from ros_runs import IMAGE, Bench, Finished, relay_node, relay_spec
 from ros_runs import nothing_left as nothing_left
 

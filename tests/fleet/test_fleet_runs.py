@@ -14,6 +14,8 @@ from typing import Any
 
 import pytest
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 pytest.importorskip("distributed")
 
@@ -145,6 +147,7 @@ def test_a_client_that_was_killed_is_resumed(hosts: Fleet, bench: Bench, tmp_pat
     assert [run["outcome"] for run in again.summary()["runs"] if not run["rows"]] == []
 
 
+@only_nightly()
 def test_the_scheduler_may_be_restarted(hosts: Fleet, bench: Bench, tmp_path: Path) -> None:
     spec = bench.write(quick(), "relay")
     client = hosts.client(
@@ -160,6 +163,7 @@ def test_the_scheduler_may_be_restarted(hosts: Fleet, bench: Bench, tmp_path: Pa
     assert overlapping(list(client.runs().values())) == []
 
 
+@only_nightly()
 def test_two_clients_share_the_hosts(hosts: Fleet, bench: Bench, tmp_path: Path) -> None:
     spec = bench.write(quick(), "relay")
     clients = [

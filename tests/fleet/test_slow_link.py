@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 pytest.importorskip("distributed")
 
@@ -82,6 +84,7 @@ def test_a_recording_goes_on_where_a_slow_link_broke(bench: Bench, tmp_path: Pat
     assert size < link.passed < size + 2 * PIECE_BYTES
 
 
+@only_nightly()
 def test_a_recording_that_was_changed_on_its_way_is_sent_again(
     bench: Bench, tmp_path: Path
 ) -> None:
@@ -97,6 +100,7 @@ def test_a_recording_that_was_changed_on_its_way_is_sent_again(
     assert 2 * size - PIECE_BYTES < link.passed < 3 * size
 
 
+@only_nightly()
 def test_a_result_goes_on_where_the_slow_link_of_the_client_broke(tmp_path: Path) -> None:
     bench = Bench(tmp_path / "bench")
     bench.write_node("noise.py", NOISE)

@@ -11,6 +11,8 @@ from typing import Any
 
 import pytest
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 pytest.importorskip("distributed")
 
@@ -62,6 +64,7 @@ def assert_made_once(done: Client) -> None:
     assert done.summary()["runs"][0]["outcome"] != "error"
 
 
+@only_nightly()
 def test_the_run_of_a_frozen_worker_is_made_elsewhere(
     hosts: Fleet, spec: Path, tmp_path: Path
 ) -> None:
@@ -85,6 +88,7 @@ def test_the_run_of_a_frozen_worker_is_made_elsewhere(
     assert_made_once(again)
 
 
+@only_nightly()
 def test_the_run_of_an_unplugged_host_is_fetched_when_it_is_back(
     hosts: Fleet, spec: Path, tmp_path: Path
 ) -> None:

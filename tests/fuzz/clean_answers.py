@@ -95,7 +95,7 @@ def import_everything() -> None:
     """Import what the verbs need once, and not in each process."""
     import importlib
 
-    for name in ("api", "cli.validate", "check.engine", "datasets.locate_bag", "judge.judge_run"):
+    for name in ("api", "cli.validate", "check.engine", "datasets.catalogue", "judge.judge_run"):
         importlib.import_module(f"r2bspec.{name}")
     for name in ("numpy", "scipy.stats", "rosbags.rosbag2", "rosbags.typesys", "rich.console"):
         importlib.import_module(name)

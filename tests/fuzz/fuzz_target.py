@@ -6,7 +6,7 @@ from r2bspec.check import check
 from r2bspec.diagnostics import Diagnostic, Severity
 from r2bspec.diagnostics.edits import fix
 from r2bspec.language.load_spec import LoadedSpec, load_spec
-from r2bspec.report.findings import github, json, sarif, text
+from r2bspec.report.finding_formats import FORMATS, render
 
 FILE = "fuzz.r2b.yaml"
 ENVIRON = {"HOME": "/home/someone"}
@@ -23,8 +23,8 @@ def check_bytes(data: bytes) -> None:
     errors = [one for one in loaded.diagnostics if one.severity is Severity.ERROR]
     assert (loaded.spec is None) == bool(errors), "a spec, or a reason why there is none"
     _inside(loaded, found)
-    for render in (text.render, json.render, github.render, sarif.render):
-        render(found, loaded.texts).encode()
+    for name in FORMATS:
+        render(name, found, loaded.texts).encode()
     if loaded.spec is not None:
         again = load_spec(loaded.resolved_yaml(), file=FILE, environ=ENVIRON)
         assert again.spec == loaded.spec, "the resolved document means the same"

@@ -196,7 +196,7 @@ class Prototypes:
             segments=[Played(10, [0.01, 0.02])],
             objectives={"fast": objective("latency.p99 < 60 ms", at="10 Hz")},
         ).write(self.run)
-        from r2bspec.compare.history.store import open_history
+        from r2bspec.compare.history import open_history
         from r2bspec.judge.judge_run import result_of, to_json
         from r2bspec.record.run_folder import open_run
 

@@ -14,8 +14,7 @@ pytest.importorskip("rclpy")
 
 from native_playlists import SANITIZERS, LonePlayer, player_without_ros
 from r2bspec.ipc.buffers import BufferWriter, buffer_path
-from r2bspec.ipc.playback_events import read_round
-from r2bspec.ipc.playback_file import write_playback, write_playlist
+from r2bspec.ipc.playback_file import read_round, write_playback, write_playlist
 from r2bspec.ipc.schedule import (
     BetweenMessage,
     CyclicSchedule,
@@ -24,7 +23,7 @@ from r2bspec.ipc.schedule import (
     TimelineSchedule,
     TimelineStep,
 )
-from r2bspec.native.errors import BuildError
+from r2bspec.native.build import BuildError
 
 ROUNDS = 2_000
 INTERESTING = (0, 1, -1, 7, 8, 1 << 31, 1 << 62, -(1 << 63), (1 << 63) - 1)

@@ -197,7 +197,7 @@ def test_a_history_whose_columns_have_other_types_is_refused(tmp_path: Path) -> 
 
 
 def _history(file: Path) -> None:
-    from r2bspec.compare.history.store import open_history
+    from r2bspec.compare.history import open_history
 
     with open_history(file, create=True):
         pass

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.report.findings.slugs import code_with_slug
+from r2bspec.report.findings_text import code_with_slug
 
 MEMORY_BYTES = 600_000_000
 """Address space, of which the interpreter with its libraries takes about a third."""

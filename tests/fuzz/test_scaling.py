@@ -16,7 +16,7 @@ import pytest
 
 from nightly import only_nightly, size
 from r2bspec.check.check_context import Context
-from r2bspec.check.rules import requirement_duplicate
+from r2bspec.check.rules import bounds
 from r2bspec.cli.check_files import CheckOptions, check_file
 
 MAX_RATIO = 2.5
@@ -197,7 +197,7 @@ def test_what_is_quadratic_is_noticed(tmp_path: Path, monkeypatch: pytest.Monkey
     def compare_with_all(context: Context, _: object) -> str:
         return str(sum(range(100 * len(context.requirements))))
 
-    monkeypatch.setattr(requirement_duplicate, "_when", compare_with_all)
+    monkeypatch.setattr(bounds, "_applicability", compare_with_all)
     family, _ = FAMILIES["requirements"]
     measured, _ = ratio(family, 300, tmp_path / "large.r2b.yaml")
     assert measured > MAX_RATIO

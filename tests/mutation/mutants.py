@@ -18,9 +18,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from r2bspec.diagnostics import Path, Span, format_path
+from r2bspec.language.document import Source
 from r2bspec.language.located_tree import Entry, ListNode, MapNode, ScalarNode, TreeNode
-from r2bspec.language.source_text import Source
-from r2bspec.language.yaml_composer import compose
+from r2bspec.language.yaml_document import compose
 
 KINDS = ("delete", "misspell", "duplicate", "retype", "swap", "topic")
 

@@ -84,7 +84,7 @@ def _lines(found: Diagnostic) -> Iterator[int]:
 
 
 def _plan(loaded: LoadedSpec) -> str:
-    from r2bspec.datasets.locate_bag import index, locate
+    from r2bspec.datasets.catalogue import index, locate
 
     if loaded.spec is None:
         return ""

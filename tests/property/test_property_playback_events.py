@@ -7,7 +7,7 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from r2bspec.ipc import playback_events
+from r2bspec.ipc import playback_file
 from r2bspec.ipc.schedule import (
     BetweenMessage,
     CyclicSchedule,
@@ -89,9 +89,9 @@ def test_the_events_are_those_of_the_schedule(
     schedule: Schedule, rate_hz: float, steps: int, first: int, block: int
 ) -> None:
     first %= len(schedule.steps)
-    usual, playback_events._BLOCK = playback_events._BLOCK, block
+    usual, playback_file._BLOCK = playback_file._BLOCK, block
     try:
         found = played_events(schedule, rate_hz, steps, first)
     finally:
-        playback_events._BLOCK = usual
+        playback_file._BLOCK = usual
     assert found == expected_events(schedule, rate_hz, steps, first)

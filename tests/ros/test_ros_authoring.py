@@ -16,7 +16,7 @@ pytest.importorskip("rclpy")
 
 from r2bspec.api import validate
 from r2bspec.cli.main import main
-from r2bspec.execute.processes.middleware_setup import reserved_domain
+from r2bspec.execute.processes.prerequisites import reserved_domain
 from ros_runs import HANG_S, Bench
 from ros_runs import nothing_left as nothing_left
 

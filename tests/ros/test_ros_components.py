@@ -17,7 +17,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from r2bspec.errors import R2bspecError
-from r2bspec.execute.processes.executables import find_executable
+from r2bspec.execute.processes.prerequisites import find_executable
 from ros_runs import Bench, Running, relay_spec
 from ros_runs import nothing_left as nothing_left
 

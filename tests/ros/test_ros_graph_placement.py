@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 
 from c_nodes import c_node, c_node_spec
@@ -91,6 +93,7 @@ def test_player_and_monitors_run_where_their_topics_are(bench: Bench) -> None:
     assert [name for name, _, _ in processes(done)] == ["harness.observer", "first", "second"]
 
 
+@only_nightly()
 def test_every_start_joins_fresh_processes(bench: Bench) -> None:
     first = relay_node(remappings={"output": "middle"})
     second = c_node_spec("relay", remappings={"input": "middle"})
@@ -195,6 +198,7 @@ def test_a_static_program_is_refused_before_anything_is_measured(bench: Bench) -
     assert_refused(done, f"{program} is linked statically")
 
 
+@only_nightly()
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can give a program to another user")
 def test_a_setuid_program_is_refused_before_anything_is_measured(bench: Bench) -> None:
     program = bench.folder / "setuid"

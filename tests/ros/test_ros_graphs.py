@@ -12,6 +12,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from r2bspec.measure.matching import match
+from r2bspec.record.graph_identity import read_loaded_files
 from r2bspec.record.run_record import Segment
 from ros_runs import (
     IMAGE,
@@ -149,6 +150,15 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
 @pytest.fixture(scope="module")
 def done(bench: Bench) -> Finished:
     return bench.run(spec(bench.folder))
+
+
+def test_a_command_in_python_names_the_modules_that_it_has_imported(
+    bench: Bench, done: Finished
+) -> None:
+    loaded = read_loaded_files(done.folder)["program"]
+    assert str(bench.folder / "program.py") in loaded
+    assert any(file.endswith("/rclpy/__init__.py") for file in loaded)
+    assert "modules of Python" not in done.stderr
 
 
 def iteration(done: Finished) -> Segment:

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from r2bspec.record.loaded_files import read_loaded_files
+from r2bspec.record.graph_identity import read_loaded_files
 from ros_runs import IMAGE, Bench, relay_spec
 from ros_runs import nothing_left as nothing_left
 

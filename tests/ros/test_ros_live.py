@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from r2bspec.report.findings.slugs import code_with_slug
+from r2bspec.report.findings_text import code_with_slug
 
 pytest.importorskip("rclpy")
 

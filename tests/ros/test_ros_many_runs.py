@@ -14,7 +14,7 @@ pytest.importorskip("rclpy")
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-from r2bspec.execute.host.host_lock import DISABLED_BY
+from r2bspec.execute.processes.machine import DISABLED_BY
 from ros_runs import Bench, relay_spec
 from ros_runs import nothing_left as nothing_left
 

@@ -22,24 +22,26 @@ pytest.importorskip("rclpy")
 
 from c_nodes import c_node
 from native_playlists import SANITIZERS
-from r2bspec.execute.bringup.graph_joins import GraphJoins, JoinFiles
+from r2bspec.execute.bringup.harness_processes import GraphJoins, JoinFiles
 from r2bspec.execute.errors import ProcessFailedError, RunError
-from r2bspec.execute.processes.middleware_setup import reserved_domain
+from r2bspec.execute.processes.prerequisites import reserved_domain
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.arrivals import ArrivalReader
-from r2bspec.ipc.buffers import BufferWriter
+from r2bspec.ipc.buffers import BufferWriter, read_stamp, write_stamp
 from r2bspec.ipc.native_protocol import NativeCodec
 from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.ipc.sample_files import StallLogReader, read_messages
 from r2bspec.ipc.schedule import CyclicSchedule
-from r2bspec.ipc.stamps import read_stamp, write_stamp
 from r2bspec.language.spec import QoS
-from r2bspec.native.build import find_compiler
-from r2bspec.native.errors import BuildError
-from r2bspec.native.harness_library import harness_library, harness_program
-from r2bspec.native.join_object import join_environment, join_object
+from r2bspec.native.build import BuildError, find_compiler
+from r2bspec.native.harness_objects import (
+    harness_library,
+    harness_program,
+    join_environment,
+    join_object,
+)
 from r2bspec.plan.plan import InputPlan, JoinPlan, MonitorPlan, ProcessPlan
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS
 from ros_runs import Bench, relay_spec

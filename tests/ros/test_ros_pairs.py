@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from machine_load import skip_for_load
-from r2bspec.judge.statistics.paired_ratio import pair_orders
+from r2bspec.judge.statistics.t_interval import pair_orders
 from r2bspec.record.comparison_folder import open_comparison
 from ros_runs import Bench, Finished, relay_node, relay_spec
 from ros_runs import nothing_left as nothing_left

@@ -6,6 +6,8 @@ from typing import Any
 
 import pytest
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 
 from ros_runs import Bench, Finished, relay_spec
@@ -101,6 +103,7 @@ def test_and_no_peak_of_it_is_proved(losing: Finished) -> None:
     assert any("dropped" in each.reason for each in played)
 
 
+@only_nightly()
 def test_stops_are_seen_as_what_they_are(sleeping: Finished) -> None:
     search = sleeping.run().record.search
     assert search is not None
@@ -110,6 +113,7 @@ def test_stops_are_seen_as_what_they_are(sleeping: Finished) -> None:
     assert "stops for" in words(sleeping)
 
 
+@only_nightly()
 def test_a_graph_that_stops_is_not_promised_to_sustain_what_it_reaches_in_between(
     sleeping: Finished,
 ) -> None:

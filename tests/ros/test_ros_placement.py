@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from r2bspec.execute.processes.scheduling import SLICE_NS, slice_of
+from r2bspec.execute.processes.process import SLICE_NS, slice_of
 from ros_runs import IMAGE, Bench, Finished, relay_node, relay_spec
 from ros_runs import nothing_left as nothing_left
 

@@ -9,12 +9,14 @@ from typing import Any
 
 import pytest
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 
 from c_nodes import c_node_spec
 from r2bspec.execute.errors import ProfilerError
-from r2bspec.execute.profile.profilers import find_profiler, require_usable
-from r2bspec.record.folded_stacks import read_stacks
+from r2bspec.execute.profilers import find_profiler, require_usable
+from r2bspec.record.run_folder import read_stacks
 from r2bspec.record.run_record import ProfileRecord
 from ros_runs import Bench, Finished, relay_node, relay_spec
 from ros_runs import nothing_left as nothing_left
@@ -136,6 +138,7 @@ def test_nsys_starts_the_named_node_anew(
     ]
 
 
+@only_nightly()
 def test_a_program_that_writes_no_file_costs_no_verdict(bench: Bench) -> None:
     done = bench.run(graph(c_node_spec("relay")), "--profile", "env")
     assert_measured_before(done)
@@ -152,6 +155,7 @@ def test_a_node_that_crashes_with_the_profiler_costs_no_verdict(bench: Bench) ->
     assert done.run().record.reason == ""
 
 
+@only_nightly()
 def test_a_profiler_that_is_killed_costs_no_verdict(bench: Bench) -> None:
     require("py-spy")
     spec = graph(relay_node(1.0))
@@ -164,6 +168,7 @@ def test_a_profiler_that_is_killed_costs_no_verdict(bench: Bench) -> None:
     assert "py-spy was killed by SIGKILL" in the_profile(done).error
 
 
+@only_nightly()
 def test_runs_at_once_have_profiles_of_their_own(bench: Bench) -> None:
     require("py-spy")
     spec = graph(relay_node(5.0))

@@ -31,13 +31,13 @@ def test_samples_in_memory_are_those_of_the_run_folder(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     held: list[RunSamples] = []
-    collect = controller._Controller._samples_so_far
+    collect = controller._Run._samples_so_far
 
     def collected(self: Any) -> RunSamples:
         held.append(collect(self))
         return held[-1]
 
-    monkeypatch.setattr(controller._Controller, "_samples_so_far", collected)
+    monkeypatch.setattr(controller._Run, "_samples_so_far", collected)
     spec = relay_spec(
         graph={
             "nodes": {

@@ -14,7 +14,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from r2bspec.execute.processes.environment import RunEnvironment
-from r2bspec.execute.processes.middleware_setup import reserved_domain
+from r2bspec.execute.processes.prerequisites import reserved_domain
 from r2bspec.middleware.fast_dds import default_segment_bytes
 from ros_runs import HANG_S
 from run_simulation import Simulation

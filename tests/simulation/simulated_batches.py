@@ -13,13 +13,11 @@ import numpy as np
 from simulated_gates import paired_values, ratio_outcome, run_values, share_outcome
 from simulated_worlds import bursts, stationary
 
-from r2bspec.judge.history_comparison import HISTORY_CONFIRMATION_CONFIDENCE
-from r2bspec.judge.interim_looks import InterimLooks
+from r2bspec.judge.baseline_comparison import HISTORY_CONFIRMATION_CONFIDENCE
+from r2bspec.judge.decision_policy import InterimLooks
 from r2bspec.judge.statistics.autocorrelation import serial_inflation
-from r2bspec.judge.statistics.paired_ratio import paired_ratio
-from r2bspec.judge.statistics.prediction_interval import predicted_ratio
-from r2bspec.judge.statistics.t_interval import mean_interval
-from r2bspec.language.confidence import CONFIRMATION_CONFIDENCE
+from r2bspec.judge.statistics.t_interval import mean_interval, paired_ratio, predicted_ratio
+from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 
 Batch = Callable[[np.random.Generator, float], int]
 

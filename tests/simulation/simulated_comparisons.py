@@ -15,11 +15,14 @@ from scipy import signal
 from simulated_gates import CONFIDENCE, heads, ratio_outcome
 from simulated_starts import Errors, Shape, StartWorld
 
-from r2bspec.judge.history_comparison import HISTORY_CONFIRMATION_CONFIDENCE
-from r2bspec.judge.statistics.paired_ratio import paired_ratio
-from r2bspec.judge.statistics.prediction_interval import predicted_ratio
-from r2bspec.judge.statistics.welch_t import RunValues, welch_ratio_of_runs
-from r2bspec.language.confidence import CONFIRMATION_CONFIDENCE
+from r2bspec.judge.baseline_comparison import HISTORY_CONFIRMATION_CONFIDENCE
+from r2bspec.judge.statistics.t_interval import (
+    RunValues,
+    paired_ratio,
+    predicted_ratio,
+    welch_ratio_of_runs,
+)
+from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 
 Logs = NDArray[np.float64]
 RunWorld = Callable[[np.random.Generator, int], Logs]

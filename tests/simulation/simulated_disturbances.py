@@ -21,7 +21,7 @@ from simulated_runs import RATE_HZ, run_of
 from simulated_worlds import bursts
 
 from r2bspec.judge.decision_policy import DecisionPolicy
-from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.pipeline import judge
 from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.samples import RunSamples
 from run_simulation import objective

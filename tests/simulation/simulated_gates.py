@@ -8,14 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 from simulated_worlds import World
 
-from r2bspec.judge.interim_looks import InterimLooks
+from r2bspec.judge.decision_policy import InterimLooks
 from r2bspec.judge.statistics.autocorrelation import serial_inflation
 from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
 from r2bspec.judge.statistics.effective_sample_size import SampleDesign, effective_sample
-from r2bspec.judge.statistics.paired_ratio import RatioInterval, pair_orders, paired_ratio
-from r2bspec.judge.statistics.prediction_interval import predicted_ratio
-from r2bspec.judge.statistics.t_interval import mean_interval
-from r2bspec.judge.statistics.welch_t import welch_ratio
+from r2bspec.judge.statistics.t_interval import (
+    RatioInterval,
+    mean_interval,
+    pair_orders,
+    paired_ratio,
+    predicted_ratio,
+    welch_ratio,
+)
 
 CONFIDENCE = 0.95
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.judge.decision_policy import DecisionPolicy
-from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import Verdict
 from r2bspec.measure.matching import match_monitor
 from r2bspec.measure.samples import (

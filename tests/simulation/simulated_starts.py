@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal, special
 
-from r2bspec.judge.interim_looks import InterimLooks
+from r2bspec.judge.decision_policy import InterimLooks
 from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
 from r2bspec.judge.statistics.effective_sample_size import SampleDesign, effective_sample
-from r2bspec.judge.statistics.hierarchical_interval import hierarchical_interval
-from r2bspec.judge.statistics.order_statistics import RankedMessages, percentile_interval
-from r2bspec.language.confidence import CONFIRMATION_CONFIDENCE
+from r2bspec.judge.statistics.percentile_interval import RankedMessages, percentile_interval
+from r2bspec.judge.statistics.t_interval import hierarchical_interval
+from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 from r2bspec.measure.times import rank
 
 Values = NDArray[np.float64]

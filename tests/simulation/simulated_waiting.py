@@ -15,7 +15,7 @@ import numpy as np
 from simulated_runs import RATE_HZ, run_of
 
 from r2bspec.judge.decision_policy import DecisionPolicy
-from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.pipeline import judge
 from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.samples import RunSamples
 from run_simulation import objective

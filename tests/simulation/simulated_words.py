@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from simulated_runs import run_of
 from simulated_starts import DEFAULT, QUANTITIES, WORLDS, Shape, limit_of, outcome
 
-from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import Verdict
 from r2bspec.measure.samples import RunSamples
 from run_simulation import objective

@@ -14,7 +14,7 @@ from simulated_pair_load import LOAD_WORLDS, LoadWorld, PairGate
 from simulated_starts import QUANTITIES, WINDOWS, WORLDS, Errors, Shape, errors
 from simulated_words import SAID, said
 
-from r2bspec.judge.interim_looks import InterimLooks
+from r2bspec.judge.decision_policy import InterimLooks
 from r2bspec.judge.statistics.t_interval import mean_interval
 
 RUNS = 1000

@@ -39,10 +39,10 @@ from simulated_worlds import WORLDS
 from start_tables import START_TABLES
 
 from compared_searches import Method, csit, probabilistic_bisection, rfc_2544
-from r2bspec.judge.interim_looks import InterimLooks
+from r2bspec.judge.decision_policy import InterimLooks
 from r2bspec.judge.rate_decision import Criterion
 from r2bspec.judge.statistics.binomial import upper_bound
-from r2bspec.judge.statistics.power import smallest_detectable
+from r2bspec.judge.statistics.t_interval import smallest_detectable
 from simulated_peaks import SERVERS, Kind, outcome, searched
 from simulated_queues import SUSTAINED, Server
 from simulated_queues import probe as probed

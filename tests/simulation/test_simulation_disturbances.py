@@ -5,9 +5,11 @@ from __future__ import annotations
 import pytest
 from simulated_disturbances import Kind, Machine, outcomes
 
+from nightly import noise, size
+
 pytestmark = pytest.mark.simulation
 
-RUNS = 100
+RUNS = size(12, 100)
 LEVEL = 0.05
 ON_THE_LIMIT = 1.8
 """Of so slow a graph still 1 % of the messages are over the limit, and the others just below."""
@@ -21,7 +23,7 @@ def test_wrong_fails_stay_within_their_level(kind: Kind, share: float) -> None:
     found = outcomes(Machine(kind, share), runs=RUNS, slower=ON_THE_LIMIT)
     played, known = found.fails()
     assert played > 0.5
-    assert known <= LEVEL
+    assert known <= LEVEL + noise(0.05)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -35,7 +37,7 @@ def test_nothing_becomes_a_pass(kind: Kind, share: float) -> None:
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
 def test_what_is_hopeless_always_fails(kind: Kind, share: float) -> None:
     # Most of its messages take over four times as long as 99 % may.
-    found = outcomes(Machine(kind, share), runs=10, slower=14.0)
+    found = outcomes(Machine(kind, share), runs=size(2, 10), slower=14.0)
     assert found.fails() == (1.0, 1.0)
 
 

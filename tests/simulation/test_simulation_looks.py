@@ -8,20 +8,23 @@ from simulated_batches import KINDS, aa_gates
 from simulated_gates import looked_gate, share_gate
 from simulated_worlds import WORLDS, stationary
 
-from r2bspec.judge.interim_looks import InterimLooks
+from nightly import noise, size
+from r2bspec.judge.decision_policy import InterimLooks
 
 pytestmark = pytest.mark.simulation
 
 LOOKS = InterimLooks((10, 20, 40))
-RUNS = 1000
+FEW = size(60, 300)
+GATES = size(100, 600)
+RUNS = size(150, 1000)
 
 
 @pytest.mark.parametrize("name", ["stationary", "bursts of 5", "heavy-tailed"])
 def test_planned_looks_keep_both_errors(name: str) -> None:
     flags = WORLDS[name](np.random.default_rng(3), (RUNS, 40, 75), 0.1)
     found, _ = looked_gate(flags, 0.1, LOOKS)
-    assert found.passed <= 0.05
-    assert found.failed <= 0.05
+    assert found.passed <= 0.05 + noise(0.06)
+    assert found.failed <= 0.05 + noise(0.06)
 
 
 def test_extending_a_run_until_it_passes_does_not() -> None:
@@ -32,7 +35,7 @@ def test_extending_a_run_until_it_passes_does_not() -> None:
 
 @pytest.mark.parametrize(("truth", "passes"), [(0.05, True), (0.2, False)])
 def test_what_is_clear_is_decided_at_the_first_look(truth: float, passes: bool) -> None:
-    flags = stationary(np.random.default_rng(4), (300, 40, 75), truth)
+    flags = stationary(np.random.default_rng(4), (FEW, 40, 75), truth)
     found, played = looked_gate(flags, 0.1, LOOKS)
     assert (found.passed if passes else found.failed) >= 0.99
     # A few runs in a hundred look correlated by chance, and take another look.
@@ -41,17 +44,17 @@ def test_what_is_clear_is_decided_at_the_first_look(truth: float, passes: bool) 
 
 def test_looks_find_nearly_what_the_longest_run_finds() -> None:
     for truth in (0.08, 0.12):
-        flags = stationary(np.random.default_rng(5), (300, 40, 75), truth)
+        flags = stationary(np.random.default_rng(5), (FEW, 40, 75), truth)
         found, played = looked_gate(flags, 0.1, LOOKS)
-        longest = share_gate(stationary, truth, 0.1, runs=300, messages=75, iterations=40)
+        longest = share_gate(stationary, truth, 0.1, runs=FEW, messages=75, iterations=40)
         assert max(found.passed, found.failed) >= max(longest.passed, longest.failed) - 0.15
         assert played < 38
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_six_hundred_gates_of_each_kind(kind: str) -> None:
+def test_gates_of_each_kind(kind: str) -> None:
     """Exactly on the limit, where a gate is wrong most often; 5 % may be 6.8 % of 600 by chance."""
-    found = aa_gates(KINDS[kind])
-    assert found.wrong_passes <= 0.068
-    assert found.wrong_fails <= 0.068
-    assert found.confirmed <= 0.01
+    found = aa_gates(KINDS[kind], gates=GATES)
+    assert found.wrong_passes <= 0.068 + noise(0.06)
+    assert found.wrong_fails <= 0.068 + noise(0.06)
+    assert found.confirmed <= 0.01 + noise(0.03)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from simulated_runs import judged, run_of
 
-from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.pipeline import judge
 from r2bspec.measure.metric_catalogue import names
 from run_simulation import objective
 

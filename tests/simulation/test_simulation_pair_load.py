@@ -10,13 +10,16 @@ import pytest
 from simulated_pair_load import LOAD_WORLDS, PairGate
 from start_tables import chance
 
+from nightly import noise, size
+
 pytestmark = pytest.mark.simulation
 
-RUNS = 200
+RUNS = size(10, 200)
+WORLDS = [*LOAD_WORLDS][:: size(4, 1)]
 BY_CHANCE = 100 * chance(0.05, RUNS)
 
 
-@pytest.mark.parametrize("name", LOAD_WORLDS)
+@pytest.mark.parametrize("name", WORLDS)
 def test_what_is_on_the_limit_is_wrong_as_rarely_as_promised(name: str) -> None:
     passed, failed, confirmed = PairGate(LOAD_WORLDS[name], limit=100.0).outcomes(runs=RUNS).percent
     assert passed <= BY_CHANCE
@@ -24,12 +27,12 @@ def test_what_is_on_the_limit_is_wrong_as_rarely_as_promised(name: str) -> None:
     assert confirmed <= 100 * chance(0.01, RUNS)
 
 
-@pytest.mark.parametrize("name", LOAD_WORLDS)
+@pytest.mark.parametrize("name", WORLDS)
 def test_an_unchanged_graph_hardly_fails(name: str) -> None:
-    assert PairGate(LOAD_WORLDS[name]).outcomes(runs=RUNS).percent[2] <= 1
+    assert PairGate(LOAD_WORLDS[name]).outcomes(runs=RUNS).percent[2] <= 1 + 100 * noise(0.1)
 
 
-@pytest.mark.parametrize(("starts", "pairs"), [(0.027, 5), (0.05, 10), (0.1, 40)])
+@pytest.mark.parametrize(("starts", "pairs"), [(0.027, 5), (0.05, 10), (0.1, 40)][: size(2, 3)])
 @pytest.mark.parametrize("name", ["idle machine", "a third is taken from both sides"])
 def test_what_is_slower_is_found_under_load_that_both_sides_had_alike(
     name: str, starts: float, pairs: int
@@ -52,7 +55,9 @@ def test_the_fixed_order_puts_what_returns_every_fourth_run_on_one_side() -> Non
 def test_load_on_one_side_alone_decides_nothing(side: str, verdict: int) -> None:
     world = LOAD_WORLDS[f"all runs of the {side}, by bad luck"]
     played, judged = (
-        PairGate(world, limit=100.0, interference=policy).outcomes(runs=50).percent[verdict]
+        PairGate(world, limit=100.0, interference=policy)
+        .outcomes(runs=size(10, 50))
+        .percent[verdict]
         for policy in ("tolerate", "note")
     )
     assert played == 100

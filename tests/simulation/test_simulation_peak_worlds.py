@@ -3,26 +3,25 @@
 Promise: a bracket "at 95 %" holds what the graph sustains in the long run; of a graph that is not
 steady, or loses messages at any rate, no such bracket is reported. Of n searches a share of wrong
 ones above 5 % + 2.5 sqrt(0.05 x 0.95 / n) would be met by a search that keeps its promise once in
-160 times. 120 searches show a search that is right in 87 % of cases in two of three runs, 300, with
-`SIMULATED_SEARCHES=300`, in 99 of 100.
+160 times. 300 searches show a search that is right in 87 % of cases in 99 of 100 runs.
 """
 
 from __future__ import annotations
 
 import math
-import os
 from collections import Counter
 
 import numpy as np
 import pytest
 
+from nightly import noise, size
 from simulated_speeds import WORLDS, Found, find
 
 pytestmark = pytest.mark.simulation
 
-_SEARCHES = int(os.environ.get("SIMULATED_SEARCHES", "120"))
+_SEARCHES = size(8, 300)
 _MOST_WRONG = _SEARCHES * 0.05 + 2.5 * math.sqrt(_SEARCHES * 0.05 * 0.95)
-_FEW = 30
+_FEW = size(4, 30)
 
 STEADY = [name for name in WORLDS if name == "equal times" or "log" in name or "exp" in name]
 LOSING = [name for name in WORLDS if name.startswith("loses")]
@@ -68,8 +67,8 @@ def test_no_bracket_of_an_unsteady_graph_is_wrong_at_the_stated_confidence(name:
     ],
 )
 def test_a_habit_is_called_by_its_name(name: str, words: str) -> None:
-    texts = [" ".join(find(name, seed).record.unsteady) for seed in range(20)]
-    assert sum(words in text for text in texts) >= 16
+    texts = [" ".join(find(name, seed).record.unsteady) for seed in range(size(5, 20))]
+    assert sum(words in text for text in texts) >= (0.8 - noise(0.4)) * len(texts)
 
 
 @pytest.mark.parametrize("name", LOSING)
@@ -81,6 +80,6 @@ def test_a_graph_that_loses_messages_at_any_rate_has_no_peak(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["1.2 x in the first 5 s (credits)", "stops for 1 s every 10 s"])
 def test_without_a_whole_play_no_confidence_is_stated(name: str) -> None:
-    found = [find(name, seed, confirm_s=0.0) for seed in range(5)]
+    found = [find(name, seed, confirm_s=0.0) for seed in range(size(2, 5))]
     assert all(each.record.proof in {"", "probes"} for each in found)
     assert not any(each.record.shown and each.record.holds_hz for each in found)

@@ -10,11 +10,12 @@ import math
 
 import pytest
 
+from nightly import size
 from simulated_peaks import PRECISION, SERVERS, Searched, searched
 
 pytestmark = pytest.mark.simulation
 
-_SEARCHES = 60
+_SEARCHES = size(8, 60)
 _LEAST = _SEARCHES * (0.95 - 3 * math.sqrt(0.95 * 0.05 / _SEARCHES))
 
 
@@ -25,7 +26,7 @@ def searches(world: str, about_hz: float, number: int = _SEARCHES) -> list[Searc
 @pytest.mark.parametrize("about_hz", [20.0, 100.0, 400.0])
 @pytest.mark.parametrize("world", [world for world in SERVERS if "D/D/1" in world])
 def test_equal_times_are_found_to_the_precision(world: str, about_hz: float) -> None:
-    for found in searches(world, about_hz, 8):
+    for found in searches(world, about_hz, size(2, 8)):
         assert found.contains
         assert found.upper / found.lower <= 1 + PRECISION + 1e-9
         assert not found.record.open_hz
@@ -50,7 +51,7 @@ def says_why(found: Searched) -> bool:
 
 def test_longer_probes_give_narrower_brackets() -> None:
     def width(seconds: float) -> float:
-        found = [searched("D/M/1", 100.0, seed, seconds=seconds) for seed in range(10)]
-        return sorted(each.upper / max(each.lower, 0.01) for each in found)[5]
+        found = [searched("D/M/1", 100.0, seed, seconds=seconds) for seed in range(size(4, 10))]
+        return sorted(each.upper / max(each.lower, 0.01) for each in found)[len(found) // 2]
 
     assert width(40.0) < width(10.0)

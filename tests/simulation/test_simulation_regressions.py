@@ -11,40 +11,39 @@ import pytest
 from scipy import stats
 from simulated_gates import paired_values, run_values
 
-from r2bspec.judge.baseline_ratio import BaselineComparison, judge_history, judge_pairs
+from nightly import noise, size
+from r2bspec.judge.baseline_comparison import HISTORY_CONFIRMATION_CONFIDENCE
+from r2bspec.judge.baseline_ratio import BaselineCase, judge_history, judge_pairs
 from r2bspec.judge.confirmation import confirm_requirement
-from r2bspec.judge.history_comparison import HISTORY_CONFIRMATION_CONFIDENCE
 from r2bspec.judge.verdict import Outcome, RequirementVerdict
-from r2bspec.language.confidence import CONFIRMATION_CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 from r2bspec.language.requirement_grammar import parse_requirement
+from r2bspec.measure.metric_catalogue import METRICS
 
 pytestmark = pytest.mark.simulation
 
-GATES = 600
-BY_CHANCE = 0.068
+GATES = size(100, 600)
+BY_CHANCE = 0.068 + noise(0.05)
 """What a rate of 5 % comes to in 600 gates with bad luck (97.5 %)."""
 
 
-def asked(limit: float, confidence: float = 0.95) -> BaselineComparison:
+def asked(limit: float, confidence: float = 0.95) -> BaselineCase:
     percent = f"{100 * limit:g} %"
-    return BaselineComparison(
+    return BaselineCase(
         objective="no_regression",
         requirement=parse_requirement(f"throughput.mean >= {percent} of baseline"),
         at_hz=30.0,
-        metric="throughput.mean",
+        info=METRICS["throughput.mean"],
         monitor="out",
         limit=limit,
-        unit="Hz",
         confidence=confidence,
     )
 
 
-def paired(
-    random: np.random.Generator, ratio: float, comparison: BaselineComparison
-) -> RequirementVerdict:
+def paired(random: np.random.Generator, ratio: float, case: BaselineCase) -> RequirementVerdict:
     """Ten interleaved pairs whose values vary by 2 % each, on a machine that drifts."""
     base, head = paired_values(random, 1, 10, ratio)
-    return judge_pairs(comparison, base[0].tolist(), head[0].tolist())
+    return judge_pairs(case, base[0].tolist(), head[0].tolist())
 
 
 def paired_outcomes(ratio: float, limit: float, seed: int) -> tuple[list[Outcome], list[Outcome]]:
@@ -90,7 +89,7 @@ def share(outcomes: list[Outcome], outcome: Outcome) -> float:
 def test_equal_graphs_in_pairs(limit: float, most: float) -> None:
     first, last = paired_outcomes(1.0, limit, seed=21)
     assert share(first, "fail") <= most
-    assert share(last, "fail") <= 0.01
+    assert share(last, "fail") <= 0.01 + noise(0.03)
 
 
 @pytest.mark.parametrize("runs", [5, 10, 30])
@@ -98,7 +97,7 @@ def test_equal_graphs_in_pairs(limit: float, most: float) -> None:
 def test_an_equal_graph_against_a_history(runs: int, limit: float, most: float) -> None:
     first, last = history_outcomes(1.0, limit, runs, seed=22)
     assert share(first, "fail") <= most
-    assert share(last, "fail") <= 0.01
+    assert share(last, "fail") <= 0.01 + noise(0.03)
 
 
 @pytest.mark.parametrize("runs", [5, 10, 30])

@@ -13,12 +13,14 @@ from simulated_gates import share_gate
 from simulated_runs import judged
 from simulated_worlds import WORLDS, bursts, stationary
 
+from nightly import noise, size
+
 pytestmark = pytest.mark.simulation
 
-RUNS = 1000
+RUNS = size(120, 1000)
 LEVEL = 0.05
-NOISE = 2 * np.sqrt(LEVEL * (1 - LEVEL) / RUNS)
-"""Two standard errors of a share of 5 % of that many runs."""
+NOISE = 2 * np.sqrt(LEVEL * (1 - LEVEL) / RUNS) + noise(0.02)
+"""Two standard errors of a share of 5 % of that many runs, and a little more of few."""
 
 FEW_BURSTS = {"bursts of 20", "autocorrelated, 0.9"}
 """Worlds in which 3,000 messages hold so few bursts of bad ones at p99 that some runs see none."""
@@ -28,7 +30,7 @@ FEW_BURSTS = {"bursts of 20", "autocorrelated, 0.9"}
 @pytest.mark.parametrize("allowed", [0.1, 0.01])
 def test_wrong_fails_are_at_most_five_percent(name: str, allowed: float) -> None:
     found = share_gate(WORLDS[name], allowed, allowed, runs=RUNS)
-    assert found.failed <= LEVEL
+    assert found.failed <= LEVEL + noise(0.06)
 
 
 @pytest.mark.parametrize("name", sorted(set(WORLDS) - FEW_BURSTS - {"uneven iterations"}))
@@ -47,14 +49,14 @@ def test_iterations_that_differ_at_random_are_the_hardest() -> None:
     plain = share_gate(WORLDS["uneven iterations"], 0.1, 0.1, runs=RUNS, plain=True)
     found = share_gate(WORLDS["uneven iterations"], 0.1, 0.1, runs=RUNS)
     assert plain.passed > 0.25
-    assert found.passed < 0.1
+    assert found.passed < 0.1 + noise(0.06)
 
 
 def test_bursts_of_five_pass_a_third_of_the_time_if_messages_are_counted_one_by_one() -> None:
     plain = share_gate(bursts(5), 0.01, 0.01, runs=RUNS, plain=True)
     found = share_gate(bursts(5), 0.01, 0.01, runs=RUNS)
     assert plain.passed > 0.25
-    assert 0.01 <= found.passed <= 0.06
+    assert 0.01 - noise(0.01) <= found.passed <= 0.06 + noise(0.06)
 
 
 def test_bursts_of_twenty_stay_undecided_at_p99_unless_none_came() -> None:
@@ -62,41 +64,41 @@ def test_bursts_of_twenty_stay_undecided_at_p99_unless_none_came() -> None:
     flags = bursts(20)(random, (RUNS, 10, 300), 0.01)
     none_came = float(np.mean(~flags.any(axis=(1, 2))))
     found = share_gate(bursts(20), 0.01, 0.01, runs=RUNS, seed=7)
-    assert found.passed <= none_came + 0.05
-    assert found.failed <= 0.02
+    assert found.passed <= none_came + LEVEL + noise(0.06)
+    assert found.failed <= 0.02 + noise(0.04)
 
 
 def test_the_cost_of_care_is_small_where_messages_are_independent() -> None:
     """Counts of few bad messages hardly show whether iterations are correlated: 10,000 do."""
     for truth in (0.002, 0.02):
-        plain = share_gate(stationary, truth, 0.01, runs=300, messages=1000, plain=True)
-        found = share_gate(stationary, truth, 0.01, runs=300, messages=1000)
+        plain = share_gate(stationary, truth, 0.01, runs=size(60, 300), messages=1000, plain=True)
+        found = share_gate(stationary, truth, 0.01, runs=size(60, 300), messages=1000)
         assert found.passed >= plain.passed - 0.03
         assert found.failed >= plain.failed - 0.03
 
 
 def test_whole_runs_are_no_more_often_wrong_than_single_tests() -> None:
     """The verdict asks the test of every limit on one side: that makes it more careful only."""
-    random = np.random.default_rng(8)
+    random, runs = np.random.default_rng(8), size(40, 200)
     limit_ms = float(stats.lognorm.ppf(0.9, 0.4)) * 20
     outcomes = [
         judged(
             stats.lognorm.rvs(0.4, scale=0.02, size=(10, 100), random_state=random),
             f"latency.p90 < {limit_ms:.6f} ms",
         ).outcome
-        for _ in range(200)
+        for _ in range(runs)
     ]
-    assert outcomes.count("pass") / 200 <= LEVEL + 0.03
-    assert outcomes.count("fail") / 200 <= LEVEL + 0.03
+    assert outcomes.count("pass") <= (LEVEL + 0.03 + noise(0.06)) * runs
+    assert outcomes.count("fail") <= (LEVEL + 0.03 + noise(0.06)) * runs
 
 
 def test_windows_are_judged_at_their_level() -> None:
-    random = np.random.default_rng(9)
+    random, runs = np.random.default_rng(9), size(30, 100)
     outcomes = []
-    for _ in range(100):
+    for _ in range(runs):
         bad = np.repeat(random.random((10, 10)) < 0.1, 30, axis=1)
         latency = np.where(bad, 0.1, 0.02) + random.uniform(0, 0.001, bad.shape)
         asked = "latency.p50 < 60 ms in 90 % of 1 s windows"
         outcomes.append(judged(latency, asked).outcome)
-    assert outcomes.count("pass") <= 10
-    assert outcomes.count("fail") <= 10
+    assert outcomes.count("pass") <= (0.1 + noise(0.06)) * runs
+    assert outcomes.count("fail") <= (0.1 + noise(0.06)) * runs

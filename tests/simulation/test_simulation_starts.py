@@ -25,14 +25,17 @@ from simulated_starts import (
 from simulated_words import SAID, said, with_starts
 from start_tables import chance, held
 
-from r2bspec.judge.decision_policy import DecisionPolicy
-from r2bspec.judge.interim_looks import InterimLooks
-from r2bspec.judge.judge_samples import judge
+from nightly import noise, size
+from r2bspec.judge.decision_policy import DecisionPolicy, InterimLooks
+from r2bspec.judge.pipeline import judge
 from run_simulation import objective
 
 pytestmark = pytest.mark.simulation
 
-RUNS = 400
+RUNS = size(40, 400)
+COMPARISONS = size(100, 1000)
+NOISE = noise(0.2)
+"""What a small sample adds to the largest figures below."""
 
 UNSEEN = 0.42
 """Of 10 iterations none is one of the slow tenth in 35 % of runs, of 5 starts none of the slow
@@ -75,18 +78,19 @@ HOUR = "the hour differs by 2.7 %"
 def test_errors_on_the_limit(name: str) -> None:
     for quantity, found in errors(WORLDS[name], runs=RUNS).items():
         passed, failed, confirmed = found.shares
-        assert passed <= NOT_HELD.get(name, {}).get(quantity, chance(0.05, RUNS)), quantity
+        assert passed <= NOT_HELD.get(name, {}).get(quantity, chance(0.05, RUNS)) + NOISE, quantity
         if name == HOUR:
             continue
-        most = 0.16 if name == MEMORY else chance(0.05, RUNS)
+        most = 0.16 + NOISE if name == MEMORY else chance(0.05, RUNS)
         assert failed <= most, quantity
         assert confirmed <= chance(0.01, RUNS), quantity
 
 
 @pytest.mark.parametrize(("name", "quantity"), [(name, one) for name in SAID for one in SAID[name]])
 def test_where_no_test_holds_the_verdict_says_so(name: str, quantity: str) -> None:
-    found = said(name, quantity, wrong=40)
-    assert found.wrong == 40
+    wrong = size(4, 40)
+    found = said(name, quantity, wrong=wrong)
+    assert found.wrong == wrong
     assert found.share >= 0.95
 
 
@@ -127,19 +131,21 @@ def test_looks_after_whole_starts(name: str) -> None:
 @pytest.mark.parametrize("name", RUN_WORLDS)
 def test_comparisons_of_one_graph(name: str) -> None:
     world = RUN_WORLDS[name]
-    pairs = pairs_errors(world, runs=1000)
-    assert max(pairs.shares[:2]) <= (0.1 if name == "runs resemble (0.5)" else chance(0.05, 1000))
-    assert pairs.shares[2] <= chance(0.01, 1000)
+    pairs = pairs_errors(world, runs=COMPARISONS)
+    assert max(pairs.shares[:2]) <= (
+        0.1 + NOISE if name == "runs resemble (0.5)" else chance(0.05, COMPARISONS)
+    )
+    assert pairs.shares[2] <= chance(0.01, COMPARISONS)
     for history in (5, 10, 30):
-        found = history_errors(world, history=history, runs=1000)
+        found = history_errors(world, history=history, runs=COMPARISONS)
         passed, failed, confirmed = found.shares
         assert passed <= chance(0.05, found.runs)
         if name in NEW_RUN_DIFFERS:
-            assert failed <= 0.12
-            assert confirmed <= 0.045
+            assert failed <= 0.12 + NOISE
+            assert confirmed <= 0.045 + NOISE
         else:
             assert failed <= chance(0.05, found.runs)
-            assert confirmed <= 0.025
+            assert confirmed <= 0.025 + NOISE
 
 
 @pytest.mark.parametrize("shape", [Shape(), Shape(1, 10)])
@@ -149,7 +155,9 @@ def test_comparisons_of_one_graph(name: str) -> None:
 def test_clear_cases_are_decided(quantity: str, allowed: float, truth: float, shape: Shape) -> None:
     world, random = StartWorld(), np.random.default_rng(11)
     limit = world.quantile(1 - truth)
-    found = [outcome(world.run(random, shape), shape, quantity, limit) for _ in range(200)]
+    found = [
+        outcome(world.run(random, shape), shape, quantity, limit) for _ in range(size(30, 200))
+    ]
     wanted = 1 if truth < allowed else -1
     assert found.count(wanted) >= 0.85 * len(found)
     assert found.count(-wanted) == 0
@@ -162,7 +170,8 @@ def test_the_verdict_of_a_run_is_the_simulated_one(quantity: str) -> None:
     words = {1: "pass", -1: "fail", 0: "inconclusive"}
     limit = limit_of(world, quantity) * 1.02
     same = 0
-    for _ in range(40):
+    runs = size(10, 40)
+    for _ in range(runs):
         values = world.run(random, shape)
         samples = with_starts(values * 0.02, shape)
         asked = {"slo": objective(f"latency.{quantity} < {limit * 20:.6f} ms")}
@@ -171,22 +180,22 @@ def test_the_verdict_of_a_run_is_the_simulated_one(quantity: str) -> None:
         assert verdict.starts == 5
         assert verdict.outcome in {simulated, "inconclusive"}
         same += verdict.outcome == simulated
-    assert same >= 36
+    assert same >= 0.9 * runs
 
 
 def test_held_notices_what_it_should() -> None:
     """Three standard errors: 13 % wrong is not 5 % by chance, and neither is 3 % confirmed 1 %."""
-    assert held(Errors(RUNS, np.array([20, 20, 4])))
-    assert not held(Errors(RUNS, np.array([52, 20, 4])))
-    assert not held(Errors(RUNS, np.array([20, 52, 4])))
-    assert not held(Errors(RUNS, np.array([20, 20, 13])))
+    assert held(Errors(400, np.array([20, 20, 4])))
+    assert not held(Errors(400, np.array([52, 20, 4])))
+    assert not held(Errors(400, np.array([20, 52, 4])))
+    assert not held(Errors(400, np.array([20, 20, 13])))
 
 
 @pytest.mark.parametrize(
     "name", ["nothing differs", "iterations differ by 2.7 %", "stalls of 20 messages"]
 )
 def test_windows_on_the_limit(name: str) -> None:
-    assert held(errors(WORLDS[name], (WINDOWS,), runs=RUNS)[WINDOWS])
+    assert held(errors(WORLDS[name], (WINDOWS,), runs=size(10, 400))[WINDOWS])
 
 
 @pytest.mark.parametrize("shape", [Shape(2, 2), Shape(5, 2)])
@@ -198,5 +207,6 @@ def test_stored_runs_are_compared_by_their_starts(name: str, shape: Shape) -> No
 
 def test_stored_runs_by_their_iterations_are_not() -> None:
     world, shape = WORLDS["starts differ by 2.7 %"], Shape(5, 2)
-    found = stored_errors(world, shape, by_starts=False, runs=RUNS)
-    assert max(found.shares[:2]) > chance(0.05, RUNS)
+    runs = size(200, 400)
+    found = stored_errors(world, shape, by_starts=False, runs=runs)
+    assert max(found.shares[:2]) > chance(0.05, runs)

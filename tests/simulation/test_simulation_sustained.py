@@ -12,6 +12,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from nightly import size
 from r2bspec.judge.rate_decision import Criterion
 from simulated_peaks import PRECISION, Kind, outcome
 from simulated_queues import SUSTAINED, Server, probe
@@ -19,7 +20,7 @@ from simulated_speeds import Graph, World
 
 pytestmark = pytest.mark.simulation
 
-_PROBES = 80
+_PROBES = size(10, 80)
 _MOST_WRONG = _PROBES * 0.0125 + 4 * math.sqrt(_PROBES * 0.0125)
 
 
@@ -50,8 +51,9 @@ def test_a_rate_above_the_capacity_rarely_passes(kind: Kind, load: float) -> Non
 
 
 def test_ten_seconds_show_that_random_times_are_kept_up_with() -> None:
-    assert outcomes("D/M/1", 0.7, 10, 30)["pass"] >= 27
-    assert outcomes("D/M/1", 1.3, 10, 30)["fail"] >= 27
+    few = size(10, 30)
+    assert outcomes("D/M/1", 0.7, 10, few)["pass"] >= 0.9 * few
+    assert outcomes("D/M/1", 1.3, 10, few)["fail"] >= 0.9 * few
 
 
 @pytest.mark.parametrize("variation", [0.1, 0.3, 0.6])
@@ -59,7 +61,7 @@ def test_two_standard_errors_and_the_precision_above_the_capacity_rarely_pass(
     variation: float,
 ) -> None:
     load = 1 + PRECISION + 2 * variation / math.sqrt(1000)
-    probes = 80
+    probes = size(10, 80)
     passes = 0
     for seed in range(probes):
         graph = Graph(World(variation=variation), 100.0, np.random.default_rng(seed))

@@ -5,9 +5,11 @@ from __future__ import annotations
 import pytest
 from simulated_waiting import fails
 
+from nightly import size
+
 pytestmark = pytest.mark.simulation
 
-RUNS = 25
+RUNS = size(3, 25)
 SHARES = (0.05, 0.1, 0.2)
 
 

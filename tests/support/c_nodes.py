@@ -8,9 +8,7 @@ from typing import Any
 
 import pytest
 
-from r2bspec.native.build import build, find_compiler
-from r2bspec.native.errors import BuildError
-from r2bspec.native.ros_headers import find_ros
+from r2bspec.native.build import BuildError, build, find_compiler, find_ros
 from ros_runs import IMAGE
 
 _SOURCES = Path(__file__).parents[1] / "ros/nodes_c"

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from r2bspec.execute.host.host_lock import DISABLED_BY
+from r2bspec.execute.processes.machine import DISABLED_BY
 from r2bspec.fleet.journal import JOURNAL_FILE, Event, read_journal
 from r2bspec.record.run_folder import Run, open_run
 

@@ -9,12 +9,13 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from key_tables import with_tables
 from r2bspec.exit_status import ExitStatus
 from r2bspec.language import json_schema
 from r2bspec.language.templates import SUFFIX, filled, templates
-from r2bspec.measure import metric_reference
-from r2bspec.plan import plan_schema
-from r2bspec.report import result_schema
+from r2bspec.measure import metric_catalogue
+from r2bspec.plan import canonical_json
+from r2bspec.report import result_json
 
 ROOT = Path(__file__).parents[2]
 TEMPLATES = ROOT / "specs" / "templates"
@@ -25,10 +26,10 @@ def generated_files() -> dict[Path, str]:
     schemas, docs = ROOT / "schemas", ROOT / "docs"
     files = {
         schemas / json_schema.FILE_NAME: json_schema.published_schema_text(),
-        schemas / plan_schema.FILE_NAME: plan_schema.plan_schema_text(),
-        schemas / result_schema.FILE_NAME: result_schema.result_schema_text(),
-        docs / "language.md": json_schema.with_tables(_text(docs / "language.md")),
-        docs / "metrics.md": metric_reference.markdown_page(),
+        schemas / canonical_json.SCHEMA_FILE_NAME: canonical_json.plan_schema_text(),
+        schemas / result_json.FILE_NAME: result_json.result_schema_text(),
+        docs / "language.md": with_tables(_text(docs / "language.md")),
+        docs / "metrics.md": metric_catalogue.markdown_page(),
         docs / "running.md": _with_exit_statuses(_text(docs / "running.md")),
     }
     schema = f"../../schemas/{json_schema.FILE_NAME}"

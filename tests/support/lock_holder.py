@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.execute.host.host_lock import DISABLED_BY
+from r2bspec.execute.processes.machine import DISABLED_BY
 
 HOLDER = """
 import sys
-from r2bspec.execute.host.host_lock import host_lock
+from r2bspec.execute.processes.machine import host_lock
 with host_lock("the other one", on_wait=print):
     print("held", flush=True)
     sys.stdin.read()

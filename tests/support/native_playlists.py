@@ -9,8 +9,7 @@ from pathlib import Path
 from types import TracebackType
 
 import r2bspec.native
-from r2bspec.native.build import build
-from r2bspec.native.ros_headers import find_ros
+from r2bspec.native.build import build, find_ros
 
 _NATIVE = Path(r2bspec.native.__file__).parent
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")

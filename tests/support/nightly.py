@@ -22,3 +22,8 @@ def size(sample: int, whole: int) -> int:
 def only_nightly() -> pytest.MarkDecorator:
     """The mark of a test that repeats at length what a sample already shows."""
     return pytest.mark.skipif(not NIGHTLY, reason="only with R2BSPEC_NIGHTLY=1 (make nightly)")
+
+
+def noise(share: float) -> float:
+    """What a small sample may add to a share by chance; nothing in the whole simulation."""
+    return 0.0 if NIGHTLY else share

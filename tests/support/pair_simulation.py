@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.judge.statistics.paired_ratio import pair_orders
+from r2bspec.judge.statistics.t_interval import pair_orders
 from r2bspec.language.spec import Objective
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import GatePlan, Plan, PlayPlan

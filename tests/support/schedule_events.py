@@ -11,9 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from r2bspec.ipc.buffers import BufferWriter
-from r2bspec.ipc.playback_events import ENTRY_DTYPE, read_round
-from r2bspec.ipc.playback_file import HEADER_BYTES, write_playback
+from r2bspec.ipc.buffers import TF, BufferWriter
+from r2bspec.ipc.playback_file import ENTRY_DTYPE, HEADER_BYTES, read_round, write_playback
 from r2bspec.ipc.schedule import (
     ALL_INPUTS,
     NO_STEP,
@@ -21,7 +20,6 @@ from r2bspec.ipc.schedule import (
     Schedule,
     TimelineSchedule,
 )
-from r2bspec.ipc.stamps import TF
 
 MESSAGE_BYTES = 12
 

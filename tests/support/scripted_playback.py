@@ -6,8 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from r2bspec.ipc.playback_events import ENTRY_DTYPE, CyclicRound
-from r2bspec.ipc.playback_file import HEADER_BYTES, playback_path, write_playback
+from r2bspec.ipc.playback_file import (
+    ENTRY_DTYPE,
+    HEADER_BYTES,
+    CyclicRound,
+    playback_path,
+    write_playback,
+)
 
 MOST_STEPS = 30_000
 

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.execute.measurement.peak_search import LongPlays, PeakSearch, ProbeOutcome
-from r2bspec.judge.capacity_estimate import Departures
 from r2bspec.judge.rate_decision import (
     Criterion,
     InterimLook,
@@ -20,9 +19,10 @@ from r2bspec.judge.rate_decision import (
     judge_interim,
     plan_interim_looks,
 )
-from r2bspec.language.probe_length import MAX_LONGER, MIN_PROBE_STEPS, OVERLOAD_PROBES
-from r2bspec.measure.completion_rate import DeliveryEstimate
+from r2bspec.judge.stationarity import CompletionTimes
+from r2bspec.language.benchmark_defaults import MAX_LONGER, MIN_PROBE_STEPS, OVERLOAD_PROBES
 from r2bspec.measure.matching import match
+from r2bspec.measure.times import DeliveryEstimate
 from r2bspec.record.run_record import Probe, SearchRecord
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE, Rows
 
@@ -120,7 +120,7 @@ class Probed:
     stopped_s: float
     playback: Rows
     monitor: Rows
-    departures: Departures
+    departures: CompletionTimes
 
 
 class Answering(Protocol):

@@ -12,8 +12,7 @@ from typing import Any
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 
-from r2bspec.native.build import build
-from r2bspec.native.ros_headers import find_ros
+from r2bspec.native.build import build, find_ros
 from ros_runs import IMAGE, START_NS, image
 
 TF_TYPE = "tf2_msgs/msg/TFMessage"

@@ -17,17 +17,16 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from r2bspec.bags.errors import STORAGE_UNREADABLE, DataError, unreadable
-from r2bspec.bags.recording import Message
+from r2bspec.bags.recording import STORAGE_UNREADABLE, DataError, Message, unreadable
 from r2bspec.bags.storage.storage import decompress_message, stored_topic
-from r2bspec.untrusted.decompression_budget import (
+from r2bspec.safe_io.decompression_budget import (
     DecompressionBudget,
     check_piece,
     spend_for_each,
     unpack_lz4,
     unpack_zstd,
 )
-from r2bspec.untrusted.safe_file import open_regular
+from r2bspec.safe_io.safe_file import open_regular
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection

@@ -12,16 +12,15 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from r2bspec.bags.errors import SERIALIZATION_UNSUPPORTED, DataError
-from r2bspec.bags.recording import Message
+from r2bspec.bags.recording import SERIALIZATION_UNSUPPORTED, DataError, Message
 from r2bspec.bags.storage.storage import StoredTopic
-from r2bspec.untrusted.decompression_budget import (
+from r2bspec.safe_io.decompression_budget import (
     DecompressionBudget,
     spend_for_each,
     unpack_bz2,
     unpack_lz4,
 )
-from r2bspec.untrusted.safe_file import open_regular
+from r2bspec.safe_io.safe_file import open_regular
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection, Typestore

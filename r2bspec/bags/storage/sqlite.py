@@ -9,13 +9,11 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from r2bspec.bags.errors import RECORDING_NOT_CLOSED, DataError, unreadable
-from r2bspec.bags.recording import Message
+from r2bspec.bags.recording import RECORDING_NOT_CLOSED, DataError, Message, unreadable
 from r2bspec.bags.storage.storage import check_topics, decompress_ahead, stored_topic
-from r2bspec.untrusted.decompression_budget import DecompressionBudget
-from r2bspec.untrusted.errors import RefusedDataError
-from r2bspec.untrusted.safe_file import is_regular, open_regular
-from r2bspec.untrusted.safe_sqlite import MAX_VALUE_BYTES, STEPS_BETWEEN_CALLS, open_read_only
+from r2bspec.safe_io.decompression_budget import DecompressionBudget
+from r2bspec.safe_io.safe_file import RefusedDataError, is_regular, open_regular
+from r2bspec.safe_io.safe_sqlite import MAX_VALUE_BYTES, STEPS_BETWEEN_CALLS, open_read_only
 
 _TABLES = ("messages", "topics", "schema", "metadata", "message_definitions")
 _MAX_QOS_LENGTH = 200_000

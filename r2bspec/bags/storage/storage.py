@@ -19,26 +19,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, TypeVar
 
-from r2bspec.bags.errors import (
-    BAG_NOT_FOUND,
-    STORAGE_MISSING,
-    STORAGE_UNREADABLE,
-    DataError,
-    error_hint,
-    error_text,
-    unreadable,
-)
 from r2bspec.bags.metadata import (
     MAX_ENTRIES,
     MAX_NAME_LENGTH,
     check_not_lfs_pointer,
     normalise_type,
 )
-from r2bspec.bags.recording import Message
-from r2bspec.language.bag_formats import SUFFIXES_TEXT, format_of_suffix
-from r2bspec.untrusted.decompression_budget import DecompressionBudget, unpack_zstd, zstd_size
-from r2bspec.untrusted.errors import RefusedDataError
-from r2bspec.untrusted.safe_file import open_regular
+from r2bspec.bags.recording import (
+    BAG_NOT_FOUND,
+    STORAGE_MISSING,
+    STORAGE_UNREADABLE,
+    SUFFIXES_TEXT,
+    DataError,
+    Message,
+    error_hint,
+    error_text,
+    format_of_suffix,
+    unreadable,
+)
+from r2bspec.safe_io.decompression_budget import DecompressionBudget, unpack_zstd, zstd_size
+from r2bspec.safe_io.safe_file import RefusedDataError, open_regular
 
 if sys.version_info >= (3, 14):
     from compression import zstd

@@ -1,1 +1,1 @@
-"""The rules, one per file; `r2bspec.check.rule_registry` finds them."""
+"""The rules, by what an author asks; `r2bspec.check.engine` finds every one in these modules."""

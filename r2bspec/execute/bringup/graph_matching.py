@@ -5,9 +5,9 @@ ready when every planned endpoint is matched, and then both sides must have disc
 At the deadline, the error names the endpoints that are not.
 
 Before the deadline the graph is observed once a second while endpoints are missing. A fault is
-certain if `r2bspec.execute.diagnosis.certain_faults` finds it, and if the graph has not changed
+certain if `r2bspec.execute.bringup.find_fault` finds it, and if the graph has not changed
 since `_UNCHANGED_S`: until then a node may still create or replace endpoints. A graph that has not
-changed for longer, and whose nodes are idle (`r2bspec.execute.bringup.idle_nodes`), is stalled.
+changed for longer, and whose nodes are idle (`r2bspec.execute.bringup.readiness`), is stalled.
 """
 
 from __future__ import annotations
@@ -19,18 +19,24 @@ from dataclasses import dataclass
 
 import msgspec
 
-from r2bspec.execute.bringup.idle_nodes import IdleNodes, patience_s
-from r2bspec.execute.bringup.launcher import Launcher
-from r2bspec.execute.bringup.readiness import StartDeadline
-from r2bspec.execute.bringup.spec_mismatches import (
-    graph_mismatches,
+from r2bspec.execute.bringup.find_fault import (
+    Fault,
+    FaultReport,
+    RemappedTopic,
+    certain_topics,
+    fault_report,
+    find_faults,
+    unmatched,
 )
-from r2bspec.execute.diagnosis.certain_faults import RemappedTopic, certain_topics, unmatched
-from r2bspec.execute.diagnosis.find_fault import Fault, FaultReport, fault_report, find_faults
-from r2bspec.execute.diagnosis.observe_graph import (
+from r2bspec.execute.bringup.launcher import Launcher
+from r2bspec.execute.bringup.observe_graph import (
     GraphFacts,
     GraphObserver,
     weakest_offer,
+)
+from r2bspec.execute.bringup.readiness import IdleNodes, StartDeadline, patience_s
+from r2bspec.execute.bringup.spec_mismatches import (
+    graph_mismatches,
 )
 from r2bspec.execute.errors import GraphMismatchError, NotReadyError, RunError
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor

@@ -9,28 +9,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from r2bspec.execute.bringup.graph_joins import GraphJoins
+from r2bspec.execute.bringup.find_fault import Fault, RemappedTopic
+from r2bspec.execute.bringup.observe_graph import GraphFacts, topics_of
 from r2bspec.execute.bringup.readiness import StartDeadline, wait_for_exit
 from r2bspec.execute.bringup.spec_mismatches import (
     require_declared_parameters,
     unmatched_remapping,
     unmatched_remappings,
 )
-from r2bspec.execute.diagnosis.certain_faults import RemappedTopic
-from r2bspec.execute.diagnosis.find_fault import Fault
-from r2bspec.execute.diagnosis.observe_graph import GraphFacts, topics_of
-from r2bspec.execute.host.machine import interpreter
 from r2bspec.execute.processes.environment import RunEnvironment
-from r2bspec.execute.processes.executables import (
+from r2bspec.execute.processes.machine import interpreter
+from r2bspec.execute.processes.prerequisites import (
+    check_loaded_rmw,
     hosts_library,
     native_library,
+    require_free_shared_memory,
     resolve_argv,
     resolve_command,
 )
-from r2bspec.execute.processes.middleware_setup import check_loaded_rmw, require_free_shared_memory
-from r2bspec.execute.processes.scheduling import apply_affinity, shorten_slice
+from r2bspec.execute.processes.process import apply_affinity, shorten_slice
 from r2bspec.execute.processes.supervisor import (
     REPLY_TIMEOUT_S,
     ManagedProcess,
@@ -41,6 +40,9 @@ from r2bspec.plan.command_lines import NATIVE_ARGV, container_node_name
 from r2bspec.plan.plan import AfterReadyPlan, Plan, ProcessPlan
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import Difference
+
+if TYPE_CHECKING:
+    from r2bspec.execute.bringup.harness_processes import GraphJoins
 
 NODE_ROLES = frozenset({"host", "container", "command"})
 """Roles of processes that hold nodes of the graph and nothing of the harness."""

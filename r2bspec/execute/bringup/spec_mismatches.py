@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import msgspec
 
 from r2bspec.diagnostics import did_you_mean
-from r2bspec.execute.diagnosis.find_fault import Fault
+from r2bspec.execute.bringup.find_fault import Fault
 from r2bspec.execute.errors import GraphMismatchError
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol

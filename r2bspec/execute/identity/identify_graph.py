@@ -21,10 +21,14 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.execute.identity.distributions import ModuleSearch
-from r2bspec.execute.identity.file_digests import FileDigests, build_id, is_elf
-from r2bspec.execute.identity.python_sources import PythonSources, Sources
-from r2bspec.execute.identity.workspace_packages import InstalledPackages, WorkspacePackages
+from r2bspec.execute.identity.file_digests import (
+    FileDigests,
+    InstalledPackages,
+    WorkspacePackages,
+    build_id,
+    is_elf,
+)
+from r2bspec.execute.identity.python_sources import ModuleSearch, PythonSources, Sources
 from r2bspec.plan.command_lines import INCLUDED_LAUNCH
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
 from r2bspec.record.graph_identity import (
@@ -35,8 +39,8 @@ from r2bspec.record.graph_identity import (
     identity_digest,
     node_digest,
 )
-from r2bspec.untrusted.git import find_work_tree, inspect_work_tree
-from r2bspec.untrusted.safe_file import is_regular, read_bytes
+from r2bspec.safe_io.git import find_work_tree, inspect_work_tree
+from r2bspec.safe_io.safe_file import is_regular, read_bytes
 
 _MAX_TEXT_BYTES: Final = 4_000_000
 _MAX_NAME_LENGTH: Final = 1_000

@@ -24,7 +24,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from r2bspec.execute.host.resource_sampler import Interference
+from r2bspec.execute.processes.resources import Interference
 from r2bspec.execute.processes.supervisor import (
     REPLY_TIMEOUT_S,
     ManagedProcess,
@@ -35,8 +35,7 @@ from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import RowReader
 from r2bspec.ipc.schedule import Schedule
-from r2bspec.measure.matching import match, select_expected_steps
-from r2bspec.measure.step_stamps import StepStamps
+from r2bspec.measure.matching import StepStamps, match, select_expected_steps
 from r2bspec.measure.times import percentile
 from r2bspec.plan.plan import InputPlan, MonitorPlan, Plan
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS, HarnessOverheadRecord

@@ -1,12 +1,12 @@
 """What is measured: the peak search, the rates to be sustained, the iterations.
 
 The search and the probes of sustained rates are made in the first start. The iterations, those at
-the peak among them, are spread over all starts (`r2bspec.plan.start_groups`).
+the peak among them, are spread over all starts (`r2bspec.plan.plan`).
 
 All rates are played in each iteration, so that a slow drift of the machine affects them equally. If
 the spec allows more iterations than it declares, there are interim looks after one, two and four
 times the declared number, with the error probability divided among them
-(`r2bspec.judge.interim_looks`). The run continues only while a requirement is undecided that more
+(`r2bspec.judge.decision_policy`). The run continues only while a requirement is undecided that more
 iterations can decide.
 
 At each look, iterations affected by host interference are repeated, each once, if that decides
@@ -24,14 +24,13 @@ import msgspec
 
 from r2bspec.execute.measurement.peak_search import PeakSearch
 from r2bspec.execute.measurement.rate_probe import DEFAULT_PRECISION, AffectedProbes, RateProber
-from r2bspec.execute.measurement.run_reporter import RunReporter, TimeBudget
 from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
-from r2bspec.judge.decision_policy import decision_policy
-from r2bspec.judge.interim_looks import InterimLooks, decide_after_look
-from r2bspec.judge.methods.method_registry import METHODS, Method
+from r2bspec.execute.run_context import RunContext, TimeBudget
+from r2bspec.execute.states import RunState
+from r2bspec.judge.decision_policy import InterimLooks, decide_after_look, decision_policy
+from r2bspec.judge.methods import METHODS, Method
 from r2bspec.judge.verdict import DisturbedIteration, Verdict
-from r2bspec.plan.plan import Plan, PlayPlan
-from r2bspec.plan.start_groups import iterations_by_look
+from r2bspec.plan.plan import Plan, PlayPlan, iterations_by_look
 from r2bspec.record.run_record import (
     ConfirmationRecord,
     EndedRate,
@@ -48,7 +47,7 @@ class Measurement:
         self,
         plan: Plan,
         segment_player: SegmentPlayer,
-        reporter: RunReporter,
+        context: RunContext,
         judge_so_far: Callable[[], Verdict],
         budget: TimeBudget,
         next_start: Callable[[], SegmentPlayer],
@@ -59,7 +58,7 @@ class Measurement:
         Args:
             plan: of the run.
             segment_player: plays the segments of the first start.
-            reporter: receives phases and notes.
+            context: of the run.
             judge_so_far: the verdict on everything that was measured.
             budget: of the whole run.
             next_start: starts all processes afresh; what it returns plays from then on.
@@ -67,16 +66,16 @@ class Measurement:
         """
         self._plan = plan
         self._segment_player = segment_player
-        self._reporter = reporter
+        self._context = context
         disturbed = AffectedProbes(
             plan.gate.interference,
             plan.search.precision if plan.search else DEFAULT_PRECISION,
             lambda: segment_player.segments[-1],
-            reporter.host.between,
+            context.host.between,
             budget,
-            reporter.note,
+            context.note,
         )
-        self._prober = RateProber(plan, segment_player, reporter.note, disturbed.play)
+        self._prober = RateProber(plan, segment_player, context.note, disturbed.play)
         self._judge_so_far = judge_so_far
         self._budget = budget
         self._next_start = next_start
@@ -122,7 +121,7 @@ class Measurement:
         plan = self._plan_with_peak(self.peak_hz)
         if not plan.play:
             return self._judge_so_far(), 0
-        self._reporter.phase("play", _phase_text(plan))
+        self._enter_play(plan)
         return self._iteration_runner(plan).play()
 
     def measure_confirmation(
@@ -146,20 +145,25 @@ class Measurement:
             self._probe_sustained()
         plan = self._plan_with_peak(self.peak_hz or peak_hz)
         if "iterations" in rests_on and plan.play:
-            self._reporter.phase("play", _phase_text(plan))
+            self._enter_play(plan)
             self._iteration_runner(plan).play_fixed_number(iterations)
+
+    def _enter_play(self, plan: Plan) -> None:
+        text = {"timeline": "playing the recording", "live": "recording the live graph"}
+        state_text = text.get(plan.playback_mode, "playing at fixed rates")
+        self._context.states.enter(RunState.PLAY, state_text)
 
     def _iteration_runner(self, plan: Plan) -> IterationRunner:
         def next_start() -> SegmentPlayer:
             segment_player = self._next_start()
-            self._reporter.phase("play", _phase_text(plan))
+            self._enter_play(plan)
             return segment_player
 
         return IterationRunner(
             plan,
             self._segment_player,
             self._judge_so_far,
-            self._reporter.note,
+            self._context.note,
             self._budget,
             next_start,
             self._lost_rates,
@@ -181,7 +185,7 @@ class Measurement:
         wanted = self._plan.search
         if wanted is None:
             return
-        self._reporter.phase("search", "searching for the peak rate")
+        self._context.states.enter(RunState.SEARCH, "searching for the peak rate")
         self._search = PeakSearch(
             wanted.min_hz,
             wanted.max_hz,
@@ -203,15 +207,9 @@ class Measurement:
     def _probe_sustained(self) -> None:
         if not self._plan.sustained_hz:
             return
-        self._reporter.phase("sustained", "probing the rates to be sustained")
+        self._context.states.enter(RunState.SUSTAINED, "probing the rates to be sustained")
         for rate_hz in self._plan.sustained_hz:
             self._sustained.append(self._prober.probe_sustained(rate_hz).probe)
-
-
-def _phase_text(plan: Plan) -> str:
-    return {"timeline": "playing the recording", "live": "recording the live graph"}.get(
-        plan.playback_mode, "playing at fixed rates"
-    )
 
 
 @dataclass

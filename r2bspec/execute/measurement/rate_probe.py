@@ -6,8 +6,9 @@ not, or that stayed undecided, says nothing about the graph if the interference 
 
     the output rate + w x the offered rate  >=  (1 - precision) x the offered rate
 
-with w the largest share of the time that others can have taken (`r2bspec.judge.waiting_bound`).
-What comes out of an overloaded graph bounds its capacity only if w is at most half the precision.
+with w the largest share of the time that others can have taken
+(`r2bspec.judge.interference_bound`). What comes out of an overloaded graph bounds its capacity only
+if w is at most half the precision.
 Such a probe is played again. If it is disturbed again, the search uses it to aim, but not as a
 bound (`r2bspec.execute.measurement.peak_search.unexplained_end`). On a machine that is always busy
 that would double every search, so after `MAX_FUTILE_REPLAYS` that were disturbed again there are
@@ -24,11 +25,11 @@ from typing import Final, Literal
 
 import msgspec
 
-from r2bspec.execute.host.resource_sampler import Interference
 from r2bspec.execute.measurement.peak_search import LongPlays, ProbeOutcome
-from r2bspec.execute.measurement.run_reporter import TimeBudget
 from r2bspec.execute.measurement.segment_observation import SegmentObservation
 from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
+from r2bspec.execute.processes.resources import Interference
+from r2bspec.execute.run_context import TimeBudget
 from r2bspec.judge.rate_decision import (
     Criterion,
     InterimLook,
@@ -40,8 +41,13 @@ from r2bspec.judge.rate_decision import (
     plan_interim_looks,
     worst_judgement,
 )
-from r2bspec.language.confidence import CONFIDENCE
-from r2bspec.language.probe_length import MAX_LONGER, MIN_PROBE_STEPS, OVERLOAD_PROBES, PROBE
+from r2bspec.language.benchmark_defaults import (
+    CONFIDENCE,
+    MAX_LONGER,
+    MIN_PROBE_STEPS,
+    OVERLOAD_PROBES,
+    PROBE,
+)
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.measure.metric_catalogue import resolve
 from r2bspec.measure.metric_values import metric_value

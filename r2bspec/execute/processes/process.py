@@ -1,25 +1,224 @@
 """One process of a run, as the controller sees it: its channel, its output, and its end.
 
-Processes end one after another: by request, then with SIGTERM, then with SIGKILL.
+Processes end one after another: by request, then with SIGTERM, then with SIGKILL. Logs are
+truncated, so that no process can fill the disk. CPUs, priority and time slice are set when a
+process has just been started.
 """
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
+import io
 import os
+import platform
 import signal
 import socket
+import stat
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO, Final
 
 import msgspec
 
+from r2bspec.execute.errors import RunError
 from r2bspec.ipc import protocol
 from r2bspec.ipc.native_protocol import NativeCodec
 from r2bspec.ipc.process_cleanup import Session, SessionLeader, kill_process_groups
+from r2bspec.plan.plan import ProcessPlan
+
+MAX_LOG_BYTES = 32 << 20
+"""Larger logs are truncated."""
+
+KEPT_HEAD_BYTES = 8 << 20
+KEPT_TAIL_BYTES = 8 << 20
+"""The parts of a truncated log that are kept: its beginning and its end."""
+
+_PERIOD_S = 0.1
+
+
+class LogLimiter:
+    """Limits the size of all files in the log folders of a run.
+
+    Processes write to their logs directly, so that none waits for the controller to read its
+    output. The middle of a large log is removed later: each log is opened for appending, so that
+    its process continues at the new end.
+    """
+
+    def __init__(self) -> None:
+        self._folders: set[Path] = set()
+        self._removed_bytes: dict[Path, int] = {}
+        self._next_s = 0.0
+
+    @property
+    def truncated(self) -> list[Path]:
+        """The logs that were truncated."""
+        return sorted(self._removed_bytes)
+
+    def watch(self, folder: Path) -> None:
+        """Limit the logs in a folder and its subfolders."""
+        self._folders.add(folder)
+
+    def truncate_large(self, *, now: bool = False) -> None:
+        """Truncate large logs; checks at most every tenth of a second, unless `now`.
+
+        A log that cannot be truncated stays unchanged.
+        """
+        if not now and time.monotonic() < self._next_s:
+            return
+        self._next_s = time.monotonic() + _PERIOD_S
+        for folder in self._folders:
+            # A folder may not be there yet.
+            with contextlib.suppress(OSError):
+                self._keep_small_below(folder)
+
+    def _keep_small_below(self, folder: Path) -> None:
+        for where, _, names, descriptor in os.fwalk(folder):
+            for name in names:
+                with contextlib.suppress(OSError):
+                    self._keep_small(Path(where, name), descriptor)
+
+    def _keep_small(self, log: Path, folder: int) -> None:
+        """Cut a log if it is too large and a file of its own: no link of either kind."""
+        found = os.stat(log.name, dir_fd=folder, follow_symlinks=False)
+        if found.st_size <= MAX_LOG_BYTES or not _is_own_file(found):
+            return
+        flags = os.O_RDWR | os.O_APPEND | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+        with os.fdopen(os.open(log.name, flags, dir_fd=folder), "ab+", buffering=0) as file:
+            # It may have been replaced since it was looked at.
+            if _is_own_file(os.fstat(file.fileno())):
+                self._truncate(log, file)
+
+    def _truncate(self, log: Path, file: io.FileIO) -> None:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(size - KEPT_TAIL_BYTES)
+        tail = file.read(KEPT_TAIL_BYTES) or b""
+        file.truncate(KEPT_HEAD_BYTES)
+        # What earlier cuts took out is counted; their notes were cut out with the rest.
+        self._removed_bytes[log] = (
+            self._removed_bytes.get(log, 0) + size - KEPT_HEAD_BYTES - KEPT_TAIL_BYTES
+        )
+        file.write(_note(self._removed_bytes[log]) + tail)
+
+
+def open_log(log: Path) -> BinaryIO:
+    """Open a log for appending; no other user may read it, and a link in its place is refused.
+
+    Raises:
+        OSError: it cannot be opened.
+    """
+    flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
+    return os.fdopen(os.open(log, flags, 0o600), "ab")
+
+
+def _is_own_file(found: os.stat_result) -> bool:
+    return stat.S_ISREG(found.st_mode) and found.st_nlink == 1
+
+
+def _note(cut_bytes: int) -> bytes:
+    return f"\n[r2bspec removed {cut_bytes / 2**20:.1f} MiB of this log here]\n".encode()
+
+
+SLICE_NS: Final = 500_000
+"""Less than the kernel's default, which is 1.4 ms on two cores and more on larger machines, and
+longer than most of what player and monitor do for one message."""
+
+_SCHED_OTHER: Final = 0
+_SYSCALLS: Final = {"x86_64": (314, 315), "aarch64": (274, 275)}
+"""sched_setattr and sched_getattr, which neither Python nor glibc before 2.41 can call."""
+
+
+def apply_affinity(plan: ProcessPlan, pid: int) -> None:
+    """Bind a process that has just been started to its CPUs, and set its priority.
+
+    This is done before the program starts its first thread; threads and descendants inherit both.
+
+    Raises:
+        RunError: the machine has no such CPU, or does not permit the priority.
+    """
+    with contextlib.suppress(ProcessLookupError):
+        if plan.cpus:
+            try:
+                os.sched_setaffinity(pid, plan.cpus)
+            except ProcessLookupError:
+                raise
+            except (OSError, ValueError) as error:
+                available = ", ".join(map(str, sorted(os.sched_getaffinity(0))))
+                raise RunError(
+                    f"process {plan.name} cannot run on CPUs "
+                    f"{', '.join(map(str, plan.cpus))}; available: {available}",
+                    hint="Correct 'cpus', or use a machine that has these CPUs.",
+                    code="R2B636",
+                ) from error
+        if plan.nice:
+            try:
+                os.setpriority(os.PRIO_PROCESS, pid, plan.nice)
+            except PermissionError as error:
+                raise RunError(
+                    f"process {plan.name}: a nice value of {plan.nice} is not permitted",
+                    hint="Only a privileged user may set values below 0.",
+                    code="R2B637",
+                ) from error
+
+
+class _SchedAttr(ctypes.Structure):
+    """struct sched_attr of linux/sched/types.h, in its first version."""
+
+    _fields_ = (
+        ("size", ctypes.c_uint32),
+        ("policy", ctypes.c_uint32),
+        ("flags", ctypes.c_uint64),
+        ("nice", ctypes.c_int32),
+        ("priority", ctypes.c_uint32),
+        ("runtime_ns", ctypes.c_uint64),
+        ("deadline_ns", ctypes.c_uint64),
+        ("period_ns", ctypes.c_uint64),
+    )
+
+
+def shorten_slice(pid: int, slice_ns: int = SLICE_NS) -> bool:
+    """Let a process that has just been started wait less for a core, not run for longer.
+
+    Since Linux 6.12 a thread that wakes up preempts one with a longer slice if its turn comes
+    earlier (EEVDF); otherwise it waits until that slice is over, which shows as late publications
+    and arrivals. The share of the processor that each gets does not change. Threads and descendants
+    inherit it. No privilege is needed. Earlier kernels ignore it, and a real-time policy has no
+    slices: neither is an error.
+
+    Args:
+        pid: the process, before it starts threads.
+        slice_ns: the slice, in nanoseconds.
+
+    Returns:
+        Whether the kernel has accepted it.
+    """
+    found = _attributes(pid)
+    if found is None or found.policy != _SCHED_OTHER:
+        return False
+    found.runtime_ns = slice_ns
+    set_call, _ = _SYSCALLS[platform.machine()]
+    return _syscall(set_call, pid, ctypes.byref(found), 0) == 0
+
+
+def slice_of(pid: int) -> int:
+    """The time slice of a process, in nanoseconds; 0 if the kernel does not tell."""
+    found = _attributes(pid)
+    return 0 if found is None else int(found.runtime_ns)
+
+
+def _attributes(pid: int) -> _SchedAttr | None:
+    found = _SchedAttr(size=ctypes.sizeof(_SchedAttr))
+    calls = _SYSCALLS.get(platform.machine())
+    if calls is None or _syscall(calls[1], pid, ctypes.byref(found), found.size, 0) != 0:
+        return None
+    return found
+
+
+def _syscall(number: int, pid: int, *arguments: object) -> int:
+    return int(ctypes.CDLL(None).syscall(number, pid, *arguments))
+
 
 _SEND_TIMEOUT_S = 10.0
 _PART_EXIT_S = 2.0

@@ -18,15 +18,16 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from r2bspec.execute.errors import NotInstalledError, ProcessDiedError, ProcessFailedError, RunError
-from r2bspec.execute.processes.middleware_setup import SharedMemoryModes
+from r2bspec.execute.processes.prerequisites import SharedMemoryModes
 from r2bspec.execute.processes.process import (
     MAX_SIGTERM_S,
+    LogLimiter,
     ManagedProcess,
     describe_exit,
     end_sequentially,
+    open_log,
 )
-from r2bspec.execute.processes.process_logs import LogLimiter, open_log
-from r2bspec.execute.progress import PhaseClock
+from r2bspec.execute.states import PhaseClock
 from r2bspec.ipc import protocol
 from r2bspec.ipc.process_cleanup import SessionLeader, clean_up, run_processes
 from r2bspec.ipc.sample_files import is_refusal

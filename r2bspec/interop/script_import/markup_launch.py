@@ -20,8 +20,8 @@ from r2bspec.diagnostics.quote import clip
 from r2bspec.interop.script_import.source_files import SYNTAX, ScriptReader, UnusableScriptError
 from r2bspec.interop.script_import.substitutions import split_words, substituted
 from r2bspec.interop.script_import.values import Construct, LaunchText, Note, StepCounter, Unknown
-from r2bspec.language.yaml_scalars import ScalarError, resolve
-from r2bspec.untrusted.safe_yaml import load_values
+from r2bspec.language.yaml_document import ScalarError, resolve
+from r2bspec.safe_io.safe_yaml import load_values
 
 _CHILDREN: Final = frozenset(
     {

@@ -13,7 +13,7 @@ from typing import Any, Final
 from r2bspec.diagnostics import Span
 from r2bspec.interop.script_import.benchmark_script import BenchmarkScript
 from r2bspec.interop.script_import.known_functions import is_file_test
-from r2bspec.interop.script_import.spec_values import SpecValues
+from r2bspec.interop.script_import.spec_text import Block, SpecValues, identifier, unique_name
 from r2bspec.interop.script_import.values import (
     Construct,
     Foreign,
@@ -21,7 +21,6 @@ from r2bspec.interop.script_import.values import (
     Unknown,
     unknown_in,
 )
-from r2bspec.interop.script_import.yaml_writer import Block, identifier, unique_name
 
 _CONVERTERS: Final = {
     "TRTConverter()": "/usr/src/tensorrt/bin/trtexec",

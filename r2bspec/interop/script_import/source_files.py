@@ -19,7 +19,7 @@ from typing import Final
 
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.interop.script_import.values import ScriptModule, StepCounter
-from r2bspec.untrusted import safe_file
+from r2bspec.safe_io import safe_file
 
 UNREADABLE: Final = "R2B701"
 SYNTAX: Final = "R2B702"

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from r2bspec.datasets.sequences import SEQUENCES
+from r2bspec.datasets.catalogue import SEQUENCES
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.interop.script_import.benchmark_script import BenchmarkScript, Settings
 from r2bspec.interop.script_import.launch_actions import NodeAction, topic_in
@@ -27,9 +27,15 @@ from r2bspec.interop.script_import.node_roles import (
 from r2bspec.interop.script_import.setup_steps import add_steps
 from r2bspec.interop.script_import.source_files import MODULE_MISSING
 from r2bspec.interop.script_import.spec_nodes import NodeWriter
-from r2bspec.interop.script_import.spec_values import SpecValues, relative_folder
+from r2bspec.interop.script_import.spec_text import (
+    Block,
+    SpecValues,
+    document,
+    identifier,
+    relative_folder,
+    unique_name,
+)
 from r2bspec.interop.script_import.values import ImageSize, Note
-from r2bspec.interop.script_import.yaml_writer import Block, document, identifier, unique_name
 from r2bspec.language.names import MESSAGE_TYPE, MONITOR_NAME, NAME
 
 _NOT_IMPORTED: Final = "R2B710"

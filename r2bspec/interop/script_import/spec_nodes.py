@@ -19,9 +19,8 @@ from r2bspec.interop.script_import.launch_actions import (
     NodeAction,
     Remapping,
 )
-from r2bspec.interop.script_import.spec_values import SpecValues
+from r2bspec.interop.script_import.spec_text import Block, SpecValues, identifier, unique_name
 from r2bspec.interop.script_import.values import NotKnownError, PlacedDict, Unknown, check_size
-from r2bspec.interop.script_import.yaml_writer import Block, identifier, unique_name
 from r2bspec.language.names import NODE_NAME, PARAMETER, TOPIC
 
 _PREPROCESSING: Final = "preprocessing"

@@ -1,1 +1,56 @@
-"""The methods by which a requirement is decided, one module each: a question in, an answer out."""
+"""Every method by which a requirement is decided: its name and its traits.
+
+A module of this package takes a case and returns a decision. To add a method, add its
+`DecisionMethod` to `DECISION_METHODS` of `r2bspec.judge.pipeline`, and its entries here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+Method = Literal[
+    "exact binomial",
+    "binomial over windows",
+    "t over iterations",
+    "paired t on logs",
+    "prediction interval",
+    "stored baseline",
+    "observation",
+    "search bracket",
+    "sequential probe",
+    "comparison with truth",
+    "none",
+]
+"""How a requirement was decided. ``none``: without a test, for lack of samples."""
+
+
+@dataclass(frozen=True, slots=True)
+class MethodTraits:
+    """What the rest of the program needs to know about a method.
+
+    Attributes:
+        grows: whether more iterations can help it to a decision.
+        rests_on: what has to be measured again to confirm its FAIL; ``truth`` for nothing: the
+            messages are wrong, and another run would not make them right.
+        counts: what it counts, where it tests a share.
+    """
+
+    grows: bool = False
+    rests_on: Literal["iterations", "search", "probes", "truth"] = "iterations"
+    counts: Literal["messages", "windows"] = "messages"
+
+
+METHODS: Final[dict[Method, MethodTraits]] = {
+    "exact binomial": MethodTraits(grows=True),
+    "binomial over windows": MethodTraits(grows=True, counts="windows"),
+    "t over iterations": MethodTraits(grows=True),
+    "paired t on logs": MethodTraits(grows=True),
+    "prediction interval": MethodTraits(),
+    "stored baseline": MethodTraits(),
+    "observation": MethodTraits(),
+    "search bracket": MethodTraits(rests_on="search"),
+    "sequential probe": MethodTraits(rests_on="probes"),
+    "comparison with truth": MethodTraits(rests_on="truth"),
+    "none": MethodTraits(),
+}

@@ -2,7 +2,7 @@
 
 One value for each iteration: messages within one are correlated, and the difference between
 iterations is the noise that a second run would show. A run with several starts of the graph's
-processes is a hierarchical sample (`r2bspec.judge.statistics.hierarchical_interval`).
+processes is a hierarchical sample (`r2bspec.judge.statistics.t_interval`).
 
 A lost output has no latency, and no mean includes it. So a latency whose mean is small enough does
 not PASS if more than 1 % of the outputs are lost: the mean describes only the others. Fewer are
@@ -14,13 +14,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from r2bspec.judge.decision import Answer, Decider, Question, decide
-from r2bspec.judge.evidence_limits import correlation_notes, stall_notes
-from r2bspec.judge.statistics.hierarchical_interval import (
+from r2bspec.judge.caveats import correlation_notes, stall_notes
+from r2bspec.judge.requirement_case import Decision, DecisionMethod, RequirementCase
+from r2bspec.judge.statistics.t_interval import (
     HierarchicalInterval,
     hierarchical_interval,
+    iterations_to_settle,
 )
-from r2bspec.judge.statistics.t_interval import iterations_to_settle
 from r2bspec.judge.verdict import Outcome
 from r2bspec.measure.metric_catalogue import MetricInfo
 from r2bspec.measure.metric_values import metric_value
@@ -43,20 +43,20 @@ _CPU_TICK_S = 0.01
 _PAGE_BYTES = 4096.0
 
 
-def judge_mean(question: Question) -> Answer:
+def judge_mean(case: RequirementCase) -> Decision:
     """Decide a requirement on a mean."""
     values: list[float] = []
-    for one in question.iterations:
-        found = metric_value(question.info, question.monitor, one)
+    for one in case.iterations:
+        found = metric_value(case.info, case.monitor, one)
         if found is None:
-            return _no_value(question, one)
+            return _no_value(case, one)
         values.append(found)
     if len(values) < 2:
         estimate = values[0] if values else None
-        return Answer(
+        return Decision(
             outcome="inconclusive",
             method="t over iterations",
-            reason=f"One iteration ({show(estimate, question.info.unit)}) does not show the "
+            reason=f"One iteration ({show(estimate, case.info.unit)}) does not show the "
             "variation between iterations.",
             remedy="At least 2 iterations are needed; 5 or more give a useful interval.",
             estimate=estimate,
@@ -64,22 +64,17 @@ def judge_mean(question: Question) -> Answer:
         )
     sample = hierarchical_interval(
         values,
-        starts_of(question.iterations),
-        question.confidence,
-        _resolution(question, values),
+        starts_of(case.iterations),
+        case.confidence,
+        _resolution(case, values),
     )
     interval = sample.interval
-    towards, against = (
-        (interval.upper, interval.lower)
-        if question.is_upper_bound
-        else (interval.lower, interval.upper)
-    )
-    outcome = decide(passes=question.is_met(towards), fails=not question.is_met(against))
-    answer = Answer(
+    outcome = case.outcome_of_bounds(interval.lower, interval.upper)
+    decision = Decision(
         outcome=outcome,
         method="t over iterations",
-        reason=_reason(question, sample, outcome),
-        remedy=_remedy(question, sample) if outcome == "inconclusive" else "",
+        reason=_reason(case, sample, outcome),
+        remedy=_remedy(case, sample) if outcome == "inconclusive" else "",
         estimate=interval.mean,
         lower=interval.lower,
         upper=interval.upper,
@@ -89,70 +84,68 @@ def judge_mean(question: Question) -> Answer:
         if outcome == "inconclusive"
         else (
             *correlation_notes(sample.pieces, sample.number, sample.inflation),
-            *stall_notes(question, _latencies(question), interval.upper, outcome),
+            *stall_notes(case, _latencies(case), interval.upper, outcome),
         ),
     )
-    return _without_lost(question, answer)
+    return _without_lost(case, decision)
 
 
-def _latencies(question: Question) -> list[Seconds]:
+def _latencies(case: RequirementCase) -> list[Seconds]:
     """The latencies in each iteration, for a mean of them; else nothing."""
-    if question.monitor is None or question.info.family not in LOSS_SENSITIVE_FAMILIES:
+    if case.monitor is None or case.info.family not in LOSS_SENSITIVE_FAMILIES:
         return []
-    return [
-        one.monitors[question.monitor].times[question.info.family] for one in question.iterations
-    ]
+    return [one.monitors[case.monitor].times[case.info.family] for one in case.iterations]
 
 
-def _without_lost(question: Question, answer: Answer) -> Answer:
+def _without_lost(case: RequirementCase, decision: Decision) -> Decision:
     """The answer with regard to outputs that were lost, which a mean of latencies leaves out."""
-    if question.monitor is None or question.info.family not in LOSS_SENSITIVE_FAMILIES:
-        return answer
-    seen = [one.monitors[question.monitor] for one in question.iterations]
+    if case.monitor is None or case.info.family not in LOSS_SENSITIVE_FAMILIES:
+        return decision
+    seen = case.monitor_samples
     lost, expected = sum(one.missed for one in seen), sum(one.expected for one in seen)
     if not lost:
-        return answer
+        return decision
     share = show(lost / expected, "share")
     left_out = (
         f"{show(lost, 'count')} of {show(expected, 'count')} outputs ({share}), which were lost"
     )
     # What was lost can only have been slow: it does not change a FAIL of an upper limit.
     small = lost <= MAX_LOST_SHARE * expected
-    if small or answer.outcome != "pass" or not question.is_upper_bound:
-        return replace(answer, notes=(*answer.notes, f"The mean leaves out {left_out}."))
+    if small or decision.outcome != "pass" or not case.is_upper_bound:
+        return replace(decision, notes=(*decision.notes, f"The mean leaves out {left_out}."))
     return replace(
-        answer,
+        decision,
         outcome="inconclusive",
         reason=f"The mean leaves out {left_out}, and describes only the others: "
-        f"{answer.reason[:1].lower()}{answer.reason[1:]}",
+        f"{decision.reason[:1].lower()}{decision.reason[1:]}",
         remedy="State a percentile, in which lost outputs count, or a drop_rate.",
         notes=(),
     )
 
 
-def _no_value(question: Question, iteration: SegmentSamples) -> Answer:
+def _no_value(case: RequirementCase, iteration: SegmentSamples) -> Decision:
     """An iteration without a value: too few outputs fail, too few samples are inconclusive."""
     where = f"iteration {iteration.segment.index}"
-    if question.monitor is not None:
-        return Answer(
+    if case.monitor is not None:
+        return Decision(
             outcome="fail",
             method="none",
-            reason=f"Monitor '{question.monitor}' received too little in {where} for a "
-            f"{question.info.name}.",
+            reason=f"Monitor '{case.monitor}' received too little in {where} for a "
+            f"{case.info.name}.",
         )
-    return Answer(
+    return Decision(
         outcome="inconclusive",
         method="none",
-        reason=f"{question.info.name} was not sampled in {where}.",
+        reason=f"{case.info.name} was not sampled in {where}.",
         remedy="Make the iterations longer to get more samples.",
     )
 
 
-def _resolution(question: Question, values: list[float]) -> float:
+def _resolution(case: RequirementCase, values: list[float]) -> float:
     """The smallest difference in a value of this metric that the clocks can show."""
-    segment = question.iterations[0].segment
+    segment = case.iterations[0].segment
     window_s = (segment.ended_ns - segment.began_ns) / 1e9
-    return resolution(question.info, max(values), max(window_s, _CLOCK_RESOLUTION_S))
+    return resolution(case.info, max(values), max(window_s, _CLOCK_RESOLUTION_S))
 
 
 def resolution(info: MetricInfo, typical: float, window_s: float) -> float:
@@ -170,9 +163,9 @@ def resolution(info: MetricInfo, typical: float, window_s: float) -> float:
             return 0.0
 
 
-def _reason(question: Question, found: HierarchicalInterval, outcome: Outcome) -> str:
-    unit, interval = question.info.unit, found.interval
-    mean = f"The mean of {len(question.iterations)} iterations"
+def _reason(case: RequirementCase, found: HierarchicalInterval, outcome: Outcome) -> str:
+    unit, interval = case.info.unit, found.interval
+    mean = f"The mean of {len(case.iterations)} iterations"
     if found.pieces == "starts":
         mean += f" in {found.number} starts"
     mean += f" is {show(interval.mean, unit)}"
@@ -180,35 +173,35 @@ def _reason(question: Question, found: HierarchicalInterval, outcome: Outcome) -
         effective = found.number / found.inflation
         mean += f" (effective sample size {effective:.2g}, as successive ones may be correlated)"
     lower, upper = show(interval.lower, unit), show(interval.upper, unit)
-    sure = f"at {question.confidence_text}"
+    sure = f"at {case.confidence_text}"
     if outcome == "inconclusive":
         return (
             f"{mean}; {sure} the true mean is {lower} to {upper}, which includes the limit "
-            f"{question.limit_text}."
+            f"{case.limit_text}."
         )
-    bound = question.requirement.bound
-    limit = f"; the limit is {question.limit_text}" if bound and bound.of_offered else ""
-    if (outcome == "pass") == question.is_upper_bound:
+    bound = case.requirement.bound
+    limit = f"; the limit is {case.limit_text}" if bound and bound.of_offered else ""
+    if (outcome == "pass") == case.is_upper_bound:
         return f"{mean}, {sure} at most {upper}{limit}."
     return f"{mean}, {sure} at least {lower}{limit}."
 
 
-def _remedy(question: Question, found: HierarchicalInterval) -> str:
+def _remedy(case: RequirementCase, found: HierarchicalInterval) -> str:
     interval = found.interval
     needed = iterations_to_settle(
-        interval.mean, interval.deviation, question.limit, question.confidence, _MAX_ITERATIONS
+        interval.mean, interval.deviation, case.limit, case.confidence, _MAX_ITERATIONS
     )
     if needed is None:
         return (
-            f"The mean is too close to {question.limit_text} for {found.pieces} that differ by "
-            f"{show(interval.deviation, question.info.unit)}: change the limit, or use a quieter "
+            f"The mean is too close to {case.limit_text} for {found.pieces} that differ by "
+            f"{show(interval.deviation, case.info.unit)}: change the limit, or use a quieter "
             "machine."
         )
     needed = max(math.ceil(needed * found.inflation), found.number + 1)
     return f"About {needed} {found.pieces} would decide it, if mean and deviation stay the same."
 
 
-DECIDER = Decider(
-    takes=lambda question: question.info.statistic == "mean" and not question.is_equality,
-    decide=lambda question, _: judge_mean(question),
+MEAN_BOUND = DecisionMethod(
+    takes=lambda case: case.info.statistic == "mean" and not case.is_equality,
+    decide=lambda case, _: judge_mean(case),
 )

@@ -1,26 +1,54 @@
-"""A bound on the peak rate, by the bracket in which the search ended.
+"""A bound on the peak rate, by the bracket in which the search ended, and what refutes it.
 
 The peak lies between the highest sustained rate and the lowest rate that was not sustained. A
 bracket decides a bound that lies outside it, and only that. A lower end that was not proven by a
 whole play, or that the iterations at the peak refute, decides nothing. If the graph is not steady,
 both ends are moved apart by the ratio of its speeds: what lies further away is decided all the
-same. If no rate failed, because the range of
-the search ended or the player could offer no more, the peak has no upper bound. Undecided probes
-leave the bracket wide, and decide nothing within it.
+same. If no rate failed, because the range of the search ended or the player could offer no more,
+the peak has no upper bound. Undecided probes leave the bracket wide, and decide nothing within it.
+
+Refutation
+----------
+
+What is played at the lower end of the bracket must be sustained there, too. Two tests, with half
+the error of the bracket each:
+
+    the backlog grows    b_i, the slope of the latency over the time of publication, by least
+                         squares on the later two thirds of iteration i, is above precision / 4 on
+                         average: Student's t over the iterations. Of one iteration, the bound of
+                         its slope (`r2bspec.judge.statistics.autocorrelation`).
+    messages are lost    the lower Clopper-Pearson bound of the share that never arrived is above
+                         what the search allowed.
+
+Noise of the machine that makes a sustained rate fail is the business of `affected_iterations`; it
+can only take away from what is claimed here.
 """
 
 from __future__ import annotations
 
-from r2bspec.judge.decision import Answer, Decider, Question, decide
-from r2bspec.judge.interference_policy import REMEDY
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from r2bspec.judge.affected_iterations import REMEDY
+from r2bspec.judge.requirement_case import Decision, DecisionMethod, RequirementCase, decide
+from r2bspec.judge.statistics.autocorrelation import trend
+from r2bspec.judge.statistics.binomial import lower_bound
+from r2bspec.judge.statistics.t_interval import mean_interval
+from r2bspec.language.benchmark_defaults import CONFIDENCE
+from r2bspec.measure.samples import MonitorSamples, RunSamples
 from r2bspec.measure.units import show
 from r2bspec.record.run_record import SearchRecord
 
 
-def judge_peak(question: Question, search: SearchRecord | None) -> Answer:
+def judge_peak(case: RequirementCase, search: SearchRecord | None) -> Decision:
     """Decide a requirement on ``peak.rate``."""
     if search is None or not search.probes:
-        return Answer(
+        return Decision(
             outcome="inconclusive",
             method="none",
             reason="This run did not search for a peak.",
@@ -29,11 +57,11 @@ def judge_peak(question: Question, search: SearchRecord | None) -> Answer:
     lower = search.holds_hz
     upper = search.upper_hz
     proven = lower if search.proof != "open" and not search.refuted else None
-    at_least = _at_least(question, proven and proven / search.unsteady_ratio)
-    below = upper is not None and _below(question, upper * search.unsteady_ratio)
-    passes, fails = (below, at_least) if question.is_upper_bound else (at_least, below)
+    at_least = _at_least(case, proven and proven / search.unsteady_ratio)
+    below = upper is not None and _below(case, upper * search.unsteady_ratio)
+    passes, fails = (below, at_least) if case.is_upper_bound else (at_least, below)
     outcome = decide(passes=passes, fails=fails)
-    return Answer(
+    return Decision(
         outcome=outcome,
         method="search bracket",
         reason=_reason(search, lower, upper),
@@ -45,21 +73,17 @@ def judge_peak(question: Question, search: SearchRecord | None) -> Answer:
     )
 
 
-def _at_least(question: Question, lower: float | None) -> bool:
+def _at_least(case: RequirementCase, lower: float | None) -> bool:
     """Whether every rate of the bracket lies on the high side of the limit."""
     if lower is None:
         return False
     # '<' and '>=' share one boundary, '<=' and '>' the other.
-    return (
-        lower >= question.limit
-        if question.requirement.op in {"<", ">="}
-        else (lower > question.limit)
-    )
+    return lower >= case.limit if case.requirement.op in {"<", ">="} else (lower > case.limit)
 
 
-def _below(question: Question, upper: float) -> bool:
+def _below(case: RequirementCase, upper: float) -> bool:
     """Whether every rate of the bracket, which ends before `upper`, is below the limit."""
-    return upper <= question.limit
+    return upper <= case.limit
 
 
 def _reason(search: SearchRecord, lower: float | None, upper: float | None) -> str:
@@ -152,8 +176,78 @@ def _remedy(search: SearchRecord) -> str:
             return "Make benchmark.search.precision finer, or change the limit."
 
 
-DECIDER = Decider(
-    takes=lambda question: question.info.statistic == "search",
-    decide=lambda question, record: judge_peak(question, record.search),
+PEAK_BRACKET = DecisionMethod(
+    takes=lambda case: case.info.statistic == "search",
+    decide=lambda case, record: judge_peak(case, record.search),
     needs_iterations=False,
 )
+
+
+_SKIPPED_DIVISOR = 3
+_MIN_OUTPUTS = 20
+
+
+def with_refuted_peak(samples: RunSamples) -> RunSamples:
+    """The samples, with the refutation of the peak in their record if there is one."""
+    search = samples.record.search
+    if search is None or search.holds_hz is None or search.refuted or not search.proof:
+        return samples
+    reason = _refutation(samples, search, search.holds_hz)
+    if not reason:
+        return samples
+    refuted = msgspec.structs.replace(search, refuted=reason)
+    return replace(samples, record=msgspec.structs.replace(samples.record, search=refuted))
+
+
+def _refutation(samples: RunSamples, search: SearchRecord, peak_hz: float) -> str:
+    played = [
+        each
+        for rate_hz, iterations in samples.iterations.items()
+        if math.isclose(rate_hz, peak_hz)
+        for each in iterations
+    ]
+    confidence = 1 - (1 - (search.confidence or CONFIDENCE)) / 2
+    for name in samples.monitors:
+        seen = [each.monitors[name] for each in played if name in each.monitors]
+        reason = _grows(seen, search, confidence, peak_hz) or _loses(seen, search, confidence)
+        if reason:
+            number = f"{len(seen)} iterations" if len(seen) > 1 else "the iteration"
+            return f"{number} at {show(peak_hz, 'Hz')} refute it: {reason}"
+    return ""
+
+
+def _grows(
+    seen: Sequence[MonitorSamples], search: SearchRecord, confidence: float, peak_hz: float
+) -> str:
+    found = [_latencies(each) for each in seen]
+    usable = [each for each in found if each[0].size >= _MIN_OUTPUTS]
+    if not usable or len(usable) < len(found):
+        return ""
+    if len(usable) == 1:
+        # One iteration is a play like a probe.
+        line = trend(*usable[0], confidence)
+        slope, lower = line.slope, line.lower
+    else:
+        slopes = [float(np.polyfit(at_s - at_s[0], late_s, 1)[0]) for at_s, late_s in usable]
+        interval = mean_interval(slopes, confidence)
+        slope, lower = interval.mean, interval.lower
+    if lower <= search.precision / 4:
+        return ""
+    return f"the backlog grows by {peak_hz * slope / (1 + slope):.3g} messages/s"
+
+
+def _latencies(seen: MonitorSamples) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """When the later steps were published, and how long each was under way, in seconds."""
+    answered = np.flatnonzero(seen.steps.answered)
+    kept = answered[answered.size // _SKIPPED_DIVISOR :]
+    published = seen.steps.published_ns[kept]
+    return published / 1e9, (seen.steps.received_ns[kept] - published) / 1e9
+
+
+def _loses(seen: Sequence[MonitorSamples], search: SearchRecord, confidence: float) -> str:
+    expected, missed = sum(each.expected for each in seen), sum(each.missed for each in seen)
+    if not expected or search.max_lost is None:
+        return ""
+    if lower_bound(missed, expected, confidence) <= search.max_lost:
+        return ""
+    return f"{missed} of {expected} messages were lost"

@@ -14,99 +14,103 @@ from dataclasses import replace
 
 import numpy as np
 
-from r2bspec.judge.decision import Answer, Decider, Question, WindowCondition, decide
-from r2bspec.judge.evidence_limits import share_notes
-from r2bspec.judge.methods.forecast import share_remedy
+from r2bspec.judge.caveats import share_notes
 from r2bspec.judge.methods.mean_bound import MAX_LOST_SHARE
-from r2bspec.judge.methods.percentile_bound import percentile_notes, percentile_texts
-from r2bspec.judge.methods.share_bound import share_test
+from r2bspec.judge.methods.message_share import percentile_notes, percentile_texts, share_test
+from r2bspec.judge.methods.wording import counted_noun, share_remedy, share_sentence
+from r2bspec.judge.requirement_case import (
+    Decision,
+    DecisionMethod,
+    RequirementCase,
+    WindowCondition,
+    decide,
+)
 from r2bspec.judge.statistics.effective_sample_size import (
     BadFlags,
     EffectiveSample,
     effective_sample,
 )
-from r2bspec.judge.statistics.order_statistics import (
+from r2bspec.judge.statistics.percentile_interval import (
     RankedMessages,
     allowed_share,
     percentile_interval,
 )
 from r2bspec.judge.verdict import Outcome, ShareTest
-from r2bspec.judge.verdict_wording import counted_noun, share_sentence
 from r2bspec.measure.metric_values import WindowValues, has_windows, window_values
 from r2bspec.measure.samples import LOSS_SENSITIVE_FAMILIES
 from r2bspec.measure.times import Seconds
 from r2bspec.measure.units import show
 
 
-def judge_windows(question: Question) -> Answer:
+def judge_windows(case: RequirementCase) -> Decision:
     """Decide a requirement that must be met in a share of windows, which it names."""
-    windows = question.windows
+    windows = case.windows
     if windows is None:
-        raise ValueError(f"{question.requirement.text} names no windows")
-    if not has_windows(question.info):
-        return Answer(
+        raise ValueError(f"{case.requirement.text} names no windows")
+    if not has_windows(case.info):
+        return Decision(
             outcome="fail",
             method="none",
-            reason=f"{question.info.name} is a metric of a run, not of a window.",
+            reason=f"{case.info.name} is a metric of a run, not of a window.",
         )
-    worst = math.inf if question.is_upper_bound else -math.inf
+    worst = math.inf if case.is_upper_bound else -math.inf
     found = [
-        window_values(question.info, question.monitor or "", one, windows.window_ns, worst)
-        for one in question.iterations
+        window_values(case.info, case.monitor or "", one, windows.window_ns, worst)
+        for one in case.iterations
     ]
     pieces = [np.array(one.values) for one in found]
     if not any(piece.size for piece in pieces):
-        return _without_windows(question, windows, found)
-    if question.is_equality:
-        return _judge_equality(question, windows, pieces)
-    answer = _judge_ordered(question, windows, pieces)
-    return _without_lost(question, windows, found, answer)
+        return _without_windows(case, windows, found)
+    if case.is_equality:
+        return _judge_equality(case, windows, pieces)
+    decision = _judge_ordered(case, windows, pieces)
+    return _without_lost(case, windows, found, decision)
 
 
 def _without_lost(
-    question: Question, windows: WindowCondition, found: list[WindowValues], answer: Answer
-) -> Answer:
+    case: RequirementCase, windows: WindowCondition, found: list[WindowValues], decision: Decision
+) -> Decision:
     """The answer with regard to lost outputs, which the mean latency of a window leaves out.
 
     Windows that lost more than 1 % may be slower than their means: a PASS must allow for that.
     """
-    of_latency = question.info.family in LOSS_SENSITIVE_FAMILIES
-    if not (of_latency and question.info.statistic == "mean" and question.is_upper_bound):
-        return answer
+    of_latency = case.info.family in LOSS_SENSITIVE_FAMILIES
+    if not (of_latency and case.info.statistic == "mean" and case.is_upper_bound):
+        return decision
     lossy = [np.array([share > MAX_LOST_SHARE for share in one.lost]) for one in found]
     number = sum(int(np.count_nonzero(flags)) for flags in lossy)
-    if answer.outcome != "pass" or not number:
-        return answer
+    if decision.outcome != "pass" or not number:
+        return decision
     counted = [
         np.where(flags, math.inf, one.values) if flags.size else np.array(one.values)
         for one, flags in zip(found, lossy, strict=True)
     ]
     total = sum(len(one.values) for one in found)
     left_out = (
-        f"{show(number, 'count')} of {show(total, 'count')} {counted_noun(question)} lost more "
+        f"{show(number, 'count')} of {show(total, 'count')} {counted_noun(case)} lost more "
         f"than {show(MAX_LOST_SHARE, 'share')} of their outputs, which a mean leaves out"
     )
-    if _judge_ordered(question, windows, counted).outcome == "pass":
+    if _judge_ordered(case, windows, counted).outcome == "pass":
         note = f"{left_out}. If they do not count as met, the requirement passes, too."
-        return replace(answer, notes=(*answer.notes, note))
+        return replace(decision, notes=(*decision.notes, note))
     return replace(
-        answer,
+        decision,
         outcome="inconclusive",
-        reason=f"{left_out}, and without them {answer.reason[:1].lower()}{answer.reason[1:]}",
+        reason=f"{left_out}, and without them {decision.reason[:1].lower()}{decision.reason[1:]}",
         remedy="State a percentile, in which lost outputs count, or a drop_rate.",
         notes=(),
     )
 
 
 def _without_windows(
-    question: Question, windows: WindowCondition, found: list[WindowValues]
-) -> Answer:
+    case: RequirementCase, windows: WindowCondition, found: list[WindowValues]
+) -> Decision:
     length = show(windows.window_ns / 1e9, "s")
     if any(one.without for one in found):
-        reason = f"A window of {length} has too few messages for {question.info.name}."
+        reason = f"A window of {length} has too few messages for {case.info.name}."
     else:
         reason = f"No iteration is as long as a window of {length}."
-    return Answer(
+    return Decision(
         outcome="inconclusive",
         method="none",
         reason=reason,
@@ -114,63 +118,64 @@ def _without_windows(
     )
 
 
-def _judge_ordered(question: Question, windows: WindowCondition, pieces: list[Seconds]) -> Answer:
+def _judge_ordered(
+    case: RequirementCase, windows: WindowCondition, pieces: list[Seconds]
+) -> Decision:
     """The test with its bounds in the metric's unit."""
-    sign = 1.0 if question.is_upper_bound else -1.0
+    sign = 1.0 if case.is_upper_bound else -1.0
     ranked = RankedMessages(
-        [sign * piece for piece in pieces], question.design(allowed_share(windows.share))
+        [sign * piece for piece in pieces], case.design(allowed_share(windows.share))
     )
-    interval = percentile_interval(ranked, windows.share, question.confidence)
+    interval = percentile_interval(ranked, windows.share, case.confidence)
     outcome = decide(
-        passes=question.is_met(sign * interval.upper),
-        fails=not question.is_met(sign * interval.lower),
+        passes=case.is_met(sign * interval.upper),
+        fails=not case.is_met(sign * interval.lower),
     )
-    bad = sum(int(np.count_nonzero(flags)) for flags in _bad(question, pieces))
-    test = _test(question, windows, ranked.effective_sample(bad))
+    bad = sum(int(np.count_nonzero(flags)) for flags in _bad(case, pieces))
+    test = _test(case, windows, ranked.effective_sample(bad))
     lower, upper = sorted((sign * interval.lower, sign * interval.upper))
     estimate = sign * interval.estimate
-    answer = _answer(question, test, outcome)
+    decision = _decision(case, test, outcome)
     shown = replace(interval, estimate=estimate, lower=lower, upper=upper)
-    reason, remedy = percentile_texts(question, test, shown, outcome, counted_noun(question))
+    reason, remedy = percentile_texts(case, test, shown, outcome, counted_noun(case))
     return replace(
-        answer,
+        decision,
         estimate=estimate,
         lower=lower,
         upper=upper,
         reason=reason,
         remedy=remedy,
-        notes=percentile_notes(question, interval, outcome),
+        notes=percentile_notes(case, interval, outcome),
     )
 
 
-def _judge_equality(question: Question, windows: WindowCondition, pieces: list[Seconds]) -> Answer:
+def _judge_equality(
+    case: RequirementCase, windows: WindowCondition, pieces: list[Seconds]
+) -> Decision:
     """The test alone: with == and != the windows' values have no order that matters."""
-    design = question.design(allowed_share(windows.share))
-    test = _test(question, windows, effective_sample(_bad(question, pieces), design))
+    design = case.design(allowed_share(windows.share))
+    test = _test(case, windows, effective_sample(_bad(case, pieces), design))
     outcome = decide(passes=test.upper <= test.allowed, fails=test.lower > test.allowed)
-    return _answer(question, test, outcome)
+    return _decision(case, test, outcome)
 
 
-def _bad(question: Question, pieces: list[Seconds]) -> list[BadFlags]:
+def _bad(case: RequirementCase, pieces: list[Seconds]) -> list[BadFlags]:
     return [
-        np.array([not question.is_met(value) for value in piece], dtype=np.bool_)
-        for piece in pieces
+        np.array([not case.is_met(value) for value in piece], dtype=np.bool_) for piece in pieces
     ]
 
 
-def _test(question: Question, windows: WindowCondition, sample: EffectiveSample) -> ShareTest:
-    return share_test(sample, allowed_share(windows.share), question.confidence)
+def _test(case: RequirementCase, windows: WindowCondition, sample: EffectiveSample) -> ShareTest:
+    return share_test(sample, allowed_share(windows.share), case.confidence)
 
 
-def _answer(question: Question, test: ShareTest, outcome: Outcome) -> Answer:
-    return Answer(
+def _decision(case: RequirementCase, test: ShareTest, outcome: Outcome) -> Decision:
+    return Decision(
         outcome=outcome,
         method="binomial over windows",
-        reason=share_sentence(question, test, outcome),
-        remedy=share_remedy(question, test, counted_noun(question))
-        if outcome == "inconclusive"
-        else "",
-        notes=share_notes(question, outcome),
+        reason=share_sentence(case, test, outcome),
+        remedy=share_remedy(case, test, counted_noun(case)) if outcome == "inconclusive" else "",
+        notes=share_notes(case, outcome),
         n=test.n,
         effective_n=test.effective_n,
         over=test.over,
@@ -179,7 +184,7 @@ def _answer(question: Question, test: ShareTest, outcome: Outcome) -> Answer:
     )
 
 
-DECIDER = Decider(
-    takes=lambda question: question.windows is not None,
-    decide=lambda question, _: judge_windows(question),
+WINDOW_SHARE = DecisionMethod(
+    takes=lambda case: case.windows is not None,
+    decide=lambda case, _: judge_windows(case),
 )

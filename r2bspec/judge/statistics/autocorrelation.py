@@ -1,4 +1,19 @@
-"""The effective sample size of a few values in the order of time.
+"""By how much correlation widens the interval of a mean, or of a slope.
+
+Variance inflation
+------------------
+
+For a stationary sequence with the autocorrelations r_0 = 1, r_1, r_2, .. the variance of the mean
+of many is larger than if they were independent by the factor
+
+    F = -1 + 2 (r_0 + r_1 + r_2 + ..).
+
+Of estimated autocorrelations the sum is mostly noise. The sums of pairs r_2j + r_2j+1 are positive
+and fall with j (exactly so for reversible chains, about so for latencies), so they are added while
+they are positive, each taken to be not above the one before.
+
+A few values in the order of time
+---------------------------------
 
 Iterations follow one another on a machine that warms up, cools down, or is busy for a while: they
 may be correlated, and so may the starts of a graph. With the lag-1 autocorrelation r of m values,
@@ -27,13 +42,54 @@ Fewer than five values do not show that.
 
 Student's t then has fewer degrees of freedom than m - 1. As F is itself uncertain, and large by
 chance in some runs of independent values, they are (m + m / F) / 2 - 1, and at least 1.
+
+Slopes
+------
+
+Least squares through n points (t_i, v_i) with residuals e_i. If the e_i were independent, the
+standard error of the slope would be
+
+    sqrt(sum e_i^2 / (n - 2) / sum (t_i - mean t)^2);
+
+they are not, and it is larger by sqrt(F), with the variance inflation F of the residuals
+(`geyer_inflation`). The effective sample size is n / F, so that t with
+n / F - 2 degrees of freedom takes the place of the normal distribution. Residuals that wander
+instead of scatter have an F of the order of n: such a line has no meaningful slope, and the error
+shows it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def lagged_products(rows: NDArray[np.float64], lags: int) -> NDArray[np.float64]:
+    """The sum over rows and i of v_i v_(i + lag), for each lag of 0..lags, by Fourier transform.
+
+    Args:
+        rows: shape (rows, longest), 0 behind the end of a shorter one.
+        lags: the largest lag.
+    """
+    size = 1 << (rows.shape[1] + lags - 1).bit_length()
+    transformed = np.fft.rfft(rows, size, axis=1)
+    power = (transformed.real**2 + transformed.imag**2).sum(axis=0)
+    return np.asarray(np.fft.irfft(power, size)[: lags + 1], dtype=np.float64)
+
+
+def geyer_inflation(r: NDArray[np.float64]) -> float:
+    """F from the autocorrelations r_0 = 1, r_1, ..; at least 1."""
+    even = r.size - r.size % 2
+    sums = r[0:even:2] + r[1:even:2]
+    negative = np.flatnonzero(sums <= 0)
+    kept = sums[: negative[0]] if negative.size else sums
+    return max(1.0, -1 + 2 * float(np.minimum.accumulate(kept).sum())) if kept.size else 1.0
+
 
 _MIN_VALUES = 3
 _STANDARD_ERRORS = 0.75
@@ -78,3 +134,45 @@ def _factor(r: float) -> float:
 def serial_degrees_of_freedom(m: int, inflation: float) -> float:
     """The degrees of freedom of t for m values whose variance is inflated by F."""
     return max((m + m / inflation) / 2 - 1, 1.0)
+
+
+_LAG_DIVISOR = 3
+_MIN_POINTS = 10
+
+
+@dataclass(frozen=True)
+class Trend:
+    """A slope with its one-sided bounds; infinite where there are too few points."""
+
+    slope: float
+    lower: float
+    upper: float
+
+
+def trend(times: NDArray[np.float64], values: NDArray[np.float64], confidence: float) -> Trend:
+    """The slope of `values` over `times` with one-sided bounds.
+
+    Args:
+        times: ascending, shape (n,).
+        values: shape (n,).
+        confidence: of each bound by itself.
+    """
+    n = times.size
+    if n < _MIN_POINTS:
+        return Trend(0.0, -math.inf, math.inf)
+    from scipy.special import stdtrit
+
+    t = times - times.mean()
+    v = values - values.mean()
+    spread = float(t @ t)
+    slope = float(t @ v) / spread
+    residuals = v - slope * t
+    squares = float(residuals @ residuals)
+    # No scatter beyond the last digits: the slope is exact.
+    if squares <= n * (1e-12 * float(np.abs(values).max())) ** 2:
+        return Trend(slope, slope, slope)
+    products = lagged_products(residuals[np.newaxis], n // _LAG_DIVISOR)
+    f = geyer_inflation(products / products[0])
+    error = math.sqrt(squares / (n - 2) * f / spread)
+    half = float(stdtrit(max(n / f - 2, 1.0), confidence)) * error
+    return Trend(slope, slope - half, slope + half)

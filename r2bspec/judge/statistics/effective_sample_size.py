@@ -16,14 +16,14 @@ With x_i = 1 where message i is bad and 0 otherwise, k their sum, p = k / n:
                 autocorrelations r_1, r_2, .. of x within iterations, up to a quarter of an
                 iteration and at most 200 messages,
                     F = -1 + 2 (r_0 + r_1 + ..),
-                by Geyer's initial monotone sequence (`variance_inflation`).
+                by Geyer's initial monotone sequence (`autocorrelation`).
     iterations  With k_1 .. k_m bad messages in two or more iterations, V is the variance of
                 these counts over the binomial one, n p (1 - p) / m. It is known from m values
                 only, so that the quantiles of t take the place of the normal ones:
                     F = V (t_c(m - 1) / z_c)^2,    c the confidence of the decision.
                 If V exceeds 1, the iterations themselves differ, and may be correlated from one to
                 the next: F is then inflated once more (`autocorrelation`). Where each message has a
-                value, its levels show that better than counts (`level_interval`).
+                value, its levels show that better than counts (`percentile_interval`).
     starts      The same for the counts of whole starts. A run with several starts is a
                 hierarchical sample: messages in iterations in starts. What differs between starts
                 is known from so many values as there are starts, however many iterations each has
@@ -51,9 +51,13 @@ from typing import Final, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.judge.statistics.autocorrelation import serial_degrees_of_freedom, serial_inflation
-from r2bspec.judge.statistics.variance_inflation import inflation, lagged_products
-from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.judge.statistics.autocorrelation import (
+    geyer_inflation,
+    lagged_products,
+    serial_degrees_of_freedom,
+    serial_inflation,
+)
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
@@ -81,7 +85,7 @@ class SampleDesign:
         allowed: the share that is tested; None if only the observed one matters.
         confidence: of the decision, which decides how much few iterations or starts count.
         serial: whether shares of successive iterations or starts may be correlated. Without it,
-            something else covers that (`level_interval`).
+            something else covers that (`percentile_interval`).
     """
 
     starts: tuple[int, ...] = ()
@@ -206,7 +210,7 @@ def _autocorrelation_inflation(flags: BadFlags, sizes: NDArray[np.int64], p: flo
     deviations = np.where(inside, flags - p, 0.0)
     pairs = filled.sum() - filled.size * np.arange(lags + 1)
     r = lagged_products(deviations, lags) / pairs
-    return inflation(r / r[0])
+    return geyer_inflation(r / r[0])
 
 
 def _level_inflations(

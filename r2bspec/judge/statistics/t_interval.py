@@ -1,4 +1,7 @@
-"""The t interval for a mean over iterations.
+"""Student's t: intervals of means, and of the ratios of runs.
+
+Means over iterations
+---------------------
 
 With values v_1 .. v_m of m independent iterations, their mean v and standard deviation s,
 
@@ -8,15 +11,141 @@ follows Student's t with m - 1 degrees of freedom, if the values are close to no
 over seconds of messages are. One-sided bounds at the confidence c on the true mean mu are then
 v -+ t_c s / sqrt(m). Where values resemble their neighbours in time, m / F takes the place of m,
 and t has fewer degrees of freedom (`autocorrelation`).
+
+Iterations in starts
+--------------------
+
+A run with several starts of the graph's processes has two sources of variation. Starts differ
+(memory layout, order of discovery, placement of threads), and iterations of one start differ, too.
+What varies from start to start is known from so many values as there are starts, however many
+iterations each has: the interval is that of t over the means of the starts (Kalibera and Jones,
+"Rigorous benchmarking in reasonable time", ISMM 2013, which has a level for each source). By chance
+the means of few starts agree better than their iterations, so t over all iterations is worked out,
+too, and the wider interval counts.
+
+The highest level may be correlated in time (`autocorrelation`): starts, or the iterations of a
+single start. Iterations of one start resemble each other anyway, which t over starts covers.
+
+Pairs
+-----
+
+Base and head are measured in pairs on one host: the t test on the logarithms of the ratios.
+
+Runs are interleaved (A the base, B the head), each in new processes, so that a machine that gets
+slower slows both. Pair i has the values a_i and b_i of a metric, one iteration each, and
+
+    d_i = ln(b_i / a_i),        mean d,  standard deviation s,  over n pairs.
+
+A ratio of two noisy values is skewed; its logarithm is not, and 'half' and 'double' are equally
+far from 1. (mean d - ln rho) / (s / sqrt(n)) follows Student's t with n - 1 degrees of freedom,
+where rho is the true ratio, so that one-sided bounds on rho, each at the confidence c, are
+
+    exp(mean d -+ t_c(n - 1) s / sqrt(n)).
+
+The limit of the requirement is the margin: ``throughput.mean >= 97 % of baseline`` passes if the
+lower bound on rho is at least 0.97, fails if the upper bound is below it. That is a test for
+non-inferiority, not for a difference: given enough pairs any two graphs differ.
+
+Which side of a pair is first is decided by a coin (`pair_orders`). Whatever happens to the first or
+the second run of a pair, to every third or every fourth run, or to all runs after a moment, then
+falls on either side by chance alone, and chance is what the test accounts for. A fixed order such
+as A B B A shares a linear drift exactly, but puts whatever returns with every fourth run on one
+side: equal graphs then fail in half of the comparisons. A coin that fell alike for all pairs is
+thrown again, because a drift would then be a difference between the sides.
+
+Two stored runs
+---------------
+
+Welch's t test on logarithms. Advisory, not for gating.
+
+With the logarithms of m_a and m_b iterations' values, their means, and variances s_a^2 and s_b^2,
+
+    se^2 = s_a^2 / m_a + s_b^2 / m_b
+    df   = se^4 / ((s_a^2 / m_a)^2 / (m_a - 1) + (s_b^2 / m_b)^2 / (m_b - 1))
+
+one-sided bounds on the true ratio are exp(mean_b - mean_a -+ t_c(df) se). That is exact for
+independent iterations, and iterations of one start are not: they share its placement in memory and
+its processes. So where both runs have several starts, the same is worked out for the means of the
+starts, and the wider interval counts (`welch_ratio_of_runs`).
+
+Two runs with one start each differ by 2 to 3 % on a shared machine. The interval over their
+iterations ignores that and shrinks as iterations are added, so that A compared with A looks worse
+in a third of comparisons, and more often for longer runs. And no two stored runs share their hour.
+Interleaved pairs (`paired_ratio`) or a history (`predicted_ratio`) do not have these faults.
+
+A history
+---------
+
+A history holds one value of a metric per earlier run, all of one plan on one kind of machine (the
+same plan hash, the same host fingerprint). With the logarithms h_1 .. h_m of the last m of them,
+their mean h and standard deviation s, and y that of the new run, if nothing has changed
+
+    (y - h) / (s sqrt(1 + 1/m))
+
+follows Student's t with m - 1 degrees of freedom: the new run scatters like the others, and the
+mean of the others is uncertain too. If the new run differs by a true ratio rho, y - h - ln rho
+does, so that one-sided bounds on rho are
+
+    exp(y - h -+ t_c(m - 1) s sqrt(1 + 1/m)).
+
+That is true of runs that scatter about one level. A machine that gets slower from run to run, or
+whose level wanders, makes the new run differ from the mean of the others by more than they scatter,
+and yet by no more than one run differs from the run before. With the root mean square s_d of the
+m - 1 steps between successive runs,
+
+    exp(y - h_m -+ t_c(m - 1) s_d)
+
+are bounds that such a machine does not break, and the wider of both is used on either side. The
+price, where runs scatter about one level: s_d is about sqrt(2) s.
+
+Here s is the variation between runs, not iterations, so that the error is as stated, unlike that
+of Welch's test on two runs. More iterations per run make s smaller, but not below the variation
+between runs.
+
+Power
+-----
+
+`calibrate` runs a graph against itself. The logarithms d_i of the ratios of such A/A pairs have
+the standard deviation s, the noise floor: by so much two iterations of the same graph differ. If
+the true ratio lies beyond the limit by the factor exp(delta), the t statistic of n pairs follows
+the noncentral t distribution with n - 1 degrees of freedom and noncentrality
+
+    lambda = delta sqrt(n) / s
+
+and the test at the confidence c decides with probability P(T > t_c(n - 1)). Let lambda* be the
+lambda for which that is the required power. Then
+
+    delta* = lambda* s / sqrt(n)
+
+is both the smallest regression beyond the limit that fails with that power, and the smallest
+margin with which a graph that has not changed passes with that power. A smaller margin cannot be
+gated on this machine.
+
+s is itself an estimate from m pairs. `noise_floor` gives its upper confidence bound,
+
+    s sqrt((m - 1) / chi2),    chi2 the 1 - c quantile with m - 1 degrees of freedom,
+
+because a margin that is a little too wide costs less than false alarms.
 """
 
 from __future__ import annotations
 
 import math
+import random
+import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final, Literal
 
-from r2bspec.judge.statistics.autocorrelation import serial_degrees_of_freedom
+from r2bspec.judge.statistics.autocorrelation import serial_degrees_of_freedom, serial_inflation
+
+
+def t_quantile(freedom: float, confidence: float) -> float:
+    """The quantile of Student's t."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(freedom, confidence))
 
 
 @dataclass(frozen=True)
@@ -51,13 +180,11 @@ def mean_interval(
     m = len(values)
     if m < 2:
         raise ValueError("an interval needs at least two values")
-    from scipy.special import stdtrit
-
     mean = math.fsum(values) / m
     variance = math.fsum((value - mean) ** 2 for value in values) / (m - 1)
     deviation = max(math.sqrt(variance), resolution / math.sqrt(12))
     effective_n = m / inflation
-    t = float(stdtrit(serial_degrees_of_freedom(m, inflation), confidence))
+    t = t_quantile(serial_degrees_of_freedom(m, inflation), confidence)
     half = t * deviation / math.sqrt(effective_n)
     return MeanInterval(mean=mean, lower=mean - half, upper=mean + half, deviation=deviation)
 
@@ -73,9 +200,336 @@ def iterations_to_settle(
     Returns:
         None if more than `max_iterations` are needed: the mean is too close to the limit.
     """
-    from scipy.special import stdtrit
-
     for m in range(2, max_iterations + 1):
-        if float(stdtrit(m - 1, confidence)) * deviation / math.sqrt(m) < abs(mean - limit):
+        if t_quantile(m - 1, confidence) * deviation / math.sqrt(m) < abs(mean - limit):
             return m
+    return None
+
+
+@dataclass(frozen=True)
+class HierarchicalInterval:
+    """The interval of a mean, and what it counts: `number` iterations or starts, with their F."""
+
+    interval: MeanInterval
+    pieces: Literal["iterations", "starts"]
+    number: int
+    inflation: float
+
+
+def hierarchical_interval(
+    values: Sequence[float], starts: Sequence[int], confidence: float, resolution: float = 0.0
+) -> HierarchicalInterval:
+    """The wider interval of starts and iterations.
+
+    Args:
+        values: one for each iteration, at least two, in the order of time.
+        starts: the start of each iteration.
+        confidence: of each bound by itself.
+        resolution: of a value; see `mean_interval`.
+
+    Raises:
+        ValueError: fewer than two values.
+    """
+    numbers = list(dict.fromkeys(starts))
+    serial = len(numbers) < 2
+    inflation = serial_inflation(values) if serial else 1.0
+    found = HierarchicalInterval(
+        mean_interval(values, confidence, resolution, inflation),
+        "iterations",
+        len(values),
+        inflation,
+    )
+    if serial:
+        return found
+    means = [
+        statistics.fmean(value for value, own in zip(values, starts, strict=True) if own == number)
+        for number in numbers
+    ]
+    inflation = serial_inflation(means)
+    by_start = mean_interval(means, confidence, resolution, inflation)
+    if _width(by_start) < _width(found.interval):
+        return found
+    return HierarchicalInterval(by_start, "starts", len(means), inflation)
+
+
+def _width(interval: MeanInterval) -> float:
+    return interval.upper - interval.lower
+
+
+PairOrder = Literal["AB", "BA"]
+"""Which side of a pair is played first; A is the base."""
+
+
+@dataclass(frozen=True)
+class RatioInterval:
+    """A ratio with its one-sided bounds.
+
+    Attributes:
+        ratio: head over base.
+        lower: of the true ratio, at the requested confidence.
+        upper: the same, by itself.
+        deviation: the standard deviation of the logarithms; 0.02 is about 2 %.
+        n: the number of pairs, or of earlier runs.
+    """
+
+    ratio: float
+    lower: float
+    upper: float
+    deviation: float
+    n: int
+
+    @classmethod
+    def of_logarithms(
+        cls, mean: float, lower: float, upper: float, deviation: float, n: int
+    ) -> RatioInterval:
+        """The interval from that of the logarithm of the ratio."""
+        return cls(math.exp(mean), math.exp(lower), math.exp(upper), deviation, n)
+
+
+def _logarithms(values: Sequence[float]) -> list[float]:
+    if any(value <= 0 or math.isinf(value) for value in values):
+        raise ValueError("a ratio needs positive, finite values")
+    return [math.log(value) for value in values]
+
+
+def pair_orders(pairs: int, seed: int, session: int = 0) -> tuple[PairOrder, ...]:
+    """The order of the two sides in each of so many pairs, by a coin.
+
+    Args:
+        pairs: how many; from two on, both orders occur.
+        seed: of the coin; the same one gives the same orders.
+        session: which of the sessions of a comparison: 0 for the first pairs, 1 for those that
+            confirm a failure.
+    """
+    coin = random.Random(f"{seed}/{session}")  # noqa: S311 - chance, not a secret
+    while True:
+        heads_first = [bool(coin.getrandbits(1)) for _ in range(pairs)]
+        if pairs < 2 or len(set(heads_first)) == 2:
+            return tuple("BA" if first else "AB" for first in heads_first)
+
+
+def paired_ratio(
+    base: Sequence[float], head: Sequence[float], confidence: float, resolution: float = 0.0
+) -> RatioInterval:
+    """The ratio head / base of paired values with its one-sided bounds.
+
+    Args:
+        base: one positive value for each pair, at least two.
+        head: the same for the head, in the order of the pairs.
+        confidence: of each bound by itself.
+        resolution: the smallest difference that the clock can show in such a value.
+
+    Raises:
+        ValueError: fewer than two pairs, unequal numbers, or a value that is not positive.
+    """
+    _logarithms((*base, *head))
+    logs = [math.log(b / a) for a, b in zip(base, head, strict=True)]
+    # Rounding both values to the resolution moves the logarithm by resolution / value of each.
+    relative = math.sqrt(2) * resolution / min((*base, *head), default=1.0)
+    found = mean_interval(logs, confidence, relative)
+    return RatioInterval.of_logarithms(
+        found.mean, found.lower, found.upper, found.deviation, len(logs)
+    )
+
+
+def welch_ratio(base: Sequence[float], head: Sequence[float], confidence: float) -> RatioInterval:
+    """The ratio head / base of two runs with its one-sided bounds.
+
+    Args:
+        base: one positive value for each iteration of the base, at least two.
+        head: the same for the head.
+        confidence: of each bound by itself.
+
+    Raises:
+        ValueError: fewer than two values on a side, or a value that is not positive.
+    """
+    a, b = (mean_interval(_logarithms(values), confidence) for values in (base, head))
+    square_a, square_b = a.deviation**2 / len(base), b.deviation**2 / len(head)
+    square = square_a + square_b
+    half = 0.0
+    if square > 0:
+        freedom = square**2 / (square_a**2 / (len(base) - 1) + square_b**2 / (len(head) - 1))
+        half = t_quantile(freedom, confidence) * math.sqrt(square)
+    difference = b.mean - a.mean
+    return RatioInterval.of_logarithms(
+        difference,
+        difference - half,
+        difference + half,
+        math.sqrt(square),
+        min(len(base), len(head)),
+    )
+
+
+@dataclass(frozen=True)
+class RunValues:
+    """The values of one run.
+
+    Attributes:
+        values: one positive value for each iteration.
+        starts: the start of each; empty where it is not known.
+    """
+
+    values: Sequence[float]
+    starts: Sequence[int] = ()
+
+    def of_starts(self) -> list[float]:
+        """The geometric mean of each start; nothing where starts are not known."""
+        logs: dict[int, list[float]] = {}
+        for value, start in zip(self.values, self.starts, strict=False):
+            logs.setdefault(start, []).append(math.log(value))
+        return [math.exp(math.fsum(each) / len(each)) for each in logs.values()]
+
+
+def welch_ratio_of_runs(
+    base: RunValues, head: RunValues, confidence: float
+) -> tuple[RatioInterval, Literal["iterations", "starts"]]:
+    """The ratio head / base of two runs, and of what the interval is.
+
+    Args:
+        base: at least two values.
+        head: the same for the head.
+        confidence: of each bound by itself.
+
+    Raises:
+        ValueError: fewer than two values on a side, or a value that is not positive.
+    """
+    found = welch_ratio(base.values, head.values, confidence)
+    a, b = base.of_starts(), head.of_starts()
+    if min(len(a), len(b)) < 2:
+        return found, "iterations"
+    by_start = welch_ratio(a, b, confidence)
+    if by_start.upper / by_start.lower < found.upper / found.lower:
+        return found, "iterations"
+    return by_start, "starts"
+
+
+MIN_HISTORY_RUNS: Final = 5
+"""A history of fewer runs decides nothing: t_0.95(3) / t_0.95(30) is 1.4, t_0.95(1) is 6.3."""
+
+MAX_HISTORY_RUNS: Final = 30
+"""Of a longer history, the latest are used: machines and code change slowly."""
+
+
+def predicted_ratio(history: Sequence[float], new: float, confidence: float) -> RatioInterval:
+    """The ratio of a new run to a history with its one-sided bounds.
+
+    Args:
+        history: one positive value for each earlier run, oldest first, at least two.
+        new: that of the new run, positive.
+        confidence: of each bound by itself.
+
+    Raises:
+        ValueError: fewer than two earlier runs, or a value that is not positive.
+    """
+    *logs, latest = _logarithms((*history[-MAX_HISTORY_RUNS:], new))
+    m = len(logs)
+    found = mean_interval(logs, confidence)
+    t = t_quantile(m - 1, confidence)
+    half = t * found.deviation * math.sqrt(1 + 1 / m)
+    difference = latest - found.mean
+    step = t * math.sqrt(math.fsum((b - a) ** 2 for a, b in pairwise(logs)) / (m - 1))
+    last = latest - logs[-1]
+    return RatioInterval.of_logarithms(
+        difference,
+        min(difference - half, last - step),
+        max(difference + half, last + step),
+        found.deviation,
+        m,
+    )
+
+
+DEFAULT_POWER = 0.9
+"""Nine of ten runs of a changed graph are detected."""
+
+
+@dataclass(frozen=True)
+class NoiseFloor:
+    """By how much equal iterations differ: the standard deviation of the logarithms.
+
+    Attributes:
+        deviation: estimated from `n` A/A pairs.
+        upper: its upper confidence bound.
+        bias: the mean of the logarithms; of A against A it should be 0 within its error.
+        biased: whether it is not, at the requested confidence each way.
+    """
+
+    deviation: float
+    upper: float
+    bias: float
+    biased: bool
+    n: int
+
+
+def noise_floor(ratios: Sequence[float], confidence: float) -> NoiseFloor:
+    """The noise floor from the ratios of A/A pairs.
+
+    Args:
+        ratios: second over first value of each pair, positive, at least two.
+        confidence: of the bound.
+
+    Raises:
+        ValueError: fewer than two ratios, or one that is not positive.
+    """
+    if any(ratio <= 0 for ratio in ratios):
+        raise ValueError("a ratio is positive")
+    from scipy.special import chdtri
+
+    logs = [math.log(ratio) for ratio in ratios]
+    found = mean_interval(logs, confidence)
+    freedom = len(logs) - 1
+    quantile = float(chdtri(freedom, confidence))
+    return NoiseFloor(
+        deviation=found.deviation,
+        upper=found.deviation * math.sqrt(freedom / quantile),
+        bias=found.mean,
+        biased=found.lower > 0 or found.upper < 0,
+        n=len(logs),
+    )
+
+
+def power_of_pairs(delta: float, deviation: float, n: int, confidence: float) -> float:
+    """The probability that n pairs decide, if the truth is `delta` beyond the limit.
+
+    Args:
+        delta: logarithm of the true ratio over the limit, on the side that decides, positive.
+        deviation: the noise floor s, positive.
+        n: pairs, at least two.
+        confidence: of the test.
+    """
+    from scipy.special import nctdtr
+
+    limit = t_quantile(n - 1, confidence)
+    return 1 - float(nctdtr(n - 1, delta * math.sqrt(n) / deviation, limit))
+
+
+def smallest_detectable(
+    deviation: float, n: int, confidence: float, power: float = DEFAULT_POWER
+) -> float:
+    """The delta* of the module's text: a logarithm, so that 0.03 is about 3 %.
+
+    Args:
+        deviation: the noise floor s.
+        n: pairs, at least two.
+        confidence: of the test.
+        power: of the decision.
+    """
+    if deviation <= 0:
+        return 0.0
+    from scipy.special import nctdtrinc
+
+    noncentrality = float(nctdtrinc(n - 1, 1 - power, t_quantile(n - 1, confidence)))
+    return noncentrality * deviation / math.sqrt(n)
+
+
+def pairs_needed(
+    delta: float,
+    deviation: float,
+    confidence: float,
+    power: float = DEFAULT_POWER,
+    max_pairs: int = 1000,
+) -> int | None:
+    """The smallest number of pairs that decides with the given power; None if over `max_pairs`."""
+    for n in range(2, max_pairs + 1):
+        if power_of_pairs(delta, deviation, n, confidence) >= power:
+            return n
     return None

@@ -3,9 +3,3 @@
 Numbers are in tables; drawings are inline SVG with presentation attributes; a stylesheet and a
 script, both inside the page, add layout, dark mode, zoom and hover where a policy allows them.
 """
-
-from __future__ import annotations
-
-from r2bspec.report.html.page import render
-
-__all__ = ["render"]

@@ -12,12 +12,11 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final
-from xml.etree import ElementTree as ET
 
 from r2bspec.diagnostics.quote import clip
-from r2bspec.record.folded_stacks import Stacks
-from r2bspec.report.html.canvas import Chart
-from r2bspec.report.html.svg import PALETTE
+from r2bspec.record.run_folder import Stacks
+from r2bspec.report.html.chart import PALETTE, Chart
+from r2bspec.report.html.templates import render_text
 
 _WIDTH: Final = 605.0
 _ROW: Final = 13.0
@@ -59,10 +58,21 @@ def flame_graph(name: str, title: str, stacks: Stacks) -> Chart | None:
     rows = 1 + max(box.level for box in boxes)
     description = _description(stacks, root.samples)
     note = f"{description} Boxes under {_MIN_SHARE:.1%} of the samples are not drawn."
-    svg = _svg(name, title, description, rows)
-    for box in boxes:
-        svg.append(_drawn(box, (rows - 1 - box.level) * _ROW))
-    return Chart(name, title, description, ET.tostring(svg, encoding="unicode"), note)
+    context = {
+        "name": name,
+        "title": title,
+        "description": description,
+        "boxes": boxes,
+        "rows": rows,
+        "width": _WIDTH,
+        "height": rows * _ROW,
+        "row": _ROW,
+        "font": _FONT,
+        "character": _CHAR,
+        "min_characters": _MIN_CHARS,
+        "palette": PALETTE,
+    }
+    return Chart(name, title, description, render_text("flame_graph.svg.j2", context), note)
 
 
 def _tree(stacks: Stacks) -> _Call:
@@ -95,6 +105,20 @@ class _Box:
     left: float
     level: int
 
+    @property
+    def colour(self) -> str:
+        """The name of its colour in the palette, the same in every drawing, as `tint`."""
+        return _COLOURS[self._number % len(_COLOURS)]
+
+    @property
+    def tint(self) -> str:
+        """The opacity of its colour."""
+        return _TINTS[self._number // len(_COLOURS) % len(_TINTS)]
+
+    @property
+    def _number(self) -> int:
+        return zlib.crc32(self.name.encode(errors="replace"))
+
 
 def _boxes(root: _Call, total: int) -> Iterator[_Box]:
     """The functions below one that are wide enough to be seen, callers before called ones."""
@@ -116,58 +140,3 @@ def _description(stacks: Stacks, total: int) -> str:
         f"{clip(name, 60)} {samples / total:.0%}" for name, samples in last.most_common(_LISTED)
     )
     return f"{total:,} samples; most were in {listed}."
-
-
-def _svg(name: str, title: str, description: str, rows: int) -> ET.Element:
-    height = rows * _ROW
-    svg = ET.Element(
-        "svg",
-        {
-            "id": name,
-            "class": "chart",
-            "role": "img",
-            "aria-labelledby": f"{name}-title",
-            "aria-describedby": f"{name}-desc",
-            "viewBox": f"0 0 {_WIDTH:g} {height:g}",
-            "width": f"{_WIDTH * 4 / 3:.0f}",
-            "height": f"{height * 4 / 3:.0f}",
-            "font-family": "system-ui, 'DejaVu Sans', sans-serif",
-            "font-size": f"{_FONT:g}",
-        },
-    )
-    ET.SubElement(svg, "title", {"id": f"{name}-title"}).text = title
-    ET.SubElement(svg, "desc", {"id": f"{name}-desc"}).text = description
-    return svg
-
-
-def _drawn(box: _Box, top: float) -> ET.Element:
-    left, width = box.left * _WIDTH, box.share * _WIDTH
-    group = ET.Element("g")
-    # Browsers show it where the pointer is.
-    ET.SubElement(group, "title").text = f"{clip(box.name, 300)}: {box.share:.1%}"
-    ET.SubElement(
-        group,
-        "rect",
-        {
-            "x": f"{left:.1f}",
-            "y": f"{top:.1f}",
-            "width": f"{max(0.3, width - 0.5):.1f}",
-            "height": f"{_ROW - 0.7:.1f}",
-            "rx": "1",
-            **_fill(box.name),
-        },
-    )
-    room = int((width - 4) / _CHAR)
-    if room >= _MIN_CHARS:
-        place = {"x": f"{left + 2:.1f}", "y": f"{top + _ROW - 4:.1f}"}
-        ink = {"fill": PALETTE["ink"], "class": "f-ink"}
-        ET.SubElement(group, "text", place | ink).text = clip(box.name, room)
-    return group
-
-
-def _fill(name: str) -> dict[str, str]:
-    """The colour of a function, the same in every drawing."""
-    number = zlib.crc32(name.encode(errors="replace"))
-    colour = _COLOURS[number % len(_COLOURS)]
-    tint = _TINTS[number // len(_COLOURS) % len(_TINTS)]
-    return {"fill": PALETTE[colour], "fill-opacity": tint, "class": f"f-{colour}"}

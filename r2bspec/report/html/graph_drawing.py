@@ -6,10 +6,14 @@ predecessors, which keeps most arrows from crossing.
 Arrows go around boxes, never through them. A direct curve is taken where it is free. Otherwise an
 arrow leaves its box to the right, goes along a lane between rows of boxes, and enters the next box
 from the left. The gaps between columns have room for the vertical parts.
+
+It is a part of the report of a run, and a page of its own: one file, without scripts.
 """
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,6 +21,9 @@ from dataclasses import dataclass
 from r2bspec.diagnostics.quote import clip
 from r2bspec.plan.drawing import Arrow, BoxKind, FigureBox, figure
 from r2bspec.plan.plan import Plan
+from r2bspec.plan.time_estimate import estimate_time
+from r2bspec.report.html.chart import PALETTE
+from r2bspec.report.html.templates import own_text, render_template
 
 _SAMPLES = 40
 _CLEARANCE = 3.0
@@ -214,7 +221,7 @@ def lay_out(plan: Plan, annotations: Mapping[str, Sequence[str]]) -> Drawing:
     y, widest = 2.0, 0.0
     frames: list[PhaseFrame] = []
     placed: dict[str, PlacedBox] = {}
-    groups = [("", sketch.boxes), *((group.title, group.boxes) for group in sketch.groups)]
+    groups = [("", sketch.boxes), *((group.id, group.boxes) for group in sketch.groups)]
     for title, boxes in groups:
         if not boxes:
             continue
@@ -342,4 +349,34 @@ def _description(arrows: Sequence[Arrow], placed: Mapping[str, PlacedBox]) -> st
     texts = [f"{placed[a.tail].title} to {placed[a.head].title}" for a in arrows]
     return (
         "Messages go from " + "; from ".join(texts) + "." if texts else "There are no connections."
+    )
+
+
+_WIDE = "header,main{max-width:none}\n"
+"""The drawing has the whole width of the window, or of the panel of an editor."""
+
+
+def render_graph(plan: Plan) -> bytes:
+    """The page, UTF-8. The same plan gives the same bytes.
+
+    A browser loads nothing for it and runs no script: its policy (Content Security Policy) allows
+    the style that is in the page, by its hash, and nothing else.
+    """
+    style = own_text("style.css") + _WIDE + _colours()
+    digest = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()
+    context = {
+        "name": plan.name,
+        "title": plan.title or plan.name,
+        "time": estimate_time(plan).text(),
+        "graph": lay_out(plan, {}),
+        "palette": PALETTE,
+        "style": style,
+        "style_hash": f"sha256-{digest}",
+    }
+    return render_template("graph_page.html.j2", context)
+
+
+def _colours() -> str:
+    return "".join(
+        f".f-{name}{{fill:var(--{name})}}.k-{name}{{stroke:var(--{name})}}\n" for name in PALETTE
     )

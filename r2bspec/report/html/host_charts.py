@@ -12,7 +12,8 @@ from r2bspec.judge.result import Result
 from r2bspec.measure.distribution import PERCENTILES, part_value
 from r2bspec.measure.metrics import MonitorMetrics, RateMetrics
 from r2bspec.measure.units import show_rate
-from r2bspec.report.html.canvas import (
+from r2bspec.report.html.chart import (
+    PALETTE,
     Chart,
     ChartBuilder,
     colour,
@@ -21,8 +22,7 @@ from r2bspec.report.html.canvas import (
     marker,
     plain_numbers,
 )
-from r2bspec.report.html.percentile_curve import MIN_LOG_RATIO, percentile_axes
-from r2bspec.report.html.svg import PALETTE
+from r2bspec.report.html.latency_charts import MIN_LOG_RATIO, percentile_axes
 from r2bspec.report.suite_summary import SuiteSummary
 
 if TYPE_CHECKING:

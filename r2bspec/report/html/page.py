@@ -1,15 +1,15 @@
-"""From a result to the page: the template's context, and the charts."""
+"""From a result to the page: the context of its template, its charts, and its linked numbers."""
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from r2bspec.compare.report_input import ReportInput
-from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.measure.distribution import (
     MAIN_PERCENTILES,
     PARTS,
@@ -23,33 +23,81 @@ from r2bspec.measure.units import at_rate, show, show_rate
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import ProfileRecord
 from r2bspec.report.headline import headline, reason_after
-from r2bspec.report.html.canvas import Chart
-from r2bspec.report.html.number_links import Numbers
-from r2bspec.report.html.page_templates import own_text, render_template
-from r2bspec.report.html.svg import PALETTE
+from r2bspec.report.html.chart import PALETTE, Chart
+from r2bspec.report.html.templates import own_text, render_template
 from r2bspec.report.notes import notes, profile_notes
 from r2bspec.report.report_wording import (
     OUTCOME_WORDS,
     PROBE_PURPOSES,
-    bounds_text,
     code_facts,
     code_text,
     comparison,
-    estimate_text,
     loaded_rmw,
     own_pace,
     peak_text,
-    reasons,
-    requirement_text,
-    several_monitors,
     starts_text,
-    verdict_word,
+)
+from r2bspec.report.result_table import (
+    METRICS,
+    measured,
+    measured_iterations,
+    monitor_names,
+    reasons,
+    requirement_rows,
 )
 
 if TYPE_CHECKING:
+    from markupsafe import Markup
+
     from r2bspec.report.html.graph_drawing import Drawing
 
-_ORDER = ("fail", "inconclusive", "pass")
+
+class Numbers:
+    """Writes a value of the result as ``<data value="0.0123" data-path="…">12.3 ms</data>``.
+
+    The exact value is in the markup of the rounded text, so that a program, or a test, can read the
+    page and compare it with the file.
+    """
+
+    def __init__(self, result: Any) -> None:
+        self._result = result
+
+    def __call__(self, path: str, unit: str) -> Markup:
+        """The value at a path, a JSON pointer without its first slash; or a dash.
+
+        Raises:
+            KeyError: the result has no such place.
+        """
+        from markupsafe import Markup
+
+        value = self._result
+        for part in path.split("/"):
+            value = value[int(part)] if isinstance(value, list | tuple) else value[_unescaped(part)]
+        if value is None:
+            return Markup("-")
+        return Markup('<data value="{}" data-path="{}">{}</data>').format(
+            repr(value), path, show(float(value), unit)
+        )
+
+
+def _unescaped(part: str) -> str:
+    return part.replace("~1", "/").replace("~0", "~")
+
+
+_LATENCY_COLUMNS = (
+    *(f"latency.{part}" for part in PARTS),
+    *(f"{family}.{TAIL_PERCENTILE}" for family in ("jitter", "latency_from_due")),
+)
+_THROUGHPUT_COLUMNS = (
+    *("throughput.mean", "sent", "answered", "missed", "drop_rate"),
+    *("late", "duplicates", "reordered", "unmatched", "overdue"),
+)
+_ITERATION_COLUMNS = (
+    "throughput.mean",
+    *(f"latency.{part}" for part in (*SHORT_PERCENTILES, "max")),
+    *("sent", "missed"),
+)
+"""The metrics of the tables of a monitor."""
 
 _MAX_SHOWN_RATES = 4
 """Rates whose numbers are written into the drawing of the graph."""
@@ -63,10 +111,8 @@ def render(report_input: ReportInput) -> bytes:
 def _context(report_input: ReportInput) -> dict[str, Any]:
     result = report_input.result
     metrics = result.metrics
-    several = several_monitors(result.verdict)
-    indices = {id(one): number for number, one in enumerate(result.verdict.requirements)}
-    ordered = sorted(result.verdict.requirements, key=lambda one: _ORDER.index(one.outcome))
-    monitors = [*dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.monitors)]
+    ordered = requirement_rows(result.verdict, worst_first=True)
+    monitors = monitor_names(metrics)
     processes = [*dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.processes)]
     charts = _charts(report_input, monitors)
     line = headline(result)
@@ -74,20 +120,9 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "result": result,
         "metrics": metrics,
         "words": OUTCOME_WORDS,
-        "counts": _counts(ordered),
-        "has_lost": any(one.lost for one in ordered),
-        "requirements": [
-            {
-                "one": one,
-                "index": indices[id(one)],
-                "word": verdict_word(one),
-                "text": requirement_text(one, name_monitor=several),
-                "estimate": estimate_text(one),
-                "bounds": bounds_text(one),
-                "reasons": texts,
-            }
-            for one, texts in zip(ordered, reasons(ordered, name_monitor=several), strict=True)
-        ],
+        "counts": Counter(row.verdict.outcome for row in ordered),
+        "has_lost": any(row.verdict.lost for row in ordered),
+        "requirements": [*zip(ordered, reasons(ordered), strict=True)],
         "notes": notes(result),
         "line": line,
         "reason": reason_after(line, result.verdict),
@@ -95,9 +130,7 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "profiles": [*profile_notes(result.profiles)],
         "comparison": [*comparison(result)],
         "compared": [
-            {"one": one, "index": number, "text": requirement_text(one, name_monitor=several)}
-            for number, one in enumerate(result.verdict.requirements)
-            if one.compared is not None
+            row for row in requirement_rows(result.verdict) if row.verdict.compared is not None
         ],
         "has_interference": any(
             one.interference for rate in metrics.rates for one in rate.iterations
@@ -115,9 +148,12 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "baseline": report_input.baseline.record if report_input.baseline is not None else None,
         "has_samples": report_input.run is not None,
         "number": Numbers(msgspec.to_builtins(result)),
-        "parts": PARTS,
+        "measured": partial(measured, metrics),
+        "iterations": partial(measured_iterations, metrics),
+        "latency_columns": [METRICS[name] for name in _LATENCY_COLUMNS],
+        "throughput_columns": [METRICS[name] for name in _THROUGHPUT_COLUMNS],
+        "iteration_columns": [METRICS[name] for name in _ITERATION_COLUMNS],
         "main_parts": ("mean", *MAIN_PERCENTILES, "max"),
-        "short_parts": (*SHORT_PERCENTILES, "max"),
         "tail": TAIL_PERCENTILE,
         "part_title": part_title,
         "show": show,
@@ -143,11 +179,6 @@ def _safe(chart: Chart) -> dict[str, Any]:
     return {"name": chart.name, "title": chart.title, "note": chart.note, "svg": svg}
 
 
-def _counts(requirements: Sequence[RequirementVerdict]) -> list[tuple[str, int]]:
-    outcomes = [one.outcome for one in requirements]
-    return [(outcome, outcomes.count(outcome)) for outcome in _ORDER if outcome in outcomes]
-
-
 def _plain(value: object) -> str:
     """A fact as text: lists and maps as JSON, nothing as a dash."""
     if isinstance(value, str | int | float):
@@ -161,14 +192,14 @@ def _charts(report_input: ReportInput, monitors: list[str]) -> dict[str, list[Ch
         each: [] for each in ("latency", "offered", "loads", "baseline", "profiles")
     }
     if any(rate.offered_hz for rate in metrics.rates):
-        from r2bspec.report.html.load_curve import load_curve_chart
+        from r2bspec.report.html.throughput_charts import load_curve_chart
 
         verdict = report_input.result.verdict
         found["offered"].append(load_curve_chart("offered", metrics, report_input.run, verdict))
     if report_input.run is not None:
         found["latency"] = [*_latency_charts(report_input, monitors)]
         found["baseline"] = [*_baseline_charts(report_input, monitors)]
-        from r2bspec.report.html.load_chart import loads_chart
+        from r2bspec.report.html.load_charts import loads_chart
 
         loads = loads_chart("loads", report_input.run)
         found["loads"] = [loads] if loads is not None else []
@@ -184,7 +215,7 @@ def _flame_graphs(run: Run) -> Iterator[Chart]:
 
 
 def _flame_graph(name: str, run: Run, profile: ProfileRecord) -> Chart | None:
-    from r2bspec.record.folded_stacks import read_stacks
+    from r2bspec.record.run_folder import read_stacks
     from r2bspec.report.html.flame_graph import flame_graph
 
     try:
@@ -197,8 +228,7 @@ def _flame_graph(name: str, run: Run, profile: ProfileRecord) -> Chart | None:
 
 
 def _latency_charts(report_input: ReportInput, monitors: list[str]) -> Iterator[Chart]:
-    from r2bspec.report.html.message_chart import messages_chart
-    from r2bspec.report.html.percentile_curve import percentile_chart
+    from r2bspec.report.html.latency_charts import messages_chart, percentile_chart
 
     samples, run = report_input.samples, report_input.run
     verdict = report_input.result.verdict
@@ -211,7 +241,7 @@ def _latency_charts(report_input: ReportInput, monitors: list[str]) -> Iterator[
 
 
 def _baseline_charts(report_input: ReportInput, monitors: list[str]) -> Iterator[Chart]:
-    from r2bspec.report.html.latency_distribution import ecdf_chart
+    from r2bspec.report.html.latency_charts import ecdf_chart
 
     samples, baseline = report_input.samples, report_input.baseline_samples
     if samples is None or baseline is None:

@@ -14,10 +14,10 @@ from pathlib import Path
 import pytest
 
 from r2bspec.check import check
-from r2bspec.check.rule_registry import all_rules
+from r2bspec.check.engine import all_rules
 from r2bspec.diagnostics import Page
 from r2bspec.language.load_spec import load_spec
-from r2bspec.report.findings import text
+from r2bspec.report.findings_text import render_text
 
 HERE = Path(__file__).parent
 REWRITE = bool(os.environ.get("R2BSPEC_REWRITE"))
@@ -40,7 +40,7 @@ def somewhere_without_ros(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> No
 
 def said_about(document: str, name: str) -> str:
     loaded = load_spec(document, file=name, environ={})
-    return text.render(check(loaded), loaded.texts)
+    return render_text(check(loaded), loaded.texts)
 
 
 def compare(said: str, beside: Path) -> None:

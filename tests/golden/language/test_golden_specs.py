@@ -14,7 +14,7 @@ import pytest
 
 from r2bspec.language.load_spec import load_cases, load_spec
 from r2bspec.language.matrix import merge_case_findings
-from r2bspec.report.findings import text
+from r2bspec.report.findings_text import render_text
 
 HERE = Path(__file__).parent
 OK = ("ok_minimal", "ok_full", "ok_everything", "ok_live", "yaml_bom")
@@ -24,7 +24,7 @@ ENVIRON = {"HOME": "/home/someone", "R2B_TEST_DATA": "/data", "R2B_TEST_COUNT": 
 @pytest.mark.parametrize("file", sorted(HERE.glob("*.yaml")), ids=lambda file: file.stem)
 def test_what_is_said(file: Path) -> None:
     loaded = load_spec(file.read_bytes(), file=file.name, environ=ENVIRON)
-    said = text.render(loaded.diagnostics, loaded.texts)
+    said = render_text(loaded.diagnostics, loaded.texts)
     beside = file.with_suffix(".out")
     if os.environ.get("R2BSPEC_REWRITE"):
         beside.write_text(said, encoding="utf-8")
@@ -43,7 +43,7 @@ def test_what_is_said_of_files_that_build_on_files(
     monkeypatch.chdir(file.parent)
     cases = load_cases(Path(file.name), environ=ENVIRON)
     found = merge_case_findings(cases, [case.diagnostics for case in cases])
-    said = text.render(found, cases[0].texts)
+    said = render_text(found, cases[0].texts)
     beside = file.with_suffix("").with_suffix(".out")
     if os.environ.get("R2BSPEC_REWRITE"):
         beside.write_text(said, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Specs and their plans, byte for byte: canonical JSON, Mermaid and DOT.
+"""A spec with everything that a plan can have, and its plan: canonical JSON, Mermaid and DOT.
 
 With ``R2BSPEC_REWRITE=1`` in the environment the outputs are written instead of compared.
 """
@@ -13,14 +13,15 @@ import msgspec
 import pytest
 
 from r2bspec.check import check
-from r2bspec.datasets.sequences import describe
+from r2bspec.datasets.catalogue import describe
 from r2bspec.language.load_spec import load_spec
 from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.drawing import to_dot, to_mermaid
 from r2bspec.plan.plan import Plan
 
-HERE = Path(__file__).parent
+SPEC = Path(__file__).with_name("whole_plan.yaml")
+SUITE = sorted((Path(__file__).parents[3] / "specs" / "suite").glob("*.r2b.yaml"))
 FORMS: dict[str, Callable[[Plan], bytes]] = {
     ".json": canonical_json,
     ".mmd": lambda plan: to_mermaid(plan).encode(),
@@ -28,16 +29,32 @@ FORMS: dict[str, Callable[[Plan], bytes]] = {
 }
 
 
-@pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("file", sorted(HERE.glob("*.yaml")), ids=lambda file: file.stem)
-def test_a_plan(file: Path, form: str) -> None:
+def plan_of(file: Path, *refused: str) -> Plan:
+    """The plan of a spec in which `check` finds nothing of these severities."""
     loaded = load_spec(file)
     assert loaded.spec is not None
-    assert not [each for each in check(loaded) if each.severity == "error"]
-    full = compile_plan(loaded.spec, describe("r2b_storage"))
+    assert not [finding for finding in check(loaded) if finding.severity in refused]
+    dataset = loaded.spec.data_loader.bag.dataset
+    full = compile_plan(loaded.spec, describe(dataset) if dataset else None)
     # The version of r2bspec is part of a plan, but not of what is tested here.
-    written = FORMS[form](msgspec.structs.replace(full, generator="r2bspec"))
-    beside = file.with_suffix(form)
+    return msgspec.structs.replace(full, generator="r2bspec")
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_plan(form: str) -> None:
+    written = FORMS[form](plan_of(SPEC, "error"))
+    beside = SPEC.with_suffix(form)
     if os.environ.get("R2BSPEC_REWRITE"):
         beside.write_bytes(written)
     assert written == beside.read_bytes()
+
+
+@pytest.mark.parametrize("file", SUITE, ids=lambda file: file.stem)
+def test_what_is_compared_with_the_truth_is_compared_after_the_measurement(file: Path) -> None:
+    plan = plan_of(file, "error", "warning")
+    truths = [monitor.truth for monitor in plan.monitors if monitor.truth is not None]
+    expected = {"disparity": "disparity", "apriltag": "tag"}.get(file.name.split("_")[0])
+    assert [truth.kind for truth in truths] == ([expected] if expected else [])
+    assert ("truth" in plan.phases) == bool(truths)
+    if truths:
+        assert plan.phases.index("play") < plan.phases.index("truth")

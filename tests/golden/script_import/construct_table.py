@@ -1,4 +1,4 @@
-"""Prints the table of docs/importing.md: what scripts of the corpus call, and what becomes of it.
+"""Prints the table of constructs.md: what scripts of the corpus call, and what becomes of it.
 
 A call is not imported if a finding R2B710 is in its lines, and imported in another way if a finding
 R2B711 is. A finding is about the innermost call.

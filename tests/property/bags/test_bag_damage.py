@@ -24,8 +24,8 @@ from data_bags import (
 )
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.errors import DataError
 from r2bspec.bags.integrity import hash_files, verify
+from r2bspec.bags.recording import DataError
 
 MESSAGES = chatter(12)
 CHANGES = 80

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.located_tree import TreeNode, to_plain
-from r2bspec.language.yaml_scalars import to_yaml
-from r2bspec.report.findings import github, json, text
+from r2bspec.language.yaml_document import to_yaml
+from r2bspec.report.finding_formats import FORMATS, render
 
 GOLDEN = sorted((Path(__file__).parents[2] / "golden" / "language").glob("*.yaml"))
 SPECS = [file.read_bytes() for file in GOLDEN]
@@ -120,5 +120,5 @@ def _holds(loaded: LoadedSpec) -> None:
 
 
 def _renders(loaded: LoadedSpec) -> None:
-    for render in (text.render, json.render, github.render):
-        render(loaded.diagnostics, loaded.texts).encode()
+    for name in FORMATS:
+        render(name, loaded.diagnostics, loaded.texts).encode()

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from r2bspec.measure.matching import MatchedMonitor, Ratio, match
-from r2bspec.measure.samples import monitor_samples
-from r2bspec.measure.times import arrivals, intervals, jitter, latencies, percentile
+from r2bspec.measure.samples import monitor_samples, step_times
+from r2bspec.measure.times import arrivals, intervals, jitter, percentile
 from r2bspec.measure.units import show
 from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE, Rows
@@ -68,7 +68,7 @@ def test_matching_conserves_counts(rows: tuple[Rows, Rows], by: str) -> None:
     assert playback.size == answered + found.missed
     assert monitor.size == answered + found.duplicates + found.unmatched
     assert 0 <= found.reordered <= max(0, answered - 1)
-    assert latencies(playback, monitor, found).size == answered
+    assert step_times(playback, monitor, found).latency.size == answered
 
 
 @given(traffic())

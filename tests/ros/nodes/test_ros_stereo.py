@@ -19,7 +19,7 @@ from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
 
 from r2bspec.nodes import DisparityNode, PointCloudNode, RectifyNode
-from r2bspec.nodes.stereo_points import POINT_TYPE
+from r2bspec.nodes.stereo import POINT_TYPE
 
 WIDTH, HEIGHT = 320, 120
 FOCAL_PX, BASELINE_M, DISPARITY_PX = 200.0, 0.1, 20

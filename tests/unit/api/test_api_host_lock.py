@@ -13,7 +13,7 @@ import pytest
 
 from lock_holder import other_holder
 from r2bspec import api
-from r2bspec.execute.host.host_lock import HostBusyError, lock_file
+from r2bspec.execute.processes.machine import HostBusyError, lock_file
 from r2bspec.execute.progress import NullProgress
 
 ROOT = Path(__file__).parents[3]

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from r2bspec.bags.errors import DataError
 from r2bspec.bags.metadata import MAX_ENTRIES, read_metadata
+from r2bspec.bags.recording import DataError
 from r2bspec.bags.storage import ros1
-from r2bspec.record.errors import RecordError
+from r2bspec.record.files import RecordError
 from r2bspec.record.run_folder import open_run
 from run_simulation import Played, Simulation
 

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from data_bags import chatter, write_bag
-from r2bspec.bags.errors import DataError
+from r2bspec.bags.recording import DataError
 from r2bspec.cli.main import command
 from r2bspec.errors import UsageError
 

@@ -8,9 +8,8 @@ from typing import Literal
 import pytest
 
 from data_bags import chatter, text, write_bag
-from r2bspec.bags.errors import DataError
 from r2bspec.bags.integrity import hash_content, hash_files
-from r2bspec.bags.recording import Window
+from r2bspec.bags.recording import DataError, Window
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,7 @@ import pytest
 
 from data_bags import START_NS, STRING, chatter, edit_metadata, storage_file, write_bag
 from r2bspec.bags.bag_index import index_bag
-from r2bspec.bags.errors import DataError
-from r2bspec.bags.recording import BagIndex
+from r2bspec.bags.recording import BagIndex, DataError
 
 LFS_POINTER = (
     "version https://git-lfs.github.com/spec/v1\n"

@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 
 from data_bags import chatter, write_bag
-from r2bspec.bags.errors import DataError
-from r2bspec.bags.recording import BagLocation
-from r2bspec.datasets.locate_bag import index, known_datasets, locate
+from r2bspec.bags.recording import BagLocation, DataError
+from r2bspec.datasets.catalogue import index, known_datasets, locate
 
 
 def test_a_slash_makes_a_path_relative_to_the_spec(tmp_path: Path) -> None:

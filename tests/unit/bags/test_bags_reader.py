@@ -16,8 +16,7 @@ import yaml
 from data_bags import START_NS, chatter, edit_metadata, storage_file, text, write_bag
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.errors import DataError
-from r2bspec.bags.recording import Window
+from r2bspec.bags.recording import DataError, Window
 
 
 def read(

@@ -9,9 +9,9 @@ import pytest
 from check_specs import STRING, codes, findings, write_bag
 
 from example_spec import example
+from r2bspec.check.bag_facts import MessageCount, window_message_counts
 from r2bspec.check.check_context import Context
-from r2bspec.check.rules.serialization_not_cdr import RULE as SERIALIZED
-from r2bspec.check.window_counts import MessageCount, window_message_counts
+from r2bspec.check.rules.bags import serialization_not_cdr
 from r2bspec.language.load_spec import load_spec
 
 SECOND = 1_000_000_000
@@ -169,6 +169,6 @@ def test_messages_that_are_not_cdr(spec_file: str) -> None:
     }
     foreign = msgspec.structs.replace(bag, topics=topics)
     context.bag = foreign
-    (found,) = SERIALIZED.find(context)
+    (found,) = serialization_not_cdr.find(context)
     assert found.path == ("data_loader", "topics", "/talk")
     assert "'ros1'" in found.message

@@ -8,8 +8,8 @@ import pytest
 
 from r2bspec.bags.bag_writer import begins_with_header
 from r2bspec.check import message_types
-from r2bspec.check.message_text import pluralize, quoted_list, suggestion
-from r2bspec.check.parameter_types import parameter_type
+from r2bspec.check.rule import pluralize, quoted_list, suggestion
+from r2bspec.check.rules.parameters import parameter_type
 
 
 def test_the_frequent_types_are_what_rosbags_says() -> None:

@@ -8,8 +8,8 @@ import pytest
 from check_specs import codes, findings, write_bag
 
 from example_spec import example
-from r2bspec.check.bag_index_cache import cached_index
-from r2bspec.datasets.locate_bag import locate as locate_bag
+from r2bspec.check.bag_facts import cached_index
+from r2bspec.datasets.catalogue import locate as locate_bag
 from r2bspec.diagnostics import Certainty
 
 
@@ -93,7 +93,7 @@ def test_a_component_that_a_well_known_package_does_not_have(spec_file: str) -> 
 
 
 def test_more_shared_memory_than_there_is(spec_file: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    module = "r2bspec.check.rules.shared_memory_insufficient"
+    module = "r2bspec.check.rules.transport"
     monkeypatch.setattr(f"{module}.shared_memory_bytes", lambda: 64 << 20)
     text = example(transport="{kind: shared_memory, segment: 32 MiB}")
     (found,) = findings(text, file=spec_file)
@@ -132,7 +132,7 @@ def test_indexes_of_large_bags_are_kept_until_a_file_changes(
     location = locate_bag("./bag", tmp_path)
     cached_index(location)
     assert not (tmp_path / "cache").exists(), "small bags are not worth it"
-    monkeypatch.setattr("r2bspec.check.bag_index_cache._MIN_CACHED_BYTES", 1)
+    monkeypatch.setattr("r2bspec.check.bag_facts._MIN_CACHED_BYTES", 1)
     first = cached_index(location)
     (entry,) = (tmp_path / "cache/r2bspec/indexes").iterdir()
     assert cached_index(location) == first

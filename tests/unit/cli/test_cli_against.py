@@ -14,9 +14,9 @@ from r2bspec.compare.base_reference import BadReferenceError, parse_base_referen
 from r2bspec.compare.history import HistoryEntry, HistoryError, open_history
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.errors import WorkspaceError
-from r2bspec.execute.processes.environment import inherited_environment
-from r2bspec.execute.processes.workspaces import (
+from r2bspec.execute.processes.environment import (
     applied_environment,
+    inherited_environment,
     workspace_environment,
     workspace_environments,
 )

@@ -60,10 +60,14 @@ def test_every_page_of_the_documentation_is_listed_and_printed(
 ) -> None:
     assert main(["docs"]) == 0
     listed = {line.split()[0] for line in capsys.readouterr().out.splitlines()}
-    assert listed == {each.stem for each in docs_folder().glob("*.md")}
+    folder = docs_folder()
+    pages = {file.relative_to(folder).with_suffix("").as_posix() for file in folder.rglob("*.md")}
+    assert listed == pages
     assert {"language", "running", "metrics"} <= listed
     assert main(["docs", "metrics"]) == 0
     assert capsys.readouterr().out.startswith("# Metrics\n")
+    assert main(["docs", "proofs/verdicts"]) == 0
+    assert capsys.readouterr().out.startswith("# Proofs of the verdicts")
     assert main(["docs", "running", "--path"]) == 0
     assert Path(capsys.readouterr().out.strip()).is_file()
     assert main(["docs", "runing"]) == 2

@@ -15,7 +15,7 @@ import r2bspec.cli as verbs_package
 from r2bspec._version import __version__
 from r2bspec.cli import main as cli
 from r2bspec.errors import R2bspecError, UsageError
-from r2bspec.report.findings.slugs import code_with_slug
+from r2bspec.report.findings_text import code_with_slug
 
 VERBS = list(cli._VERBS)
 

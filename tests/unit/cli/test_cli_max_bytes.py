@@ -10,7 +10,7 @@ import pytest
 
 from data_bags import text, write_bag, write_mcap, write_ros1
 from r2bspec.cli.main import main
-from r2bspec.untrusted.decompression_budget import (
+from r2bspec.safe_io.decompression_budget import (
     MAX_PIECE_BYTES,
     chosen_max_bytes,
     max_unpacked,
@@ -92,7 +92,7 @@ def test_an_index_in_the_cache_does_not_stand_in_for_the_check(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr("r2bspec.check.bag_index_cache._MIN_CACHED_BYTES", 1)
+    monkeypatch.setattr("r2bspec.check.bag_facts._MIN_CACHED_BYTES", 1)
     write_bag(tmp_path / "bag", MESSAGES, storage="mcap", compression="storage")
     spec = tmp_path / "packed.r2b.yaml"
     spec.write_text(SPEC.replace("PLACE", "./bag"), encoding="utf-8")

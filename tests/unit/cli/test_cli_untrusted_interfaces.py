@@ -9,7 +9,7 @@ import pytest
 from example_spec import example
 from r2bspec import api
 from r2bspec.cli.main import main
-from r2bspec.language.untrusted_environment import UntrustedSpecs
+from r2bspec.language.environment_access import UntrustedSpecs
 
 
 @pytest.fixture

@@ -15,9 +15,8 @@ from example_spec import example
 from r2bspec.cli.main import main
 from r2bspec.exit_status import ExitStatus
 from r2bspec.judge.judge_run import from_json, result_of, to_json
-from r2bspec.plan.canonical_json import canonical_json, parse_plan
-from r2bspec.plan.errors import PlanError
-from r2bspec.record.errors import RecordError
+from r2bspec.plan.canonical_json import PlanError, canonical_json, parse_plan
+from r2bspec.record.files import RecordError
 from r2bspec.record.run_folder import open_run
 from report_runs import USUAL
 

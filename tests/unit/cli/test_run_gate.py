@@ -16,8 +16,8 @@ from git_repositories import commit, git
 from pair_simulation import Comparison
 from r2bspec import api
 from r2bspec.cli.main import main
-from r2bspec.compare.load_results import read_folder
 from r2bspec.compare.merge_gate import MergeGate
+from r2bspec.compare.report_input import read_folder
 from r2bspec.judge.result import Result
 from r2bspec.plan.time_estimate import estimate_pairs, estimate_time, time_text
 from r2bspec.report.suite_formats import SUITE_FORMATS

@@ -13,10 +13,15 @@ import pytest
 import r2bspec
 from git_repositories import write_files
 from r2bspec.check.installed_packages import find_module
-from r2bspec.compare.base_build import BaseBuildError, BaseBuilds
-from r2bspec.compare.base_environment import SEARCH_PATHS, base_environment, is_code_of
+from r2bspec.compare.base_environment import (
+    SEARCH_PATHS,
+    BaseBuildError,
+    BaseBuilds,
+    base_environment,
+    is_code_of,
+)
 from r2bspec.compare.base_tree import BaseRevisionError, BaseTree
-from r2bspec.execute.processes.workspaces import applied_environment
+from r2bspec.execute.processes.environment import applied_environment
 from r2bspec.execute.progress import NullProgress
 from r2bspec.language.quantities import Duration
 from r2bspec.language.spec import GateBase

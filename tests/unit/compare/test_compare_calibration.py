@@ -12,9 +12,9 @@ from pair_simulation import Comparison
 from r2bspec.check import check
 from r2bspec.compare.calibration import compute_calibration, store_calibration
 from r2bspec.compare.errors import IncomparableError
-from r2bspec.compare.margin_proposals import propose_limits
+from r2bspec.compare.proposals import propose_limits
 from r2bspec.diagnostics import Diagnostic
-from r2bspec.judge.statistics.power import smallest_detectable
+from r2bspec.judge.statistics.t_interval import smallest_detectable
 from r2bspec.language.load_spec import load_spec
 from r2bspec.record.calibration_file import (
     Calibration,
@@ -24,7 +24,7 @@ from r2bspec.record.calibration_file import (
     read_calibration_file,
 )
 from r2bspec.record.comparison_folder import PairedComparison
-from r2bspec.record.errors import RecordError
+from r2bspec.record.files import RecordError
 
 RANDOM = np.random.default_rng(11)
 BASE, HEAD = 0.02 * np.exp(RANDOM.normal(0, 0.02, (2, 12)))

@@ -10,8 +10,8 @@ from r2bspec.compare.interleaved_runs import (
     JudgedSession,
     _PairRunner,
 )
-from r2bspec.execute.processes.signals import Interrupts
 from r2bspec.execute.progress import NullProgress
+from r2bspec.execute.states import Interrupts
 from r2bspec.record.comparison_folder import ComparisonFolder
 from run_simulation import Simulation
 

@@ -12,8 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.compare.history import HistoryEntry, HistoryError, HistoryMetric, open_history
-from r2bspec.compare.history.schema import SCHEMA_VERSION
+from r2bspec.compare.history import (
+    SCHEMA_VERSION,
+    HistoryEntry,
+    HistoryError,
+    HistoryMetric,
+    open_history,
+)
 
 
 def entry(run_id: str, *, outcome: str = "pass", day: int = 1, plan: str = "plan") -> HistoryEntry:

@@ -10,17 +10,17 @@ import pytest
 
 from pair_simulation import latencies
 from r2bspec.compare.errors import IncomparableError
-from r2bspec.compare.gated_run import run_with_baseline
 from r2bspec.compare.history import open_history
 from r2bspec.compare.history_gate import (
     baseline_from_history,
     baseline_from_stored_run,
+    run_with_baseline,
     write_baseline,
 )
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of, to_json
-from r2bspec.judge.outcome import InconclusivePolicy
 from r2bspec.judge.result import Result
+from r2bspec.judge.verdict import InconclusivePolicy
 from r2bspec.language.quantities import Duration
 from r2bspec.plan.plan import GatePlan, Plan
 from r2bspec.record.run_folder import RunFolder, open_run

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from r2bspec.compare.history.store import open_history
+from r2bspec.compare.history import open_history
 
 
 def test_no_other_user_may_read_a_new_history(tmp_path: Path) -> None:

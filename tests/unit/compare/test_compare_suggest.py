@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from r2bspec.cli.main import main
-from r2bspec.compare.objective_proposals import Proposal, prediction_bound, propose_objectives
+from r2bspec.compare.proposals import Proposal, prediction_bound, propose_objectives
 from r2bspec.judge.judge_run import result_of
 from r2bspec.language.load_spec import load_spec
 from r2bspec.record.calibration_file import Calibration, MetricNoise

@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from compared_gates import DOCUMENT, GONE, IMAGE, Side, side, with_value
-from r2bspec.compare import gate_keys, load_keys
+from r2bspec.compare import gate_keys
 from r2bspec.compare.gate_strength import (
     KEY_NAMES,
     MissingObjectivesError,
@@ -297,10 +297,10 @@ class TestNoFieldIsForgotten:
             (plans.GatePlan, set(gate_keys.GATE_KEYS)),
             (plans.PlayPlan, {*gate_keys.PLAY_KEYS, "rate_hz"}),
             (plans.SearchPlan, {*gate_keys.SEARCH_KEYS, "holds"}),
-            (plans.DatasetPlan, set(load_keys.DATA_KEYS)),
-            (plans.InputPlan, {*load_keys.INPUT_KEYS, "topic"}),
-            (plans.MonitorPlan, {*load_keys.MONITOR_KEYS, *load_keys.FREE_MONITOR_FIELDS}),
-            (plans.TimelinePlan, set(load_keys.TIMELINE_KEYS)),
+            (plans.DatasetPlan, set(gate_keys.DATA_KEYS)),
+            (plans.InputPlan, {*gate_keys.INPUT_KEYS, "topic"}),
+            (plans.MonitorPlan, {*gate_keys.MONITOR_KEYS, *gate_keys.FREE_MONITOR_FIELDS}),
+            (plans.TimelinePlan, set(gate_keys.TIMELINE_KEYS)),
             (language.Objective, {"at", "level", "when", "confidence", "require", "at_peak"}),
         ],
     )

@@ -6,7 +6,7 @@ from compared_gates import DOCUMENT, with_value
 from r2bspec.compare.gate_strength import check_allowed, weakening_diagnostics
 from r2bspec.compare.spec_sets import SpecName, compare_spec_sets, spec_name
 from r2bspec.language.load_spec import load_cases
-from r2bspec.language.yaml_scalars import to_yaml
+from r2bspec.language.yaml_document import to_yaml
 
 
 def test_specs_belong_together_by_path_and_else_by_name() -> None:

@@ -12,20 +12,20 @@ from numpy.typing import NDArray
 from data_bags import decoded, pixels, stamp_ns
 from ground_truth_files import read_disparity, read_ground_truth
 from r2bspec.bags.recording import SyntheticDataset
-from r2bspec.datasets.scene import rig
-from r2bspec.datasets.scene.cameras import camera_pose
-from r2bspec.datasets.scene.motion import (
+from r2bspec.datasets import rig
+from r2bspec.datasets.cameras import (
     BODY_FROM_OPTICAL,
     GRAVITY_M_S2,
     Motion,
     Pose,
     Track,
+    camera_pose,
     quaternion,
     transpose,
 )
-from r2bspec.datasets.scene.scenes import find_scene
-from r2bspec.datasets.scene.sensors import cloud_dtype, render_depth
-from r2bspec.datasets.sequences import SEQUENCES
+from r2bspec.datasets.catalogue import SEQUENCES
+from r2bspec.datasets.scenes import find_scene
+from r2bspec.datasets.sensors import cloud_dtype, render_depth
 
 START_NS = SEQUENCES["r2b_storage"].start_ns
 OPTICAL_FROM_BODY = np.array(transpose(BODY_FROM_OPTICAL))

@@ -7,8 +7,8 @@ import pytest
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from r2bspec.datasets.scene import rig
-from r2bspec.datasets.scene.cameras import (
+from r2bspec.datasets import rig
+from r2bspec.datasets.cameras import (
     Camera,
     Lens,
     camera_pose,
@@ -16,8 +16,8 @@ from r2bspec.datasets.scene.cameras import (
     project,
     undistorted,
 )
-from r2bspec.datasets.scene.scenes import find_scene
-from r2bspec.datasets.scene.sensors import render_depth, render_image
+from r2bspec.datasets.scenes import find_scene
+from r2bspec.datasets.sensors import render_depth, render_image
 
 HAWK = (rig.LEFT_HAWK, rig.RIGHT_HAWK)
 

@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from data_bags import WINDOW
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.errors import DataError
-from r2bspec.bags.recording import SyntheticDataset, Window
-from r2bspec.datasets.sequences import DURATION_NS, SEQUENCES, describe, message_times_ns
+from r2bspec.bags.recording import DataError, SyntheticDataset, Window
+from r2bspec.datasets.catalogue import DURATION_NS, SEQUENCES, describe, message_times_ns
 
 
 def test_carries_the_sequences_of_r2b_2023() -> None:
@@ -97,7 +96,7 @@ def test_refuses_what_it_does_not_carry(
 
 def test_describing_loads_neither_numpy_nor_rosbags() -> None:
     program = (
-        "import sys, r2bspec.datasets.sequences as data; data.describe('r2b_storage');"
+        "import sys, r2bspec.datasets.catalogue as data; data.describe('r2b_storage');"
         "sys.exit(bool({'numpy', 'rosbags', 'yaml', 'filelock'} & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 from data_bags import decoded, pixels, stamp_ns
 from ground_truth_files import read_ground_truth
 from r2bspec.bags.recording import SyntheticDataset
+from r2bspec.datasets import rig
+from r2bspec.datasets.cameras import BODY_FROM_OPTICAL, Lens, Pose, camera_pose
 from r2bspec.datasets.ground_truth import CameraTruth, TagSighting
-from r2bspec.datasets.scene import rig
-from r2bspec.datasets.scene.cameras import Lens, camera_pose
-from r2bspec.datasets.scene.motion import BODY_FROM_OPTICAL, Pose
-from r2bspec.datasets.scene.scenes import find_scene
-from r2bspec.datasets.scene.sensors import render_image
-from r2bspec.datasets.scene.tag import board_cells, tag_pose
+from r2bspec.datasets.scenes import board_cells, find_scene, tag_pose
+from r2bspec.datasets.sensors import render_image
 
 IMAGE_TOPICS = [
     "/d455_1_rgb_image",

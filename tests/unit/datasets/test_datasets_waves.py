@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.datasets.scene.motion import cosine, sine
+from r2bspec.datasets.cameras import cosine, sine
 
 
 @given(st.floats(-60, 60))

@@ -7,8 +7,8 @@ import json as standard_json
 import pytest
 
 from r2bspec.diagnostics import Certainty, Diagnostic, Edit, Related, Severity, Span
-from r2bspec.report.findings import github, json, text
-from r2bspec.report.findings.source_excerpt import MAX_WIDTH, excerpt
+from r2bspec.report.finding_formats import render
+from r2bspec.report.findings_text import MAX_WIDTH, excerpt, render_text
 
 SOURCES = {"a.yaml": "name: x\nrate: 30\n"}
 FOUND = Diagnostic(
@@ -25,7 +25,7 @@ FOUND = Diagnostic(
 
 
 def test_text() -> None:
-    assert text.render([FOUND, FOUND], SOURCES) == (
+    assert render_text([FOUND, FOUND], SOURCES) == (
         """\
 a.yaml:2:7: error[R2B109 missing-unit]: 30 has no unit
   |
@@ -42,25 +42,25 @@ a.yaml:2:7: error[R2B109 missing-unit]: 30 has no unit
 
 
 def test_text_without_the_source() -> None:
-    assert text.render([FOUND], {}) == (
+    assert render_text([FOUND], {}) == (
         "a.yaml:2:7: error[R2B109 missing-unit]: 30 has no unit\n  = help: write 30 Hz\n"
         "  = a.yaml:1:1: said here\n"
     )
 
 
 def test_nothing_found() -> None:
-    assert text.render([], SOURCES) == ""
+    assert render_text([], SOURCES) == ""
 
 
 def test_colour_only_when_asked() -> None:
-    assert "\x1b" not in text.render([FOUND], SOURCES)
-    coloured = text.render([FOUND], SOURCES, colour=True)
+    assert "\x1b" not in render_text([FOUND], SOURCES)
+    coloured = render_text([FOUND], SOURCES, colour=True)
     assert "\x1b[31;1merror[R2B109 missing-unit]\x1b[0m" in coloured
 
 
 def test_nothing_reaches_the_terminal_unescaped() -> None:
     nasty = Diagnostic("R", Severity.ERROR, "a\x1b[31mb", Span("f\x07", 1, 1, 1, 2), help="\x9b")
-    shown = text.render([nasty], {"f\x07": "x\x1b]0;y\x07z"})
+    shown = render_text([nasty], {"f\x07": "x\x1b]0;y\x07z"})
     assert all(char.isprintable() or char == "\n" for char in shown)
 
 
@@ -103,7 +103,7 @@ def test_a_line_that_is_not_there() -> None:
 
 
 def test_json() -> None:
-    report = standard_json.loads(json.render([FOUND], SOURCES))
+    report = standard_json.loads(render("json", [FOUND], SOURCES))
     assert (report["version"], report["errors"], report["warnings"]) == (1, 1, 0)
     (finding,) = report["findings"]
     assert (finding["code"], finding["slug"]) == ("R2B109", "missing-unit")
@@ -118,18 +118,18 @@ def test_github_escapes() -> None:
     found = Diagnostic(
         "R2B1", Severity.WARNING, "100 %, a: b\nc", Span("a,b:c.yaml", 1, 2, 1, 3), help="do it"
     )
-    assert github.render([found], {}) == (
+    assert render("github", [found], {}) == (
         "::warning file=a%2Cb%3Ac.yaml,line=1,endLine=1,col=2,endColumn=3,title=R2B1::"
         "100 %25, a: b%0Ac%0Ado it\n"
     )
 
 
 def test_github_shows_the_slug_in_the_title() -> None:
-    assert ",title=R2B109 missing-unit::30 has no unit%0A" in github.render([FOUND], SOURCES)
+    assert ",title=R2B109 missing-unit::30 has no unit%0A" in render("github", [FOUND], SOURCES)
 
 
 def test_github_keeps_ten_and_errors_first() -> None:
     warning = Diagnostic("W", Severity.WARNING, "w", Span("f", 1, 1, 1, 2))
-    lines = github.render([warning] * 9 + [FOUND] * 3, {}).splitlines()
+    lines = render("github", [warning] * 9 + [FOUND] * 3, {}).splitlines()
     assert [line.split(" ")[0] for line in lines[:10]] == ["::error"] * 3 + ["::warning"] * 7
     assert lines[10:] == ["2 more findings are not annotated; see the log"]

@@ -7,7 +7,8 @@ import io
 import pytest
 
 from r2bspec.diagnostics import Diagnostic, Severity, Span
-from r2bspec.report.findings.print_findings import show, wants_colour
+from r2bspec.report.findings_text import print_findings as show
+from r2bspec.report.findings_text import wants_colour
 
 FOUND = Diagnostic("R2B101", Severity.ERROR, "wrong", Span("f", 1, 1, 1, 2))
 

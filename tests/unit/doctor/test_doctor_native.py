@@ -8,7 +8,7 @@ import pytest
 
 from r2bspec.doctor import installation
 from r2bspec.doctor.checkup import System
-from r2bspec.native.errors import BuildError
+from r2bspec.native.build import BuildError
 
 
 def test_without_a_compiler_there_is_a_problem_and_a_way_out(tmp_path: Path) -> None:

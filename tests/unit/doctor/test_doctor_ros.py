@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from r2bspec.cli.main import main
 from r2bspec.doctor import installation
 from r2bspec.doctor.checkup import CheckResult, System
 from r2bspec.doctor.installation import check_ros, check_vision, probe_imports
@@ -185,26 +186,15 @@ def test_the_doctor_itself_imports_no_ros() -> None:
     assert said.stdout.strip() == b"[]"
 
 
-def test_the_command_prints_what_programs_and_people_read(tmp_path: Path) -> None:
-    program = (
-        "import sys; from r2bspec.cli.doctor import command; "
-        "sys.exit(command.main(sys.argv[1:], standalone_mode=False))"
-    )
-
-    def doctor(*options: str) -> subprocess.CompletedProcess[str]:
-        arguments = ["--runs", str(tmp_path), *options]
-        return subprocess.run(
-            [sys.executable, "-c", program, *arguments],
-            capture_output=True,
-            text=True,
-            check=False,
-            env={**System().environ, "PYTHONPATH": str(Path(__file__).parents[3])},
-        )
-
-    as_json, as_text = doctor("--format", "json"), doctor()
-    answer = json.loads(as_json.stdout)
-    statuses = {check["status"] for check in answer["checks"]}
-    assert answer["status"] in statuses
-    assert as_json.returncode == (1 if "problem" in statuses else 0)
-    assert {check["topic"] for check in answer["checks"]} <= set(as_text.stdout.splitlines())
-    assert "\x1b[" not in as_text.stdout
+def test_the_command_prints_what_programs_and_people_read(
+    here: Callable[..., None], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    here({installation._MIDDLEWARE: MISSING})
+    assert main(["doctor", "--runs", str(tmp_path), "--format", "json"]) == 1
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["status"] == "problem"
+    assert "problem" in {check["status"] for check in answer["checks"]}
+    assert main(["doctor", "--runs", str(tmp_path)]) == 1
+    text = capsys.readouterr().out
+    assert {check["topic"] for check in answer["checks"]} <= set(text.splitlines())
+    assert "\x1b[" not in text

@@ -6,9 +6,9 @@ import dataclasses
 
 import pytest
 
+from r2bspec.execute.bringup.find_fault import RemappedTopic, certain_topics, unmatched
 from r2bspec.execute.bringup.graph_matching import EarlyDiagnosis
-from r2bspec.execute.diagnosis.certain_faults import RemappedTopic, certain_topics, unmatched
-from r2bspec.execute.diagnosis.observe_graph import GraphFacts, TopicFacts, topics_of
+from r2bspec.execute.bringup.observe_graph import GraphFacts, TopicFacts, topics_of
 from r2bspec.ipc.protocol import Endpoint, QosMismatch
 from run_simulation import Simulation
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from r2bspec.execute.diagnosis.find_fault import (
+from r2bspec.execute.bringup.find_fault import (
     Fault,
     find_input_fault,
     first_fault,
@@ -13,7 +13,7 @@ from r2bspec.execute.diagnosis.find_fault import (
     path_lines,
     path_to,
 )
-from r2bspec.execute.diagnosis.observe_graph import GraphFacts, TopicFacts, gather_facts
+from r2bspec.execute.bringup.observe_graph import GraphFacts, TopicFacts, gather_facts
 from r2bspec.ipc.protocol import Endpoint, QosMismatch
 from r2bspec.plan.plan import TopicPlan
 from run_simulation import Simulation

@@ -9,7 +9,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.execute.host.resource_sampler import Interference, interference_of
 from r2bspec.execute.measurement.harness_overhead import _quietest
 from r2bspec.execute.measurement.peak_search import (
     LongPlays,
@@ -18,8 +17,9 @@ from r2bspec.execute.measurement.peak_search import (
     unexplained_end,
 )
 from r2bspec.execute.measurement.rate_probe import MAX_FUTILE_REPLAYS, AffectedProbes
-from r2bspec.execute.measurement.run_reporter import TimeBudget
-from r2bspec.judge.capacity_estimate import Departures
+from r2bspec.execute.processes.resources import Interference, interference_of
+from r2bspec.execute.run_context import TimeBudget
+from r2bspec.judge.stationarity import CompletionTimes
 from r2bspec.measure.host_usage import HostInterference
 from r2bspec.record.run_record import HarnessOverheadRecord, Probe, SearchRecord, Segment
 
@@ -77,7 +77,7 @@ class Machine:
                 reason="",
                 purpose=purpose,
             ),
-            departures=Departures(
+            departures=CompletionTimes(
                 12.0 * len(self.played), np.arange(1, 10 * delivered_hz) / delivered_hz, 10, rate_hz
             ),
         )

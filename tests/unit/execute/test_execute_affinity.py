@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from r2bspec.execute.errors import RunError
-from r2bspec.execute.processes.scheduling import apply_affinity
+from r2bspec.execute.processes.process import apply_affinity
 from r2bspec.plan.plan import ProcessPlan
 
 

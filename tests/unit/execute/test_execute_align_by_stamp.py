@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from r2bspec.execute.build_schedule import align
 from r2bspec.execute.errors import RunError
-from r2bspec.execute.inputs.build_schedule import align
 from r2bspec.ipc.buffers import BufferIndex
 
 

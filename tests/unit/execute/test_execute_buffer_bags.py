@@ -7,10 +7,10 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from r2bspec.bags.errors import DataError
 from r2bspec.bags.integrity import hash_files
+from r2bspec.bags.recording import DataError
 from r2bspec.execute.errors import DatasetMismatchError
-from r2bspec.execute.inputs.buffer_bags import buffer_bags, obtain_dataset
+from r2bspec.execute.fill_buffers import buffer_bags, obtain_dataset
 from r2bspec.execute.progress import NullProgress
 from r2bspec.ipc.buffers import (
     buffered_transforms,

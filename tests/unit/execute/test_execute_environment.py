@@ -9,10 +9,13 @@ from typing import Literal
 import msgspec
 import pytest
 
+import r2bspec
 from r2bspec.execute.processes.environment import RunEnvironment, inherited_environment
 from r2bspec.middleware.fast_dds import transport_profile
 from r2bspec.plan.plan import Plan
 from run_simulation import Simulation
+
+MODULE_NAMES = str(Path(r2bspec.__file__).parent / "harness" / "module_names")
 
 SECRETS = {
     "GITHUB_TOKEN": "t0",
@@ -96,7 +99,7 @@ def test_modules_are_found_although_processes_run_in_the_folder_of_the_spec(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", "/opt/lib:src")
     made = environment(tmp_path, plan())
-    assert made.for_node({})["PYTHONPATH"] == f"/opt/lib:{tmp_path}/src"
+    assert made.for_node({})["PYTHONPATH"] == f"/opt/lib:{tmp_path}/src:{MODULE_NAMES}"
 
 
 @pytest.mark.parametrize("path", [":/opt/lib", "/opt/lib:", "/opt/lib::", "::/opt/lib"])
@@ -104,7 +107,9 @@ def test_an_empty_entry_does_not_mean_the_folder_of_the_spec(
     path: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PYTHONPATH", path)
-    assert environment(tmp_path, plan()).for_node({})["PYTHONPATH"] == "/opt/lib"
+    made = environment(tmp_path, plan())
+    assert made.for_harness()["PYTHONPATH"] == "/opt/lib"
+    assert made.for_node({})["PYTHONPATH"] == f"/opt/lib:{MODULE_NAMES}"
 
 
 def test_a_node_gets_the_changes_of_the_spec_and_nothing_of_the_harness(tmp_path: Path) -> None:
@@ -175,6 +180,7 @@ def expected(tmp_path: Path, **more: str) -> dict[str, str]:
         "R2BSPEC_RUN_ID": "abc",
         "R2BSPEC_MODULES_FOLDER": str(tmp_path / "modules"),
         "ROS_DOMAIN_ID": "7",
+        "PYTHONPATH": MODULE_NAMES,
         "PYTHONUNBUFFERED": "1",
         "ROS_LOG_DIR": str(tmp_path / "ros_logs"),
         "MODE": "fast",

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from r2bspec.execute.errors import NotInstalledError
-from r2bspec.execute.processes.executables import find_executable, resolve_argv
+from r2bspec.execute.processes.prerequisites import find_executable, resolve_argv
 from r2bspec.plan.plan import ProcessPlan
 
 

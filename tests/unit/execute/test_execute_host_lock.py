@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from lock_holder import other_holder
-from r2bspec.execute.host.host_lock import DISABLED_BY, HostBusyError, host_lock, lock_file
+from r2bspec.execute.processes.machine import DISABLED_BY, HostBusyError, host_lock, lock_file
 
 
 @pytest.fixture

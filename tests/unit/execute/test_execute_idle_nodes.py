@@ -12,8 +12,8 @@ import msgspec
 import pytest
 
 from r2bspec.execute.bringup.graph_matching import EarlyDiagnosis
-from r2bspec.execute.bringup.idle_nodes import IdleNodes, all_answer, patience_s
-from r2bspec.execute.diagnosis.observe_graph import GraphFacts
+from r2bspec.execute.bringup.observe_graph import GraphFacts
+from r2bspec.execute.bringup.readiness import IdleNodes, all_answer, patience_s
 from r2bspec.ipc.protocol import ParameterLists
 from r2bspec.language.quantities import Duration
 from r2bspec.plan.plan import NodePlan, ProcessPlan
@@ -105,12 +105,12 @@ def test_a_short_timeout_does_not_make_a_start_impatient() -> None:
 
 @pytest.fixture
 def working() -> Iterator[subprocess.Popen[str]]:
-    """A process that computes for a second of processor time with every line it is given."""
+    """A process that computes for half a second of processor time with every line it is given."""
     code = """
 import sys, time
 for _ in sys.stdin:
     began = time.process_time()
-    while time.process_time() - began < 1:
+    while time.process_time() - began < 0.5:
         pass
     print("done", flush=True)
 """

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.execute.host.kernel_counters import InterferenceReader
+from r2bspec.execute.processes.resources import InterferenceReader
 
 PRESSURE = "some avg10=1.25 avg60=0.90 avg300=0.35 total=2500000\nfull avg10=0.00 total=7\n"
 

@@ -10,8 +10,8 @@ import msgspec
 import pytest
 
 from r2bspec.execute.measurement.measurement import IterationRunner
-from r2bspec.execute.measurement.run_reporter import TimeBudget
 from r2bspec.execute.measurement.segments import SegmentHeading
+from r2bspec.execute.run_context import TimeBudget
 from r2bspec.judge.verdict import (
     EXIT_CODES,
     DisturbedIteration,

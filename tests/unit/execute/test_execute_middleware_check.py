@@ -13,14 +13,14 @@ import pytest
 
 from example_spec import example
 from r2bspec import api
-from r2bspec.check.rules.transport_unsupported_by_middleware import RULE
+from r2bspec.check.rules.transport import transport_unsupported_by_middleware
 from r2bspec.compare.interleaved_comparison import prepare_comparison
 from r2bspec.compare.interleaved_runs import ComparisonSide
 from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.errors import MiddlewareError
-from r2bspec.execute.host.machine import describe_versions
 from r2bspec.execute.processes.environment import RunEnvironment
-from r2bspec.execute.processes.middleware_setup import check_middleware
+from r2bspec.execute.processes.machine import describe_versions
+from r2bspec.execute.processes.prerequisites import check_middleware
 from r2bspec.ipc import protocol
 from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.plan import Plan, ProcessPlan
@@ -44,7 +44,7 @@ def test_a_transport_of_another_middleware_is_refused_with_the_code_of_the_rule(
     with pytest.raises(MiddlewareError) as caught:
         check_middleware(plan(transport), CYCLONE)
     error = caught.value
-    assert (error.code, error.exit_code) == (RULE.code, 2)
+    assert (error.code, error.exit_code) == (transport_unsupported_by_middleware.code, 2)
     assert str(error) == (
         f"'transport: {transport}' cannot be configured with rmw_cyclonedds_cpp, which "
         "RMW_IMPLEMENTATION selects"
@@ -86,7 +86,7 @@ def test_a_plan_file_is_refused_before_anything_is_started(tmp_path: Path) -> No
         check=False,
     )
     assert done.returncode == 2
-    assert f"{RULE.code}" in done.stderr
+    assert f"{transport_unsupported_by_middleware.code}" in done.stderr
     assert "cannot be configured with rmw_cyclonedds_cpp" in done.stderr
     record = open_run(tmp_path / "run").record
     assert record.processes == ()

@@ -14,8 +14,7 @@ import psutil
 import pytest
 
 from family_trees import Family, family, wait_for
-from r2bspec.execute.host.kernel_counters import OrphanFinder
-from r2bspec.execute.host.resource_sampler import ResourceSampler
+from r2bspec.execute.processes.resources import OrphanFinder, ResourceSampler
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.measure.host_usage import ORPHANS_INDEX
 

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from r2bspec.execute.measurement.overload import Overload
-from r2bspec.execute.measurement.peak_search import LongPlays, PeakSearch, ProbeOutcome
-from r2bspec.judge.capacity_estimate import Departures
+from r2bspec.execute.measurement.peak_search import LongPlays, Overload, PeakSearch, ProbeOutcome
+from r2bspec.judge.stationarity import CompletionTimes
 from r2bspec.record.run_record import Probe, SearchRecord
 
 SECONDS = 10.0
@@ -65,7 +64,9 @@ class Graph:
                 lost_at_most=0.005,
                 played_s=SECONDS,
             ),
-            departures=Departures(float(len(self.played)) * 12, times_s[kept], SECONDS, rate_hz),
+            departures=CompletionTimes(
+                float(len(self.played)) * 12, times_s[kept], SECONDS, rate_hz
+            ),
             drop_share=self.loses,
         )
 
@@ -208,7 +209,7 @@ def test_a_graph_below_the_range_is_not_overloaded() -> None:
     assert {what for what, _ in graph.played} == {"probe"}
 
 
-def overload(play: Callable[[float], Departures | None], **changes: Any) -> Overload:
+def overload(play: Callable[[float], CompletionTimes | None], **changes: Any) -> Overload:
     return Overload(
         play=play, max_hz=1000.0, precision=0.02, confidence=0.95, budget_s=60.0, **changes
     )
@@ -217,10 +218,10 @@ def overload(play: Callable[[float], Departures | None], **changes: Any) -> Over
 def test_an_overload_that_is_none_is_raised_until_it_is_one() -> None:
     offered: list[float] = []
 
-    def play(rate_hz: float) -> Departures:
+    def play(rate_hz: float) -> CompletionTimes:
         offered.append(rate_hz)
         speed_hz = min(rate_hz, 100.0)
-        return Departures(0.0, np.arange(1, 10 * speed_hz) / speed_hz, 10.0, rate_hz)
+        return CompletionTimes(0.0, np.arange(1, 10 * speed_hz) / speed_hz, 10.0, rate_hz)
 
     found = overload(play).run(40.0)
     assert found is not None
@@ -232,8 +233,8 @@ def test_an_overload_that_is_none_is_raised_until_it_is_one() -> None:
 def test_overloading_ends_with_its_time() -> None:
     random = np.random.default_rng(1)
 
-    def play(rate_hz: float) -> Departures:
-        return Departures(0.0, np.cumsum(random.exponential(0.1, 100)), 10.0, rate_hz)
+    def play(rate_hz: float) -> CompletionTimes:
+        return CompletionTimes(0.0, np.cumsum(random.exponential(0.1, 100)), 10.0, rate_hz)
 
     tried = overload(play)
     found = tried.run(10.0)
@@ -248,8 +249,8 @@ def test_a_player_that_cannot_offer_more_shows_no_capacity() -> None:
 
 
 def test_lost_messages_that_are_allowed_raise_the_upper_end() -> None:
-    def play(rate_hz: float) -> Departures:
-        return Departures(0.0, np.arange(1, 1000) / 100.0, 10.0, rate_hz)
+    def play(rate_hz: float) -> CompletionTimes:
+        return CompletionTimes(0.0, np.arange(1, 1000) / 100.0, 10.0, rate_hz)
 
     strict, lenient = overload(play), overload(play, loss=0.1)
     strict.run(100.0)

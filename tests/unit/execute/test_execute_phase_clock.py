@@ -5,9 +5,9 @@ from __future__ import annotations
 import itertools
 import time
 
-from r2bspec.execute.progress import PhaseClock
-from r2bspec.record.phase_times import PhaseTime, WaitTime
-from r2bspec.report.terminal.phase_table import took_ns, waits_text
+from r2bspec.execute.states import PhaseClock
+from r2bspec.record.run_record import PhaseTime, WaitTime
+from r2bspec.report.terminal_tables import took_ns, waits_text
 
 MS = 1_000_000
 

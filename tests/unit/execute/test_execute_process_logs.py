@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from r2bspec.execute.processes import process_logs
-from r2bspec.execute.processes.process_logs import LogLimiter, open_log
+from r2bspec.execute.processes import process
+from r2bspec.execute.processes.process import LogLimiter, open_log
 
 LIMIT, HEAD, TAIL = 4000, 500, 1000
 
@@ -22,7 +22,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
         ("KEPT_HEAD_BYTES", HEAD),
         ("KEPT_TAIL_BYTES", TAIL),
     ):
-        monkeypatch.setattr(process_logs, name, value)
+        monkeypatch.setattr(process, name, value)
 
 
 def lines(first: int, last: int) -> bytes:

@@ -10,9 +10,8 @@ import pytest
 
 from r2bspec.errors import UsageError
 from r2bspec.execute.errors import ProfilerError
-from r2bspec.execute.profile.attached_profiler import stacks_of
-from r2bspec.execute.profile.profiled_iteration import profiled_processes, profiled_rate
-from r2bspec.execute.profile.profilers import Profiler, find_profiler, require_usable
+from r2bspec.execute.profiled_iteration import profiled_processes, profiled_rate
+from r2bspec.execute.profilers import Profiler, find_profiler, require_usable, stacks_of
 from r2bspec.plan.plan import NodePlan, Plan, PlayPlan, ProcessPlan
 from run_simulation import Played, Simulation
 

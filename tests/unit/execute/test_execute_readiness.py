@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from r2bspec.execute.bringup.readiness import LogSearch
-from r2bspec.language.line_pattern import PatternError, compile_line_pattern
+from r2bspec.safe_io.line_pattern import PatternError, compile_line_pattern
 
 FOREVER = float("inf")
 

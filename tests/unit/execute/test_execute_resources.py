@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from family_trees import wait_for
-from r2bspec.execute.host.resource_sampler import ResourceSampler
+from r2bspec.execute.processes.resources import ResourceSampler
 from r2bspec.measure.host_usage import CONTROLLER_INDEX, MACHINE_INDEX
 from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE
 

@@ -11,17 +11,17 @@ import sys
 import pytest
 
 from r2bspec.execute.errors import RunError
-from r2bspec.execute.processes import middleware_setup
-from r2bspec.execute.processes.middleware_setup import reserved_domain
+from r2bspec.execute.processes import prerequisites
+from r2bspec.execute.processes.prerequisites import reserved_domain
 
 
 @pytest.fixture
 def few_domains(monkeypatch: pytest.MonkeyPatch) -> range:
     """Only a few domains, far from those that other programs use."""
     # Ports of their own, so that what else runs on this machine does not matter.
-    monkeypatch.setattr(middleware_setup, "_PORT_BASE", 21_000 + os.getpid() % 5_000)
-    monkeypatch.setattr(middleware_setup, "_MIN_DOMAIN", 1)
-    monkeypatch.setattr(middleware_setup, "_MAX_DOMAIN", 4)
+    monkeypatch.setattr(prerequisites, "_PORT_BASE", 21_000 + os.getpid() % 5_000)
+    monkeypatch.setattr(prerequisites, "_MIN_DOMAIN", 1)
+    monkeypatch.setattr(prerequisites, "_MAX_DOMAIN", 4)
     return range(1, 5)
 
 
@@ -48,16 +48,16 @@ def test_a_reservation_ends_with_an_exception(few_domains: range) -> None:
 
 def test_a_reservation_ends_with_its_process_however_it_ends(few_domains: range) -> None:
     program = (
-        "import sys, time; from r2bspec.execute.processes import middleware_setup; "
-        "middleware_setup._PORT_BASE, middleware_setup._MIN_DOMAIN, middleware_setup._MAX_DOMAIN = "
+        "import sys, time; from r2bspec.execute.processes import prerequisites; "
+        "prerequisites._PORT_BASE, prerequisites._MIN_DOMAIN, prerequisites._MAX_DOMAIN = "
         "map(int, sys.argv[1:]); "
-        "held = middleware_setup.reserved_domain(); "
+        "held = prerequisites.reserved_domain(); "
         "print(held.__enter__(), flush=True); time.sleep(600)"
     )
     with contextlib.ExitStack() as stack:
         taken = [stack.enter_context(reserved_domain()) for _ in range(3)]
         with subprocess.Popen(
-            [sys.executable, "-c", program, str(middleware_setup._PORT_BASE), "1", "4"],
+            [sys.executable, "-c", program, str(prerequisites._PORT_BASE), "1", "4"],
             stdout=subprocess.PIPE,
         ) as process:
             assert process.stdout is not None
@@ -87,5 +87,5 @@ def test_a_child_process_does_not_prolong_a_reservation(few_domains: range) -> N
 
 def test_the_ports_of_every_domain_stay_clear_of_the_ephemeral_range() -> None:
     # OMG DDSI-RTPS 2.5, section 9.6.2.3: PB + DG x domain, and at most 250 ports from there.
-    assert 7400 + 250 * (middleware_setup._MAX_DOMAIN + 1) <= 32768
-    assert middleware_setup._MIN_DOMAIN >= 1
+    assert 7400 + 250 * (prerequisites._MAX_DOMAIN + 1) <= 32768
+    assert prerequisites._MIN_DOMAIN >= 1

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from family_trees import wait_for
-from r2bspec.execute.host.kernel_counters import RunQueueWaits
+from r2bspec.execute.processes.resources import RunQueueWaits
 
 SCHEDSTAT = Path("/proc/self/schedstat")
 

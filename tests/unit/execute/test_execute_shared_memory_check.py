@@ -12,7 +12,7 @@ import pytest
 
 from r2bspec.execute.errors import SharedMemoryError
 from r2bspec.execute.processes.environment import RunEnvironment
-from r2bspec.execute.processes.middleware_setup import require_free_shared_memory
+from r2bspec.execute.processes.prerequisites import require_free_shared_memory
 from r2bspec.middleware.fast_dds import default_segment_bytes
 from r2bspec.middleware.middleware import middleware_of
 from r2bspec.plan.plan import Plan, ProcessPlan

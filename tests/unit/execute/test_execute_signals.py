@@ -12,7 +12,7 @@ import time
 import pytest
 
 from r2bspec.execute.errors import InterruptedRunError
-from r2bspec.execute.processes.signals import Interrupts
+from r2bspec.execute.states import Interrupts
 
 SIGNALS = pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 
@@ -87,7 +87,7 @@ def test_a_run_that_was_started_with_nohup_outlives_its_terminal() -> None:
 @SIGNALS
 def test_a_second_signal_ends_the_process_at_once(number: signal.Signals) -> None:
     program = (
-        "import os, sys; from r2bspec.execute.processes import signals as interrupts\n"
+        "import os, sys; from r2bspec.execute import states as interrupts\n"
         "interrupts._DEBOUNCE_S = 0.0\n"
         "with interrupts.Interrupts():\n"
         "    os.kill(os.getpid(), int(sys.argv[1])); print('one', flush=True)\n"
@@ -104,7 +104,7 @@ def test_a_second_signal_ends_the_process_at_once(number: signal.Signals) -> Non
 
 
 def test_one_act_that_arrives_twice_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("r2bspec.execute.processes.signals._DEBOUNCE_S", 3600.0)
+    monkeypatch.setattr("r2bspec.execute.states._DEBOUNCE_S", 3600.0)
     with Interrupts() as interrupts:
         os.kill(os.getpid(), signal.SIGINT)
         os.kill(os.getpid(), signal.SIGINT)

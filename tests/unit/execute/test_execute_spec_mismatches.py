@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
+from r2bspec.execute.bringup.find_fault import Fault
 from r2bspec.execute.bringup.spec_mismatches import (
     graph_mismatches,
     related_differences,
     require_declared_parameters,
     unmatched_remappings,
 )
-from r2bspec.execute.diagnosis.find_fault import Fault
 from r2bspec.execute.errors import GraphMismatchError
 from r2bspec.ipc.protocol import Ready
 

@@ -23,8 +23,8 @@ from r2bspec.execute.errors import (
     ProcessFailedError,
     RunError,
 )
+from r2bspec.execute.processes import process, supervisor
 from r2bspec.execute.processes import process as child_module
-from r2bspec.execute.processes import process_logs, supervisor
 from r2bspec.execute.processes.process import ManagedProcess, describe_exit
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.ipc import protocol
@@ -269,9 +269,9 @@ def test_a_failure_without_a_hint_points_at_the_log(stage: Stage) -> None:
 def test_a_log_that_grows_without_end_is_cut_while_the_process_runs(
     stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(process_logs, "MAX_LOG_BYTES", 300_000)
-    monkeypatch.setattr(process_logs, "KEPT_HEAD_BYTES", 1000)
-    monkeypatch.setattr(process_logs, "KEPT_TAIL_BYTES", 2000)
+    monkeypatch.setattr(process, "MAX_LOG_BYTES", 300_000)
+    monkeypatch.setattr(process, "KEPT_HEAD_BYTES", 1000)
+    monkeypatch.setattr(process, "KEPT_TAIL_BYTES", 2000)
     stage.start(
         "print('the first words')\nfor n in range(40_000): print('word', n)\n"
         "print('the last words', flush=True)\n" + SLEEPS
@@ -402,7 +402,7 @@ def test_one_that_hangs_does_not_keep_the_rest_waiting_in_turn(
     stage.children.request(polite, protocol.Play(rate_hz=1.0, steps=1), protocol.Played, HANG_S)
     monkeypatch.setattr(middleware_of({}), "exit_in_turn_s", 0.2)
     # What is left to the polite one, on however busy a machine.
-    monkeypatch.setattr(child_module, "MAX_EXIT_S", 10.0)
+    monkeypatch.setattr(child_module, "MAX_EXIT_S", 5.0)
     stage.children.end([*hangs, polite])
     assert polite.process.returncode == 0
     assert {child.process.returncode for child in hangs} == {-signal.SIGTERM}

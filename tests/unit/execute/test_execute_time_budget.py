@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.execute.measurement.run_reporter import TimeBudget
+from r2bspec.execute.run_context import TimeBudget
 
 HOUR_NS = 3600 * 10**9
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from r2bspec.execute.processes.scheduling import SLICE_NS, shorten_slice, slice_of
+from r2bspec.execute.processes.process import SLICE_NS, shorten_slice, slice_of
 
 
 @pytest.fixture

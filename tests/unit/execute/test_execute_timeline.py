@@ -11,9 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from r2bspec.execute.build_schedule import build_schedule, make_timeline, place_transforms
 from r2bspec.execute.errors import RunError, UnpairedInputError
-from r2bspec.execute.inputs.build_schedule import build_schedule, place_transforms
-from r2bspec.execute.inputs.timeline import make_timeline
 from r2bspec.ipc.buffers import BufferIndex, write_index
 from r2bspec.ipc.schedule import NO_STEP, TimelineSchedule
 from r2bspec.language.spec import QoS

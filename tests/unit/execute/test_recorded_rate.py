@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from r2bspec.execute.build_schedule import place_between
 from r2bspec.execute.errors import RunError
-from r2bspec.execute.inputs.build_schedule import place_between
 from r2bspec.ipc.buffers import BufferIndex
 from r2bspec.ipc.schedule import NO_STEP, CyclicSchedule
 from schedule_events import played_events

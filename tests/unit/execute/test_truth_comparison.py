@@ -21,7 +21,7 @@ from r2bspec.datasets.ground_truth import (
     read_ground_truth,
 )
 from r2bspec.datasets.synthesis import make
-from r2bspec.execute.measurement.truth_comparison import compare_outputs
+from r2bspec.execute.measurement.further_iterations import compare_outputs
 from r2bspec.measure.metric_catalogue import (
     BAD_PIXELS,
     DENSITY,

@@ -46,7 +46,7 @@ def test_places_that_the_text_does_not_have_are_left_alone() -> None:
 
 @given(st.text("ab\n\r\u2028é", max_size=30), st.data())
 def test_what_is_outside_of_an_edit_stays(text: str, data: st.DataObject) -> None:
-    from r2bspec.diagnostics.source_lines import split_lines
+    from r2bspec.diagnostics.diagnostic import split_lines
 
     lines = split_lines(text)
     number = data.draw(st.integers(1, len(lines)))

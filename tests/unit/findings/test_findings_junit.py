@@ -5,8 +5,8 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 
 from r2bspec.diagnostics import Diagnostic, Severity, Span
-from r2bspec.report.findings import junit
-from r2bspec.report.findings.slugs import code_with_slug, slug_of
+from r2bspec.report.finding_formats import render
+from r2bspec.report.findings_text import code_with_slug, slug_of
 
 
 def found(code: str, severity: Severity, message: str = "wrong") -> Diagnostic:
@@ -14,7 +14,7 @@ def found(code: str, severity: Severity, message: str = "wrong") -> Diagnostic:
 
 
 def suites(*diagnostics: Diagnostic, files: tuple[str, ...] = ()) -> list[ET.Element]:
-    return list(ET.fromstring(junit.render(diagnostics, {}, files)))  # noqa: S314
+    return list(ET.fromstring(render("junit", diagnostics, {}, files)))  # noqa: S314
 
 
 def test_a_file_without_findings_is_a_suite_that_passed() -> None:

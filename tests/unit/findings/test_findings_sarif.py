@@ -13,7 +13,7 @@ import sarif_log
 from r2bspec.check import check
 from r2bspec.diagnostics import Certainty, Diagnostic, Edit, Related, Severity, Span
 from r2bspec.language.load_spec import load_spec
-from r2bspec.report.findings import sarif
+from r2bspec.report.finding_formats import render
 
 GOLDEN = Path(__file__).parents[2] / "golden"
 BROKEN = sorted([*(GOLDEN / "language").glob("*.yaml"), *(GOLDEN / "check").glob("*.yaml")])
@@ -33,7 +33,7 @@ FOUND = Diagnostic(
 
 def log_of(*found: Diagnostic, names: tuple[str, ...] = ()) -> dict[str, Any]:
     """The log; it is as the standard demands."""
-    text = sarif.render(found, {}, names)
+    text = render("sarif", found, {}, names)
     sarif_log.decode(text)
     log: dict[str, Any] = json.loads(text)
     return log

@@ -40,7 +40,7 @@ class Night:
         return path
 
     def run(self, level_s: float, again_s: float = 0.0) -> Result:
-        from r2bspec.compare.load_results import read_folder
+        from r2bspec.compare.report_input import read_folder
 
         path = self.fetched(self.folder / f"run{self.made}", level_s)
         plan = self.history.confirmation(path, open_run(path).plan)

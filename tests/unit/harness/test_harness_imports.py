@@ -5,24 +5,15 @@ from __future__ import annotations
 import subprocess
 import sys
 
-import pytest
-
-
-@pytest.mark.parametrize(
-    "module",
-    [
-        "harness.control_channel",
-        "harness.watchdog",
-        "ipc.buffers",
-        "ipc.stamps",
-        "ipc.process_cleanup",
-        "ipc.protocol",
-        "ipc.sample_files",
-    ],
+SHARED = (
+    *("harness.control_channel", "harness.watchdog", "ipc.buffers", "ipc.process_cleanup"),
+    *("ipc.protocol", "ipc.sample_files", "record.files"),
 )
-def test_shared_modules_import_neither_ros_nor_numpy(module: str) -> None:
+
+
+def test_shared_modules_import_neither_ros_nor_numpy() -> None:
     program = (
-        f"import sys, r2bspec.{module}; "
+        f"import sys; import {', '.join(f'r2bspec.{module}' for module in SHARED)}; "
         "print([name for name in ('rclpy', 'numpy', 'scipy') if name in sys.modules])"
     )
     said = subprocess.run([sys.executable, "-c", program], capture_output=True, check=True)

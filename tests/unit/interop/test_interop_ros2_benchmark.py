@@ -16,7 +16,7 @@ from r2bspec.interop.ros2_benchmark import (
     to_json,
 )
 from r2bspec.judge.judge_run import result_of
-from r2bspec.report.formats.ros2_benchmark import render
+from r2bspec.report.ros2_benchmark import render
 from run_simulation import Played, Simulation
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from r2bspec.ipc.buffers import (
@@ -73,6 +73,7 @@ def test_a_buffer_that_was_not_closed_is_not_there(tmp_path: Path) -> None:
     assert read_index(tmp_path, "/image").sizes == (3,)
 
 
+@settings(max_examples=40)
 @given(first=TOPICS, second=TOPICS)
 def test_distinct_topics_have_distinct_files_in_the_folder(first: str, second: str) -> None:
     folder = Path("buffers")

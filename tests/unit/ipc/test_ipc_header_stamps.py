@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from r2bspec.ipc.stamps import read_stamp, write_stamp
+from r2bspec.ipc.buffers import read_stamp, write_stamp
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 

@@ -15,13 +15,11 @@ import numpy as np
 import pytest
 
 from r2bspec.ipc import protocol
-from r2bspec.ipc.buffers import BufferWriter
+from r2bspec.ipc.buffers import TF, TF_STATIC, TF_TYPE, BufferWriter
 from r2bspec.ipc.native_protocol import NativeCodec
-from r2bspec.ipc.playback_events import ENTRY_DTYPE
-from r2bspec.ipc.playback_file import HEADER_BYTES, PlaybackReader
+from r2bspec.ipc.playback_file import ENTRY_DTYPE, HEADER_BYTES, PlaybackReader
 from r2bspec.ipc.sample_files import is_refusal
 from r2bspec.ipc.schedule import CyclicSchedule, CyclicTransform
-from r2bspec.ipc.stamps import TF, TF_STATIC, TF_TYPE
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import InputPlan, MonitorPlan
 from r2bspec.record.run_record import PLAYBACK_FIELDS

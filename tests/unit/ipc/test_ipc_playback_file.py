@@ -7,9 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from r2bspec.ipc.playback_events import ENTRY_DTYPE, CyclicRound, Round, TimelineRound
-from r2bspec.ipc.playback_events import complete_steps as complete
-from r2bspec.ipc.playback_file import HEADER_BYTES, PlaybackReader, playback_path, write_playback
+from r2bspec.ipc.playback_file import (
+    ENTRY_DTYPE,
+    HEADER_BYTES,
+    CyclicRound,
+    PlaybackReader,
+    Round,
+    TimelineRound,
+    playback_path,
+    write_playback,
+)
+from r2bspec.ipc.playback_file import complete_steps as complete
 from r2bspec.record.run_record import PLAYBACK_FIELDS
 
 # The first step of two messages begins before the second one, and ends after it; transforms.

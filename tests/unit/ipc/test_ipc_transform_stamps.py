@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from r2bspec.execute.inputs.buffer_bags import merge_static
-from r2bspec.ipc.stamps import StampedTransforms
+from r2bspec.execute.fill_buffers import merge_static
+from r2bspec.ipc.buffers import StampedTransforms
 from transform_bags import read_transforms, transforms
 
 SECOND = 10**9

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from r2bspec.judge.confirmation import confirm_run, needs_confirmation
-from r2bspec.judge.judge_samples import judge
-from r2bspec.judge.outcome import InconclusivePolicy, outcome_of
-from r2bspec.judge.verdict import Level, Outcome, Verdict
+from r2bspec.judge.pipeline import judge
+from r2bspec.judge.verdict import InconclusivePolicy, Level, Outcome, Verdict, outcome_of
 from r2bspec.measure.run_samples import read_samples
 from run_simulation import Played, Simulation, objective
 

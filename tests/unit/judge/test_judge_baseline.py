@@ -5,43 +5,44 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from r2bspec.judge.baseline_ratio import (
-    BaselineComparison,
+    BaselineCase,
     StoredValues,
     advise_by_stored_run,
     judge_history,
     judge_pairs,
 )
-from r2bspec.judge.statistics.paired_ratio import pair_orders, paired_ratio
-from r2bspec.judge.statistics.power import (
+from r2bspec.judge.statistics.autocorrelation import trend
+from r2bspec.judge.statistics.t_interval import (
     noise_floor,
+    pair_orders,
+    paired_ratio,
     pairs_needed,
     power_of_pairs,
+    predicted_ratio,
     smallest_detectable,
+    welch_ratio,
 )
-from r2bspec.judge.statistics.prediction_interval import predicted_ratio
-from r2bspec.judge.statistics.trend import trend
-from r2bspec.judge.statistics.welch_t import welch_ratio
 from r2bspec.language.requirement_grammar import parse_requirement
+from r2bspec.measure.metric_catalogue import resolve
 
 BASE = [100.0, 101.5, 98.7, 100.4, 99.1, 102.2]
 HEAD = [95.2, 97.1, 93.0, 96.3, 94.4, 96.0]
 
 
-def asked(text: str = "throughput.mean >= 97 % of baseline") -> BaselineComparison:
+def asked(text: str = "throughput.mean >= 97 % of baseline") -> BaselineCase:
     requirement = parse_requirement(text)
     assert requirement.bound is not None
-    return BaselineComparison(
+    return BaselineCase(
         objective="no_regression",
         requirement=requirement,
         at_hz=30.0,
-        metric=requirement.metric,
+        info=resolve(requirement.metric, ("out",), ("relay",))[1],
         monitor="out",
         limit=requirement.bound.value,
     )
@@ -159,16 +160,14 @@ class TestOutcomes:
         assert judge_pairs(asked(), [], []).outcome == "inconclusive"
 
     def test_what_was_not_sampled_decides_nothing(self) -> None:
-        sampled = replace(
-            asked("cpu.relay.mean <= 105 % of baseline"), sampled=True, zero_allowed=True
-        )
+        sampled = asked("cpu.relay.mean <= 105 % of baseline")
         assert judge_pairs(sampled, BASE, [*HEAD[:-1], None]).outcome == "inconclusive"
         found = judge_pairs(sampled, BASE, [*HEAD[:-1], 0.0])
         assert found.outcome == "inconclusive"
         assert "a ratio to 0 is undefined" in found.reason
 
     def test_base_and_head_are_told(self) -> None:
-        found = judge_pairs(replace(asked(), unit="Hz"), BASE, HEAD)
+        found = judge_pairs(asked(), BASE, HEAD)
         assert found.compared is not None
         assert found.compared.base_values == tuple(BASE)
         assert found.compared.head == pytest.approx(stats.gmean(HEAD))

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from r2bspec.judge.capacity_estimate import Departures, batches, compare_pace, estimate_capacity
+from nightly import size
+from r2bspec.judge.stationarity import CompletionTimes, batches, compare_pace, estimate_capacity
 
 
 def play(
@@ -17,14 +18,14 @@ def play(
     offered_hz: float = 130.0,
     begun_s: float = 0.0,
     per_step: float = 1.0,
-) -> Departures:
+) -> CompletionTimes:
     times_s = np.cumsum(intervals_s)
-    return Departures(begun_s, times_s, float(times_s[-1]), offered_hz, per_step)
+    return CompletionTimes(begun_s, times_s, float(times_s[-1]), offered_hz, per_step)
 
 
 def random_plays(
     seed: int, plays: int, hz: float = 100.0, seconds: float = 10.0
-) -> list[Departures]:
+) -> list[CompletionTimes]:
     random = np.random.default_rng(seed)
     return [
         play(random.exponential(1 / hz, round(seconds * hz)), begun_s=12.0 * number)
@@ -40,10 +41,16 @@ def test_equal_times_give_the_capacity_exactly() -> None:
 
 
 def test_random_times_are_bounded_with_the_stated_confidence() -> None:
-    found = [estimate_capacity(random_plays(seed, 4), 0.95) for seed in range(400)]
+    number = size(100, 400)
+    found = [estimate_capacity(random_plays(seed, 4), 0.95) for seed in range(number)]
     held = [each is not None and each.lower_hz <= 100 <= each.upper_hz for each in found]
     # A stated 95 % that were 91 % in truth would pass once in some ten thousand.
-    assert sum(held) >= 400 * 0.95 - 3 * math.sqrt(400 * 0.05 * 0.95)
+    assert sum(held) >= number * 0.95 - 3 * math.sqrt(number * 0.05 * 0.95)
+
+
+def test_four_batches_are_enough() -> None:
+    assert estimate_capacity([play(np.full(560, 0.01))], 0.95) is not None
+    assert estimate_capacity([play(np.full(460, 0.01))], 0.95) is None
 
 
 def test_the_start_is_left_out() -> None:
@@ -82,7 +89,7 @@ def test_queues_in_a_row_raise_the_upper_bound_and_only_that() -> None:
 
 @pytest.mark.parametrize("outputs", [0, 1, 2, 12])
 def test_too_few_outputs_say_nothing(outputs: int) -> None:
-    few = Departures(0.0, np.arange(outputs) / 10.0, outputs / 10.0, 13.0)
+    few = CompletionTimes(0.0, np.arange(outputs) / 10.0, outputs / 10.0, 13.0)
     assert estimate_capacity([few], 0.95) is None
     assert estimate_capacity([], 0.95) is None
 
@@ -92,7 +99,7 @@ def test_a_play_is_saturated_if_less_leaves_than_comes() -> None:
     assert play(times, offered_hz=110.0).saturated
     assert not play(times, offered_hz=100.0).saturated
     assert play(times, offered_hz=101.0).saturated_later
-    assert Departures(0.0, np.empty(0), 5.0, 100.0).saturated
+    assert CompletionTimes(0.0, np.empty(0), 5.0, 100.0).saturated
 
 
 def test_the_later_part_begins_anew() -> None:

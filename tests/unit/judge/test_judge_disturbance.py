@@ -12,8 +12,8 @@ import pytest
 
 from r2bspec.execute.measurement.measurement import iterations_to_rerun
 from r2bspec.judge.affected_iterations import find_affected_iterations, interference_reasons
-from r2bspec.judge.best_case import best_case_iteration, waiting_share
-from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.interference_bound import best_case_iteration, waiting_share
+from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import Outcome, Verdict
 from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.run_samples import read_samples

@@ -12,12 +12,13 @@ import pytest
 from numpy.typing import NDArray
 
 from r2bspec.compare.report_input import ReportInput
-from r2bspec.judge.baseline_requirements import BaselineQuestion, judge_baseline_requirements
+from r2bspec.judge.baseline_comparison import judge_baseline_requirements
+from r2bspec.judge.baseline_ratio import BaselineCase
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import result_of
-from r2bspec.judge.judge_samples import judge
-from r2bspec.judge.playback_validity import lateness_limit_s
+from r2bspec.judge.pipeline import judge
 from r2bspec.judge.result import Result
+from r2bspec.judge.validity import lateness_limit_s
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.measure.metrics import summarise
 from r2bspec.measure.run_samples import read_samples
@@ -27,7 +28,7 @@ from r2bspec.record.sample_arrays import Rows
 from r2bspec.report.format_registry import FORMATS, renderer
 from r2bspec.report.notes import all_notes
 from r2bspec.report.terminal import to_text
-from r2bspec.report.trace_timeline import expected_answers
+from r2bspec.report.timeline import expected_answers
 from run_simulation import Played, Simulation, objective
 
 STEPS = 300
@@ -183,7 +184,7 @@ def test_nor_is_it_compared_with_a_baseline(tmp_path: Path) -> None:
     assert "matched by order, and 3 of 900 are missing" in found.requirements[0].reason
 
 
-def _never_asked(question: BaselineQuestion) -> RequirementVerdict:
+def _never_asked(question: BaselineCase) -> RequirementVerdict:
     raise AssertionError(question)
 
 

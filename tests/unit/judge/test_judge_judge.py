@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples

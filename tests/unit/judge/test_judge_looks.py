@@ -8,10 +8,15 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.judge.decision_policy import DecisionPolicy, decision_policy
-from r2bspec.judge.interim_looks import InterimLooks, combine_looks, decide_after_look
-from r2bspec.judge.judge_samples import judge
-from r2bspec.judge.methods.method_registry import Method
+from r2bspec.judge.decision_policy import (
+    DecisionPolicy,
+    InterimLooks,
+    combine_looks,
+    decide_after_look,
+    decision_policy,
+)
+from r2bspec.judge.methods import Method
+from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import Outcome, RequirementVerdict
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples

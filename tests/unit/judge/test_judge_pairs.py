@@ -12,18 +12,22 @@ import pytest
 
 from pair_simulation import Comparison, latencies
 from r2bspec.compare.judge_pairs import judge_comparison_folder, read_pair_set
+from r2bspec.judge.affected_iterations import InterferencePolicy
 from r2bspec.judge.decision_policy import DecisionPolicy
-from r2bspec.judge.interference_policy import InterferencePolicy
 from r2bspec.judge.judge_run import to_json
-from r2bspec.judge.outcome import InconclusivePolicy
-from r2bspec.judge.pair_comparison import judge_pair_set, reruns_can_decide
-from r2bspec.judge.pair_interference import InterleavedRuns, pair_excess, taken_shares
-from r2bspec.judge.verdict import RequirementVerdict, Verdict
+from r2bspec.judge.pair_comparison import (
+    InterleavedRuns,
+    judge_pair_set,
+    pair_excess,
+    reruns_can_decide,
+    taken_shares,
+)
+from r2bspec.judge.verdict import InconclusivePolicy, RequirementVerdict, Verdict
 from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples
 from r2bspec.record.comparison_folder import open_comparison
-from r2bspec.record.errors import RecordError
+from r2bspec.record.files import RecordError
 from run_simulation import Played, Simulation, objective
 
 NOISE = np.exp([0.004, -0.006, 0.003, -0.002, 0.005, -0.004])

@@ -8,9 +8,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.judge.judge_samples import judge
-from r2bspec.judge.methods.peak_bracket import peak_doubts
-from r2bspec.judge.peak_refutation import with_refuted_peak
+from r2bspec.judge.methods.peak_bracket import peak_doubts, with_refuted_peak
+from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples

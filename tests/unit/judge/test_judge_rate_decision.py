@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from nightly import size
 from r2bspec.judge.rate_decision import (
     Criterion,
     ProbeJudgement,
@@ -83,7 +84,7 @@ def test_random_service_times_never_pass_for_the_opposite(
     # Each is wrong with a probability of at most 1.25 %: three of 40 would be once in 170 runs.
     answers = [
         probe(Server(100.0, depth, spread=1.0, seed=seed), share * 100.0).judgement.holds
-        for seed in range(40)
+        for seed in range(size(15, 40))
     ]
     assert answers.count(wrong) <= 2
 
@@ -209,7 +210,7 @@ def test_of_several_monitors_the_one_that_does_worst_decides() -> None:
 def test_a_probe_that_saw_no_drop_does_not_show_that_none_is_dropped(
     loses: float, rate_hz: float
 ) -> None:
-    servers = [Server(1000.0, loses=loses, seed=seed) for seed in range(50)]
+    servers = [Server(1000.0, loses=loses, seed=seed) for seed in range(size(12, 50))]
     found = [probe(each, rate_hz).judgement for each in servers]
     assert not any(each.holds for each in found)
     assert any(each.keeps_up and "at most" in each.reason for each in found)

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from r2bspec.judge.decision_policy import decision_policy
-from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.pipeline import judge
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.plan.smoke_plan import smoke_plan
 from run_simulation import Played, Simulation, objective

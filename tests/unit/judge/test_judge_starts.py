@@ -12,15 +12,14 @@ import pytest
 from scipy import stats
 
 from r2bspec.judge.decision_policy import DecisionPolicy
-from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.pipeline import judge
 from r2bspec.judge.statistics.effective_sample_size import (
     BadFlags,
     SampleDesign,
     effective_sample,
 )
-from r2bspec.judge.statistics.hierarchical_interval import hierarchical_interval
-from r2bspec.judge.statistics.level_interval import level_margin
-from r2bspec.judge.statistics.prediction_interval import predicted_ratio
+from r2bspec.judge.statistics.percentile_interval import level_margin
+from r2bspec.judge.statistics.t_interval import hierarchical_interval, predicted_ratio
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.run_samples import read_samples

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from nightly import noise, size
 from r2bspec.judge.statistics.autocorrelation import serial_inflation, significant_inflation
 from r2bspec.judge.statistics.binomial import (
     burst_tolerance,
@@ -20,10 +21,10 @@ from r2bspec.judge.statistics.binomial import (
     upper_bound,
 )
 from r2bspec.judge.statistics.effective_sample_size import BadFlags, effective_sample
-from r2bspec.judge.statistics.order_statistics import RankedMessages, percentile_interval
+from r2bspec.judge.statistics.percentile_interval import RankedMessages, percentile_interval
 from r2bspec.judge.statistics.rule_of_three import min_sample_size, zero_failure_bound
 from r2bspec.judge.statistics.t_interval import iterations_to_settle, mean_interval
-from r2bspec.language.confidence import CONFIDENCE
+from r2bspec.language.benchmark_defaults import CONFIDENCE
 
 COUNTS = [(0, 1), (1, 1), (0, 298), (0, 299), (3, 10), (14, 3000), (60, 3000), (2999, 3000)]
 
@@ -176,9 +177,12 @@ class TestPercentileInterval:
     def test_coverage(self) -> None:
         rng = np.random.default_rng(5)
         true_p90 = stats.expon.ppf(0.9)
-        bounds = [percentile_interval([rng.exponential(size=200)], 0.9, 0.95) for _ in range(1000)]
-        assert np.mean([bound.upper < true_p90 for bound in bounds]) < 0.06
-        assert np.mean([bound.lower > true_p90 for bound in bounds]) < 0.06
+        bounds = [
+            percentile_interval([rng.exponential(size=200)], 0.9, 0.95)
+            for _ in range(size(100, 1000))
+        ]
+        assert np.mean([bound.upper < true_p90 for bound in bounds]) < 0.06 + noise(0.03)
+        assert np.mean([bound.lower > true_p90 for bound in bounds]) < 0.06 + noise(0.03)
 
 
 class TestEffective:

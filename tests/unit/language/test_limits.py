@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.language import yaml_composer as composing
+from r2bspec.language import yaml_document as composing
+from r2bspec.language.document import MAX_DOCUMENT_BYTES
 from r2bspec.language.load_spec import load_spec
-from r2bspec.language.source_text import MAX_DOCUMENT_BYTES
 
 BOMB = "a0: &a0 [x,x,x,x,x,x,x,x,x,x]\n" + "".join(
     f"a{i}: &a{i} [{','.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 20)

@@ -18,8 +18,8 @@ SENTENCE = "        cool_down: How long is waited.\n"
 SPEC = (ROOT / "specs" / "relay.r2b.yaml").read_text(encoding="utf-8")
 ASK = """
 import msgspec
+from key_tables import key_table
 from r2bspec.language.declaration import rule_at
-from r2bspec.language.json_schema import key_table
 from r2bspec.language.quantities import Duration
 from r2bspec.plan.comparability import change_of, graph_differences
 from r2bspec.plan.smoke_plan import smoke_plan
@@ -73,7 +73,7 @@ def test_a_declaration_is_enough(package: Path) -> None:
         assert '"cool_down": {' in run(package, *program, "schema", kind)
     said = run(package, "-c", ASK)
     assert said.startswith("neither [] 2 s\n0 s\n")
-    assert "| `cool_down` | duration | `0 s` | How long is waited. | `2 s` |" in said
+    assert "| `cool_down` | duration, default `0 s` | How long is waited. Example: `2 s`. |" in said
 
 
 def test_its_mistakes_are_explained(package: Path) -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from r2bspec.diagnostics import Path, Span
+from r2bspec.language.document import Source, inner_span
 from r2bspec.language.located_tree import ScalarNode, TreeNode, lookup, span_at, to_plain
-from r2bspec.language.source_text import Source, inner_span
-from r2bspec.language.yaml_composer import compose
+from r2bspec.language.yaml_document import compose
 
 TEXT = """\
 name: relay      # a comment

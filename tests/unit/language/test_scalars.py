@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from r2bspec.language.yaml_scalars import ScalarError, resolve
+from r2bspec.language.yaml_document import ScalarError, resolve
 
 
 @pytest.mark.parametrize(

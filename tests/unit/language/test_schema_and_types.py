@@ -14,13 +14,13 @@ import pytest
 
 from r2bspec.diagnostics import Path as TreePath
 from r2bspec.language.declaration import Record, Rule, language, rule_at
+from r2bspec.language.document import Source
 from r2bspec.language.json_schema import published_schema, published_schema_text
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.located_tree import TreeNode, to_plain
 from r2bspec.language.quantities import Duration
 from r2bspec.language.read_spec import INVALID, read_value
-from r2bspec.language.source_text import Source
-from r2bspec.language.yaml_composer import compose
+from r2bspec.language.yaml_document import compose
 
 ROOT = Path(__file__).parents[3]
 GOLDEN = ROOT / "tests" / "golden" / "language"

@@ -12,8 +12,8 @@ import pytest
 
 from r2bspec.api import UntrustedPlanError, prepare
 from r2bspec.cli.main import main
+from r2bspec.language.environment_access import BaseVersionError, UntrustedSpecs, base_version
 from r2bspec.language.load_spec import load_cases, load_spec
-from r2bspec.language.untrusted_environment import BaseVersionError, UntrustedSpecs, base_version
 
 SPEC = """\
 r2bspec: 1

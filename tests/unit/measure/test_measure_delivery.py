@@ -7,8 +7,9 @@ from collections import deque
 import numpy as np
 import pytest
 
-from r2bspec.measure.completion_rate import DeliveryEstimate, delivery
+from nightly import noise, size
 from r2bspec.measure.matching import match
+from r2bspec.measure.times import DeliveryEstimate, delivery
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE, Rows
 
 START_NS = 10**15
@@ -121,9 +122,9 @@ def test_messages_at_one_instant_do_not_divide_by_zero() -> None:
 
 def test_the_standard_error_covers_the_truth() -> None:
     """In overload with scattered service times, 95 % of estimates lie within t of nine degrees."""
-    hits, trials = 0, 300
+    hits, trials = 0, size(100, 300)
     for seed in range(trials):
         found = seen_at(150, server(150, 100, 2, scatter=0.3, depth=1000, seed=seed), 2)
         assert found.batches == 10
         hits += abs(found.completed_hz - 100) < 2.262 * found.completed_error_hz
-    assert hits / trials > 0.92
+    assert hits / trials > 0.92 - noise(0.03)

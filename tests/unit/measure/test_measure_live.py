@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.pipeline import judge
 from r2bspec.measure.matching import match_segment
 from r2bspec.measure.metric_catalogue import METRICS, available_live
 from r2bspec.measure.metric_values import metric_value

@@ -10,13 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.judge.judge_samples import judge
+from r2bspec.judge.pipeline import judge
 from r2bspec.judge.rate_decision import Criterion, estimate_probe, judge_final, plan_interim_looks
 from r2bspec.measure.matching import NO_MATCH, Ratio, match, ratio_of
 from r2bspec.measure.metrics import measure_segment
 from r2bspec.measure.run_samples import read_samples
-from r2bspec.measure.samples import MonitorSamples
-from r2bspec.measure.times import latencies
+from r2bspec.measure.samples import MonitorSamples, step_times
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, Rows
 from run_simulation import EPOCH_NS, Played, Simulation, objective, playback_rows
@@ -64,13 +63,13 @@ def test_latency_counts_from_the_last_step_that_an_answer_needs() -> None:
     playback, monitor = played(6), received([0.23, 0.54])
     found = match(playback, monitor, "order", Ratio(inputs=3))
     assert found.step.tolist() == [2, 5]
-    assert latencies(playback, monitor, found) == pytest.approx([0.03, 0.04])
+    assert step_times(playback, monitor, found).latency == pytest.approx([0.03, 0.04])
 
 
 def test_each_of_several_answers_has_its_own_latency() -> None:
     playback, monitor = played(2), received([0.01, 0.02, 0.11, 0.13])
     found = match(playback, monitor, "order", Ratio(outputs=2))
-    assert latencies(playback, monitor, found) == pytest.approx([0.01, 0.02, 0.01, 0.03])
+    assert step_times(playback, monitor, found).latency == pytest.approx([0.01, 0.02, 0.01, 0.03])
 
 
 def test_what_is_beyond_the_ratio_is_unmatched_and_what_is_short_of_it_missed() -> None:
@@ -183,7 +182,7 @@ def test_by_stamp_an_output_of_several_steps_has_the_latency_of_the_one_whose_st
     monitor = with_stamps_of(playback, [0, 4, 8])
     found = match(playback, monitor, "stamp", Ratio(inputs=3))
     assert found.trigger_steps.tolist() == found.step.tolist() == [0, 4, 8]
-    assert latencies(playback, monitor, found) == pytest.approx([0.01] * 3)
+    assert step_times(playback, monitor, found).latency == pytest.approx([0.01] * 3)
     assert (found.missed, found.duplicates, found.unmatched) == (0, 0, 0)
 
 

@@ -11,7 +11,7 @@ from r2bspec.check import check
 from r2bspec.cli.main import main
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.requirement_grammar import RequirementError, parse_requirement
-from r2bspec.measure import metric_reference as reference
+from r2bspec.measure import metric_catalogue as reference
 from r2bspec.measure.metric_catalogue import METRICS, PROCESS
 
 

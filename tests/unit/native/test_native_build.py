@@ -9,9 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.native.build import build, find_compiler
-from r2bspec.native.errors import NOT_BUILT, BuildError
-from r2bspec.native.ros_headers import RosFiles, find_ros
+from r2bspec.native.build import NOT_BUILT, BuildError, RosFiles, build, find_compiler, find_ros
 
 NO_ROS = RosFiles(prefixes=(), wheels=False)
 ANSWER = '#include "answer.h"\n#include <stdio.h>\nint main(void) { return printf("%d", N) < 0; }\n'

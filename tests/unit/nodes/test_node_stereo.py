@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 pytest.importorskip("cv2")
 
-from r2bspec.nodes import stereo_matching, stereo_points
-from r2bspec.nodes.stereo_matching import MatcherParameters, ValidWindow
+from r2bspec.nodes import stereo
+from r2bspec.nodes.stereo import MatcherParameters, ValidWindow
 
 WIDTH, HEIGHT = 320, 160
 
@@ -28,19 +28,19 @@ def pair(disparity_px: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     return np.ascontiguousarray(left), np.ascontiguousarray(right)
 
 
-@pytest.mark.parametrize("algorithm", [stereo_matching.BLOCK_MATCHING, stereo_matching.SEMI_GLOBAL])
+@pytest.mark.parametrize("algorithm", [stereo.BLOCK_MATCHING, stereo.SEMI_GLOBAL])
 @pytest.mark.parametrize("true_px", [5, 12, 30])
 def test_a_wall_has_the_disparity_of_its_distance(algorithm: int, true_px: int) -> None:
     parameters = MatcherParameters(algorithm=algorithm, range_px=64)
     left, right = pair(true_px)
-    found = stereo_matching.disparity(stereo_matching.make_matcher(parameters), left, right)
-    window = stereo_matching.valid_window(parameters, WIDTH, HEIGHT)
+    found = stereo.disparity(stereo.make_matcher(parameters), left, right)
+    window = stereo.valid_window(parameters, WIDTH, HEIGHT)
     inside = found[
         window.y : window.y + window.height, window.x : window.x + window.width - true_px
     ]
     assert (np.abs(inside - true_px) <= 1).mean() > 0.95
     # Swapped images show everything in the wrong direction: hardly anything is found there.
-    swapped = stereo_matching.disparity(stereo_matching.make_matcher(parameters), right, left)
+    swapped = stereo.disparity(stereo.make_matcher(parameters), right, left)
     assert (np.abs(swapped - true_px) <= 1).mean() < 0.1
 
 
@@ -48,22 +48,22 @@ def test_what_has_no_match_is_below_the_smallest_disparity() -> None:
     parameters = MatcherParameters(range_px=32)
     left, _ = pair(10)
     blank = np.full_like(left, 128)
-    found = stereo_matching.disparity(stereo_matching.make_matcher(parameters), blank, blank)
+    found = stereo.disparity(stereo.make_matcher(parameters), blank, blank)
     assert (found == -1.0).all()
 
 
 def test_different_principal_points_shift_every_disparity() -> None:
     left, right = pair(12)
     parameters = MatcherParameters(range_px=32)
-    plain = stereo_matching.disparity(stereo_matching.make_matcher(parameters), left, right)
-    shifted = stereo_matching.disparity(stereo_matching.make_matcher(parameters), left, right, 2.5)
+    plain = stereo.disparity(stereo.make_matcher(parameters), left, right)
+    shifted = stereo.disparity(stereo.make_matcher(parameters), left, right, 2.5)
     assert np.array_equal(shifted, plain - np.float32(2.5))
 
 
 def test_disparities_are_found_from_the_smallest_on() -> None:
     left, right = pair(30)
-    found = stereo_matching.disparity(
-        stereo_matching.make_matcher(MatcherParameters(min_disparity_px=24, range_px=16)),
+    found = stereo.disparity(
+        stereo.make_matcher(MatcherParameters(min_disparity_px=24, range_px=16)),
         left,
         right,
     )
@@ -73,9 +73,7 @@ def test_disparities_are_found_from_the_smallest_on() -> None:
 def test_images_of_different_sizes_are_refused() -> None:
     left, right = pair(5)
     with pytest.raises(ValueError, match="320x160 pixels, the right one 319x160"):
-        stereo_matching.disparity(
-            stereo_matching.make_matcher(MatcherParameters()), left, right[:, 1:].copy()
-        )
+        stereo.disparity(stereo.make_matcher(MatcherParameters()), left, right[:, 1:].copy())
 
 
 def test_the_valid_window_is_that_of_opencv() -> None:
@@ -88,13 +86,13 @@ def test_the_valid_window_is_that_of_opencv() -> None:
         x, y, width, height = cv2.getValidDisparityROI(
             full, full, parameters.min_disparity_px, parameters.range_px, parameters.window_px
         )
-        found = stereo_matching.valid_window(parameters, WIDTH, HEIGHT)
+        found = stereo.valid_window(parameters, WIDTH, HEIGHT)
         assert found == ValidWindow(x, y, width, height)
 
 
 def test_a_negative_disparity_lies_outside_of_the_right_image_at_the_right_edge() -> None:
     parameters = MatcherParameters(min_disparity_px=-16, range_px=48, window_px=21)
-    window = stereo_matching.valid_window(parameters, WIDTH, HEIGHT)
+    window = stereo.valid_window(parameters, WIDTH, HEIGHT)
     assert window == ValidWindow(31 + 10, 10, WIDTH - 16 - 10 - 41, HEIGHT - 20)
 
 
@@ -102,7 +100,7 @@ def test_points_lie_on_the_rays_of_their_pixels_at_their_depth() -> None:
     projection = np.array([[120.0, 0, 30.5, 0], [0, 110.0, 21.25, 0], [0, 0, 1, 0]])
     disparity = np.random.default_rng(3).uniform(1, 60, (40, 60)).astype(np.float32)
     disparity[5, 7], disparity[6, 8] = -1.0, 0.0
-    cloud = stereo_points.points(disparity, projection, 120.0, 0.15)
+    cloud = stereo.points(disparity, projection, 120.0, 0.15)
     assert cloud.shape == (40, 60)
     for row, column in ((0, 0), (39, 59), (12, 33)):
         x, y, z = (float(cloud[name][row, column]) for name in "xyz")
@@ -121,14 +119,14 @@ def test_points_agree_with_opencv() -> None:
     disparity = np.random.default_rng(4).uniform(1, 60, (40, 60)).astype(np.float32)
     q = np.array([[1, 0, 0, -cx], [0, 1, 0, -cy], [0, 0, 0, focal], [0, 0, 1 / baseline, 0]])
     expected = cv2.reprojectImageTo3D(disparity, q)
-    cloud = stereo_points.points(disparity, projection, focal, baseline)
+    cloud = stereo.points(disparity, projection, focal, baseline)
     found = np.stack([cloud[name] for name in "xyz"], axis=-1)
     np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6)
 
 
 def test_values_below_the_smallest_disparity_are_none() -> None:
     disparity = np.array([[3.0, 4.0]], np.float32)
-    cloud = stereo_points.points(disparity, np.eye(3, 4), 1.0, 1.0, min_disparity_px=4.0)
+    cloud = stereo.points(disparity, np.eye(3, 4), 1.0, 1.0, min_disparity_px=4.0)
     assert np.isnan(cloud["z"]).tolist() == [[True, False]]
 
 
@@ -143,10 +141,10 @@ def test_values_below_the_smallest_disparity_are_none() -> None:
 )
 def test_colours_are_packed_as_pcl_reads_them(encoding: str, pixel: tuple[int, ...]) -> None:
     pixels = np.array([[pixel]], np.uint8)
-    assert stereo_points.colors(pixels, encoding).tolist() == [[0x010203]]
+    assert stereo.colors(pixels, encoding).tolist() == [[0x010203]]
 
 
 def test_gray_is_a_colour_and_depth_is_none() -> None:
-    assert stereo_points.colors(np.array([[7]], np.uint8), "mono8").tolist() == [[0x070707]]
+    assert stereo.colors(np.array([[7]], np.uint8), "mono8").tolist() == [[0x070707]]
     with pytest.raises(ValueError, match="'32FC1' is not one of"):
-        stereo_points.colors(np.zeros((1, 1), np.float32), "32FC1")
+        stereo.colors(np.zeros((1, 1), np.float32), "32FC1")

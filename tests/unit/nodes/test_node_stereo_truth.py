@@ -25,7 +25,7 @@ from r2bspec.datasets.ground_truth import read_disparity
 from r2bspec.datasets.synthesis import make
 from r2bspec.measure.metric_catalogue import BAD_PIXELS, DENSITY
 from r2bspec.measure.truth_accuracy import DisparityAccuracy
-from r2bspec.nodes import camera, images, rectification, stereo_matching
+from r2bspec.nodes import camera, images, rectification, stereo
 
 WIDTH, HEIGHT = 960, 540
 KINDS = {"image": "sensor_msgs/msg/Image", "camera_info": "sensor_msgs/msg/CameraInfo"}
@@ -63,10 +63,10 @@ class Pair:
         return target
 
     def accuracy(self, left: Gray, right: Gray) -> dict[str, float]:
-        matcher = stereo_matching.make_matcher(stereo_matching.MatcherParameters())
+        matcher = stereo.make_matcher(stereo.MatcherParameters())
         counted = DisparityAccuracy()
         true = read_disparity(self._folder, "hawk_0", self.stamp_ns)
-        counted.add(stereo_matching.disparity(matcher, left, right), 0.0, true)
+        counted.add(stereo.disparity(matcher, left, right), 0.0, true)
         return counted.values
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 
 from r2bspec.bags.recording import BagIndex, TopicInfo
-from r2bspec.language import value_codec
+from r2bspec.language.declaration import decode_text
 from r2bspec.language.spec import Spec
 from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.plan import Plan
@@ -106,9 +106,7 @@ BAG = BagIndex(
 
 def spec(document: dict[str, Any], **sections: Any) -> Spec:
     """A spec of a document with some sections replaced."""
-    return msgspec.convert(
-        {**copy.deepcopy(document), **sections}, Spec, dec_hook=value_codec.decode
-    )
+    return msgspec.convert({**copy.deepcopy(document), **sections}, Spec, dec_hook=decode_text)
 
 
 def plan(document: dict[str, Any] = PREPROCESSED, **sections: Any) -> Plan:

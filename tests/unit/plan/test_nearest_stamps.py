@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.execute.inputs.build_schedule import align
+from r2bspec.execute.build_schedule import align
 from r2bspec.ipc.buffers import BufferIndex
 from r2bspec.plan.nearest_stamps import pair_nearest
 

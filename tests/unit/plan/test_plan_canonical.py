@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from plan_specs import PREPROCESSED, STRAIGHT, plan
 
 from r2bspec.language.quantities import Duration
-from r2bspec.plan.canonical_json import canonical_json, parse_plan, plan_hash, read_plan
-from r2bspec.plan.errors import PlanError
+from r2bspec.plan.canonical_json import PlanError, canonical_json, parse_plan, plan_hash, read_plan
 
 ROOT = Path(__file__).parents[3]
 
@@ -74,7 +73,7 @@ def test_the_order_of_keys_in_the_spec_makes_no_difference_to_parameters() -> No
 
 SCRIPT = """
 from r2bspec.language.load_spec import load_spec
-from r2bspec.datasets.sequences import describe
+from r2bspec.datasets.catalogue import describe
 from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.compile_plan import compile_plan
 import pathlib, sys

@@ -9,7 +9,7 @@ import pytest
 
 from r2bspec.cli.main import main
 from r2bspec.plan.canonical_json import read_plan
-from r2bspec.report.findings.slugs import code_with_slug
+from r2bspec.report.findings_text import code_with_slug
 
 RELAY = Path(__file__).parents[3] / "specs" / "relay.r2b.yaml"
 

@@ -1,16 +1,17 @@
-"""How each construct of the language becomes a part of a plan."""
+"""How the constructs of the language become parts of a plan that no other plan has.
+
+Those that every plan can have are in tests/golden/plan.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
-import pytest
-from plan_specs import BAG, IMAGE, PREPROCESSED, STRAIGHT, plan, spec
+from plan_specs import BAG, IMAGE, STRAIGHT, plan, spec
 
-from r2bspec.plan.command_lines import INCLUDED_LAUNCH
 from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.drawing import to_dot
-from r2bspec.plan.plan import Plan, ProcessPlan, TapPlan
+from r2bspec.plan.plan import Plan, ProcessPlan
 from r2bspec.wiring.companion_files import CompanionFiles
 from r2bspec.wiring.parameter_files import ParameterFile
 
@@ -30,65 +31,10 @@ def process(of: Plan, name: str) -> ProcessPlan:
 # Containers and placement
 
 
-def test_nodes_of_a_container_are_loaded_in_order() -> None:
-    made = plan(
-        STRAIGHT,
-        containers={
-            "front": {
-                "executable": "component_container_mt",
-                "threads": 4,
-                "env": {"A": "1"},
-                "cpus": [0, 1],
-                "nice": 5,
-                "prefix": ["taskset", "1"],
-                "memory_limit": "1 GiB",
-            }
-        },
-        graph=graph(
-            a={**RECTIFY, "container": "front", "env": {"B": "2"}},
-            b={**RECTIFY, "container": "front", "namespace": "left", "parameters": {"x": 1}},
-        ),
-    )
-    front = process(made, "front")
-    assert front.role == "container"
-    assert front.argv == (
-        *("taskset", "1", "$(executable rclcpp_components component_container_mt)"),
-        *("--ros-args", "-r", "__node:=front", "-r", "__ns:=/r2b", "-p", "thread_num:=4"),
-    )
-    assert [(each.name, each.package, each.plugin) for each in front.nodes] == [
-        ("/r2b/a", "image_proc", "image_proc::RectifyNode"),
-        ("/r2b/left/b", "image_proc", "image_proc::RectifyNode"),
-    ]
-    assert front.env == {"A": "1", "B": "2"}
-    assert (front.cpus, front.nice, front.container) == ((0, 1), 5, "front")
-    assert front.memory_limit_bytes == 2**30
-
-
-def test_a_python_container_is_a_host_with_an_executor() -> None:
-    made = plan(
-        STRAIGHT,
-        containers={"py": {"executable": "python", "executor": "multi_threaded", "threads": 3}},
-        graph=graph(a={**RELAY, "container": "py"}),
-    )
-    host = process(made, "py")
-    assert (host.role, host.executor, host.threads) == ("host", "multi_threaded", 3)
-
-
 def test_a_component_alone_has_a_container_of_its_own() -> None:
     made = process(plan(STRAIGHT, graph=graph(a=RECTIFY)), "a")
     assert made.role == "container"
     assert "__node:=a_container" in made.argv
-
-
-def test_placement_shared_gives_python_and_components_a_process_each() -> None:
-    made = plan(STRAIGHT, graph=graph("shared", a=RECTIFY, b=RELAY, c={"command": ["x"]}))
-    assert [(each.name, each.role) for each in made.processes] == [
-        ("player", "player"),
-        ("c", "command"),
-        ("components", "container"),
-        ("graph", "host"),
-        ("monitor", "monitor"),
-    ]
 
 
 def test_placement_harness_puts_python_nodes_beside_player_and_monitor() -> None:
@@ -101,26 +47,6 @@ def test_placement_harness_puts_python_nodes_beside_player_and_monitor() -> None
 
 
 # Other kinds of nodes
-
-
-def test_a_launch_file_is_included_with_namespace_and_remappings() -> None:
-    node = {
-        "launch": {"package": "cameras", "file": "c.launch.py", "arguments": {"fast": True}},
-        "namespace": "left",
-        "remappings": {"image": "left/image"},
-    }
-    assert process(plan(STRAIGHT, graph=graph(camera=node)), "camera").argv == (
-        *("ros2", "launch", INCLUDED_LAUNCH, "package:=cameras", "file:=c.launch.py"),
-        "namespace:=/r2b/left",
-        'remappings:={"image": "left/image"}',
-        'arguments:={"fast": "true"}',
-    )
-
-
-def test_an_external_node_has_no_process() -> None:
-    made = plan(STRAIGHT, graph=graph(a=RELAY, b={"external": True, "publishes": {"x": IMAGE}}))
-    assert "b" not in [each.name for each in made.processes]
-    assert [(each.name, each.phase) for each in made.external] == [("/r2b/b", "measure")]
 
 
 def test_parameters_of_files_reach_nodes_merged_and_commands_as_files() -> None:
@@ -192,46 +118,6 @@ def test_transforms_are_written_by_the_harness() -> None:
 # Monitors, steps, objectives
 
 
-def test_taps_are_the_topics_on_the_way() -> None:
-    nodes: dict[str, Any] = {
-        "a": {**RELAY, "remappings": {"input": "image", "output": "b"}},
-        "c": {**RELAY, "remappings": {"input": "b"}},
-        "d": {**RELAY, "remappings": {"input": "b", "output": "aside"}},
-    }
-    monitor = {"topic": "output", "format": IMAGE, "taps": True, "label": "Out"}
-    made = plan(STRAIGHT, graph=graph(**nodes), monitors={"output": monitor})
-    assert made.monitors[0].taps == (TapPlan(topic="/r2b/b", type=IMAGE),)
-    assert made.monitors[0].label == "Out"
-
-
-def test_steps_stand_in_the_phases_in_which_they_happen() -> None:
-    made = plan(
-        STRAIGHT,
-        setup={"model": {"command": ["make"], "creates": "m.plan", "directory": "models"}},
-        ready={
-            "up": {"log": {"process": "relay", "pattern": "ready"}},
-            "map": {"topic": "map"},
-            "srv": {"service": "relay/reset"},
-            "file": {"file": "m.plan"},
-        },
-        after_ready={
-            "reset": {"service": {"name": "relay/reset", "type": "std_srvs/srv/Empty"}},
-            "say": {"command": ["echo", "go"]},
-        },
-    )
-    assert made.phases[:4] == ("setup", "load", "start", "harness_overhead")
-    assert made.phases[4:7] == ("graph", "ready", "after_ready")
-    assert [(each.kind, each.target) for each in made.ready] == [
-        ("log", "relay"),
-        ("topic", "/r2b/map"),
-        ("service", "/r2b/relay/reset"),
-        ("file", "m.plan"),
-    ]
-    assert made.after_ready[0].service == "/r2b/relay/reset"
-    assert made.after_ready[1].argv == ("echo", "go")
-    assert made.setup[0].directory == "models"
-
-
 def test_objectives_that_do_not_count_are_left_out() -> None:
     require = ["latency.p50 < 1 s"]
     made = plan(
@@ -249,9 +135,3 @@ def test_objectives_that_do_not_count_are_left_out() -> None:
 
 
 # What does not change
-
-
-@pytest.mark.parametrize("document", [PREPROCESSED, STRAIGHT], ids=["preprocessed", "straight"])
-def test_new_parts_do_not_change_what_a_simple_plan_starts(document: dict[str, Any]) -> None:
-    for each in plan(document).processes:
-        assert (each.nice, each.cpus, each.threads, each.memory_limit_bytes) == (0, (), 0, 0)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from plan_specs import PREPROCESSED, STRAIGHT, plan
 
-from r2bspec.plan.plan_diff import ABSENT, PlanDifference, diff_plans
+from r2bspec.plan.comparability import ABSENT, PlanDifference, diff_plans
 
 
 def test_equal_plans_do_not_differ() -> None:

@@ -7,9 +7,8 @@ from typing import Any
 import pytest
 from plan_specs import IMAGE, STRAIGHT, plan, spec
 
-from r2bspec.plan.graph_placement import Place, find_places
 from r2bspec.plan.plan import JoinPlan, Plan
-from r2bspec.plan.process_plans import graph_processes, process_names
+from r2bspec.plan.process_plans import Place, find_places, graph_processes, process_names
 from r2bspec.wiring.build_wiring import build_wiring
 
 GRAPH: dict[str, Any] = {"placement": "graph"}

@@ -10,8 +10,7 @@ import pytest
 from jsonschema import Draft202012Validator
 from plan_specs import PREPROCESSED, STRAIGHT, plan
 
-from r2bspec.plan.canonical_json import canonical_json
-from r2bspec.plan.plan_schema import plan_schema
+from r2bspec.plan.canonical_json import canonical_json, plan_schema
 
 
 def test_the_schema_is_one() -> None:

@@ -5,17 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from r2bspec.record.folded_stacks import read_stacks, write_stacks
-from r2bspec.untrusted.errors import RefusedFileError
+from r2bspec.record.run_folder import read_stacks, write_stacks
+from r2bspec.safe_io.safe_file import RefusedFileError
 
 NAMES = st.text(
     st.characters(blacklist_categories=["Cs", "Cc", "Z"], blacklist_characters=";")
 ).filter(bool)
 
 
+@settings(max_examples=20)  # each is synchronised to the disk
 @given(stacks=st.dictionaries(st.lists(NAMES, min_size=1).map(tuple), st.integers(1, 10**9)))
 def test_what_is_written_is_read(
     tmp_path_factory: pytest.TempPathFactory, stacks: dict[tuple[str, ...], int]

@@ -14,8 +14,7 @@ import pytest
 
 from r2bspec.private_files import private_files, user_umask
 from r2bspec.record.comparison_folder import ComparisonFolder
-from r2bspec.record.errors import RUN_UNWRITABLE, FolderTakenError, RecordError
-from r2bspec.record.folder_lock import LOCK_FILE
+from r2bspec.record.files import LOCK_FILE, RUN_UNWRITABLE, FolderTakenError, RecordError
 from r2bspec.record.run_folder import RunFolder
 
 HOLDER = """

@@ -9,8 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.record.atomic_files import write_atomically
-from r2bspec.record.errors import RecordError
+from r2bspec.record.files import RecordError, write_atomically
 from r2bspec.record.run_folder import RunFolder, open_run
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE
 from run_simulation import Played, Simulation, objective

@@ -9,8 +9,7 @@ import pytest
 from example_spec import example
 from r2bspec.cli.main import main
 from r2bspec.errors import UsageError
-from r2bspec.report.failure_reports import write_failure_reports
-from r2bspec.report.write_reports import ReportRequest
+from r2bspec.report.write_reports import ReportRequest, write_failure_reports
 
 FORMATS = ("markdown", "github", "junit", "html", "json")
 

@@ -22,7 +22,7 @@ from r2bspec.diagnostics.plain_text import escaped_json, harmless, plain, plain_
 from r2bspec.errors import R2bspecError
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.result import Result
-from r2bspec.report.findings import finding_formats
+from r2bspec.report import finding_formats
 from r2bspec.report.format_registry import FORMATS, renderer
 from r2bspec.report.output import console, echo, write
 from r2bspec.report.write_reports import file_name
@@ -99,7 +99,7 @@ def test_no_report_of_a_hostile_result_does_harm(name: str, hostile: Result) -> 
 
 @pytest.mark.parametrize("name", ["text", "markdown", "html", "csv", "github"])
 def test_no_comparison_of_hostile_results_does_harm(name: str) -> None:
-    from r2bspec.report.comparison.comparison_formats import render
+    from r2bspec.report.comparison_formats import render
 
     source = ComparedSource(source=ATTACK, name=ATTACK, run_id=ATTACK, started_at=ATTACK)
     numbers = dict.fromkeys(("base", "head", "ratio", "lower", "upper", "offered_hz"), 1.0)

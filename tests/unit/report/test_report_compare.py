@@ -11,18 +11,16 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.compare.comparison import Comparison, ComparisonLine
-from r2bspec.compare.comparison_subject import read_compared_result
+from r2bspec.compare.comparison import Comparison, ComparisonLine, compare, read_compared_result
 from r2bspec.compare.errors import IncomparableError, UnreadableResultError
 from r2bspec.compare.report_input import ReportInput
-from r2bspec.compare.result_comparison import compare
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.judge_run import to_json as result_json
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import SearchRecord
-from r2bspec.report.comparison.text import to_json, to_markdown, to_text
-from r2bspec.report.formats.ros2_benchmark import render
+from r2bspec.report.comparison_formats import to_json, to_markdown, to_text
+from r2bspec.report.ros2_benchmark import render
 from report_runs import TWO, GraphSimulation, skewed
 from run_simulation import Played, Simulation, probe
 

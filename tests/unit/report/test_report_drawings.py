@@ -13,9 +13,9 @@ import pytest
 
 from r2bspec import api
 from r2bspec.record.run_folder import RunFolder, open_run
-from r2bspec.report.html.canvas import draw, inside_label
+from r2bspec.report.html.chart import draw, inside_label
 from r2bspec.report.html.graph_drawing import PlacedBox, Rectangle, lay_out, route
-from r2bspec.report.html.load_chart import loads_chart
+from r2bspec.report.html.load_charts import loads_chart
 from report_runs import USUAL
 
 SPECS = sorted((Path(__file__).parents[3] / "specs").rglob("*.r2b.yaml"))

@@ -7,8 +7,8 @@ import io
 import json
 import re
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -17,24 +17,20 @@ import pytest
 
 from r2bspec.compare.errors import SamplesMissingError
 from r2bspec.compare.report_input import ReportInput
-from r2bspec.judge.judge_run import from_json, result_of
+from r2bspec.judge.judge_run import from_json
 from r2bspec.record.run_record import HarnessOverheadRecord
 from r2bspec.report.errors import ReportError
 from r2bspec.report.format_registry import FORMATS, renderer
 from r2bspec.report.terminal import to_text
-from report_runs import HOSTILE_RUN, SIMULATIONS, TWO, USUAL
-from run_simulation import Simulation
+from report_runs import SIMULATIONS
 
-
-def reported(simulation: Simulation, path: Path) -> ReportInput:
-    run = simulation.write(path / "run")
-    return ReportInput(result=result_of(run), run=run)
+Reported = Callable[[str], ReportInput]
 
 
 @pytest.mark.parametrize("name", FORMATS)
-@pytest.mark.parametrize("simulation", SIMULATIONS.values(), ids=SIMULATIONS)
-def test_every_run_gives_every_report(tmp_path: Path, name: str, simulation: Simulation) -> None:
-    source = reported(simulation, tmp_path)
+@pytest.mark.parametrize("simulation", SIMULATIONS)
+def test_every_run_gives_every_report(reported: Reported, name: str, simulation: str) -> None:
+    source = reported(simulation)
     if FORMATS[name].single:
         rates = source.result.metrics.rates
         if not rates:
@@ -50,29 +46,27 @@ def test_every_run_gives_every_report(tmp_path: Path, name: str, simulation: Sim
 
 
 @pytest.mark.parametrize("name", ["trace", "mcap", "ros2_benchmark", "hdrhistogram", "samples"])
-def test_formats_that_need_samples_say_so(tmp_path: Path, name: str) -> None:
-    source = reported(USUAL, tmp_path)
+def test_formats_that_need_samples_say_so(reported: Reported, name: str) -> None:
+    source = reported("usual")
     with pytest.raises(SamplesMissingError, match="needs the samples"):
         renderer(name)(ReportInput(result=source.result))
 
 
-def test_the_others_are_made_from_a_result_alone(tmp_path: Path) -> None:
-    source = ReportInput(result=reported(USUAL, tmp_path).result)
+def test_the_others_are_made_from_a_result_alone(reported: Reported) -> None:
+    source = ReportInput(result=reported("usual").result)
     for name in set(FORMATS) - {"trace", "mcap", "ros2_benchmark", "hdrhistogram", "samples"}:
         assert renderer(name)(source)
 
 
-def test_json_is_the_result(tmp_path: Path) -> None:
-    source = reported(USUAL, tmp_path)
+def test_json_is_the_result(reported: Reported) -> None:
+    source = reported("usual")
     assert from_json(renderer("json")(source)) == source.result
 
 
-@pytest.mark.parametrize("simulation", SIMULATIONS.values(), ids=SIMULATIONS)
-def test_openmetrics_parses_with_the_reference_parser(
-    tmp_path: Path, simulation: Simulation
-) -> None:
+@pytest.mark.parametrize("simulation", SIMULATIONS)
+def test_openmetrics_parses_with_the_reference_parser(reported: Reported, simulation: str) -> None:
     parser = pytest.importorskip("prometheus_client.openmetrics.parser")
-    source = reported(simulation, tmp_path)
+    source = reported(simulation)
     families = {
         family.name: family
         for family in parser.text_string_to_metric_families(
@@ -96,12 +90,12 @@ def test_openmetrics_parses_with_the_reference_parser(
             assert value == seen.missed
 
 
-@pytest.mark.parametrize("simulation", SIMULATIONS.values(), ids=SIMULATIONS)
+@pytest.mark.parametrize("simulation", SIMULATIONS)
 @pytest.mark.parametrize("name", ["junit", "junit_lenient"])
 def test_junit_has_a_case_for_each_requirement_and_one_for_the_run(
-    tmp_path: Path, simulation: Simulation, name: str
+    reported: Reported, simulation: str, name: str
 ) -> None:
-    source = reported(simulation, tmp_path)
+    source = reported(simulation)
     root = ET.fromstring(renderer(name)(source))  # noqa: S314 - written a moment ago
     suite = root.find("testsuite")
     assert suite is not None
@@ -116,8 +110,8 @@ def test_junit_has_a_case_for_each_requirement_and_one_for_the_run(
     assert int(suite.get("skipped", "0")) == (undecided if lenient else 0)
 
 
-def test_csv_has_every_number(tmp_path: Path) -> None:
-    source = reported(USUAL, tmp_path)
+def test_csv_has_every_number(reported: Reported) -> None:
+    source = reported("usual")
     rows = [*csv.DictReader(io.StringIO(renderer("csv")(source).decode(), newline=""))]
     found = {
         (row["offered_hz"], row["iteration"], row["monitor"], row["metric"]): float(row["value"])
@@ -133,8 +127,8 @@ def test_csv_has_every_number(tmp_path: Path) -> None:
     assert found["", "", "", "peak.rate"] == 5
 
 
-def test_hdrhistogram_agrees_with_the_percentiles(tmp_path: Path) -> None:
-    source = replace(reported(USUAL, tmp_path), rate_hz=30.0)
+def test_hdrhistogram_agrees_with_the_percentiles(reported: Reported) -> None:
+    source = replace(reported("usual"), rate_hz=30.0)
     text = renderer("hdrhistogram")(source).decode()
     latency = source.result.metrics.rates[1].pooled.monitors["detections"].latency
     rows = [line.split() for line in text.splitlines()[2:] if not line.startswith("#")]
@@ -152,13 +146,13 @@ def test_hdrhistogram_agrees_with_the_percentiles(tmp_path: Path) -> None:
     )
 
 
-def test_hdrhistogram_does_not_choose_for_the_reader(tmp_path: Path) -> None:
+def test_hdrhistogram_does_not_choose_for_the_reader(reported: Reported) -> None:
     with pytest.raises(ReportError, match="has 2 of them"):
-        renderer("hdrhistogram")(reported(USUAL, tmp_path))
+        renderer("hdrhistogram")(reported("usual"))
 
 
-def test_bencher_measures_are_numbers_within_their_bounds(tmp_path: Path) -> None:
-    found = json.loads(renderer("bencher")(reported(USUAL, tmp_path)))
+def test_bencher_measures_are_numbers_within_their_bounds(reported: Reported) -> None:
+    found = json.loads(renderer("bencher")(reported("usual")))
     assert set(found) == {
         "simulated/detections@10Hz",
         "simulated/detections@30Hz",
@@ -169,8 +163,8 @@ def test_bencher_measures_are_numbers_within_their_bounds(tmp_path: Path) -> Non
             assert measure["lower_value"] <= measure["value"] <= measure["upper_value"]
 
 
-def test_action_benchmarks_go_one_way_each(tmp_path: Path) -> None:
-    source = reported(USUAL, tmp_path)
+def test_action_benchmarks_go_one_way_each(reported: Reported) -> None:
+    source = reported("usual")
     smaller = json.loads(renderer("benchmark_smaller")(source))
     bigger = json.loads(renderer("benchmark_bigger")(source))
     for entries in (smaller, bigger):
@@ -182,9 +176,9 @@ def test_action_benchmarks_go_one_way_each(tmp_path: Path) -> None:
     assert not any("throughput" in entry["name"] for entry in smaller)
 
 
-@pytest.mark.parametrize("simulation", [USUAL, TWO, HOSTILE_RUN], ids=["usual", "two", "hostile"])
-def test_a_trace_has_every_message_begun_and_ended(tmp_path: Path, simulation: Simulation) -> None:
-    source = reported(simulation, tmp_path)
+@pytest.mark.parametrize("simulation", ["usual", "two monitors", "hostile"])
+def test_a_trace_has_every_message_begun_and_ended(reported: Reported, simulation: str) -> None:
+    source = reported(simulation)
     trace = json.loads(renderer("trace")(source))
     events = trace["traceEvents"]
     begun = {event["id"]: event for event in events if event["ph"] == "b"}
@@ -206,9 +200,9 @@ def test_a_trace_has_every_message_begun_and_ended(tmp_path: Path, simulation: S
     assert min(event["ts"] for event in events if "ts" in event) >= 0
 
 
-def test_an_mcap_file_reads_back(tmp_path: Path) -> None:
+def test_an_mcap_file_reads_back(reported: Reported) -> None:
     reader = pytest.importorskip("mcap.reader")
-    source = reported(USUAL, tmp_path)
+    source = reported("usual")
     content = renderer("mcap")(source)
     opened = reader.make_reader(io.BytesIO(content))
     latencies: list[float] = []
@@ -231,8 +225,8 @@ def test_an_mcap_file_reads_back(tmp_path: Path) -> None:
     assert from_json(attached.data) == source.result
 
 
-def test_markdown_shows_hostile_words_as_words(tmp_path: Path) -> None:
-    text = renderer("markdown")(reported(HOSTILE_RUN, tmp_path)).decode()
+def test_markdown_shows_hostile_words_as_words(reported: Reported) -> None:
+    text = renderer("markdown")(reported("hostile")).decode()
     assert not re.search(r"<(script|img)", text)
     assert "\n::error" not in text
     assert "@all" not in text
@@ -244,8 +238,8 @@ def test_markdown_shows_hostile_words_as_words(tmp_path: Path) -> None:
         assert len(widths) == 1, table
 
 
-def test_markdown_names_the_confidence_of_its_bounds(tmp_path: Path) -> None:
-    source = reported(USUAL, tmp_path)
+def test_markdown_names_the_confidence_of_its_bounds(reported: Reported) -> None:
+    source = reported("usual")
     verdict = source.result.verdict
     assert len(verdict.requirements) > 1
     surer = [msgspec.structs.replace(one, confidence=0.99) for one in verdict.requirements]
@@ -259,15 +253,15 @@ def test_markdown_names_the_confidence_of_its_bounds(tmp_path: Path) -> None:
         assert heading in renderer("markdown")(ReportInput(result=result)).decode()
 
 
-def test_github_commands_stay_on_their_lines(tmp_path: Path) -> None:
-    lines = renderer("github")(reported(HOSTILE_RUN, tmp_path)).decode().splitlines()
+def test_github_commands_stay_on_their_lines(reported: Reported) -> None:
+    lines = renderer("github")(reported("hostile")).decode().splitlines()
     assert lines
     assert all(line.startswith("::") for line in lines)
     assert all(line.count("::error::") <= 1 for line in lines)
 
 
-def test_ranks_of_a_large_run_stay_few(tmp_path: Path) -> None:
-    from r2bspec.report.html.percentile_curve import _ranks
+def test_ranks_of_a_large_run_stay_few() -> None:
+    from r2bspec.report.html.latency_charts import _ranks
 
     ranks = _ranks(200_000)
     assert ranks.size <= 300
@@ -276,16 +270,16 @@ def test_ranks_of_a_large_run_stay_few(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["text", "markdown", "junit", "html", "github"])
-def test_a_requirement_that_only_warns_is_told_as_one(tmp_path: Path, name: str) -> None:
-    run = USUAL.write(tmp_path / "run")
-    result = result_of(run)
+def test_a_requirement_that_only_warns_is_told_as_one(reported: Reported, name: str) -> None:
+    usual = reported("usual")
+    result = usual.result
     warned = tuple(
         msgspec.structs.replace(one, level="warn", notes=("A look at half of it was open.",))
         for one in result.verdict.requirements
     )
     verdict = msgspec.structs.replace(result.verdict, requirements=warned, outcome="pass")
     changed = msgspec.structs.replace(result, verdict=verdict)
-    text = renderer(name)(ReportInput(result=changed, run=run)).decode()
+    text = renderer(name)(replace(usual, result=changed)).decode()
     assert "A look at half of it was open." in text
     if name == "github":
         assert "::error" not in text
@@ -300,9 +294,9 @@ def test_a_requirement_that_only_warns_is_told_as_one(tmp_path: Path, name: str)
     ("rmw", "shown"), [("rmw_cyclonedds_cpp", True), ("default", False), ("", False)]
 )
 def test_the_head_of_a_report_says_which_middleware_ran(
-    tmp_path: Path, rmw: str, shown: bool
+    reported: Reported, rmw: str, shown: bool
 ) -> None:
-    result = reported(USUAL, tmp_path).result
+    result = reported("usual").result
     versions = result.versions | ({"rmw": rmw} if rmw else {})
     source = ReportInput(result=msgspec.structs.replace(result, versions=versions))
     page = renderer("html")(source).decode()
@@ -317,8 +311,8 @@ def test_the_head_of_a_report_says_which_middleware_ran(
         assert "default" not in head
 
 
-def test_samples_are_every_expected_output(tmp_path: Path) -> None:
-    source = reported(USUAL, tmp_path)
+def test_samples_are_every_expected_output(reported: Reported) -> None:
+    source = reported("usual")
     rows = list(csv.DictReader(io.StringIO(renderer("samples")(source).decode())))
     for rate in source.result.metrics.rates:
         for monitor, seen in rate.pooled.monitors.items():
@@ -338,11 +332,11 @@ def test_samples_are_every_expected_output(tmp_path: Path) -> None:
             )
 
 
-def test_line_breaks_of_a_reason_stay_in_junit(tmp_path: Path) -> None:
-    written = HOSTILE_RUN.write(tmp_path / "run")
-    result = result_of(written)
+def test_line_breaks_of_a_reason_stay_in_junit(reported: Reported) -> None:
+    hostile = reported("hostile")
+    result = hostile.result
     assert "\n" in result.verdict.reason
-    xml = renderer("junit")(ReportInput(result=result, run=written))
+    xml = renderer("junit")(hostile)
     error = ET.fromstring(xml).find(".//error")  # noqa: S314 - written a moment ago
     assert error is not None
     assert (error.text or "").count("\n") == result.verdict.reason.count("\n")
@@ -350,7 +344,7 @@ def test_line_breaks_of_a_reason_stay_in_junit(tmp_path: Path) -> None:
 
 
 def test_every_report_in_words_and_every_table_of_numbers_states_the_overhead(
-    tmp_path: Path,
+    reported: Reported,
 ) -> None:
     floor = HarnessOverheadRecord(
         topic="/r2b/image",
@@ -365,7 +359,7 @@ def test_every_report_in_words_and_every_table_of_numbers_states_the_overhead(
         placement="separate",
         processes=2,
     )
-    usual = reported(USUAL, tmp_path)
+    usual = reported("usual")
     source = replace(usual, result=msgspec.structs.replace(usual.result, harness_overhead=(floor,)))
 
     def text(name: str) -> str:

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from pair_simulation import Comparison
-from r2bspec.compare.load_results import read_folder
-from r2bspec.compare.report_input import ReportInput
+from r2bspec.compare.report_input import ReportInput, read_folder
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.result import BaselineResult, Result
 from r2bspec.judge.verdict import Unusable

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -16,8 +17,8 @@ import pytest
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
 from r2bspec.measure.units import show
-from r2bspec.report.html import render
-from report_runs import HOSTILE_RUN, SIMULATIONS, USUAL
+from r2bspec.report.html.page import render
+from report_runs import SIMULATIONS, USUAL
 from run_simulation import Played, Simulation, objective
 
 VOID = {"meta", "br", "link", "img", "hr"}
@@ -70,12 +71,13 @@ def at(result: Any, path: str) -> Any:
     return result
 
 
-@pytest.mark.parametrize("simulation", SIMULATIONS.values(), ids=SIMULATIONS)
-def test_its_numbers_are_those_of_the_result(simulation: Simulation, tmp_path: Path) -> None:
-    run = simulation.write(tmp_path / "run")
-    result = result_of(run)
+@pytest.mark.parametrize("simulation", SIMULATIONS)
+def test_its_numbers_are_those_of_the_result(
+    simulation: str, reported: Callable[[str], ReportInput], html_page: Callable[[str], bytes]
+) -> None:
+    result = reported(simulation).result
     plain = msgspec.to_builtins(result)
-    page = Page(render(ReportInput(result=result, run=run)))
+    page = Page(html_page(simulation))
     for path, value, shown in page.data:
         if "\N{REPLACEMENT CHARACTER}" in path:
             continue  # a control character, which no page can hold
@@ -87,9 +89,9 @@ def test_its_numbers_are_those_of_the_result(simulation: Simulation, tmp_path: P
         assert len(page.data) > 20
 
 
-@pytest.mark.parametrize("simulation", SIMULATIONS.values(), ids=SIMULATIONS)
-def test_it_needs_nothing_from_anywhere(simulation: Simulation, tmp_path: Path) -> None:
-    page = page_of(simulation, tmp_path)
+@pytest.mark.parametrize("simulation", SIMULATIONS)
+def test_it_needs_nothing_from_anywhere(simulation: str, html_page: Callable[[str], bytes]) -> None:
+    page = Page(html_page(simulation))
     for tag, attributes in page.elements:
         assert tag not in {"link", "img", "iframe", "object", "embed", "base"}
         for key in ("src", "href", "xlink:href", "action", "srcset"):
@@ -98,11 +100,11 @@ def test_it_needs_nothing_from_anywhere(simulation: Simulation, tmp_path: Path) 
     assert len(page.of("style")) == 1
 
 
-@pytest.mark.parametrize("simulation", SIMULATIONS.values(), ids=SIMULATIONS)
+@pytest.mark.parametrize("simulation", SIMULATIONS)
 def test_a_policy_against_inline_styles_takes_nothing_away(
-    simulation: Simulation, tmp_path: Path
+    simulation: str, html_page: Callable[[str], bytes]
 ) -> None:
-    page = page_of(simulation, tmp_path)
+    page = Page(html_page(simulation))
     assert not [one for one in page.elements if "style" in one[1]]
     assert not [one for one in page.elements if any(key.startswith("on") for key in one[1])]
     # Colours are attributes, too: without them every shape would be black.
@@ -110,8 +112,10 @@ def test_a_policy_against_inline_styles_takes_nothing_away(
         assert "fill" in attributes or "stroke" in attributes or "id" in attributes
 
 
-def test_every_identity_is_there_once_and_every_reference_leads_somewhere(tmp_path: Path) -> None:
+def test_a_baseline_is_drawn_beside_it_and_every_identity_is_there_once(tmp_path: Path) -> None:
     page = page_of(USUAL, tmp_path, baseline=USUAL)
+    assert "ecdf-0" in [attributes.get("id") for attributes in page.of("svg")]
+    assert "Compared with the baseline" in page.text
     ids = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
     assert len(ids) == len(set(ids))
     for _, attributes in page.elements:
@@ -122,8 +126,8 @@ def test_every_identity_is_there_once_and_every_reference_leads_somewhere(tmp_pa
                 assert value.lstrip("#") in ids
 
 
-def test_a_screen_reader_is_told_everything(tmp_path: Path) -> None:
-    page = page_of(USUAL, tmp_path)
+def test_a_screen_reader_is_told_everything(html_page: Callable[[str], bytes]) -> None:
+    page = Page(html_page("usual"))
     for attributes in page.of("svg"):
         assert attributes["role"] == "img"
         assert {"aria-labelledby", "aria-describedby"} <= attributes.keys()
@@ -135,10 +139,8 @@ def test_a_screen_reader_is_told_everything(tmp_path: Path) -> None:
     assert page.of("html")[0]["lang"] == "en"
 
 
-def test_hostile_words_stay_words(tmp_path: Path) -> None:
-    content = render(
-        ReportInput(result=result_of(run := HOSTILE_RUN.write(tmp_path / "run")), run=run)
-    )
+def test_hostile_words_stay_words(html_page: Callable[[str], bytes]) -> None:
+    content = html_page("hostile")
     page = Page(content)
     assert len(page.of("script")) == 1
     assert not page.of("img")
@@ -147,8 +149,8 @@ def test_hostile_words_stay_words(tmp_path: Path) -> None:
     assert b"\x1b" not in content
 
 
-def test_the_verdict_and_its_reasons_come_first(tmp_path: Path) -> None:
-    page = page_of(USUAL, tmp_path)
+def test_the_verdict_and_its_reasons_come_first(html_page: Callable[[str], bytes]) -> None:
+    page = Page(html_page("usual"))
     table = page.text.index("Requirement")
     assert page.text.index("✘ FAIL") < table
     assert table < page.text.index("drop_rate <= 1 %") < page.text.index("✔ PASS", table)
@@ -173,17 +175,12 @@ def test_a_long_run_makes_a_page_of_sane_size_that_says_what_it_left_out(tmp_pat
     )
 
 
-def test_without_samples_it_says_which_charts_are_missing(tmp_path: Path) -> None:
-    result = result_of(USUAL.write(tmp_path / "run"))
-    page = Page(render(ReportInput(result=result)))
+def test_without_samples_it_says_which_charts_are_missing(
+    reported: Callable[[str], ReportInput],
+) -> None:
+    page = Page(render(ReportInput(result=reported("usual").result)))
     assert "the charts of single messages need the run folder" in page.text
     assert [one.get("id") for one in page.of("svg")] == ["offered"]
-
-
-def test_a_baseline_is_drawn_beside_it(tmp_path: Path) -> None:
-    page = page_of(USUAL, tmp_path, baseline=USUAL)
-    assert "ecdf-0" in [one.get("id") for one in page.of("svg")]
-    assert "Compared with the baseline" in page.text
 
 
 def test_what_happened_around_each_iteration_is_drawn_and_told(tmp_path: Path) -> None:
@@ -204,16 +201,17 @@ def test_where_nothing_is_known_of_the_surroundings_nothing_is_drawn(tmp_path: P
     assert "pressure" not in page.text
 
 
-def test_probes_that_others_disturbed_are_marked(tmp_path: Path) -> None:
-    run = USUAL.write(tmp_path / "run")
+def test_probes_that_others_disturbed_are_marked(
+    reported: Callable[[str], ReportInput], html_page: Callable[[str], bytes]
+) -> None:
+    run = reported("usual").run
+    assert run is not None
     assert run.record.search is not None
     first, *others = run.record.search.probes
     busy = msgspec.structs.replace(first, disturbed=("other processes used 1.7 of 2 cores",))
     search = msgspec.structs.replace(run.record.search, probes=(busy, *others))
     changed = replace(run, record=msgspec.structs.replace(run.record, search=search))
-    plain, marked = (
-        Page(render(ReportInput(result=result_of(each), run=each))) for each in (run, changed)
-    )
-    assert "probe: host interference" not in plain.text
+    marked = Page(render(ReportInput(result=result_of(changed), run=changed)))
+    assert b"probe: host interference" not in html_page("usual")
     assert "probe: host interference" in marked.text
     assert "host interference: other processes used 1.7 of 2 cores" in marked.text

@@ -13,8 +13,7 @@ from pair_simulation import Comparison
 from r2bspec.cli.finished_runs import compare_command as compare
 from r2bspec.cli.finished_runs import judge_command as judge
 from r2bspec.cli.finished_runs import report_command as report
-from r2bspec.compare.load_results import read_folder
-from r2bspec.compare.report_input import ReportInput
+from r2bspec.compare.report_input import ReportInput, read_folder
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.record.comparison_folder import PairedComparison
 from r2bspec.report.format_registry import FORMATS, check_installed, renderer

@@ -9,7 +9,7 @@ import pytest
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
-from r2bspec.report.formats.github import render
+from r2bspec.report.pipelines import render_github as render
 from report_runs import USUAL
 from run_simulation import objective
 

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from profiled_runs import MISSING, WHOLE, profiled_run
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import from_json, to_json
-from r2bspec.record.folded_stacks import Stacks, write_stacks
-from r2bspec.record.run_folder import open_run
+from r2bspec.record.run_folder import Stacks, open_run, write_stacks
 from r2bspec.report.format_registry import renderer
+from r2bspec.report.html.chart import PALETTE
 from r2bspec.report.html.flame_graph import flame_graph
-from r2bspec.report.html.svg import PALETTE
 from r2bspec.report.terminal import to_text
 from report_runs import HOSTILE
 

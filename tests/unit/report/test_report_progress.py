@@ -7,8 +7,7 @@ from collections.abc import Mapping
 import pytest
 
 from r2bspec.plan.time_estimate import TimeEstimate
-from r2bspec.report.progress_display import load_text, progress_text, shown_progress
-from r2bspec.report.remaining_time import RemainingTime
+from r2bspec.report.progress import RemainingTime, load_text, progress_text, shown_progress
 
 
 class Seen:
@@ -45,7 +44,7 @@ def test_without_a_terminal_a_stretch_is_one_line_unless_it_is_long(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen, now = Seen(), [100.0]
-    monkeypatch.setattr("r2bspec.report.progress_display.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("r2bspec.report.progress.time.monotonic", lambda: now[0])
     with shown_progress() as listener:
         listener.segment("20 Hz, iteration 1 of 2", 100)
         for _ in range(100):
@@ -62,7 +61,7 @@ def test_the_log_of_a_ci_job_has_a_line_a_minute_and_each_note_once(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen, now = Seen(), [100.0]
-    monkeypatch.setattr("r2bspec.report.progress_display.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("r2bspec.report.progress.time.monotonic", lambda: now[0])
     monkeypatch.setenv("CI", "true")
     estimate = TimeEstimate({"load": 1.0, "play": 200.0}, 201.0)
     remaining = RemainingTime(estimate, clock=lambda: now[0])

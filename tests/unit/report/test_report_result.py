@@ -11,7 +11,7 @@ from jsonschema import Draft202012Validator
 
 from r2bspec.judge.judge_run import from_json, result_of, to_json
 from r2bspec.report.headline import headline
-from r2bspec.report.result_schema import result_schema, result_schema_text
+from r2bspec.report.result_json import result_schema, result_schema_text
 from r2bspec.report.terminal import to_text
 from run_simulation import Played, Simulation, objective
 

@@ -10,7 +10,7 @@ import pytest
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of, to_json
-from r2bspec.judge.outcome import outcome_of
+from r2bspec.judge.verdict import outcome_of
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import StartRecord
 from r2bspec.report.format_registry import renderer

@@ -13,7 +13,7 @@ from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import from_json, result_of, to_json
 from r2bspec.judge.result import Result
 from r2bspec.plan.plan import Plan
-from r2bspec.record.merged_run import merge_runs
+from r2bspec.record.comparison_folder import merge_runs
 from r2bspec.record.run_record import RunRecord, Segment, UnplayedMessages
 from r2bspec.report.format_registry import renderer
 from r2bspec.report.terminal import to_text

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from r2bspec.language import value_codec
+from r2bspec.language.declaration import decode_text
 from r2bspec.language.spec import Node, Spec
 from r2bspec.wiring.build_wiring import build_wiring
 from r2bspec.wiring.node_interface import (
@@ -47,7 +47,7 @@ def spec(**sections: Any) -> Spec:
         "monitors": {"result": {"topic": "out", "format": IMAGE}},
         **sections,
     }
-    return msgspec.convert(document, Spec, dec_hook=value_codec.decode)
+    return msgspec.convert(document, Spec, dec_hook=decode_text)
 
 
 def owners(endpoints: tuple[Endpoint, ...]) -> list[str]:

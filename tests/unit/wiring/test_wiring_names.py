@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.wiring.name_resolution import ResolvedName, expand, join_namespaces, node_name, remap
+from r2bspec.wiring.name_resolution import ResolvedName, expand, join_namespaces, remap
 
 TOKEN = st.from_regex(r"[a-z_][a-z0-9_]{0,4}", fullmatch=True)
 NAME = st.lists(TOKEN, min_size=1, max_size=3).map("/".join)
@@ -107,15 +107,3 @@ def test_remapping_only_looks_at_expanded_names(
     }
     full = expand(name, node, namespace)
     assert remap(name, rules, node, namespace).name == written_out.get(full, full)
-
-
-@given(TOPIC, TOKEN, NAMESPACE)
-def test_an_identity_changes_nothing(name: str, node: str, namespace: str) -> None:
-    full = expand(name, node, namespace)
-    assert remap(name, {name: name}, node, namespace).name == full
-    assert remap(name, {}, node, namespace) == ResolvedName(full, None)
-
-
-@given(TOKEN, NAMESPACE)
-def test_a_private_name_lies_below_the_node(node: str, namespace: str) -> None:
-    assert expand("~/x", node, namespace) == f"{node_name(node, namespace)}/x"

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.untrusted.safe_yaml import load_values
+from r2bspec.safe_io.safe_yaml import load_values
 from r2bspec.wiring.parameter_files import (
     MAX_VALUES_OF_NODES,
     ParameterEffort,

@@ -12,7 +12,7 @@ import yaml
 
 from r2bspec.check import check
 from r2bspec.diagnostics import Diagnostic
-from r2bspec.language import value_codec
+from r2bspec.language.declaration import decode_text
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.spec import Node
 from r2bspec.wiring.node_interface import RecordOrigin, files_digest, node_target, origin_difference
@@ -44,7 +44,7 @@ benchmark: {rates: [30 Hz]}
 
 
 def node(**fields: Any) -> Node:
-    return msgspec.convert(fields, Node, dec_hook=value_codec.decode)
+    return msgspec.convert(fields, Node, dec_hook=decode_text)
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from r2bspec.language import value_codec
+from r2bspec.language.declaration import decode_text
 from r2bspec.language.spec import Node, ParameterSource, Spec
 from r2bspec.wiring.ast_reader import read_node_class, read_python_file
 from r2bspec.wiring.build_wiring import build_wiring
@@ -33,7 +33,7 @@ def read_node_source(file: Path, name: str) -> InterfaceEntry | None:
 
 
 def node(**fields: Any) -> Node:
-    return msgspec.convert(fields, Node, dec_hook=value_codec.decode)
+    return msgspec.convert(fields, Node, dec_hook=decode_text)
 
 
 def wired(node: dict[str, Any], base_dir: Path | None = None) -> NodeWiring:
@@ -45,7 +45,7 @@ def wired(node: dict[str, Any], base_dir: Path | None = None) -> NodeWiring:
         "graph": {"nodes": {"n": node}},
         "monitors": {"out": {"topic": "out", "format": IMAGE}},
     }
-    spec = msgspec.convert(document, Spec, dec_hook=value_codec.decode)
+    spec = msgspec.convert(document, Spec, dec_hook=decode_text)
     if base_dir is None:
         return build_wiring(spec).measure.nodes[0]
     return build_wiring(spec, companion_files=read_companion_files(spec, base_dir)).measure.nodes[0]
@@ -109,7 +109,7 @@ def test_camera_info_is_looked_for_in_the_namespace_of_the_remapped_image(
         },
         "monitors": {"out": {"topic": "image_rect", "format": IMAGE}},
     }
-    measure = build_wiring(msgspec.convert(document, Spec, dec_hook=value_codec.decode)).measure
+    measure = build_wiring(msgspec.convert(document, Spec, dec_hook=decode_text)).measure
     ends = measure.endpoints_of("/r2b/rectify")
     assert {each.own_name: each.topic for each in ends if not each.is_publisher} == topics
 
@@ -351,7 +351,7 @@ def test_an_interface_file_that_cannot_be_used_is_said_to_be_so(tmp_path: Path) 
         "graph": {"nodes": {"n": {"command": ["x"]}}},
         "monitors": {},
     }
-    spec = msgspec.convert(document, Spec, dec_hook=value_codec.decode)
+    spec = msgspec.convert(document, Spec, dec_hook=decode_text)
     for text in (
         "x: [",
         "[1]",

@@ -1,0 +1,208 @@
+"""How long a change in an editor takes to show, beside a full `r2bspec validate` of the same text.
+
+::
+
+    python benchmarks/bench_language_server.py
+
+A client opens a spec over standard input and output, as an editor does, and changes a few
+characters in its middle: a key is wrong after every other change. The time is from the notification
+of the change until the client has the diagnostics; it includes the pause of the server in which
+further changes are waited for. In the same round the same text is validated in this process, and by
+a new process of the command line, which checks every file. Shown are the median and the 95th
+percentile.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+from lsprotocol import types
+from pytest_lsp import LanguageClient, client_capabilities, make_test_lsp_client
+
+from r2bspec.check.engine import check_cases
+from r2bspec.language.load_spec import load_cases
+from r2bspec.language_server.server import DEBOUNCE_S
+
+ROOT = Path(__file__).parents[1]
+EDITOR = "editor, from change to diagnostics"
+FULL = "full validate, in-process"
+PROCESS = "full validate, new process"
+LINES_OF_A_NODE = 10
+
+
+def spec_text(lines: int) -> str:
+    """A spec of about that many lines: nodes in a chain, with comments and parameters."""
+    head = [
+        "r2bspec: 1",
+        "name: long",
+        "data_loader:",
+        "  bag: r2b_storage",
+        "  topics: {/d455_1_rgb_image: recorded/image}",
+        "playback:",
+        "  inputs:",
+        "    link_0: {from: recorded/image, format: sensor_msgs/msg/Image}",
+        "benchmark: {rates: [30 Hz], duration: 10 s}",
+        "graph:",
+        "  nodes:",
+    ]
+    nodes = (lines - len(head)) // LINES_OF_A_NODE
+    for number in range(nodes):
+        head += [
+            f"    # stage {number}: takes what the stage before it has made",
+            f"    relay_{number}:",
+            "      python: r2bspec.nodes.RelayNode",
+            "      parameters:",
+            "        service_time_ms: 0.5",
+            "      env:",
+            '        OMP_NUM_THREADS: "1"',
+            "      remappings:",
+            f"        input: link_{number}",
+            f"        output: link_{number + 1}",
+        ]
+    end = [
+        f"monitors: {{end: {{topic: link_{nodes}, format: sensor_msgs/msg/Image}}}}",
+        "slos: {fast: {require: [latency.p90 < 250 ms, drop_rate <= 5 %]}}",
+    ]
+    return "\n".join([*head, *end]) + "\n"
+
+
+class Editor:
+    """A spec that is open, and its client."""
+
+    def __init__(self, client: LanguageClient, path: Path, text: str) -> None:
+        self._client = client
+        self._uri = path.as_uri()
+        self._version = 0
+        self.text = text
+
+    async def open(self) -> None:
+        """Open the spec, and wait for its diagnostics."""
+        item = types.TextDocumentItem(self._uri, "yaml", self._version, self.text)
+        self._client.text_document_did_open(types.DidOpenTextDocumentParams(item))
+        await self._diagnostics()
+
+    async def change(self) -> float:
+        """Misspell a key in the middle, or correct it; returns seconds until the diagnostics."""
+        lines = self.text.split("\n")
+        row = next(
+            number
+            for number, line in enumerate(lines)
+            if number > len(lines) // 2 and line.lstrip().startswith(("remappings:", "remapings:"))
+        )
+        wrong = "remapings" in lines[row]
+        old, new = ("remapings", "remappings") if wrong else ("remappings", "remapings")
+        column = lines[row].index(old)
+        place = types.Range(types.Position(row, column), types.Position(row, column + len(old)))
+        lines[row] = lines[row].replace(old, new)
+        self.text = "\n".join(lines)
+        self._version += 1
+        self._client.diagnostics.pop(self._uri, None)
+        change = types.TextDocumentContentChangePartial(place, new)
+        document = types.VersionedTextDocumentIdentifier(self._version, self._uri)
+        start = time.perf_counter()
+        self._client.text_document_did_change(types.DidChangeTextDocumentParams(document, [change]))
+        found = await self._diagnostics()
+        seconds = time.perf_counter() - start
+        if wrong == any(each.code == "R2B101" for each in found):
+            raise SystemExit("the diagnostics are not those of the text")
+        return seconds
+
+    async def _diagnostics(self) -> list[types.Diagnostic]:
+        while self._uri not in self._client.diagnostics:
+            await self._client.wait_for_notification(types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS)
+        return list(self._client.diagnostics[self._uri])
+
+
+def timed(action: Callable[[], object]) -> float:
+    """Seconds that an action takes."""
+    start = time.perf_counter()
+    action()
+    return time.perf_counter() - start
+
+
+def check_text(text: str, path: Path) -> None:
+    """A full validate of a text, with everything imported already."""
+    check_cases(load_cases(text, file=str(path)))
+
+
+def validate(path: Path) -> None:
+    """A full validate in a process of its own."""
+    command = [sys.executable, "-m", "r2bspec", "validate", "--quiet", str(path)]
+    ran = subprocess.run(command, cwd=ROOT, stdout=subprocess.DEVNULL, check=False)
+    if ran.returncode not in {0, 1}:
+        raise SystemExit(f"validate ended with {ran.returncode}")
+
+
+async def measure(lines: int, repeat: int, folder: Path) -> dict[str, list[float]]:
+    """Seconds of each kind, for one length of the spec."""
+    client = make_test_lsp_client()
+    await client.start_io(sys.executable, "-m", "r2bspec", "lsp")
+    found: dict[str, list[float]] = {EDITOR: [], FULL: [], PROCESS: []}
+    try:
+        await client.initialize_session(
+            types.InitializeParams(
+                capabilities=client_capabilities("visual-studio-code"),
+                workspace_folders=[types.WorkspaceFolder(folder.as_uri(), "robot")],
+            )
+        )
+        path = folder / f"lines_{lines}.r2b.yaml"
+        editor = Editor(client, path, spec_text(lines))
+        await editor.open()
+        for round_number in range(repeat + 2):
+            seconds = await editor.change()
+            text = editor.text
+            path.write_text(text, encoding="utf-8")
+            full = timed(partial(check_text, text, path))
+            process = timed(partial(validate, path))
+            if round_number > 1:
+                for name, value in ((EDITOR, seconds), (FULL, full), (PROCESS, process)):
+                    found[name].append(value)
+        await client.shutdown_session()
+    finally:
+        await client.stop()  # type: ignore[no-untyped-call]
+    return found
+
+
+def table(cases: dict[int, dict[str, list[float]]]) -> Iterator[str]:
+    """The measured times as a table in Markdown."""
+    yield f"| spec | {EDITOR} | {FULL} | {PROCESS} |"
+    yield "| --- | --- | --- | --- |"
+    for lines, found in cases.items():
+        cells = [
+            f"{statistics.median(each) * 1e3:.0f}, "
+            f"{statistics.quantiles(each, n=20)[-1] * 1e3:.0f} ms"
+            for each in found.values()
+        ]
+        yield f"| {lines:,} lines | {' | '.join(cells)} |"
+
+
+def main() -> None:
+    """Measure, and print what was measured."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--repeat", type=int, default=60, help="changes of each spec")
+    options = parser.parse_args()
+    os.environ["PYTHONPATH"] = str(ROOT)
+    with tempfile.TemporaryDirectory() as name:
+        cases = {
+            lines: asyncio.run(measure(lines, options.repeat, Path(name))) for lines in (200, 2000)
+        }
+    head = (
+        f"Python {platform.python_version()}, {os.cpu_count()} CPUs, {options.repeat} changes "
+        f"each; median, 95th percentile; the server waits {DEBOUNCE_S * 1e3:.0f} ms of it."
+    )
+    sys.stdout.write("\n".join([head, "", *table(cases)]) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,246 @@
+"""Bounds of requirements: units, contradictions, objectives that decide nothing."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+
+import msgspec
+
+from r2bspec.check.check_context import Context
+from r2bspec.check.requirement_metrics import KnownMetric, LocatedRequirement
+from r2bspec.check.rule import Finding, Findings, Pointer, rule, suggestion
+from r2bspec.diagnostics.quote import quote
+from r2bspec.language.located_tree import ListNode, to_plain
+
+_EXAMPLES = {
+    "time": "a time, such as 50 ms",
+    "rate": "a rate, such as 30 Hz, or a share of the offered one, such as 97 % of offered",
+    "size": "a size, such as 64 MiB",
+    "share": "a share, such as 2 %",
+    "count": "a whole number",
+}
+_UNITS = {"time": "ms", "rate": "Hz", "size": "MiB", "share": "%"}
+"""The usual unit of a bound."""
+
+
+@rule("R2B502")
+def bound_unit_mismatch(context: Context) -> Findings:
+    """Bounds whose unit does not fit the metric."""
+    for metric in context.known_metrics:
+        bound = metric.located.requirement.bound
+        if bound is not None and not metric.info.accepts(bound):
+            if bound.dimension == "count" and metric.info.dimension in _UNITS:
+                yield _without_unit(metric)
+                continue
+            written = (
+                "relative to the baseline"
+                if bound.of_baseline
+                else "a share of the offered rate"
+                if bound.of_offered
+                else _noun(bound.dimension)
+            )
+            yield Finding(
+                message=f"{quote(metric.info.name)} is {_noun(metric.info.dimension)}, but its "
+                f"bound is {written}",
+                path=metric.located.path,
+                part=metric.located.bound_part,
+                help=f"use {_EXAMPLES[metric.info.dimension]}",
+                suppresses={metric.located.subject},
+            )
+
+
+def _without_unit(metric: KnownMetric) -> Finding:
+    """A number where a quantity is meant: the unit is what is missing, not the number wrong."""
+    written = str(metric.located.requirement.text)[
+        metric.located.requirement.bound_column :
+    ].split()[0]
+    return Finding(
+        message=f"the bound {written} of {quote(metric.info.name)} has no unit",
+        path=metric.located.path,
+        part=metric.located.bound_part,
+        help=f"write {written} {_UNITS[metric.info.dimension]}",
+        suppresses={metric.located.subject},
+    )
+
+
+def _noun(dimension: str) -> str:
+    return _EXAMPLES[dimension].partition(",")[0]
+
+
+_Limit = tuple[float, bool]
+"""An end of the allowed values, and whether it is excluded."""
+
+
+class _EarlierBounds(msgspec.Struct):
+    """The bounds of one metric so far; of each side those that are tighter than all before them.
+
+    They get tighter along the list, so bisection finds the first that contradicts a new bound:
+    comparing all pairs of some thousand requirements takes minutes.
+    """
+
+    lower: list[tuple[_Limit, int, KnownMetric]] = msgspec.field(default_factory=list)
+    upper: list[tuple[_Limit, int, KnownMetric]] = msgspec.field(default_factory=list)
+
+    def first_contradiction(self, low: _Limit, high: _Limit) -> KnownMetric | None:
+        """The first bound that no value between these limits meets."""
+        above = bisect_left(self.lower, True, key=lambda limit: _is_empty(limit[0], high))
+        below = bisect_left(self.upper, True, key=lambda limit: _is_empty(low, limit[0]))
+        contradicted = [*self.lower[above : above + 1], *self.upper[below : below + 1]]
+        return min(contradicted, key=lambda limit: limit[1])[2] if contradicted else None
+
+    def add(self, position: int, metric: KnownMetric, low: _Limit, high: _Limit) -> None:
+        """Keep the limits of a bound that are tighter than all before them."""
+        if not self.lower or low > self.lower[-1][0]:
+            self.lower.append((low, position, metric))
+        if not self.upper or (-high[0], high[1]) > (-self.upper[-1][0][0], self.upper[-1][0][1]):
+            self.upper.append((high, position, metric))
+
+
+@rule("R2B514")
+def bound_contradiction(context: Context) -> Findings:
+    """Bounds that no value can meet together."""
+    by_key: dict[tuple[object, ...], _EarlierBounds] = {}
+    for position, metric in enumerate(context.known_metrics):
+        located, bound = metric.located, metric.located.requirement.bound
+        if bound is None or located.requirement.windows_share is not None:
+            continue
+        relative = (bound.of_offered, bound.of_baseline, bound.dimension)
+        key = (located.role, located.at, metric.monitor, metric.info.name, relative)
+        earlier = by_key.setdefault(key, _EarlierBounds())
+        low, high = _limits(located.requirement.op, bound.value)
+        other = earlier.first_contradiction(low, high)
+        if other is not None:
+            yield Finding(
+                message=f"{quote(located.requirement.text)} contradicts "
+                f"{quote(other.located.requirement.text)}",
+                path=located.path,
+                part=located.bound_part,
+                help="correct one of the bounds",
+                related=(Pointer("the other bound", other.located.path),),
+                suppressed_by={located.subject},
+            )
+        earlier.add(position, metric, low, high)
+
+
+def _is_empty(low: _Limit, high: _Limit) -> bool:
+    """Whether no value is between two limits."""
+    return low[0] > high[0] or (low[0] == high[0] and (low[1] or high[1]))
+
+
+def _limits(op: str | None, value: float) -> tuple[_Limit, _Limit]:
+    """The limits of the values that meet a bound."""
+    low = (value, op == ">") if op in {">", ">=", "=="} else (-math.inf, False)
+    high = (value, op == "<") if op in {"<", "<=", "=="} else (math.inf, False)
+    return low, high
+
+
+_SIGNED = frozenset({"latency", "latency_from_due"})
+
+
+@rule("R2B515")
+def bound_with_constant_outcome(context: Context) -> Findings:
+    """Bounds that every value meets, or none."""
+    for metric in context.known_metrics:
+        requirement = metric.located.requirement
+        if requirement.bound is None or requirement.bound.of_baseline:
+            continue
+        outcome = _constant_outcome(metric, requirement.bound.value)
+        if outcome is not None:
+            yield Finding(
+                message=f"{quote(requirement.text)} always passes"
+                if outcome
+                else f"{quote(requirement.text)} never passes",
+                path=metric.located.path,
+                part=metric.located.bound_part,
+                help=f"{quote(metric.info.name)} is between 0 % and 100 %"
+                if metric.info.name == "drop_rate"
+                else f"{quote(metric.info.name)} is never below 0",
+                severity="warning" if outcome else "error",
+                suppressed_by={metric.located.subject},
+            )
+
+
+def _constant_outcome(metric: KnownMetric, value: float) -> bool | None:
+    """The outcome of every run; None if it depends on the run."""
+    if metric.info.family in _SIGNED and metric.info.statistic == "mean":
+        return None
+    op = metric.located.requirement.op
+    # The CPU share of several cores adds up to more than 100 %.
+    max_value = 1.0 if metric.info.name == "drop_rate" else math.inf
+    if (op == ">=" and value <= 0) or (op == ">" and value < 0):
+        return True
+    if (op == "<=" and value >= max_value) or (op == "<" and value > max_value):
+        return True
+    if (op == "<" and value <= 0) or (op in {"<=", "=="} and value < 0):
+        return False
+    if (op == ">" and value >= max_value) or (op in {">=", "=="} and value > max_value):
+        return False
+    return None
+
+
+@rule("R2B516")
+def requirement_duplicate(context: Context) -> Findings:
+    """Duplicate requirements."""
+    first: dict[tuple[object, ...], LocatedRequirement] = {}
+    for located in context.requirements:
+        requirement = located.requirement
+        normalized = "".join(requirement.text.split())
+        key = (
+            located.role,
+            located.at,
+            located.needs_rate,
+            _applicability(context, located),
+            normalized,
+        )
+        other = first.setdefault(key, located)
+        if other is not located:
+            yield Finding(
+                message=f"duplicate requirement {quote(requirement.text.strip())}",
+                path=located.path,
+                help="remove one of them",
+                related=(Pointer("first required here", other.path),),
+                suppressed_by={located.subject},
+            )
+
+
+def _applicability(context: Context, located: LocatedRequirement) -> str:
+    """The conditions under which a requirement applies."""
+    objective = context.spec.slos.get(located.objective)
+    return "" if objective is None else repr((objective.when, objective.at_peak, objective.level))
+
+
+@rule("R2B518")
+def condition_always_false(context: Context) -> Findings:
+    """Objectives whose condition no declared value meets."""
+    for name, objective in context.spec.slos.items():
+        for variable, value in objective.when.items():
+            allowed = _possible_values(context, variable)
+            if allowed and str(value) not in allowed:
+                yield Finding(
+                    message=f"{quote(variable)} is never {value}, so objective {quote(name)} never "
+                    "applies",
+                    path=("slos", name, "when", variable),
+                    help=suggestion(str(value), allowed, "possible values"),
+                )
+
+
+def _possible_values(context: Context, variable: str) -> list[str]:
+    """All values that a variable may have; empty if the document does not list them."""
+    for path in (("variables", variable, "choices"), ("matrix", "axes", variable)):
+        listed_here = context.value_at(path)
+        if isinstance(listed_here, ListNode):
+            return [str(to_plain(item)) for item in listed_here.items]
+    return []
+
+
+@rule("R2B519")
+def objective_disabled(context: Context) -> Findings:
+    """Disabled objectives."""
+    for name, objective in context.spec.slos.items():
+        if objective.level == "off":
+            yield Finding(
+                message=f"objective {quote(name)} is disabled and is not judged",
+                path=("slos", name, "level"),
+                help="use 'level: info' to judge it without effect on the verdict, or remove it",
+            )

@@ -1,0 +1,238 @@
+"""Parameters of nodes, from the spec and from parameter files.
+
+What a node declares is known from its interface; what ROS can represent is known without it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import msgspec
+
+from r2bspec.check.check_context import Context
+from r2bspec.check.rule import (
+    Finding,
+    Findings,
+    as_version_warning,
+    quoted_list,
+    rule,
+    suggestion,
+    value_key,
+    with_record,
+)
+from r2bspec.diagnostics.diagnostic import Path
+from r2bspec.diagnostics.quote import clip, quote
+from r2bspec.language.located_tree import ListNode
+from r2bspec.language.spec import ParameterValue
+from r2bspec.wiring.node_interface import ParameterInfo, ParameterType
+from r2bspec.wiring.parameter_files import ParameterFile
+from r2bspec.wiring.wiring import NodeWiring
+
+# Every node accepts these, and qos_overrides of its topics.
+_COMMON_PARAMETERS = ("use_sim_time", "start_type_description_service")
+
+
+@rule("R2B211")
+def parameter_undeclared(context: Context) -> Findings:
+    """Parameters that the node does not declare."""
+    for _, node in context.nodes:
+        declared = node.interface.parameters
+        if declared is None:
+            continue
+        for override in parameter_overrides(context, node):
+            # A parameter file may contain parameters of other nodes.
+            if override.name in declared or override.file or _is_common_parameter(override.name):
+                continue
+            finding = Finding(
+                message=f"{node.key} declares no parameter {quote(override.name)}",
+                path=override.path,
+                key=True,
+                help=suggestion(override.name, declared, "its parameters"),
+            )
+            source = node.interface.parameters_from
+            finding = with_record(context, finding, (node, source))
+            yield as_version_warning(node.interface, finding) if source == "catalogue" else finding
+
+
+def _is_common_parameter(name: str) -> bool:
+    return name in _COMMON_PARAMETERS or name.startswith("qos_overrides.")
+
+
+@rule("R2B212")
+def parameter_type_mismatch(context: Context) -> Findings:
+    """Parameter values of another type than the node declares."""
+    for _, node in context.nodes:
+        for override in parameter_overrides(context, node):
+            declared = (node.interface.parameters or {}).get(override.name)
+            given = parameter_type(override.value)
+            if declared is None or given is None or declared.type in {"", given}:
+                continue
+            source = node.interface.parameters_from
+            finding = _type_finding(node.key, override, given, declared)
+            finding = with_record(context, finding, (node, source))
+            if source == "catalogue":
+                finding = as_version_warning(node.interface, finding)
+            yield finding
+
+
+def _type_finding(
+    node: str, override: ParameterOverride, given: str, declared: ParameterInfo
+) -> Finding:
+    path, value = override.path, override.value
+    article = "an" if declared.type[0] in "aeiou" else "a"
+    also = "an" if given[0] in "aeiou" else "a"
+    fixed = f"{value}.0" if given == "integer" and declared.type == "double" else None
+    return Finding(
+        message=f"parameter {quote(override.name)} of {node} is {article} {declared.type}, but "
+        f"{clip(str(value))} is {also} {given}"
+        + (f" in {quote(override.file)}" if override.file else ""),
+        path=path,
+        help=f"write {fixed}; ROS does not convert integers to doubles"
+        if fixed
+        else "remove the quotes"
+        if given == "string" and declared.type in {"integer", "double", "bool"}
+        else "",
+        replacement=None if override.file else fixed,
+        suppresses={value_key(path)},
+    )
+
+
+@rule("R2B213")
+def parameter_not_representable(context: Context) -> Findings:
+    """Parameter values that ROS parameters or plans cannot represent."""
+    for _, node in context.nodes:
+        for override in parameter_overrides(context, node):
+            problem = _representation_problem(override.value)
+            if problem:
+                path = override.path
+                yield Finding(
+                    message=f"parameter {quote(override.name)} of {node.key} {problem[0]}",
+                    path=path,
+                    help=problem[1],
+                    suppresses={value_key(path)},
+                )
+
+
+def _representation_problem(value: ParameterValue) -> tuple[str, str] | None:
+    items = value if isinstance(value, list) else [value]
+    if any(isinstance(item, float) and not math.isfinite(item) for item in items):
+        return "is not a finite number; plans store finite numbers only", ""
+    if any(isinstance(item, int) and not -(2**63) <= item < 2**63 for item in items):
+        return "does not fit into a 64-bit ROS integer", ""
+    if isinstance(value, list) and not value:
+        return "is an empty list, whose type ROS cannot determine", "remove the parameter"
+    if parameter_type(value) is None:
+        return (
+            "is a list of different types, which ROS does not support",
+            "make all items integers, doubles (1.0), strings or booleans",
+        )
+    return None
+
+
+@rule("R2B614")
+def parameter_file_unusable(context: Context) -> Findings:
+    """Parameter files that do not exist or that ROS cannot load."""
+    for _, node in context.nodes:
+        for path, name in parameter_file_paths(context, node):
+            file = context.companion_files.parameter_files.get(name)
+            if file is None or not file.problem:
+                continue
+            yield Finding(
+                message=f"parameter file {quote(name)} not found"
+                if file.missing
+                else f"parameter file {quote(name)} {file.problem}",
+                path=path,
+                help=f"paths are relative to the folder of the spec ({context.loaded.base_dir})"
+                if file.missing
+                else "the layout is the node name, 'ros__parameters', then the parameters",
+                suppresses={value_key(path)},
+            )
+
+
+@rule("R2B618")
+def parameter_file_node_mismatch(context: Context) -> Findings:
+    """Parameter files without parameters of the node."""
+    for _, node in context.nodes:
+        if node.node.kind.any_program:
+            # It may contain several nodes with any names.
+            continue
+        for path, name in parameter_file_paths(context, node):
+            file = context.companion_files.parameter_files.get(name)
+            keys = [] if file is None or file.problem else [key for key, _ in file.nodes]
+            if file is not None and keys and not file.matching(node.name):
+                yield Finding(
+                    message=f"parameter file {quote(name)} has no parameters of {quote(node.name)}",
+                    path=path,
+                    help=_node_key_advice(keys, node),
+                )
+
+
+def _node_key_advice(keys: list[str], node: NodeWiring) -> str:
+    if any(key.rpartition("/")[2] == node.key for key in keys):
+        return (
+            f"ROS reads {quote(node.key)} as a node without a namespace: write {quote(node.name)}, "
+            "or '/**' for any node"
+        )
+    return f"it has parameters of {quoted_list(keys)}; '/**' matches any node"
+
+
+# bool comes before int, because it is a subclass of int.
+_TYPES: tuple[tuple[type, ParameterType, ParameterType], ...] = (
+    (bool, "bool", "bool_array"),
+    (int, "integer", "integer_array"),
+    (float, "double", "double_array"),
+    (str, "string", "string_array"),
+)
+
+
+def parameter_type(value: ParameterValue) -> ParameterType | None:
+    """The ROS type of a value; None for a list that is empty or of different types."""
+    if not isinstance(value, list):
+        return next(name for kind, name, _ in _TYPES if isinstance(value, kind))
+    types = {parameter_type(item) if not isinstance(item, list) else None for item in value}
+    only = next(iter(types)) if len(types) == 1 else None
+    return next((array for _, name, array in _TYPES if name == only), None)
+
+
+class ParameterOverride(msgspec.Struct, frozen=True):
+    """A parameter that the spec or a parameter file sets.
+
+    Attributes:
+        path: the value in the spec, or the reference to the parameter file.
+        file: the parameter file; empty if the spec sets the parameter.
+    """
+
+    name: str
+    value: ParameterValue
+    path: Path
+    file: str = ""
+
+
+def parameter_overrides(context: Context, node: NodeWiring) -> Iterator[ParameterOverride]:
+    """The effective parameters of a node, each with the place that sets it."""
+    files = [
+        context.companion_files.parameter_files.get(source.file, ParameterFile()).names
+        for source in node.node.parameter_sources
+    ]
+    for name, value in node.parameters.items():
+        path = context.parameter_path(node, name)
+        if path is not None and name in node.node.parameters:
+            yield ParameterOverride(name, value, path)
+            continue
+        for index, source in enumerate(node.node.parameter_sources):
+            if name in files[index]:
+                place: Path = (*node.path, "parameters")
+                listed = isinstance(context.value_at(place), ListNode)
+                path = (*place, index) if listed else place
+                yield ParameterOverride(name, value, path, source.file)
+                break
+
+
+def parameter_file_paths(context: Context, node: NodeWiring) -> Iterator[tuple[Path, str]]:
+    """The parameter files of a node, each with its path in the spec."""
+    place: Path = (*node.path, "parameters")
+    listed = isinstance(context.value_at(place), ListNode)
+    for index, source in enumerate(node.node.parameter_sources):
+        if source.file:
+            yield ((*place, index) if listed else place), source.file

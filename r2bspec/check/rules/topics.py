@@ -1,0 +1,395 @@
+"""Topics of the graph: names, and publishers that meet subscriptions.
+
+A misspelt name leaves one topic without a publisher and another without a subscription. The first
+finding therefore suppresses what follows from it; see `r2bspec.check.engine`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+from r2bspec.check.check_context import Context
+from r2bspec.check.rule import (
+    MAX_SUGGESTIONS,
+    Finding,
+    Findings,
+    Pointer,
+    flow_key,
+    quoted_list,
+    rule,
+    suggestion,
+    topic_key,
+    value_key,
+    with_record,
+)
+from r2bspec.diagnostics import did_you_mean
+from r2bspec.diagnostics.diagnostic import Path
+from r2bspec.diagnostics.quote import quote
+from r2bspec.wiring.name_resolution import SHARED_TOPICS
+from r2bspec.wiring.node_interface import InterfaceSource
+from r2bspec.wiring.wiring import Endpoint, NodeWiring, PhaseWiring
+
+
+@rule("R2B201")
+def private_topic_without_node(context: Context) -> Findings:
+    """Private topic names, with '~', outside of a node."""
+    for name, path, phase, key in _harness_topics(context):
+        if not name.startswith("~"):
+            continue
+        private = [topic for topic in _private_topics(context, phase) if topic.endswith(name[1:])]
+        topics = (*private, context.harness_topic(name))
+        yield Finding(
+            message=f"private topic {quote(name)} is used outside of a node",
+            path=path,
+            key=key,
+            help=f"did you mean {quote(context.relative_name(private[0]))}?"
+            if len(private) == 1
+            else "write the full name: namespace, node name, topic",
+            suppresses={flow_key(phase), *(topic_key(phase, topic) for topic in topics)},
+        )
+
+
+def _private_topics(context: Context, phase: str) -> list[str]:
+    """The topics of a phase under the name of one of its nodes."""
+    return [
+        topic
+        for wiring in context.wiring.phases
+        if wiring.phase == phase
+        for topic in wiring.topics
+        if any(topic.startswith(f"{node.name}/") for node in wiring.nodes)
+    ]
+
+
+def _harness_topics(context: Context) -> Iterator[tuple[str, Path, str, bool]]:
+    """Each topic that the spec names outside of nodes: name, path, phase, whether it is a key."""
+    spec = context.spec
+    for bag_topic, target in spec.data_loader.topics.items():
+        yield target, ("data_loader", "topics", bag_topic), "preprocess", False
+    for name, played in spec.playback.inputs.items():
+        yield name, ("playback", "inputs", name), "measure", True
+        yield played.source, ("playback", "inputs", name, "from"), "preprocess", False
+    for name, monitor in spec.monitors.items():
+        yield monitor.topic, ("monitors", name, "topic"), "measure", False
+
+
+@rule("R2B207")
+def topic_without_publisher(context: Context) -> Findings:
+    """Subscribed topics without a publisher."""
+    count = 0
+    for phase in context.wiring.phases:
+        published = tuple(name for name in phase.topics if phase.publishers(name))
+        for subscription in phase.endpoints:
+            if subscription.topic in SHARED_TOPICS and subscription.is_node:
+                continue
+            # The recorder subscribes to the 'from' of playback inputs: see R2B401.
+            if (
+                not subscription.is_publisher
+                and subscription.owner != "recorder"
+                and not phase.publishers(subscription.topic)
+            ):
+                count += 1
+                names = published if count <= MAX_SUGGESTIONS else ()
+                unpublished = _UnpublishedTopic(context, phase, subscription, names)
+                yield with_record(
+                    context, _unpublished_finding(unpublished), *_unpublished_sources(unpublished)
+                )
+
+
+@dataclass(frozen=True)
+class _UnpublishedTopic:
+    """A subscription without a publisher, and the published topics that may have been meant."""
+
+    context: Context
+    phase: PhaseWiring
+    subscription: Endpoint
+    published: tuple[str, ...]
+
+    @cached_property
+    def node(self) -> NodeWiring | None:
+        """The node that subscribes; None for a monitor."""
+        return self.phase.node(self.subscription.owner)
+
+    @cached_property
+    def topic_name(self) -> str:
+        """The topic, relative to the namespace of the node."""
+        return self.relative_name(self.subscription.topic)
+
+    def relative_name(self, topic: str) -> str:
+        """Any topic, relative to the namespace of the node."""
+        return self.context.relative_name(topic, self.node.namespace if self.node else "")
+
+    @cached_property
+    def candidates(self) -> dict[str, str]:
+        """Full names of the published topics, by their relative names."""
+        return {self.relative_name(name): name for name in self.published if not self._is_own(name)}
+
+    def _is_own(self, topic: str) -> bool:
+        return any(
+            publisher.owner == self.subscription.owner for publisher in self.phase.publishers(topic)
+        )
+
+    @cached_property
+    def close(self) -> str:
+        """The full name of the published topic with the closest name; empty if none is close."""
+        return self.candidates.get(did_you_mean(self.topic_name, self.candidates), "")
+
+    def type_matches(self, topic: str) -> bool:
+        """Whether a topic has the type of the subscription, or an unknown one."""
+        return any(
+            publisher.type in {self.subscription.type, ""}
+            for publisher in self.phase.publishers(topic)
+        )
+
+
+def _unpublished_finding(unpublished: _UnpublishedTopic) -> Finding:
+    phase, subscription = unpublished.phase, unpublished.subscription
+    unknown = [node.key for node in phase.possible_publishers]
+    state = _way_to_state(phase.possible_publishers)
+    return Finding(
+        message=f"no {'known ' if unknown else ''}publisher on {_topic_text(unpublished)}",
+        path=subscription.path,
+        key=subscription.topic_is_key,
+        help="; or ".join(part for part in (_advice(unpublished), state) if part),
+        related=_misspelt_publisher(unpublished),
+        severity="warning" if unknown else None,
+        suppressed_by={
+            topic_key(phase.phase, subscription.topic),
+            *(value_key(node.path) for node in phase.possible_publishers),
+        },
+        suppresses=_consequences(unpublished),
+    )
+
+
+def _unpublished_sources(
+    unpublished: _UnpublishedTopic,
+) -> Iterator[tuple[NodeWiring, InterfaceSource]]:
+    """The sources of it: that the node subscribes, and that the others do not publish."""
+    for node in unpublished.phase.nodes:
+        own = node is unpublished.node
+        yield node, node.interface.subscribes_from if own else node.interface.publishes_from
+
+
+def _way_to_state(unknown: tuple[NodeWiring, ...]) -> str:
+    """How the unknown publishers of nodes can be stated; empty if there are no such nodes."""
+    if not unknown:
+        return ""
+    names = quoted_list(node.key for node in unknown)
+    recorded = any(not node.node.kind.by_others for node in unknown)
+    way = ", or record them with 'r2bspec interfaces'" if recorded else ""
+    return f"list the topics of {names} under 'publishes:'{way}"
+
+
+def _topic_text(unpublished: _UnpublishedTopic) -> str:
+    """The topic and its subscriber."""
+    subscription, node = unpublished.subscription, unpublished.node
+    subscriber = node.key if node is not None else f"monitor {subscription.monitor}"
+    text = f"{quote(unpublished.topic_name)}, to which {subscriber} subscribes"
+    if node is not None and "remappings" in subscription.path:
+        return f"{text} as {quote(subscription.own_name)}"
+    return text
+
+
+def _advice(unpublished: _UnpublishedTopic) -> str:
+    if unpublished.close:
+        return f"did you mean {quote(unpublished.relative_name(unpublished.close))}?"
+    fitting = [
+        shown for shown, name in unpublished.candidates.items() if unpublished.type_matches(name)
+    ]
+    if unpublished.node is None or not unpublished.subscription.topic_is_key or not fitting:
+        return (
+            f"published topics: {quoted_list(unpublished.candidates)}"
+            if unpublished.candidates
+            else ""
+        )
+    if len(fitting) == 1:
+        return (
+            "remap it: "
+            f"{quote(f'remappings: {{{unpublished.subscription.own_name}: {fitting[0]}}}')}"
+        )
+    return f"remap it; published topics of its type: {quoted_list(fitting)}"
+
+
+def _misspelt_publisher(unpublished: _UnpublishedTopic) -> tuple[Pointer, ...]:
+    """The publisher of the close name, if it has no subscription: it may be the misspelt one."""
+    if not unpublished.close or unpublished.phase.subscriptions(unpublished.close):
+        return ()
+    publisher = unpublished.phase.publishers(unpublished.close)[0]
+    shown = quote(unpublished.context.relative_name(unpublished.close))
+    return (Pointer(f"{shown} has no subscription", publisher.path, publisher.topic_is_key),)
+
+
+def _consequences(unpublished: _UnpublishedTopic) -> set[str]:
+    """The topic, and those without a subscription because this one is subscribed to instead."""
+    phase = unpublished.phase
+    instead = {
+        name
+        for name in unpublished.published
+        if not phase.subscriptions(name)
+        and (name == unpublished.close or unpublished.type_matches(name))
+    }
+    topics = (unpublished.subscription.topic, *instead)
+    return {flow_key(phase.phase), *(topic_key(phase.phase, name) for name in topics)}
+
+
+@rule("R2B208")
+def topic_without_subscription(context: Context) -> Findings:
+    """Topics that the spec plays or remaps, but to which no node or monitor subscribes."""
+    # R2B401, R2B403 and R2B404 cover the preprocess phase.
+    phase = context.wiring.measure
+    if phase.possible_subscribers:
+        return
+    subscribed = [context.relative_name(name) for name in phase.topics if phase.subscriptions(name)]
+    count = 0
+    for publisher in phase.endpoints:
+        if (
+            publisher.is_publisher
+            and not phase.subscriptions(publisher.topic)
+            and _is_intended(publisher)
+        ):
+            count += 1
+            yield _unsubscribed_finding(
+                context, phase, publisher, subscribed if count <= MAX_SUGGESTIONS else []
+            )
+
+
+def _is_intended(publisher: Endpoint) -> bool:
+    """Whether the spec names the topic. Graphs often leave other outputs of a node unused."""
+    if publisher.topic in SHARED_TOPICS:
+        return False
+    return publisher.owner == "player" or "remappings" in publisher.path
+
+
+def _unsubscribed_finding(
+    context: Context, phase: PhaseWiring, publisher: Endpoint, subscribed: list[str]
+) -> Finding:
+    shown = context.relative_name(publisher.topic)
+    played = publisher.owner == "player"
+    return Finding(
+        message=f"no subscription to {quote(shown)}, which is played"
+        if played
+        else f"no subscription to {quote(shown)}, to which {quote(publisher.own_name)} is remapped",
+        path=publisher.path,
+        key=publisher.topic_is_key,
+        help=suggestion(shown, subscribed, "subscribed topics"),
+        suppressed_by={topic_key(phase.phase, publisher.topic)},
+    )
+
+
+_HARNESS_LABELS = {"loader": "the data loader", "player": "the player"}
+
+
+@rule("R2B209")
+def topic_with_two_publishers(context: Context) -> Findings:
+    """Topics with several publishers."""
+    for phase in context.wiring.phases:
+        for topic in set(phase.topics) - SHARED_TOPICS:
+            publishers = phase.publishers(topic)
+            for second in publishers[1:]:
+                yield _two_publishers(context, phase, publishers[0], second)
+
+
+def _two_publishers(
+    context: Context, phase: PhaseWiring, first: Endpoint, second: Endpoint
+) -> Finding:
+    shown = quote(context.relative_name(first.topic))
+    if first.owner == second.owner:
+        message = f"{_publisher_label(first)} publishes {shown} twice"
+    else:
+        message = f"{_publisher_label(first)} and {_publisher_label(second)} both publish {shown}"
+    mixed = not (first.is_node and second.is_node)
+    return Finding(
+        message=message,
+        path=second.path,
+        key=second.topic_is_key,
+        help="rename one of the two topics",
+        related=(Pointer("other publisher", first.path, first.topic_is_key),),
+        severity="error" if mixed else None,
+        suppressed_by={topic_key(phase.phase, first.topic)},
+        suppresses={flow_key(phase.phase)} if mixed else set(),
+    )
+
+
+def _publisher_label(endpoint: Endpoint) -> str:
+    return _HARNESS_LABELS.get(endpoint.owner, endpoint.owner.rpartition("/")[2])
+
+
+@rule("R2B214")
+def absolute_name_outside_namespace(context: Context) -> Findings:
+    """Absolute topic names outside of the namespace of the benchmark."""
+    namespace = context.wiring.namespace
+    if namespace == "/":
+        return
+    inside = f"{namespace}/"
+    outside = {node.name for _, node in context.nodes if node.node.kind.by_others}
+    for name, path, key in _absolute_names(context):
+        if name.startswith(inside) or name in SHARED_TOPICS or outside:
+            continue
+        yield Finding(
+            message=f"{quote(name)} is outside of the namespace {quote(namespace)}",
+            path=path,
+            key=key,
+            help=f"write {quote(name.lstrip('/'))}, or {quote('namespace: /')} if the graph needs "
+            "absolute names",
+        )
+
+
+def _absolute_names(context: Context) -> Iterator[tuple[str, Path, bool]]:
+    """Every absolute name that receives messages: name, path, whether it is a key."""
+    spec = context.spec
+    for bag_topic, target in spec.data_loader.topics.items():
+        if target.startswith("/"):
+            yield target, ("data_loader", "topics", bag_topic), False
+    for name in spec.playback.inputs:
+        if name.startswith("/"):
+            yield name, ("playback", "inputs", name), True
+    for _, node in context.nodes:
+        for left, right in node.node.remappings.items():
+            if right.startswith("/"):
+                yield right, (*node.path, "remappings", left), False
+
+
+_CLOCK = "/clock"
+_CLOCK_PARAMETER = "use_sim_time"
+
+
+@rule("R2B233")
+def clock_without_publisher(context: Context) -> Findings:
+    """Nodes that wait for /clock, which nothing publishes."""
+    if context.spec.playback.clock:
+        return
+    for phase in context.wiring.phases:
+        for node in phase.nodes:
+            place = _clock_setting(context, node)
+            if place is None or phase.publishers(_CLOCK):
+                continue
+            path, key = place
+            certain = not _other_publishers(phase, node)
+            yield Finding(
+                message=f"{node.key} has {quote('use_sim_time: true')} and waits for /clock, "
+                f"which nothing {'' if certain else 'known '}publishes",
+                path=path,
+                key=key,
+                help="remove it, or let a node publish /clock"
+                if context.spec.live
+                else "write 'playback: {clock: true}' to publish it, or remove the parameter",
+                severity=None if certain else "info",
+            )
+
+
+def _clock_setting(context: Context, node: NodeWiring) -> tuple[Path, bool] | None:
+    """Where a node is told to use /clock, and whether the key is meant; None if it is not."""
+    if node.parameters.get(_CLOCK_PARAMETER) is True:
+        path = context.parameter_path(node, _CLOCK_PARAMETER)
+        return (path, False) if path is not None else ((*node.path, "parameters"), True)
+    launch = node.node.launch
+    given = launch.arguments.get(_CLOCK_PARAMETER) if launch is not None else None
+    if str(given).lower() == "true":
+        return (*node.path, "launch", "arguments", _CLOCK_PARAMETER), False
+    return None
+
+
+def _other_publishers(phase: PhaseWiring, node: NodeWiring) -> bool:
+    """Whether another node may publish /clock, because its publishers are unknown."""
+    return any(publisher is not node for publisher in phase.possible_publishers)

@@ -1,0 +1,429 @@
+"""Objectives proposed by a run, and limits proposed by a calibration, as edits of the spec.
+
+A limit of a latency is the largest value that one more iteration would have if nothing changed:
+the one-sided prediction bound of `r2bspec.judge.statistics.t_interval` over the iterations
+of the run, times exp(margin), where `margin` is that of `r2bspec calibrate` for the latency if the
+spec has been calibrated. A limit is never below the largest value of an iteration.
+
+Of the percentiles, the highest is proposed whose
+requirement the run itself passes: one that needs more messages than were played would be
+inconclusive.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from r2bspec.check.check_context import Context
+from r2bspec.check.finding_location import to_diagnostic
+from r2bspec.check.rule import Finding
+from r2bspec.check.rules.calibrated_noise import (
+    MAX_LOG_MARGIN,
+    NarrowMargin,
+    limit_text,
+    margin_below_noise,
+    narrow_margins,
+)
+from r2bspec.diagnostics.edits import apply_edits
+from r2bspec.judge.result import Result
+from r2bspec.judge.statistics.t_interval import predicted_ratio
+from r2bspec.language.benchmark_defaults import CONFIDENCE
+from r2bspec.language.load_spec import LoadedSpec, load_spec
+from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode, lookup
+from r2bspec.language.spec import Objective, Spec
+from r2bspec.measure.distribution import PROPOSED_PERCENTILES, part_value
+from r2bspec.measure.metrics import RateMetrics
+from r2bspec.record.calibration_file import Calibration
+
+_OBJECTIVE_NAME = "no_regression"
+_DEFAULT_LIMITS = (("throughput.mean", ">="), ("latency.p50", "<="))
+"""The proposal for a spec without requirements of the baseline."""
+
+
+def propose_limits(loaded: LoadedSpec, found: Calibration, text: str) -> tuple[str, list[str]]:
+    """A spec with limits above the noise.
+
+    Margins below the noise are widened to it; margins above it are unchanged, because they are a
+    decision of the user. If there is no requirement of the baseline, an objective is added.
+
+    Args:
+        loaded: the spec, with its calibration file.
+        found: the calibration.
+        text: the text of the spec.
+
+    Returns:
+        The text, changed or not, and what has to be changed by hand, a sentence each.
+    """
+    if loaded.spec is None:
+        return text, []
+    of_baseline = [
+        requirement
+        for objective in loaded.spec.slos.values()
+        for requirement in objective.require
+        if requirement.bound is not None and requirement.bound.of_baseline
+    ]
+    if not of_baseline:
+        return _with_objective(loaded, loaded.spec, found, text)
+    edits, left = [], []
+    for each in narrow_margins(Context(loaded, loaded.spec, offline=True)):
+        if not each.proposed:
+            left.append(_too_noisy(each))
+            continue
+        finding = Finding(
+            message="",
+            path=each.known_metric.located.path,
+            part=each.part,
+            replacement=each.proposed,
+        )
+        edit = to_diagnostic(
+            finding, margin_below_noise.code, margin_below_noise.page.severity, loaded
+        ).edit
+        if edit is not None and edit.span.file == loaded.file:
+            edits.append(edit)
+        else:
+            left.append(
+                f"the limit of '{each.known_metric.located.requirement.text}' is set in another "
+                f"file: change it to {each.proposed} there"
+            )
+    return apply_edits(text, edits), left
+
+
+def _too_noisy(each: NarrowMargin) -> str:
+    return (
+        f"'{each.known_metric.located.requirement.text}': {each.detectable_text}; increase "
+        "'benchmark.iterations', make iterations longer, or use a quieter machine"
+    )
+
+
+def _with_objective(
+    loaded: LoadedSpec, spec: Spec, found: Calibration, text: str
+) -> tuple[str, list[str]]:
+    requirements = list(_requirements(spec, found))
+    if not requirements:
+        return text, ["the noise of every metric is too large here to propose a limit"]
+    rate = spec.benchmark.rates[0]
+    names = itertools.chain(
+        [_OBJECTIVE_NAME], (f"{_OBJECTIVE_NAME}_{n}" for n in itertools.count(2))
+    )
+    name = next(each for each in names if each not in spec.slos)
+    lines = [f"{name}:", f"  at: {rate}", "  require:"]
+    lines += [f"    - {each}" for each in requirements]
+    proposed = insert_objective(loaded, text, lines)
+    by_hand = [f"add an objective by hand: {'; '.join(requirements)}"]
+    if proposed is None:
+        return text, by_hand
+    again = load_spec(proposed, file=loaded.file)
+    return (proposed, []) if again.spec is not None else (text, by_hand)
+
+
+def _requirements(spec: Spec, found: Calibration) -> Iterator[str]:
+    if not spec.benchmark.rates:
+        return
+    at_hz = spec.benchmark.rates[0].hz
+    several = len(spec.monitors) > 1
+    for noise in found.metrics:
+        for metric, op in _DEFAULT_LIMITS:
+            margin = noise.margin(spec.benchmark.iterations)
+            if (noise.metric, noise.at_hz) != (metric, at_hz) or margin is None:
+                continue
+            if margin <= MAX_LOG_MARGIN:
+                name = f"{noise.monitor}.{metric}" if several else metric
+                yield f"{name} {op} {limit_text(margin, ceiling=op == '<=')} of baseline"
+
+
+def insert_objective(loaded: LoadedSpec, text: str, lines: list[str]) -> str | None:
+    """The text with an objective at the end of ``slos``; None if it has to be added by hand."""
+    slos = lookup(loaded.tree, ("slos",)) if loaded.tree is not None else None
+    if slos is None:
+        end = "" if text.endswith("\n") or not text else "\n"
+        body = "".join(f"  {line}\n" for line in lines)
+        return f"{text}{end}\nslos:\n{body}"
+    if not isinstance(slos, MapNode) or not slos.entries:
+        return None
+    keys = [entry.key_span for entry in slos.entries.values()]
+    columns = {key.column for key in keys}
+    first = next(iter(keys))
+    written = text.splitlines(keepends=True)
+    if any(key.file != loaded.file for key in keys) or len(columns) > 1:
+        return None
+    # In flow style the keys follow a brace.
+    if written[first.line - 1][: first.column - 1].strip():
+        return None
+    last = max(_last_line(entry.value) for entry in slos.entries.values())
+    indent = " " * (first.column - 1)
+    if not written[last - 1].endswith("\n"):
+        written[last - 1] += "\n"
+    return "".join([*written[:last], *(f"{indent}{line}\n" for line in lines), *written[last:]])
+
+
+def _last_line(node: TreeNode) -> int:
+    """The last line of a value."""
+    if isinstance(node, MapNode) and node.entries:
+        return max(_last_line(entry.value) for entry in node.entries.values())
+    if isinstance(node, ListNode) and node.items:
+        return max(_last_line(item) for item in node.items)
+    span = node.span
+    return span.end_line if isinstance(node, ScalarNode) else max(span.line, span.end_line)
+
+
+MIN_ITERATIONS = 3
+"""With fewer, the scatter of the iterations says nothing about the next one."""
+
+_PARTS = tuple(reversed(PROPOSED_PERCENTILES))
+_SHARES = (0.001, 0.005, 0.01, 0.02, 0.05)
+"""Shares of lost messages that are proposed, the smallest that the run passes."""
+
+_MOST_LOST = 0.05
+_PEAK_STEPS = 2
+"""By how many times the precision of the search the limit is below the peak that it found."""
+
+Judge = Callable[[Mapping[str, Objective]], Result]
+"""Judges the run by other objectives."""
+
+
+@dataclass(slots=True)
+class Proposal:
+    """A proposed change of a spec.
+
+    Attributes:
+        text: the spec with the proposed objectives; unchanged if there are none.
+        added: the proposed requirements, by the name of their objective.
+        notes: what was not proposed, and why, a sentence each.
+    """
+
+    text: str
+    added: dict[str, list[str]] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class _Candidate:
+    """Requirements of which the first that the run passes is proposed."""
+
+    objective: str
+    at: str
+    what: str
+    texts: tuple[str, ...]
+
+
+def propose_objectives(
+    loaded: LoadedSpec,
+    text: str,
+    result: Result,
+    judge: Judge,
+    calibrations: Sequence[Calibration] = (),
+) -> Proposal:
+    """A spec with objectives from what a run measured.
+
+    Metrics that the spec already has a requirement for, at the same rate, are left alone.
+
+    Args:
+        loaded: the spec.
+        text: its text.
+        result: of the run.
+        judge: judges the run by other objectives.
+        calibrations: of the spec on every kind of machine.
+    """
+    proposal = Proposal(text)
+    if loaded.spec is None:
+        return proposal
+    candidates = [
+        each
+        for each in _candidates(loaded.spec, result, calibrations, proposal.notes)
+        if each.texts
+    ]
+    passed = _passed(candidates, judge)
+    for each in candidates:
+        chosen = next((one for one in each.texts if (each.objective, one) in passed), None)
+        if chosen is None:
+            proposal.notes.append(f"{each.what}: the run is too short to show a limit")
+        else:
+            proposal.added.setdefault(each.objective, []).append(chosen)
+    rates = {each.objective: each.at for each in candidates}
+    _insert(loaded, proposal, rates)
+    return proposal
+
+
+def _candidates(
+    spec: Spec, result: Result, calibrations: Sequence[Calibration], notes: list[str]
+) -> Iterator[_Candidate]:
+    several = len(spec.monitors) > 1
+    for rate in result.metrics.rates:
+        at = f"{rate.offered_hz:g} Hz" if rate.pace == "rate" else ""
+        name = _free_name(spec, f"measured_at_{rate.offered_hz:g}_hz" if at else "measured")
+        for monitor in rate.pooled.monitors:
+            prefix = f"{monitor}." if several else ""
+            where = f"{prefix}latency{f' at {at}' if at else ''}"
+            if not _has_requirement(spec, rate, monitor, "latency"):
+                margin = _margin(calibrations, rate.offered_hz if at else None, monitor)
+                texts = tuple(_latency_texts(rate, monitor, prefix, margin))
+                if not texts:
+                    notes.append(
+                        f"{where}: it takes {MIN_ITERATIONS} iterations with a latency to see "
+                        "their scatter"
+                    )
+                yield _Candidate(name, at, where, texts)
+            pooled = rate.pooled.monitors[monitor]
+            lost = pooled.drop_rate
+            if lost is None or _has_requirement(spec, rate, monitor, "drop_rate"):
+                continue
+            if lost > _MOST_LOST:
+                notes.append(f"{prefix}drop_rate: {lost:.1%} were lost, which is no objective")
+                continue
+            shares = tuple(
+                f"{prefix}drop_rate <= {100 * share:g} %" for share in _SHARES if share >= lost
+            )
+            yield _Candidate(name, at, f"{prefix}drop_rate", shares)
+    search = result.metrics.search
+    if search is not None and search.holds_hz and not _has_peak(spec):
+        limit = search.holds_hz * (1 - _PEAK_STEPS * search.precision)
+        name = _free_name(spec, "measured_peak")
+        yield _Candidate(name, "", "peak.rate", (f"peak.rate >= {_floor(limit)} Hz",))
+
+
+def _latency_texts(rate: RateMetrics, monitor: str, prefix: str, margin: float) -> Iterator[str]:
+    for part in _PARTS:
+        values = [
+            value
+            for each in rate.iterations
+            if monitor in each.monitors
+            and (value := part_value(each.monitors[monitor].latency, part)) is not None
+            and value > 0
+        ]
+        limit = prediction_bound(values)
+        if limit is not None:
+            yield f"{prefix}latency.{part} < {_ceiling(1e3 * limit * math.exp(margin))} ms"
+
+
+def prediction_bound(values: Sequence[float], confidence: float = CONFIDENCE) -> float | None:
+    """The bound that one more value exceeds with probability 1 - `confidence`.
+
+    Args:
+        values: positive, whose logarithms are normally distributed.
+        confidence: of the bound, one-sided.
+
+    Returns:
+        At least the largest value; None for fewer than `MIN_ITERATIONS` values.
+    """
+    if len(values) < MIN_ITERATIONS:
+        return None
+    # The new value for which the lower bound of the ratio is 1.
+    return max(1 / predicted_ratio(values, 1.0, confidence).lower, *values)
+
+
+def _margin(calibrations: Sequence[Calibration], at_hz: float | None, monitor: str) -> float:
+    """The largest calibrated margin of the latency, as a logarithm; 0 without one."""
+    found = [
+        margin
+        for calibration in calibrations
+        for noise in calibration.metrics
+        if noise.metric.startswith("latency")
+        and noise.at_hz == at_hz
+        and noise.monitor in {None, monitor}
+        and (margin := noise.margin(max(map(int, noise.margins), default=0))) is not None
+    ]
+    return max(found, default=0.0)
+
+
+def _passed(candidates: Sequence[_Candidate], judge: Judge) -> set[tuple[str, str]]:
+    """The requirements that the run passes, with their objectives."""
+    lines = ["slos:"]
+    grouped: dict[str, list[_Candidate]] = {}
+    for each in candidates:
+        grouped.setdefault(each.objective, []).append(each)
+    for name, members in grouped.items():
+        lines.append(f"  {name}:")
+        if members[0].at:
+            lines.append(f"    at: {members[0].at}")
+        lines.append("    require:")
+        lines += [f"      - {one}" for each in members for one in each.texts]
+    if not grouped:
+        return set()
+    objectives = _objectives("\n".join(lines) + "\n", candidates)
+    verdict = judge(objectives).verdict
+    return {(each.objective, each.text) for each in verdict.requirements if each.outcome == "pass"}
+
+
+def _objectives(slos: str, candidates: Sequence[_Candidate]) -> Mapping[str, Objective]:
+    """Objectives as a spec has them, read by the language itself."""
+    monitors = {
+        one.rpartition(".latency.")[0] or one.rpartition(".drop_rate")[0]
+        for each in candidates
+        for one in each.texts
+        if ".latency." in one or ".drop_rate" in one
+    }
+    named = ", ".join(
+        f"{each}: {{topic: {each}, format: std_msgs/msg/Header}}"
+        for each in sorted(monitors) or ["any"]
+    )
+    rates = sorted({each.at for each in candidates if each.at})
+    head = (
+        "r2bspec: 1\nname: proposed\nplayback: {mode: live}\n"
+        "graph: {nodes: {any: {external: true}}}\n"
+        f"monitors: {{{named}}}\n"
+        f"benchmark: {{rates: [{', '.join(rates)}], search: {{min: 1 Hz, max: 2 Hz}}}}\n"
+    )
+    loaded = load_spec(head + slos, file="proposed.r2b.yaml")
+    return loaded.spec.slos if loaded.spec is not None else {}
+
+
+def _insert(loaded: LoadedSpec, proposal: Proposal, rates: Mapping[str, str]) -> None:
+    # Without options such as --set, whose values are not in the file.
+    text = proposal.text
+    current = load_spec(text, file=loaded.file)
+    was_valid = current.spec is not None
+    for name, requirements in proposal.added.items():
+        lines = [f"{name}:"]
+        if rates[name]:
+            lines.append(f"  at: {rates[name]}")
+        lines += ["  require:", *(f"    - {each}" for each in requirements)]
+        changed = insert_objective(current, text, lines)
+        again = load_spec(changed, file=loaded.file) if changed is not None else None
+        if changed is None or again is None or (was_valid and again.spec is None):
+            proposal.notes.append(f"add by hand: {name}: {'; '.join(requirements)}")
+            continue
+        current, text = again, changed
+    proposal.text = text
+
+
+def _has_requirement(spec: Spec, rate: RateMetrics, monitor: str, metric: str) -> bool:
+    """Whether the spec already states the metric at this rate."""
+    for objective in spec.slos.values():
+        at_hz = objective.at.hz if objective.at is not None else 0.0
+        if rate.pace == "rate" and at_hz != rate.offered_hz:
+            continue
+        for requirement in objective.require:
+            if requirement.metric.removeprefix(f"{monitor}.").split(".")[0] == metric:
+                return True
+    return False
+
+
+def _has_peak(spec: Spec) -> bool:
+    return any(
+        requirement.metric.startswith("peak")
+        for objective in spec.slos.values()
+        for requirement in objective.require
+    )
+
+
+def _free_name(spec: Spec, wanted: str) -> str:
+    base, number = wanted.replace(".", "_"), 2
+    name = base
+    while name in spec.slos:
+        name, number = f"{base}_{number}", number + 1
+    return name
+
+
+def _ceiling(value: float) -> str:
+    """A number rounded up to two significant digits."""
+    step = 10 ** (math.floor(math.log10(value)) - 1)
+    return f"{float(f'{math.ceil(value / step - 1e-9) * step:.6g}'):g}"
+
+
+def _floor(value: float) -> str:
+    """A number rounded down to three significant digits."""
+    step = 10 ** (math.floor(math.log10(value)) - 2)
+    return f"{float(f'{math.floor(value / step + 1e-9) * step:.6g}'):g}"

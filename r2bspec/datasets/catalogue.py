@@ -1,0 +1,357 @@
+"""The catalogue of datasets, and from what a spec calls a bag to where it is.
+
+The synthetic sequences are named and shaped like the r2b dataset 2023.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection, Iterator
+from functools import cache
+from pathlib import Path
+
+import msgspec
+
+from r2bspec.bags.recording import (
+    BAG_NOT_FOUND,
+    DATASET_UNKNOWN,
+    WINDOW_OUTSIDE_BAG,
+    BagIndex,
+    BagLocation,
+    DataError,
+    TopicInfo,
+    Window,
+    WritableStorage,
+    topic_not_found,
+)
+from r2bspec.datasets.rig import (
+    HOPE_TOPICS,
+    IMAGE,
+    ROBOT_TOPICS,
+    STEREO_PAIRS,
+    TopicSource,
+    message_bytes,
+)
+from r2bspec.diagnostics.quote import clip, quote
+from r2bspec.safe_io.safe_file import is_folder, is_there, names_in
+
+DURATION_NS = 10_000_000_000
+
+# 2023-03-14 15:00:00 UTC; the sequences lie an hour apart.
+_FIRST_START_NS = 1_678_806_000_000_000_000
+_HOUR_NS = 3_600_000_000_000
+
+# As metadata.yaml of version 8 writes reliable, keep last 10, volatile.
+OFFERED_QOS = (
+    "- avoid_ros_namespace_conventions: false\n"
+    "  deadline: {nsec: 0, sec: 0}\n"
+    "  depth: 10\n"
+    "  durability: 2\n"
+    "  history: 1\n"
+    "  lifespan: {nsec: 0, sec: 0}\n"
+    "  liveliness: 1\n"
+    "  liveliness_lease_duration: {nsec: 0, sec: 0}\n"
+    "  reliability: 1"
+)
+
+
+class Sequence(msgspec.Struct, frozen=True):
+    """A sequence that can be rendered; it lasts `DURATION_NS`.
+
+    Attributes:
+        start_ns: time of its first messages, ns since the epoch.
+        sources: its topics.
+        description: what it shows, in a few words.
+    """
+
+    name: str
+    start_ns: int
+    sources: tuple[TopicSource, ...]
+    description: str
+
+
+def _catalogue() -> Iterator[Sequence]:
+    robots = {
+        "r2b_lounge": "a lounge with low tables",
+        "r2b_storage": "a storage room; a crate carries an AprilTag",
+        "r2b_hallway": "a long, narrow hallway",
+        "r2b_datacenter": "rows of racks",
+        "r2b_cafe": "a cafe with a counter",
+        "r2b_hideaway": "a small, cluttered room",
+        "r2b_mezzanine": "a wide, high hall",
+    }
+    for place, (name, description) in enumerate(robots.items()):
+        yield Sequence(name, _FIRST_START_NS + place * _HOUR_NS, ROBOT_TOPICS, description)
+    yield Sequence(
+        "r2b_hope", _FIRST_START_NS + len(robots) * _HOUR_NS, HOPE_TOPICS, "boxes on a table"
+    )
+
+
+SEQUENCES: dict[str, Sequence] = {sequence.name: sequence for sequence in _catalogue()}
+
+
+def find_sequence(name: str) -> Sequence:
+    """The sequence of that name.
+
+    Raises:
+        DataError: there is none (R2B307).
+    """
+    sequence = SEQUENCES.get(name)
+    if sequence is None:
+        raise unknown_dataset_error(name, SEQUENCES)
+    return sequence
+
+
+def unknown_dataset_error(name: str, known: Collection[str]) -> DataError:
+    """The error for an unknown dataset name."""
+    import difflib
+
+    close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+    return DataError(
+        f"there is no dataset {quote(name)}",
+        code=DATASET_UNKNOWN,
+        hint=f"did you mean {close[0]}?"
+        if close
+        else f"known datasets: {', '.join(sorted(known))}; a path needs a '/'",
+    )
+
+
+def select_sources(name: str, topics: Collection[str] | None) -> tuple[TopicSource, ...]:
+    """The requested topics of a sequence, sorted by name; None for all.
+
+    Raises:
+        DataError: R2B307, or R2B308 for a topic that the sequence does not have.
+    """
+    sources = {source.name: source for source in find_sequence(name).sources}
+    if topics is None:
+        return tuple(sources[topic] for topic in sorted(sources))
+    wanted = {topic if topic.startswith("/") else f"/{topic}" for topic in topics}
+    for topic in sorted(wanted - sources.keys()):
+        raise topic_not_found(f"dataset {name}", topic, sources)
+    return tuple(sources[topic] for topic in sorted(wanted))
+
+
+def bounded_window(name: str, window: Window | None) -> Window:
+    """A window with both ends, inside the sequence.
+
+    Raises:
+        DataError: the window is empty or leaves the sequence (R2B309).
+    """
+    window = window or Window()
+    end_ns = DURATION_NS if window.end_ns is None else window.end_ns
+    if not 0 <= window.start_ns < end_ns <= DURATION_NS:
+        raise DataError(
+            f"the window from {window.start_ns / 1e9:g} s to {end_ns / 1e9:g} s is not inside"
+            f" dataset {name}, which lasts {DURATION_NS / 1e9:g} s",
+            code=WINDOW_OUTSIDE_BAG,
+            hint="its start must be before its end, and both between"
+            f" 0 s and {DURATION_NS / 1e9:g} s",
+        )
+    return Window(start_ns=window.start_ns, end_ns=end_ns)
+
+
+def message_times_ns(source: TopicSource, window: Window) -> list[int]:
+    """Times of a topic's messages in a bounded window, in ns after the sequence's start.
+
+    Message k lies at k / rate, rounded down to whole ns.
+    """
+    assert window.end_ns is not None  # noqa: S101 -- callers pass what `bounded_window` gave
+    first = -(-window.start_ns * source.rate_hz // 10**9)
+    times = []
+    for number in range(max(0, first - 1), window.end_ns * source.rate_hz // 10**9 + 2):
+        time_ns = number * 10**9 // source.rate_hz
+        if window.contains(time_ns):
+            times.append(time_ns)
+    return times
+
+
+def describe(
+    name: str,
+    topics: Collection[str] | None = None,
+    window: Window | None = None,
+    *,
+    storage: WritableStorage = "sqlite3",
+) -> BagIndex:
+    """The index that the dataset will have, with exact counts; nothing is rendered.
+
+    Args:
+        name: sequence name.
+        topics: None for all.
+        window: None for the whole sequence.
+        storage: format that would be written.
+
+    Raises:
+        DataError: R2B307, R2B308 or R2B309.
+    """
+    sequence = find_sequence(name)
+    inside = bounded_window(name, window)
+    infos = {}
+    last_ns = inside.start_ns
+    for source in select_sources(name, topics):
+        times_ns = message_times_ns(source, inside)
+        last_ns = max([last_ns, *times_ns[-1:]])
+        infos[source.name] = TopicInfo(
+            name=source.name,
+            type=source.type,
+            count=len(times_ns),
+            rate_hz=float(source.rate_hz),
+            qos=OFFERED_QOS,
+            max_message_bytes=message_bytes(source),
+        )
+    return BagIndex(
+        name=name,
+        storage=storage,
+        topics=infos,
+        start_ns=sequence.start_ns,
+        end_ns=sequence.start_ns + last_ns,
+        message_count=sum(info.count for info in infos.values()),
+        compression="message" if storage == "sqlite3" else "none",
+        synthetic=True,
+    )
+
+
+_MAX_NAME_LENGTH = 4095  # that of Linux
+DATASETS_VARIABLE = "R2B_DATASETS"
+
+
+def locate(bag: str, base_dir: Path) -> BagLocation:
+    """Decide whether a bag is a path, a real dataset or a synthetic one.
+
+    What has a ``/``, or exists relative to `base_dir`, is a path. Anything else names a dataset:
+    the folder of that name under ``$R2B_DATASETS`` if there is one, else the catalogue's.
+
+    Args:
+        bag: as written in the spec.
+        base_dir: folder of the spec.
+
+    Raises:
+        DataError: the path does not exist (R2B301), the name is unknown (R2B307), or
+            ``$R2B_DATASETS`` is no folder (R2B301).
+    """
+    if len(bag) > _MAX_NAME_LENGTH:
+        raise DataError(
+            f"the name of a bag has {len(bag):,} characters: {clip(bag)}",
+            code=BAG_NOT_FOUND,
+            hint=f"a path has at most {_MAX_NAME_LENGTH:,}",
+        )
+    path = base_dir / _expanded(bag)
+    if bag and is_there(path):
+        return BagLocation(kind="recorded", path=path)
+    if "/" in bag:
+        raise DataError(
+            f"{path} does not exist",
+            code=BAG_NOT_FOUND,
+            hint=f"paths are relative to {base_dir}; a dataset name has no '/'",
+        )
+    return locate_dataset(bag)
+
+
+def locate_dataset(name: str) -> BagLocation:
+    """Find a dataset by its name: the recorded one if there is one, else the synthetic one.
+
+    Raises:
+        DataError: R2B307; R2B301 where ``$R2B_DATASETS`` is no folder.
+    """
+    real = _datasets_folder()
+    if real is not None and name and is_there(real / name):
+        return BagLocation(kind="recorded", path=real / name, dataset=name)
+    if name not in SEQUENCES:
+        raise unknown_dataset_error(name, known_datasets())
+    return BagLocation(kind="synthetic", dataset=name)
+
+
+def index(location: BagLocation) -> BagIndex:
+    """Index a located bag; a synthetic one is not rendered.
+
+    Raises:
+        DataError: as `index_bag`.
+    """
+    if location.path is not None:
+        from r2bspec.bags.bag_index import index_bag
+
+        return index_bag(location.path)
+    return _index_synthetic(location.dataset or "")
+
+
+@cache
+def _index_synthetic(name: str) -> BagIndex:
+    return describe(name)
+
+
+def known_datasets() -> tuple[str, ...]:
+    """The names of all synthetic and recorded datasets, sorted.
+
+    Raises:
+        DataError: ``$R2B_DATASETS`` is no folder (R2B301).
+    """
+    real = _datasets_folder()
+    recorded = [each for each in names_in(real) if is_folder(real / each)] if real else []
+    return tuple(sorted({*SEQUENCES, *recorded}))
+
+
+def _expanded(path: str) -> str:
+    """A path with the home folder in place of ``~``."""
+    return os.path.expanduser(path)  # noqa: PTH111 - that of pathlib raises for unknown users
+
+
+def _datasets_folder() -> Path | None:
+    """The folder of recorded datasets; None if the variable is not set."""
+    value = os.environ.get(DATASETS_VARIABLE) or ""
+    if not value:
+        return None
+    folder = Path(_expanded(value))
+    if not is_folder(folder):
+        # The synthetic data would be another measurement than the one requested.
+        raise DataError(
+            f"${DATASETS_VARIABLE} is {folder}, which is not a folder",
+            code=BAG_NOT_FOUND,
+            hint="set it to the folder of the r2b bags, or unset it",
+        )
+    return folder
+
+
+class TruthNames(msgspec.Struct, frozen=True):
+    """The names that `truth.name` can have.
+
+    Attributes:
+        disparity: stereo pairs.
+        tag: image topics that show the tag.
+    """
+
+    disparity: tuple[str, ...] = ()
+    tag: tuple[str, ...] = ()
+
+
+def truth_names(location: BagLocation, topics: Collection[str]) -> TruthNames | None:
+    """The names in the ground truth of a recording.
+
+    Args:
+        location: of the recording.
+        topics: those that are loaded: of a synthetic dataset, only they are made.
+
+    Returns:
+        None if it has no ground truth.
+    """
+    if location.path is None:
+        return _synthetic(location.dataset or "", {f"/{each.strip('/')}" for each in topics})
+    from r2bspec.datasets.ground_truth import read_ground_truth
+
+    known = read_ground_truth(location.path)
+    if known is None:
+        return None
+    tag = tuple(known.tag.sightings) if known.tag is not None else ()
+    return TruthNames(disparity=tuple(known.stereo), tag=tag)
+
+
+def _synthetic(dataset: str, topics: Collection[str]) -> TruthNames:
+    from r2bspec.datasets.scenes import find_scene
+
+    images = {each.name for each in SEQUENCES[dataset].sources if each.type == IMAGE}
+    made = images.intersection(topics)
+    shows_tag = find_scene(dataset).tag is not None
+    return TruthNames(
+        disparity=tuple(
+            each.name for each in STEREO_PAIRS if {each.left_topic, each.right_topic} <= made
+        ),
+        tag=tuple(sorted(made)) if shows_tag else (),
+    )

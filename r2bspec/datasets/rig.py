@@ -1,0 +1,219 @@
+"""The sensor rig that every sequence carries, after the r2b dataset's: a D455, a Hawk, a lidar.
+
+Frames: the body is x forward, y left, z up; its origin is the IMU. Every camera looks along the
+body's x axis; optical frames are x right, y down, z forward. Pixel (u, v) has its centre at
+whole numbers, as OpenCV has it.
+
+How many bytes a message takes is known without rendering it. CDR aligns every number to its own
+size, counted from after the 4 bytes of encapsulation; strings and sequences carry a 4-byte length,
+strings a closing zero.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+from r2bspec.datasets.cameras import Camera, Lens
+
+IMAGE = "sensor_msgs/msg/Image"
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+IMU = "sensor_msgs/msg/Imu"
+POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
+
+
+class Lidar(msgspec.Struct, frozen=True):
+    """A spinning lidar: every column of beams fires at its own time of the turn.
+
+    Attributes:
+        elevations_deg: one a beam, from ring 0 up.
+        columns: firings a turn.
+        position_m: in the body frame, whose axes it shares.
+    """
+
+    frame_id: str
+    elevations_deg: tuple[float, ...]
+    columns: int
+    position_m: tuple[float, float, float]
+
+
+class TopicSource(msgspec.Struct, frozen=True):
+    """A topic of a sequence and the sensor that fills it."""
+
+    name: str
+    type: str
+    rate_hz: int
+    frame_id: str
+    camera: Camera | None = None
+    lidar: Lidar | None = None
+
+
+class StereoPair(msgspec.Struct, frozen=True):
+    """Two image topics of one pair, whose rectified images have the same rows."""
+
+    name: str
+    left_topic: str
+    right_topic: str
+
+
+def _infrared(side: str, y_m: float, baseline_m: float, encoding: str = "mono8") -> Camera:
+    return Camera(
+        frame_id=f"d455_1_{side}_ir_optical_frame",
+        width=1280,
+        height=720,
+        encoding=encoding,
+        focal_px=641.5,
+        center_px=(639.25, 358.75),
+        position_m=(0.02, y_m, 0.0),
+        baseline_m=baseline_m,
+    )
+
+
+def _hawk(side: str, y_m: float, baseline_m: float, lens: Lens) -> Camera:
+    return Camera(
+        frame_id=f"hawk_0_{side}_rgb_optical_frame",
+        width=1920,
+        height=1200,
+        encoding="rgb8",
+        focal_px=955.0,
+        center_px=(958.5, 600.25),
+        position_m=(0.03, y_m, 0.06),
+        baseline_m=baseline_m,
+        lens=lens,
+    )
+
+
+LEFT_IR = _infrared("left", 0.0475, 0.0)
+RIGHT_IR = _infrared("right", -0.0475, 0.095)
+# Stereo depth is computed in the left camera's view.
+DEPTH = _infrared("left", 0.0475, 0.0, encoding="16UC1")
+COLOUR = Camera(
+    frame_id="d455_1_rgb_optical_frame",
+    width=1280,
+    height=800,
+    encoding="rgb8",
+    focal_px=639.0,
+    center_px=(640.5, 399.0),
+    position_m=(0.02, -0.0115, 0.0),
+)
+# Two lenses of one kind differ a little. They move the corners of an image by some 130 pixels.
+LEFT_HAWK = _hawk("left", 0.075, 0.0, Lens(-0.112, 0.0211, 0.00041, -0.00028, -0.0021))
+RIGHT_HAWK = _hawk("right", -0.075, 0.15, Lens(-0.102, 0.0187, -0.00035, 0.00022, -0.0018))
+HOPE = Camera(
+    frame_id="camera_optical_frame",
+    width=1920,
+    height=1080,
+    encoding="rgb8",
+    focal_px=1390.0,
+    center_px=(960.0, 540.5),
+    position_m=(0.02, 0.0, 0.0),
+)
+IMU_FRAME = "d455_1_imu_optical_frame"
+PANDAR = Lidar(
+    frame_id="pandar_xt_32_0_lidar",
+    elevations_deg=tuple(float(15 - ring) for ring in range(32)),
+    columns=2000,
+    position_m=(-0.05, 0.0, 0.28),
+)
+
+_CAMERA_HZ = 30
+_IMU_HZ = 200
+_LIDAR_HZ = 10
+
+
+def _image_topics(prefix: str, camera: Camera) -> tuple[TopicSource, TopicSource]:
+    return (
+        TopicSource(f"{prefix}_image", IMAGE, _CAMERA_HZ, camera.frame_id, camera=camera),
+        TopicSource(
+            f"{prefix}_camera_info", CAMERA_INFO, _CAMERA_HZ, camera.frame_id, camera=camera
+        ),
+    )
+
+
+ROBOT_TOPICS: tuple[TopicSource, ...] = (
+    TopicSource("/d455_1_depth", IMAGE, _CAMERA_HZ, DEPTH.frame_id, camera=DEPTH),
+    TopicSource("/d455_1_imu", IMU, _IMU_HZ, IMU_FRAME),
+    *_image_topics("/d455_1_left_ir", LEFT_IR),
+    *_image_topics("/d455_1_right_ir", RIGHT_IR),
+    *_image_topics("/d455_1_rgb", COLOUR),
+    *_image_topics("/hawk_0_left_rgb", LEFT_HAWK),
+    *_image_topics("/hawk_0_right_rgb", RIGHT_HAWK),
+    TopicSource("/pandar_xt_32_0_lidar", POINT_CLOUD, _LIDAR_HZ, PANDAR.frame_id, lidar=PANDAR),
+)
+HOPE_TOPICS: tuple[TopicSource, ...] = (
+    TopicSource("/image", IMAGE, _CAMERA_HZ, HOPE.frame_id, camera=HOPE),
+)
+STEREO_PAIRS: tuple[StereoPair, ...] = (
+    StereoPair("d455_1_ir", "/d455_1_left_ir_image", "/d455_1_right_ir_image"),
+    StereoPair("hawk_0", "/hawk_0_left_rgb_image", "/hawk_0_right_rgb_image"),
+)
+
+
+# Name, offset and datatype of each field; datatypes are sensor_msgs/PointField's: 7 is float32,
+# 4 is uint16, 8 is float64. The layout is the Hesai driver's, packed.
+CLOUD_FIELDS: tuple[tuple[str, int, int], ...] = (
+    ("x", 0, 7),
+    ("y", 4, 7),
+    ("z", 8, 7),
+    ("intensity", 12, 7),
+    ("ring", 16, 4),
+    ("timestamp", 18, 8),
+)
+CLOUD_POINT_BYTES = 26
+DISTORTION_MODEL = "plumb_bob"
+DISTORTION_TERMS = 5
+
+
+class _CdrSize:
+    """A position in a CDR stream."""
+
+    def __init__(self) -> None:
+        self.bytes = 0
+
+    def numbers(self, count: int, size: int) -> None:
+        if count:
+            self.bytes += -self.bytes % size + count * size
+
+    def string(self, text: str) -> None:
+        self.numbers(1, 4)
+        self.bytes += len(text.encode()) + 1
+
+    def header(self, frame_id: str) -> None:
+        self.numbers(2, 4)
+        self.string(frame_id)
+
+
+def message_bytes(source: TopicSource) -> int:
+    """Size of every message of a topic in bytes, with the encapsulation."""
+    count = _CdrSize()
+    count.header(source.frame_id)
+    if source.type == IMAGE and source.camera is not None:
+        pixels = source.camera.width * source.camera.height
+        count.numbers(2, 4)
+        count.string(source.camera.encoding)
+        count.numbers(1, 1)
+        count.numbers(2, 4)
+        count.numbers(pixels * source.camera.bytes_per_pixel, 1)
+    elif source.type == CAMERA_INFO:
+        count.numbers(2, 4)
+        count.string(DISTORTION_MODEL)
+        count.numbers(1, 4)
+        count.numbers(DISTORTION_TERMS + 9 + 9 + 12, 8)
+        count.numbers(2 + 4, 4)
+        count.numbers(1, 1)
+    elif source.type == IMU:
+        count.numbers(4 + 9 + 3 + 9 + 3 + 9, 8)
+    elif source.type == POINT_CLOUD and source.lidar is not None:
+        points = source.lidar.columns * len(source.lidar.elevations_deg)
+        count.numbers(3, 4)
+        for name, _, _ in CLOUD_FIELDS:
+            count.string(name)
+            count.numbers(1, 4)
+            count.numbers(1, 1)
+            count.numbers(1, 4)
+        count.numbers(1, 1)
+        count.numbers(3, 4)
+        count.numbers(points * CLOUD_POINT_BYTES + 1, 1)
+    else:
+        msg = f"no size is known for {source.type}"
+        raise ValueError(msg)
+    return 4 + count.bytes

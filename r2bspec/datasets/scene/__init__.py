@@ -1,1 +1,0 @@
-"""The rendered world behind the synthetic datasets: rooms, motion, sensors."""

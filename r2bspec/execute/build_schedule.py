@@ -1,0 +1,645 @@
+"""Building the schedule of the player from the buffers, for all playback modes.
+
+For types that rosbags provides it is known whether they have a header. For other types the player
+reports it, and their stamps are then read from the buffers. A schedule with times is made in
+`r2bspec.execute.build_schedule`; one without times is a round of steps:
+
+- The messages of several inputs are combined to steps by their stamps. Combined by index, all
+  messages after a missing one would be paired wrongly. By stamp, only messages without a partner
+  are left out, and counted.
+- Messages of inputs with a rate of their own, and recorded transforms, are placed between the
+  steps, distributed as in the recording: a message that was stamped at a third of the interval is
+  played at a third of it, at any rate of the steps. So an IMU of 200 Hz played with a camera of
+  30 Hz keeps its number of messages for each image.
+
+Building a timeline from the buffers: the messages of each step, and their due times.
+
+Messages with the same header stamp are one step, no matter how far apart they were recorded and on
+how many inputs: a step of an IMU has no camera message. A message without a header is a step by
+itself. Where the spec allows differences of stamps, messages of all inputs with a slop whose
+stamps are near each other are one step, and the differences stay; a message without partners is a
+step of its input alone. Messages from the bag are played at the times of their recording. Messages
+of a preprocessor are played at the time at which the last message with their stamp was recorded or,
+if the plan says so, at which they were published.
+"""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import msgspec
+
+from r2bspec.execute.errors import RunError, UnpairedInputError
+from r2bspec.ipc.buffers import TF, BufferIndex, buffered_transforms, read_index, read_stamps
+from r2bspec.ipc.schedule import (
+    NO_STEP,
+    BetweenMessage,
+    CyclicSchedule,
+    CyclicTransform,
+    Schedule,
+    TimelineMessage,
+    TimelineSchedule,
+    TimelineStep,
+    round_length_ns,
+)
+from r2bspec.measure.matching import input_mask
+from r2bspec.plan.nearest_stamps import pair_nearest
+from r2bspec.plan.plan import InputPlan, Plan, TimelinePlan
+from r2bspec.record.run_record import UnplayedMessages
+
+_MAX_TF_AGE_NS = 1_000_000_000
+"""Transforms up to this age at the beginning of a timeline are published at its beginning."""
+
+
+_StepKey = tuple[int, int, int]
+"""A step: its stamp, its index among messages of one input with that stamp, and the input if it has
+no header."""
+
+
+class _TimedMessage(NamedTuple):
+    """A message: its input, position, time and, if it has a header, its stamp.
+
+    `paired_ns` is the latest stamp of its pair.
+    """
+
+    input: int
+    position: int
+    time_ns: int
+    stamp_ns: int | None
+    paired_ns: int | None = None
+
+    @property
+    def step_ns(self) -> int | None:
+        """The stamp of its step."""
+        return self.stamp_ns if self.paired_ns is None else self.paired_ns
+
+
+def make_timeline(
+    inputs: Sequence[tuple[InputPlan, BufferIndex]],
+    sources: Sequence[BufferIndex],
+    plan: TimelinePlan,
+    buffer: int = 0,
+    transforms: BufferIndex | None = None,
+) -> tuple[TimelineSchedule, dict[str, int]]:
+    """Schedule the messages of all inputs.
+
+    Args:
+        inputs: the inputs that are played, with their buffers.
+        sources: the buffers of the bag.
+        plan: how recorded time is converted to playback time.
+        buffer: the maximum number of messages of each input; 0 keeps all.
+        transforms: recorded /tf, if it is played.
+
+    Returns:
+        The timeline; and for each topic with such messages, how many are left out because no
+        recorded message has their stamp.
+
+    Raises:
+        RunError: an input has no messages, or none with a known time.
+    """
+    by_stamp = times_by_stamp(sources)
+    found: list[_TimedMessage] = []
+    unknown: dict[str, int] = {}
+    for column, (each, index) in enumerate(inputs):
+        times_ns = [
+            index.times_ns[position]
+            if each.bag_topic or plan.recorded
+            else by_stamp.get(index.stamps_ns[position])
+            for position in range(len(index.sizes))[: buffer or None]
+        ]
+        known = [
+            _TimedMessage(
+                column,
+                position,
+                time_ns + each.later_ns,
+                index.stamps_ns[position] + each.later_ns if index.has_header else None,
+            )
+            for position, time_ns in enumerate(times_ns)
+            if time_ns is not None
+        ]
+        if not known:
+            raise _no_messages_error(each, len(times_ns))
+        if len(known) < len(times_ns):
+            unknown[index.topic] = len(times_ns) - len(known)
+        found += known
+    slops_ns = [each.slop_ns for each, _ in inputs]
+    paired = _pair(found, slops_ns) if any(slops_ns) else found
+    return _build_timeline(paired, plan, len(inputs), transforms), unknown
+
+
+def _pair(found: list[_TimedMessage], slops_ns: Sequence[int]) -> list[_TimedMessage]:
+    """The messages, with the stamp of their pair where they have one."""
+    by_input: dict[int, list[tuple[int, int]]] = {}
+    for place, each in enumerate(found):
+        if each.stamp_ns is not None and slops_ns[each.input]:
+            by_input.setdefault(each.input, []).append((place, each.stamp_ns))
+    columns = list(by_input)
+    stamps = [[stamp_ns for _, stamp_ns in by_input[column]] for column in columns]
+    pairs = pair_nearest(stamps, [slops_ns[column] for column in columns])
+    paired = list(found)
+    for pair in pairs:
+        members = [by_input[column][number] for column, number in zip(columns, pair, strict=True)]
+        latest_ns = max(stamp_ns for _, stamp_ns in members)
+        for place, _ in members:
+            paired[place] = found[place]._replace(paired_ns=latest_ns)
+    return paired
+
+
+def times_by_stamp(sources: Sequence[BufferIndex]) -> dict[int, int]:
+    """For each stamp, the time at which the last message with it was recorded."""
+    found: dict[int, int] = {}
+    for index in sources:
+        if index.has_header:
+            for stamp_ns, time_ns in zip(index.stamps_ns, index.times_ns, strict=True):
+                found[stamp_ns] = max(time_ns, found.get(stamp_ns, time_ns))
+    return found
+
+
+def _no_messages_error(plan: InputPlan, count: int) -> RunError:
+    if not count:
+        return RunError(
+            f"no messages were buffered for {plan.source}",
+            hint="Check the window, and the messages that the preprocessors publish.",
+            code="R2B643",
+        )
+    return RunError(
+        f"none of the {count} messages on {plan.source} has the stamp of a recorded message, so "
+        "their times are unknown",
+        hint="Keep the stamps in the preprocessors, or set 'record_timeline: true' to play the "
+        "messages at the times at which they are published.",
+        code="R2B659",
+    )
+
+
+def _build_timeline(
+    found: list[_TimedMessage], plan: TimelinePlan, inputs: int, transforms: BufferIndex | None
+) -> TimelineSchedule:
+    found.sort(key=lambda each: (each.time_ns, each.input, each.position))
+    start_ns = found[0].time_ns
+    keys, first_ns, masks = _steps(found)
+    stamps = _unique_stamps({key: key[0] for key in masks})
+    numbers = {key: number for number, key in enumerate(first_ns)}
+    length_ns = max(round_length_ns(list(first_ns.values())), found[-1].time_ns - start_ns + 1)
+    messages = [
+        TimelineMessage(
+            round((each.time_ns - start_ns) / plan.speed), numbers[key], each.input, each.position
+        )
+        for each, key in zip(found, keys, strict=True)
+    ]
+    if transforms is not None:
+        messages += _transform_messages(transforms, start_ns, length_ns, plan.speed, inputs)
+        # The transforms of a message are published before it.
+        messages.sort(key=lambda each: (each.offset_ns, each.step != NO_STEP))
+    spread_ns = max(stamps.values()) - min(stamps.values())
+    return TimelineSchedule(
+        steps=tuple(TimelineStep(stamps[key], masks[key]) for key in first_ns),
+        messages=tuple(messages),
+        # No message has a stamp later than its publication; the latest stamp equals it.
+        origin_ns=start_ns
+        + max((e.stamp_ns - e.time_ns for e in found if e.stamp_ns is not None), default=0),
+        period_ns=max(round(length_ns / plan.speed), messages[-1].offset_ns + 1),
+        stamp_period_ns=max(length_ns, spread_ns + 1),
+        inputs=inputs,
+        shift_transforms=plan.shift_tf,
+        stamp_offsets_ns=_stamp_offsets(found, keys, numbers, inputs),
+    )
+
+
+def _stamp_offsets(
+    found: list[_TimedMessage], keys: list[_StepKey], numbers: dict[_StepKey, int], inputs: int
+) -> tuple[tuple[int, ...], ...]:
+    """For each step and input, the stamp of the message minus that of the step; empty if all 0."""
+    offsets = [[0] * inputs for _ in numbers]
+    for each, key in zip(found, keys, strict=True):
+        if each.stamp_ns is not None and each.step_ns is not None:
+            offsets[numbers[key]][each.input] = each.stamp_ns - each.step_ns
+    return tuple(map(tuple, offsets)) if any(map(any, offsets)) else ()
+
+
+def _steps(
+    found: list[_TimedMessage],
+) -> tuple[list[_StepKey], dict[_StepKey, int], dict[_StepKey, int]]:
+    """The step of each message; and, in order of time, the start and the inputs of each step."""
+    counts: dict[tuple[int, int | None], int] = {}
+    keys = []
+    first_ns: dict[_StepKey, int] = {}
+    masks: dict[_StepKey, int] = {}
+    for each in found:
+        # A device may repeat a stamp; the n-th messages with it belong to one step.
+        nth = counts.get((each.input, each.step_ns), 0)
+        counts[each.input, each.step_ns] = nth + 1
+        key = _key(each, nth)
+        keys.append(key)
+        first_ns.setdefault(key, each.time_ns)
+        masks[key] = masks.get(key, 0) | 1 << each.input
+    return keys, first_ns, masks
+
+
+def _key(message: _TimedMessage, nth: int) -> _StepKey:
+    if message.step_ns is None:
+        return message.time_ns, nth, message.input
+    return message.step_ns, nth, -1
+
+
+def _unique_stamps(stamps: dict[_StepKey, int]) -> dict[_StepKey, int]:
+    """The stamps, with repeated ones increased by nanoseconds: outputs are identified by them."""
+    last_ns: int | None = None
+    found = {}
+    for key in sorted(stamps):
+        stamp_ns = stamps[key] if last_ns is None else max(stamps[key], last_ns + 1)
+        found[key] = last_ns = stamp_ns
+    return found
+
+
+def _transform_messages(
+    transforms: BufferIndex, start_ns: int, length_ns: int, speed: float, column: int
+) -> list[TimelineMessage]:
+    """The transforms of a round; those from shortly before its beginning are due with it."""
+    return [
+        TimelineMessage(round(max(0, time_ns - start_ns) / speed), NO_STEP, column, position)
+        for position, time_ns in enumerate(transforms.times_ns)
+        if -_MAX_TF_AGE_NS <= time_ns - start_ns < length_ns
+    ]
+
+
+def build_schedule(
+    plan: Plan, folder: Path, headers: Mapping[str, bool], note: Callable[[str], None]
+) -> tuple[Schedule, tuple[UnplayedMessages, ...]]:
+    """Build the schedule of a plan with playback.
+
+    Args:
+        plan: of the run.
+        folder: contains the buffers.
+        headers: for each input, whether its type begins with a header.
+        note: receives a note about messages that are left out.
+
+    Returns:
+        The schedule, and what of the inputs it leaves out.
+
+    Raises:
+        RunError: an input has no messages, or none that can be scheduled.
+        UnpairedInputError: most messages of an input are left out, and the plan refuses that.
+    """
+    found = [_load_index(folder, each.source, headers[each.topic]) for each in plan.inputs]
+    types = {each.source: headers[each.topic] for each in plan.inputs if each.bag_topic}
+    recorded = {
+        each.topic for dataset in plan.datasets or (plan.dataset,) for each in dataset.topics
+    }
+    sources = [_load_index(folder, topic, types.get(topic)) for topic in sorted(recorded)]
+    transforms = _load_tf_index(plan, folder)
+    pairs = list(zip(plan.inputs, found, strict=True))
+    if plan.timeline is None:
+        return _cyclic_schedule(plan, pairs, sources, transforms, note)
+    timeline, unknown = make_timeline(pairs, sources, plan.timeline, plan.buffer, transforms)
+    unplayed = _unplayed(pairs, unknown, "recording", agreed=plan.unpaired == "drop")
+    _note_unplayed(unplayed, note)
+    require_most_played(unplayed)
+    _check_every_monitor_has_steps(plan, timeline)
+    note(
+        f"one round of the timeline has {len(timeline.steps)} steps and takes "
+        f"{timeline.period_ns / 1e9:.4g} s"
+    )
+    return timeline, unplayed
+
+
+def _unplayed(
+    pairs: Sequence[tuple[InputPlan, BufferIndex]],
+    left_out: Mapping[str, int],
+    cause: Literal["partner", "recording"],
+    *,
+    agreed: bool = False,
+) -> tuple[UnplayedMessages, ...]:
+    """The messages that are left out, by input; `left_out` counts them by buffer."""
+    return tuple(
+        UnplayedMessages(
+            topic=each.topic,
+            count=left_out[index.topic],
+            total=len(index.sizes),
+            cause=cause,
+            agreed=agreed,
+            slop_ns=max(other.slop_ns for other, _ in pairs) if cause == "partner" else 0,
+        )
+        for each, index in pairs
+        if index.topic in left_out
+    )
+
+
+def _note_unplayed(unplayed: Sequence[UnplayedMessages], note: Callable[[str], None]) -> None:
+    for each in unplayed:
+        note(each.text.replace("were not played", "are not played"))
+
+
+def require_most_played(unplayed: Sequence[UnplayedMessages]) -> None:
+    """Check that of no input most messages are left out, unless the plan agrees.
+
+    Raises:
+        UnpairedInputError: of some input they are.
+    """
+    refused = [each for each in unplayed if each.is_most and not each.agreed]
+    if refused:
+        raise UnpairedInputError(
+            "; ".join(each.clause for each in refused), hint=refused[0].help, code="R2B415"
+        )
+
+
+def _cyclic_schedule(
+    plan: Plan,
+    pairs: Sequence[tuple[InputPlan, BufferIndex]],
+    sources: list[BufferIndex],
+    transforms: BufferIndex | None,
+    note: Callable[[str], None],
+) -> tuple[CyclicSchedule, tuple[UnplayedMessages, ...]]:
+    """The schedule of a plan without times.
+
+    Raises:
+        UnpairedInputError: most messages of an input have no partner, and the spec does not agree.
+    """
+    columns = [number for number, (each, _) in enumerate(pairs) if not each.recorded_rate]
+    aligned = align(
+        [pairs[number][1] for number in columns],
+        plan.buffer,
+        [pairs[number][0].slop_ns for number in columns],
+    )
+    unplayed = _unplayed(pairs, aligned.unpaired, "partner", agreed=plan.unpaired == "drop")
+    _note_unplayed(unplayed, note)
+    require_most_played(unplayed)
+    steps = playback_order(aligned.steps, plan.playback_mode)
+    timed = [_with_recorded_times(each, index, sources) for each, index in pairs]
+    of_steps = [timed[number] for number in columns]
+    between: list[BetweenMessage] = []
+    for number, (each, _) in enumerate(pairs):
+        if each.recorded_rate:
+            placed = place_between(number, timed[number], steps, of_steps)
+            note(f"{each.topic}: {len(placed)} messages between the {len(steps)} steps of a round")
+            between += placed
+    placed_transforms = () if transforms is None else place_transforms(transforms, steps, of_steps)
+    schedule = CyclicSchedule(
+        steps=steps,
+        transforms=placed_transforms,
+        columns=tuple(columns) if between else (),
+        between=tuple(between),
+        stamp_offsets_ns=playback_order(aligned.stamp_offsets_ns, plan.playback_mode),
+    )
+    return schedule, unplayed
+
+
+def _with_recorded_times(
+    plan: InputPlan, index: BufferIndex, sources: list[BufferIndex]
+) -> BufferIndex:
+    """The index with the times of the recording instead of those of the preprocessing."""
+    if plan.bag_topic:
+        return index
+    times_ns = times_by_stamp(sources)
+    known = tuple(times_ns.get(stamp_ns, stamp_ns) for stamp_ns in index.stamps_ns)
+    return msgspec.structs.replace(index, times_ns=known)
+
+
+def _load_index(folder: Path, topic: str, has_header: bool | None) -> BufferIndex:
+    index = read_index(folder, topic)
+    return read_stamps(folder, index) if has_header and index.has_header is None else index
+
+
+def _load_tf_index(plan: Plan, folder: Path) -> BufferIndex | None:
+    """The buffer of /tf, if transforms are played."""
+    if not any(each.publish_tf for each in plan.datasets or (plan.dataset,)):
+        return None
+    return read_index(folder, TF) if TF in buffered_transforms(folder) else None
+
+
+def _check_every_monitor_has_steps(plan: Plan, timeline: TimelineSchedule) -> None:
+    """Check that each monitor has at least one step."""
+    kinds = {each.inputs for each in timeline.steps}
+    for monitor in plan.monitors:
+        wanted = input_mask(plan.inputs, monitor.answers)
+        if not any(kind & wanted == wanted for kind in kinds):
+            raise RunError(
+                f"no step of the timeline has messages of all inputs of monitor {monitor.name}: "
+                f"{', '.join(monitor.answers)}",
+                hint=f"Set monitors.{monitor.name}.answers to the inputs that it answers, such as "
+                "'answers: [image]'.",
+                code="R2B658",
+            )
+
+
+@dataclass(frozen=True)
+class AlignedSteps:
+    """The steps to play: `steps[i][k]` is the position in input k of the message of step i.
+
+    Attributes:
+        unpaired: for each topic, the number of messages without a partner.
+        stamp_offsets_ns: for each step and input, the recorded stamp minus the latest one of the
+            step; empty if all are 0.
+    """
+
+    steps: tuple[tuple[int, ...], ...]
+    unpaired: dict[str, int]
+    stamp_offsets_ns: tuple[tuple[int, ...], ...] = ()
+
+
+def align(inputs: list[BufferIndex], limit: int, slops_ns: Sequence[int] = ()) -> AlignedSteps:
+    """Combine the messages of all inputs, in the order of their stamps.
+
+    Inputs with a header are matched by equal stamps, or by the nearest ones within a slop. An input
+    without a header is matched by order: its n-th message belongs to the n-th step; a shorter input
+    repeats from its first message.
+
+    Args:
+        inputs: the buffer of each input.
+        limit: the maximum number of steps; 0 keeps all.
+        slops_ns: the largest difference of stamps, for each input; empty for equal stamps.
+
+    Raises:
+        RunError: an input has no messages, or no stamp is common to all inputs.
+    """
+    for each in inputs:
+        if not each.sizes:
+            raise RunError(
+                f"no messages were buffered for {each.topic}",
+                hint="Check the window, and the messages that the preprocessors publish.",
+                code="R2B643",
+            )
+    headers = [number for number, each in enumerate(inputs) if each.has_header]
+    stamps = [inputs[number].stamps_ns for number in headers]
+    slops = [slops_ns[number] for number in headers] if slops_ns else [0] * len(headers)
+    if headers:
+        matched = pair_nearest(stamps, slops)
+        if not matched:
+            raise _no_common_stamp(inputs, max(slops))
+    else:
+        matched = tuple(() for _ in range(max(len(each.sizes) for each in inputs)))
+    kept = matched[:limit] if limit else matched
+    steps = []
+    for number, found in enumerate(kept):
+        by_stamp = iter(found)
+        steps.append(
+            tuple(
+                next(by_stamp) if each.has_header else number % len(each.sizes) for each in inputs
+            )
+        )
+    return AlignedSteps(
+        steps=tuple(steps),
+        unpaired={
+            each.topic: len(each.sizes) - len(matched)
+            for each in inputs
+            if each.has_header and len(each.sizes) > len(matched)
+        },
+        stamp_offsets_ns=_offsets_from_latest(inputs, steps) if any(slops) else (),
+    )
+
+
+def _no_common_stamp(inputs: list[BufferIndex], slop_ns: int) -> RunError:
+    counts = ", ".join(f"{each.topic}: {len(each.sizes)}" for each in inputs)
+    return RunError(
+        f"no messages of all inputs have stamps within {slop_ns / 1e6:g} ms ({counts} messages)"
+        if slop_ns
+        else f"no header stamp occurs in all inputs ({counts} messages)",
+        hint="Messages of one step need equal header stamps, or stamps that differ by at most "
+        "'playback.pairing: {slop: ...}'. 'mode: timeline' plays inputs of any stamps at the "
+        "recorded times, 'rate: recorded' plays an input between the steps; play inputs that were "
+        "not recorded together in separate specs.",
+        code="R2B644",
+    )
+
+
+def _offsets_from_latest(
+    inputs: list[BufferIndex], steps: Sequence[tuple[int, ...]]
+) -> tuple[tuple[int, ...], ...]:
+    """The stamps of each step relative to its latest one; 0 for inputs without a header."""
+    found = []
+    for step in steps:
+        stamps = [
+            each.stamps_ns[place] if each.has_header else None
+            for each, place in zip(inputs, step, strict=True)
+        ]
+        latest = max(each for each in stamps if each is not None)
+        found.append(tuple(0 if each is None else each - latest for each in stamps))
+    return tuple(found) if any(any(each) for each in found) else ()
+
+
+def playback_order(steps: tuple[tuple[int, ...], ...], mode: str) -> tuple[tuple[int, ...], ...]:
+    """The steps of one round of playback.
+
+    Looping continues with the first step after the last one. Sweeping goes back step by step, so
+    that consecutive steps are always close in the recording; the first and the last step are
+    played once per round.
+    """
+    return steps + steps[-2:0:-1] if mode == "sweeping" else steps
+
+
+def place_between(
+    number: int, index: BufferIndex, steps: Sequence[tuple[int, ...]], inputs: Sequence[BufferIndex]
+) -> tuple[BetweenMessage, ...]:
+    """The messages of one input between the steps of a round.
+
+    Where it and an input of the steps have headers, their stamps are compared, otherwise the times
+    of recording. What was recorded outside of the steps is left out, but for a mean period after
+    the last one.
+
+    Args:
+        number: of the input in the plan.
+        index: its buffer.
+        steps: one round.
+        inputs: the buffers of the inputs of the steps.
+
+    Raises:
+        RunError: no message was recorded between the steps.
+    """
+    headers = [each for each in inputs if each.has_header] if index.has_header else []
+    times_ns = index.stamps_ns if headers else index.times_ns
+    by_time = sorted(range(len(times_ns)), key=lambda position: times_ns[position])
+    ordered = [times_ns[position] for position in by_time]
+    found = [
+        BetweenMessage(
+            step + (ordered[place] - from_ns) / (to_ns - from_ns), number, by_time[place]
+        )
+        for step, from_ns, to_ns in step_intervals(_step_times(steps, inputs, bool(headers)))
+        for place in range(
+            bisect.bisect_left(ordered, min(from_ns, to_ns)),
+            bisect.bisect_left(ordered, max(from_ns, to_ns)),
+        )
+        if ordered[place] != to_ns
+    ]
+    if not found:
+        raise RunError(
+            f"no message of {index.topic} was recorded between the steps of the other inputs",
+            hint="Check the window, and that the stamps of all inputs are on one clock.",
+            code="R2B644",
+        )
+    return tuple(sorted(found, key=lambda each: each.at))
+
+
+def step_intervals(times_ns: Sequence[int]) -> Iterator[tuple[int, int, int]]:
+    """The number of each step of a round, its time, and that of the next one.
+
+    The last interval of a round that only goes forwards is as long as the mean one.
+    """
+    different = sorted(set(times_ns))
+    period_ns = round_length_ns(different) // len(different)
+    for number, from_ns in enumerate(times_ns):
+        to_ns = times_ns[(number + 1) % len(times_ns)]
+        last = number + 1 == len(times_ns)
+        if last and to_ns <= from_ns and len(different) == len(times_ns):
+            to_ns = from_ns + period_ns
+        if to_ns != from_ns:
+            yield number, from_ns, to_ns
+
+
+def _step_times(
+    steps: Sequence[tuple[int, ...]], inputs: Sequence[BufferIndex], stamps: bool
+) -> list[int]:
+    return [
+        max(
+            index.stamps_ns[position] if stamps else index.times_ns[position]
+            for index, position in zip(inputs, step, strict=True)
+            if index.has_header or not stamps
+        )
+        for step in steps
+    ]
+
+
+def place_transforms(
+    transforms: BufferIndex,
+    steps: Sequence[tuple[int, ...]],
+    inputs: Sequence[BufferIndex],
+) -> tuple[CyclicTransform, ...]:
+    """The positions of recorded transforms in a round of steps without times.
+
+    Between two steps the transforms are distributed as in the recording: one that was recorded at
+    a third of the interval is played at a third of it, at any rate. The differences of its stamps
+    to those of the steps are kept; they are exact at the rate of the recording. The transforms
+    that followed the last step, for a mean period, are played between the last and the first step.
+
+    Args:
+        transforms: the buffer of /tf.
+        steps: one round, from `playback_order`.
+        inputs: the buffer of each input.
+    """
+    times_ns = [
+        max(index.times_ns[position] for index, position in zip(inputs, step, strict=True))
+        for step in steps
+    ]
+    lags_ns = [
+        _lag_ns(step, inputs, time_ns) for step, time_ns in zip(steps, times_ns, strict=True)
+    ]
+    placed = []
+    for number, from_ns, to_ns in step_intervals(times_ns):
+        early, late = min(from_ns, to_ns), max(from_ns, to_ns)
+        first = bisect.bisect_left(transforms.times_ns, early)
+        for position in range(first, bisect.bisect_left(transforms.times_ns, late)):
+            at = (transforms.times_ns[position] - from_ns) / (to_ns - from_ns)
+            origin_ns = transforms.times_ns[position] + lags_ns[number]
+            if at < 1:
+                placed.append(CyclicTransform(number + at, position, origin_ns))
+    return tuple(sorted(placed, key=lambda each: each.at))
+
+
+def _lag_ns(step: tuple[int, ...], inputs: Sequence[BufferIndex], time_ns: int) -> int:
+    """The stamp of a step minus the time of its recording; usually negative."""
+    for index, position in zip(inputs, step, strict=True):
+        if index.has_header:
+            return index.stamps_ns[position] - time_ns
+    return 0

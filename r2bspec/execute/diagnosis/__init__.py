@@ -1,1 +1,0 @@
-"""Diagnosis of missing messages: the first fault on the planned path."""

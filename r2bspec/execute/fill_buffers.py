@@ -1,0 +1,364 @@
+"""The buffers of a run: the messages of its recordings, and what preprocessors make of them.
+
+The bags of a plan are located or synthesised, and copied as bytes. Then the preprocessors process
+these messages, and their outputs are buffered too. They are ended before the measurement, so that
+they take no CPU time from the graph under test.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import heapq
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from operator import itemgetter
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from r2bspec.bags.bag_index import index_bag
+from r2bspec.bags.bag_reader import read_messages
+from r2bspec.bags.bag_writer import begins_with_header
+from r2bspec.bags.integrity import hash_files
+from r2bspec.bags.recording import Message, Window
+from r2bspec.datasets.catalogue import locate
+from r2bspec.datasets.synthesis import make
+from r2bspec.execute.bringup.find_fault import fault_report, find_faults
+from r2bspec.execute.bringup.graph_matching import (
+    expected_subscriptions,
+    graph_error,
+    graph_observer,
+    subscription_counts,
+    wait_until_matched,
+)
+from r2bspec.execute.bringup.launcher import Launcher, message_packages
+from r2bspec.execute.bringup.observe_graph import (
+    TRACE_RATE_HZ,
+    TRACE_STEPS,
+    GraphFacts,
+)
+from r2bspec.execute.bringup.readiness import StartDeadline
+from r2bspec.execute.bringup.spec_mismatches import check_parameters, related_differences
+from r2bspec.execute.errors import DatasetMismatchError, NoOutputError
+from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
+from r2bspec.execute.progress import Progress
+from r2bspec.ipc import protocol
+from r2bspec.ipc.buffers import (
+    TF,
+    TF_STATIC,
+    TF_TYPE,
+    BufferWriter,
+    buffered_transforms,
+    read_stamp,
+)
+from r2bspec.plan.command_lines import NATIVE_ARGV
+from r2bspec.plan.plan import DatasetPlan, Plan, ProcessPlan
+
+
+@dataclass(frozen=True)
+class ResolvedDataset:
+    """A bag on disk, and its provenance for the record."""
+
+    path: Path
+    provenance: dict[str, Any]
+
+
+def obtain_dataset(plan: DatasetPlan, base_dir: Path, progress: Progress) -> ResolvedDataset:
+    """Locate the bag, or synthesise it if it is a synthetic one that is not in the cache.
+
+    Raises:
+        DataError: it does not exist, or cannot be synthesised.
+        DatasetMismatchError: its hash differs from the one in the spec.
+    """
+    location = locate(plan.source, base_dir)
+    provenance: dict[str, Any] = {"source": plan.source, "kind": location.kind}
+    if location.path is None:
+        made = make(
+            plan.source,
+            [each.bag_topic for each in plan.topics],
+            Window(start_ns=plan.start_ns, end_ns=plan.end_ns),
+            progress=progress.step,
+        )
+        path, digest = made.path, made.content_sha256
+        if made.damaged:
+            progress.note(f"the dataset {plan.source} in the cache was damaged; it was made anew")
+    else:
+        path = location.path
+        digest = hash_files(path)
+    if plan.sha256 and digest.removeprefix("sha256:") != plan.sha256.removeprefix("sha256:"):
+        raise DatasetMismatchError(
+            f"the hash of {plan.source} is {digest}, not the one in the spec",
+            hint="Use the bag that the spec expects, or update data_loader.bag.sha256.",
+        )
+    return ResolvedDataset(path, provenance | {"path": str(path), "sha256": digest})
+
+
+class _BagSource(NamedTuple):
+    """The topics to read from one bag, with their names in the graph."""
+
+    bag: Path
+    targets: Mapping[str, str]
+    window: Window
+
+
+def buffer_bags(
+    bags: Sequence[Path], datasets: Sequence[DatasetPlan], folder: Path, progress: Progress
+) -> dict[str, int]:
+    """Write a buffer for every topic of the plan, under its name in the graph.
+
+    Messages of one topic may be in several bags; they are buffered in the order of their
+    recording. Memory is bounded by a few messages of each bag. Windows are relative to the first
+    message of all bags. If transforms are requested, /tf is buffered like other topics, and the
+    complete /tf_static, regardless of the window, as one message.
+
+    Returns:
+        The number of messages of each topic of the graph.
+
+    Raises:
+        DataError: a bag cannot be read.
+        OSError: the disk is full.
+    """
+    types = {each.topic: each.type for dataset in datasets for each in dataset.topics}
+    if any(dataset.publish_tf for dataset in datasets):
+        types[TF] = TF_TYPE
+    stamped = {topic: begins_with_header(type_name) for topic, type_name in types.items()}
+    parts = [
+        _BagSource(bag, _graph_topics(dataset, bag), window)
+        for bag, dataset, window in zip(bags, datasets, _windows(bags, datasets), strict=True)
+    ]
+    expected = sum(each.count for dataset in datasets for each in dataset.topics)
+    writers: dict[str, BufferWriter] = {}
+    with contextlib.ExitStack() as stack:
+        for topic, type_name in types.items():
+            writer = BufferWriter(folder, topic, type_name, has_header=stamped[topic])
+            stack.callback(writer.close)
+            writers[topic] = writer
+        for done, (topic, message) in enumerate(_merge_bags(parts)):
+            stamp_ns = read_stamp(message.data) if stamped[topic] else message.time_ns
+            writers[topic].append(stamp_ns, message.data, message.time_ns)
+            if done % 16 == 0:
+                progress.step(done, max(expected, done))
+    counts = {topic: len(writer) for topic, writer in writers.items()}
+    return counts | _buffer_static(bags, datasets, folder)
+
+
+def _graph_topics(dataset: DatasetPlan, bag: Path) -> dict[str, str]:
+    """The topics of a bag that are read, with their names in the graph."""
+    targets = {each.bag_topic: each.topic for each in dataset.topics}
+    if dataset.publish_tf and index_bag(bag).find(TF) is not None:
+        targets[TF] = TF
+    return targets
+
+
+def _merge_bags(parts: Sequence[_BagSource]) -> Iterator[tuple[str, Message]]:
+    """The messages of all bags in order of time, each with its topic in the graph."""
+    streams = [_read_bag(part) for part in parts]
+    for _, topic, message in heapq.merge(*streams, key=itemgetter(0)):
+        yield topic, message
+
+
+def _read_bag(part: _BagSource) -> Iterator[tuple[int, str, Message]]:
+    by_name = {name.lstrip("/"): topic for name, topic in part.targets.items()}
+    for message in read_messages(part.bag, list(part.targets), part.window):
+        yield message.time_ns, by_name[message.topic.lstrip("/")], message
+
+
+def _buffer_static(
+    bags: Sequence[Path], datasets: Sequence[DatasetPlan], folder: Path
+) -> dict[str, int]:
+    """Buffer the static transforms of all bags for which they are requested, as one message."""
+    with_static = [
+        bag
+        for bag, dataset in zip(bags, datasets, strict=True)
+        if dataset.publish_tf_static and index_bag(bag).find(TF_STATIC) is not None
+    ]
+    found = [message for bag in with_static for message in read_messages(bag, [TF_STATIC])]
+    if not found:
+        return {}
+    found.sort(key=lambda each: each.time_ns)
+    writer = BufferWriter(folder, TF_STATIC, TF_TYPE, has_header=False)
+    writer.append(found[0].time_ns, merge_static([each.data for each in found]))
+    writer.close()
+    return {TF_STATIC: 1}
+
+
+def _windows(bags: Sequence[Path], datasets: Sequence[DatasetPlan]) -> list[Window]:
+    """The windows of the bags, each relative to the start of its own bag."""
+    if len(bags) == 1:
+        return [Window(start_ns=datasets[0].start_ns, end_ns=datasets[0].end_ns)]
+    starts_ns = [index_bag(bag).start_ns for bag in bags]
+    first_ns = min(starts_ns)
+    return [
+        Window(
+            start_ns=max(0, dataset.start_ns - (start_ns - first_ns)),
+            end_ns=None if dataset.end_ns is None else dataset.end_ns - (start_ns - first_ns),
+        )
+        for dataset, start_ns in zip(datasets, starts_ns, strict=True)
+    ]
+
+
+def merge_static(messages: Sequence[bytes]) -> bytes:
+    """One message with the last transform to each child frame.
+
+    A late subscription receives only the last message of a latched topic, so by convention
+    (REP 105; tf2_ros.StaticTransformBroadcaster) a publisher keeps all transforms in one message.
+
+    Args:
+        messages: serialised tf2_msgs/TFMessage in the order of their recording.
+    """
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    latest: dict[str, Any] = {}
+    for data in messages:
+        message: Any = store.deserialize_cdr(data, TF_TYPE)
+        for transform in message.transforms:
+            latest[transform.child_frame_id] = transform
+    merged = store.types[TF_TYPE](transforms=list(latest.values()))
+    return bytes(store.serialize_cdr(merged, TF_TYPE))
+
+
+_PHASE: Final = "preprocess"
+_LOAD_TIMEOUT_S = 3600.0
+_PLAY_TIMEOUT_S = 60.0
+
+
+def preprocess(
+    plan: Plan,
+    supervisor: ProcessSupervisor,
+    launcher: Launcher,
+    buffer_dir: Path,
+    note: Callable[[str], None],
+) -> None:
+    """Run the preprocessors on all messages that were buffered from the bag.
+
+    Raises:
+        NoOutputError: a recorded topic has no messages.
+        RunError: a process exited, failed, or was not ready in time.
+    """
+    processes = [each for each in plan.processes if each.phase == _PHASE]
+    recorded = {each.source: each.type for each in plan.inputs if not each.bag_topic}
+    read = {
+        each.name: set(each.readers) - {"loader"}
+        for each in plan.topics
+        if each.phase == _PHASE and "loader" in each.writers
+    }
+    datasets = plan.datasets or (plan.dataset,)
+    types = {each.topic: each.type for dataset in datasets for each in dataset.topics}
+    sources = {topic: kind for topic, kind in types.items() if topic in read}
+    played = {each.source for each in plan.inputs if each.bag_topic}
+    transforms = buffered_transforms(buffer_dir)
+    if TF in transforms:
+        sources[TF] = TF_TYPE
+    launcher.check_shared_memory(plan, _PHASE)
+    launcher.start_early(processes, message_packages(plan), observer=False)
+    loader = launcher.start(next(each for each in processes if each.role == "loader"))
+    launcher.configure(
+        loader,
+        protocol.ConfigureLoader(
+            sources=sources,
+            recorded=recorded,
+            buffer_dir=str(buffer_dir),
+            buffer_only=tuple(sorted(played - sources.keys())),
+            retime=plan.timeline is not None and plan.timeline.recorded,
+            static=TF_STATIC in transforms,
+            clock=plan.clock,
+        ),
+    )
+    others = [each for each in processes if each.role != "loader"]
+    deadline = StartDeadline(plan.start_timeout_ns)
+    nodes = launcher.start_nodes(others, deadline)
+    supervisor.request(loader, protocol.Subscribe(), protocol.Matched, 10.0)
+    # An input that is also played as recorded may have no subscription here.
+    wanted = {
+        topic: expected_subscriptions(plan, topic, _PHASE)
+        for topic in sources
+        if read.get(topic) or topic not in {*played, TF}
+    }
+    wanted |= dict.fromkeys(recorded, 1) | subscription_counts(launcher, transforms)
+    between = _expected_subscriptions_by_host(zip(nodes, others, strict=True), launcher, recorded)
+    wait_until_matched(
+        supervisor, launcher, {loader: wanted} | between, plan, _PHASE, deadline, note
+    )
+    check_parameters(plan, _PHASE, supervisor, loader, launcher.differences, note)
+    load = protocol.Load(
+        max_output_gap_ns=plan.drain_timeout_ns,
+        real_time=any(dataset.real_time for dataset in datasets),
+    )
+    loaded = supervisor.request(loader, load, protocol.Loaded, _LOAD_TIMEOUT_S)
+    _check_outputs(plan, supervisor, launcher, loader, loaded, buffer_dir, note)
+    supervisor.end([loader, *nodes])
+
+
+def _expected_subscriptions_by_host(
+    nodes: Iterable[tuple[ManagedProcess, ProcessPlan]], launcher: Launcher, recorded: Iterable[str]
+) -> dict[ManagedProcess, dict[str, int]]:
+    """For each host, how many subscriptions of preprocessors and loader its topics must match.
+
+    The loader counts its own endpoints only. Messages that the first preprocessor of a chain
+    publishes before the second one is matched would be lost.
+    """
+    subscriptions = Counter(list(recorded))
+    subscriptions.update(topic for _, topic, _, does in launcher.endpoints if does == "subscribes")
+    return {
+        child: {
+            topic: subscriptions[topic]
+            for node, topic, _, does in launcher.endpoints
+            if does == "publishes" and node in {each.name for each in process.nodes}
+        }
+        for child, process in nodes
+        if process.role == "host"
+    }
+
+
+def _check_outputs(
+    plan: Plan,
+    supervisor: ProcessSupervisor,
+    launcher: Launcher,
+    loader: ManagedProcess,
+    loaded: protocol.Loaded,
+    buffer_dir: Path,
+    note: Callable[[str], None],
+) -> None:
+    """Compare the number of output messages with the number of input messages."""
+    silent = [topic for topic, count in loaded.recorded.items() if count == 0]
+    published = ", ".join(f"{topic}: {count} messages" for topic, count in loaded.published.items())
+    if silent:
+        facts = _trace_messages(plan, supervisor, launcher, loader, buffer_dir)
+        faults = find_faults(facts, silent)
+        also = related_differences(faults, launcher.differences)
+        raise graph_error(
+            launcher,
+            faults,
+            f"no messages on {', '.join(silent)}",
+            fault_report(facts, silent, faults, also),
+            otherwise=NoOutputError,
+            hint=f"The loader published the input of the preprocessors ({published}).",
+        )
+    # An output made from several inputs has at most as many messages as the shortest one.
+    sent = min(
+        (count for topic, count in loaded.published.items() if count and topic != TF), default=0
+    )
+    for topic, count in loaded.recorded.items():
+        if count < sent:
+            note(f"{topic}: the preprocessors published {count} messages for {sent} inputs")
+
+
+def _trace_messages(
+    plan: Plan,
+    supervisor: ProcessSupervisor,
+    launcher: Launcher,
+    loader: ManagedProcess,
+    rows_dir: Path,
+) -> GraphFacts:
+    """Publish some messages again, and count the messages on each topic."""
+    monitor = launcher.start(
+        ProcessPlan(name="monitor", role="monitor", phase=_PHASE, argv=NATIVE_ARGV, env={})
+    )
+    launcher.configure(monitor, protocol.ConfigureMonitor(monitors=(), rows_dir=str(rows_dir)))
+
+    def play() -> None:
+        command = protocol.Play(rate_hz=TRACE_RATE_HZ, steps=TRACE_STEPS)
+        supervisor.request(loader, command, protocol.Played, _PLAY_TIMEOUT_S)
+
+    return graph_observer(supervisor, launcher, plan, _PHASE, monitor).trace(rows_dir, play)

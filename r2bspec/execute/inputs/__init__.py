@@ -1,1 +1,0 @@
-"""From the recording to the messages that the player publishes, and their times."""

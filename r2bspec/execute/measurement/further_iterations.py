@@ -1,0 +1,417 @@
+"""Further iterations, which count for nothing: messages are recorded, or compared with the truth.
+
+They are played after the measurement, with a second subscription, by the observer. Copying whole
+messages takes time from the machine, so that the measured iterations are left alone, and nothing of
+these is timed.
+
+One records every input and output, with the latency of each output. Another plays every step of the
+recording once more, at the lowest rate of the plan. An output answers a step, and the messages of a
+step have the stamps of the recording in the buffers; the ground truth is filed under these.
+"""
+
+from __future__ import annotations
+
+import heapq
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from r2bspec.bags.bag_writer import (
+    LATENCY_TYPE,
+    latency_message,
+    write_output_bag,
+)
+from r2bspec.bags.recording import Message
+from r2bspec.datasets.ground_truth import GroundTruth, read_disparity, read_ground_truth
+from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, SegmentPlayer
+from r2bspec.execute.processes.supervisor import ProcessSupervisor
+from r2bspec.ipc import protocol
+from r2bspec.ipc.arrivals import ArrivalReader
+from r2bspec.ipc.buffers import read_index, read_stamps
+from r2bspec.ipc.playback_file import PlaybackReader
+from r2bspec.ipc.sample_files import read_messages
+from r2bspec.ipc.schedule import CyclicSchedule, Schedule
+from r2bspec.measure.matching import NO_MATCH, match, ratio_of, select_expected_steps
+from r2bspec.measure.truth_accuracy import DisparityAccuracy, TagAccuracy, TagPose
+from r2bspec.plan.plan import MonitorPlan, Plan, TruthPlan
+from r2bspec.record.run_folder import RunFolder
+from r2bspec.record.run_record import (
+    MONITOR_FIELDS,
+    PLAYBACK_FIELDS,
+    AccuracyRecord,
+    Segment,
+)
+from r2bspec.record.sample_arrays import Rows
+from r2bspec.safe_io.safe_file import RefusedDataError
+
+OUTPUT_BAG = "outputs"
+"""The name of the bag in the run folder."""
+
+_MATCH_TIMEOUT_S = 5.0
+_POLL_S = 0.05
+
+
+@dataclass(frozen=True)
+class OutputRecorder:
+    """Records one iteration of a session.
+
+    Attributes:
+        rows_dir: receives the rows and the messages.
+    """
+
+    plan: Plan
+    supervisor: ProcessSupervisor
+    segment_player: SegmentPlayer
+    rows_dir: Path
+    folder: RunFolder
+
+    def record(self) -> dict[str, int]:
+        """Play and record; returns the number of messages by topic in the bag.
+
+        Raises:
+            RunError: a process does not respond, or exited.
+        """
+        watches = recorded_topics(self.plan)
+        recording = MessageRecording(self.supervisor, watches, self.rows_dir)
+        recording.begin()
+        play = max(self.plan.play, key=lambda each: each.rate_hz)
+        at = f"{play.rate_hz:g} Hz, " if play.rate_hz else ""
+        observation = self.segment_player.play_for(
+            SegmentHeading("recorded", "recorded-001", f"{at}recording the messages"),
+            play.rate_hz,
+            play.duration_ns,
+        )
+        recording.end()
+        return self._write_bag(watches, self.segment_player.segments[-1], observation.playback)
+
+    def _write_bag(
+        self, watches: Sequence[MonitorPlan], segment: Segment, playback: Rows
+    ) -> dict[str, int]:
+        offset_ns = began_ns = 0
+        if playback.size:
+            # Publishers that keep messages for late subscriptions send those of earlier segments.
+            began_ns = int(playback["published_ns"][0])
+            offset_ns = int(np.median(playback["stamp_ns"] - playback["published_ns"]))
+        monitors = {each.topic: each for each in self.plan.monitors}
+        types: dict[str, str] = {}
+        streams = []
+        for watch in watches:
+            path = self.rows_dir / f"{watch.name}.rows"
+            if not path.exists():
+                continue
+            rows = ArrivalReader(path, MONITOR_FIELDS).read(0)
+            types[watch.topic] = watch.type
+            latency_topic = ""
+            latencies = np.full(rows.size, NO_MATCH, dtype=np.int64)
+            if (monitor := monitors.get(watch.topic)) is not None and playback.size:
+                latency_topic = f"/r2bspec/{monitor.name}/latency"
+                types[latency_topic] = LATENCY_TYPE
+                latencies = _latencies(self.plan, monitor, segment, playback, rows)
+            content = self.rows_dir / f"{watch.name}.messages"
+            streams.append(
+                _messages(
+                    *(watch.topic, latency_topic, rows, latencies, content),
+                    began_ns=began_ns,
+                    offset_ns=offset_ns,
+                )
+            )
+        merged = heapq.merge(*streams, key=lambda each: each.time_ns)
+        return write_output_bag(self.folder.path / OUTPUT_BAG, types, merged)
+
+
+def recorded_topics(plan: Plan) -> tuple[MonitorPlan, ...]:
+    """A subscription for each topic that is played or monitored; no monitor begins with a dot."""
+    types = {each.topic: each.type for each in plan.inputs}
+    types |= {each.topic: each.type for each in plan.monitors}
+    return tuple(
+        MonitorPlan(name=f".record-{number}", topic=topic, type=kind, match="order", qos=None)
+        for number, (topic, kind) in enumerate(types.items())
+    )
+
+
+def _latencies(
+    plan: Plan, monitor: MonitorPlan, segment: Segment, playback: Rows, rows: Rows
+) -> Rows:
+    """The latency of each message in ns; `NO_MATCH` for one that answers no step."""
+    steps = select_expected_steps(playback, plan.inputs, monitor)
+    found = match(steps, rows, monitor.match, ratio_of(monitor, segment.played_before))
+    latencies = np.full(rows.size, NO_MATCH, dtype=np.int64)
+    known = found.step != NO_MATCH
+    latencies[known] = rows["received_ns"][known] - steps["published_ns"][found.step[known]]
+    return latencies
+
+
+def _messages(
+    topic: str,
+    latency_topic: str,
+    rows: Rows,
+    latencies: Rows,
+    content: Path,
+    *,
+    began_ns: int,
+    offset_ns: int,
+) -> Iterator[Message]:
+    """The messages of a topic from `began_ns` on, each followed by its latency."""
+    for received_ns, latency_ns, data in zip(
+        rows["received_ns"].tolist(), latencies.tolist(), read_messages(content), strict=False
+    ):
+        if received_ns < began_ns:
+            continue
+        time_ns = received_ns + offset_ns
+        yield Message(topic=topic, time_ns=time_ns, data=data)
+        if latency_topic and latency_ns != NO_MATCH:
+            yield Message(topic=latency_topic, time_ns=time_ns, data=latency_message(latency_ns))
+
+
+@dataclass(frozen=True)
+class MessageRecording:
+    """A second subscription to some topics, from `begin` to `end`.
+
+    Attributes:
+        supervisor: all processes.
+        monitors: the topics, with the names of their files.
+        folder: receives the files.
+    """
+
+    supervisor: ProcessSupervisor
+    monitors: tuple[MonitorPlan, ...]
+    folder: Path
+
+    def begin(self) -> None:
+        """Subscribe, and wait until the publishers are found; some topics may have none.
+
+        Raises:
+            RunError: a process does not respond, or exited.
+        """
+        self._ask(protocol.Record(monitors=self.monitors, folder=str(self.folder)))
+        deadline = time.monotonic() + _MATCH_TIMEOUT_S
+        while time.monotonic() < deadline:
+            found = self._ask(protocol.CountMatches())
+            if all(found.counts.get(each.topic) for each in self.monitors):
+                return
+            self.supervisor.pump(_POLL_S)
+
+    def end(self) -> None:
+        """Unsubscribe; the files are complete when this returns.
+
+        Raises:
+            RunError: a process does not respond, or the messages could not be written.
+        """
+        self._ask(protocol.EndRecording())
+
+    def _ask(self, message: Any) -> protocol.Matched:
+        observer = self.supervisor.observer()
+        return self.supervisor.request(observer, message, protocol.Matched)
+
+
+def compared_monitors(plan: Plan) -> tuple[MonitorPlan, ...]:
+    """The monitors that name a truth."""
+    return tuple(each for each in plan.monitors if each.truth is not None)
+
+
+@dataclass(frozen=True)
+class TruthComparison:
+    """Plays one more iteration of a session and compares its outputs.
+
+    Attributes:
+        rows_dir: has the rows of the player, and receives what is recorded.
+        buffer_dir: has the buffers that are played.
+        datasets: the folders of the recordings, of which some may have a ground truth.
+    """
+
+    plan: Plan
+    supervisor: ProcessSupervisor
+    segment_player: SegmentPlayer
+    schedule: Schedule
+    rows_dir: Path
+    buffer_dir: Path
+    datasets: tuple[Path, ...]
+
+    def compare(self) -> tuple[AccuracyRecord, ...]:
+        """Play and compare.
+
+        Raises:
+            RunError: a process does not respond, or exited.
+        """
+        watches = {
+            each.name: MonitorPlan(
+                name=f".truth-{number}", topic=each.topic, type=each.type, match="order", qos=None
+            )
+            for number, each in enumerate(compared_monitors(self.plan))
+        }
+        recording = MessageRecording(self.supervisor, tuple(watches.values()), self.rows_dir)
+        recording.begin()
+        played = PlaybackReader(self.rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
+        first = played.count()
+        rate_hz = _lowest_rate_hz(self.plan)
+        at = f"{rate_hz:g} Hz, " if rate_hz else ""
+        observation = self.segment_player.play(
+            SegmentHeading("recorded", "truth-001", f"{at}comparing with the truth"),
+            rate_hz,
+            len(self.schedule.steps),
+        )
+        recording.end()
+        segment = self.segment_player.segments[-1]
+        stamps = self._recorded_stamps(first, observation.playback.size)
+        return tuple(
+            self._compare_monitor(each, watches[each.name], segment, observation.playback, stamps)
+            for each in compared_monitors(self.plan)
+        )
+
+    def _recorded_stamps(self, first: int, count: int) -> list[frozenset[int]]:
+        """For each step that was played, the stamps that its messages had in the recording.
+
+        Args:
+            first: how many steps the player had played before.
+            count: how many it has played now.
+        """
+        schedule = self.schedule
+        length = len(schedule.steps)
+        if not isinstance(schedule, CyclicSchedule):
+            stamps = [frozenset({each.stamp_ns}) for each in schedule.steps]
+            return [stamps[number % length] for number in range(count)]
+        columns = schedule.columns or range(len(self.plan.inputs))
+        recorded = [self._buffered_stamps(self.plan.inputs[each].source) for each in columns]
+        by_place = [
+            frozenset(stamps[position] for stamps, position in zip(recorded, step, strict=True))
+            for step in schedule.steps
+        ]
+        return [by_place[(first + number) % length] for number in range(count)]
+
+    def _buffered_stamps(self, source: str) -> tuple[int, ...]:
+        index = read_index(self.buffer_dir, source)
+        if index.has_header is None:
+            index = read_stamps(self.buffer_dir, index)
+        return index.stamps_ns
+
+    def _compare_monitor(
+        self,
+        monitor: MonitorPlan,
+        watch: MonitorPlan,
+        segment: Segment,
+        playback: Rows,
+        stamps: Sequence[frozenset[int]],
+    ) -> AccuracyRecord:
+        truth = monitor.truth
+        assert truth is not None  # noqa: S101 - those without are left out
+        steps = select_expected_steps(playback, self.plan.inputs, monitor)
+        places = np.searchsorted(playback["stamp_ns"], steps["stamp_ns"])
+        record = AccuracyRecord(
+            monitor=monitor.name,
+            kind=truth.kind,
+            of=truth.name,
+            outputs=0,
+            steps=int(steps.size),
+            values={},
+        )
+        path = self.rows_dir / f"{watch.name}.rows"
+        if not path.exists():
+            return _with_problem(record, f"{monitor.topic} had no publisher.")
+        rows = ArrivalReader(path, MONITOR_FIELDS).read(0)
+        step_of = match(steps, rows, monitor.match, ratio_of(monitor, segment.played_before)).step
+        outputs = [
+            (stamps[int(places[step])], data)
+            for step, data in zip(
+                step_of.tolist(), read_messages(path.with_suffix(".messages")), strict=False
+            )
+            if step != NO_MATCH
+        ]
+        return compare_outputs(record, monitor, truth, outputs, self.datasets)
+
+
+def compare_outputs(
+    record: AccuracyRecord,
+    monitor: MonitorPlan,
+    truth: TruthPlan,
+    outputs: Sequence[tuple[frozenset[int], bytes]],
+    datasets: Sequence[Path],
+) -> AccuracyRecord:
+    """Compare outputs, each with the recorded stamps of its step, with the truth of a recording."""
+    found = [(folder, known) for folder in datasets if (known := read_ground_truth(folder))]
+    if not found:
+        return _with_problem(record, "The recording has no ground truth.")
+    compare = _compare_disparity if truth.kind == "disparity" else _compare_tag
+    for folder, known in found:
+        try:
+            accuracy = compare(folder, known, truth.name, _decoded(monitor.type, outputs))
+        except KeyError:
+            continue
+        except (OSError, RefusedDataError) as error:
+            return _with_problem(record, f"The ground truth cannot be read: {error}.")
+        if outputs and not accuracy.images:
+            return _with_problem(record, "The ground truth has none of the stamps of the outputs.")
+        return msgspec.structs.replace(
+            record, outputs=accuracy.images, values=accuracy.values, text=accuracy.text
+        )
+    return _with_problem(record, f"The ground truth has no {truth.kind} of {truth.name}.")
+
+
+def _with_problem(record: AccuracyRecord, problem: str) -> AccuracyRecord:
+    return msgspec.structs.replace(record, problem=problem)
+
+
+Outputs = Sequence[tuple[frozenset[int], Any]]
+
+
+def _decoded(kind: str, outputs: Sequence[tuple[frozenset[int], bytes]]) -> Outputs:
+    from r2bspec.bags.bag_writer import typestore
+
+    store = typestore()
+    return [(stamps, store.deserialize_cdr(data, kind)) for stamps, data in outputs]
+
+
+def _compare_disparity(
+    folder: Path, known: GroundTruth, pair: str, outputs: Outputs
+) -> DisparityAccuracy:
+    """Compare DisparityImage messages.
+
+    Raises:
+        KeyError: the ground truth has no such pair.
+    """
+    stamps_ns = frozenset(known.stereo[pair].stamps_ns)
+    accuracy = DisparityAccuracy()
+    for stamps, message in outputs:
+        image = message.image
+        if (at := stamps & stamps_ns) and image.encoding == "32FC1":
+            found = np.frombuffer(image.data, ">f4" if image.is_bigendian else "<f4")
+            pixels = found.reshape(image.height, image.step // 4)[:, : image.width]
+            true = read_disparity(folder, pair, min(at))
+            accuracy.add(pixels.astype(np.float32), message.min_disparity, true)
+    return accuracy
+
+
+def _compare_tag(folder: Path, known: GroundTruth, topic: str, outputs: Outputs) -> TagAccuracy:
+    """Compare PoseArray messages.
+
+    Raises:
+        KeyError: the ground truth has no such image topic.
+    """
+    del folder
+    sightings: Mapping[str, Any] = known.tag.sightings if known.tag is not None else {}
+    by_stamp = {each.stamp_ns: each for each in sightings[f"/{topic.removeprefix('/')}"]}
+    accuracy = TagAccuracy()
+    for stamps, message in outputs:
+        at = stamps & by_stamp.keys()
+        if not at:
+            continue
+        seen = by_stamp[min(at)]
+        true = TagPose(seen.position_m, seen.orientation_xyzw) if seen.visible else None
+        accuracy.add([_tag_pose(each) for each in message.poses], true)
+    return accuracy
+
+
+def _tag_pose(pose: Any) -> TagPose:
+    at, turned = pose.position, pose.orientation
+    return TagPose((at.x, at.y, at.z), (turned.x, turned.y, turned.z, turned.w))
+
+
+def _lowest_rate_hz(plan: Plan) -> float:
+    """The lowest rate of the plan; 0 where the recording sets it."""
+    rates = [each.rate_hz for each in plan.play] + list(plan.sustained_hz)
+    rates += [plan.search.min_hz] if plan.search is not None else []
+    return min(rates, default=0.0)

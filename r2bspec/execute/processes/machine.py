@@ -1,0 +1,248 @@
+"""The machine of a run: what it is, what is installed on it, and what makes a run impossible on it.
+
+A run is refused on a machine that its spec does not accept. Where the disk of the run folder is
+full, nodes fail in ways of their own, and the error has to name the disk instead.
+
+Benchmarks that run at the same time measure each other, so there is one lock for each host: an
+advisory one on a file, which the kernel releases when its holder ends, however it ends. The file
+also says who holds it, for people who wait; nothing depends on that text.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import importlib.metadata
+import os
+import platform
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import psutil
+
+from r2bspec._version import __version__
+from r2bspec.check.this_machine import LABELS_VARIABLE, this_machine, unmet
+from r2bspec.diagnostics.quote import printable
+from r2bspec.errors import R2bspecError
+from r2bspec.execute.errors import OtherMachineError
+from r2bspec.middleware.middleware import middleware_of, selected_rmw
+from r2bspec.plan.plan import Plan
+
+_NEEDED_BYTES = 64 << 10
+"""What a disk that is not full has room for; a node prints less at once."""
+
+_FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
+
+
+def describe_machine() -> dict[str, Any]:
+    """Processor, memory, kernel and load of this machine, as far as they are known."""
+    load_1min, load_5min, _ = os.getloadavg()
+    frequency = None
+    # Some platforms, and containers without /sys, do not provide the frequency.
+    try:
+        current = psutil.cpu_freq()
+        frequency = round(current.max or current.current) if current else None
+    except (OSError, NotImplementedError):
+        frequency = None
+    return {
+        "architecture": platform.machine(),
+        "cpu": _cpu_model(),
+        "cores": len(os.sched_getaffinity(0)),
+        "cpu_max_mhz": frequency,
+        "memory_bytes": psutil.virtual_memory().total,
+        "kernel": platform.release(),
+        "os": _os_name(),
+        "load_1min": load_1min,
+        "load_5min": load_5min,
+        "cpu_governor": _read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
+        "gpus": _gpus(),
+    }
+
+
+def describe_versions() -> dict[str, str]:
+    """Versions of r2bspec, Python, and the ROS packages that are installed."""
+    versions = {"r2bspec": __version__, "python": platform.python_version()}
+    middleware = middleware_of(os.environ).distributions
+    for name in ("rclpy", *middleware, "numpy", "opencv-python-headless"):
+        for candidate in (f"ros-jazzy-{name}", f"ros-{name}", name):
+            try:
+                versions[name] = importlib.metadata.version(candidate)
+                break
+            except importlib.metadata.PackageNotFoundError:
+                continue
+    if distribution := os.environ.get("ROS_DISTRO"):
+        versions["ros_distro"] = distribution
+    versions["rmw"] = selected_rmw(os.environ)
+    return versions
+
+
+def interpreter() -> str:
+    """The interpreter that replaces ``$(python)``."""
+    return sys.executable
+
+
+def _cpu_model() -> str:
+    for line in _read("/proc/cpuinfo").splitlines():
+        if line.startswith("model name"):
+            return line.partition(":")[2].strip()
+    return platform.processor()
+
+
+def _gpus() -> list[str]:
+    """The names of the NVIDIA GPUs, if NVML and its bindings (the extra `gpu`) are installed."""
+    try:
+        import pynvml
+
+        pynvml.nvmlInit()
+    except Exception:  # the bindings raise their own errors where there is no driver
+        return []
+    try:
+        count = pynvml.nvmlDeviceGetCount()
+        return [
+            str(pynvml.nvmlDeviceGetName(pynvml.nvmlDeviceGetHandleByIndex(n)))
+            for n in range(count)
+        ]
+    finally:
+        pynvml.nvmlShutdown()
+
+
+def _os_name() -> str:
+    try:
+        return platform.freedesktop_os_release().get("PRETTY_NAME", platform.system())
+    except OSError:
+        return platform.system()
+
+
+def _read(path: str) -> str:
+    try:
+        return Path(path).read_text(errors="replace").strip()
+    except OSError:
+        return ""
+
+
+def check_machine(plan: Plan) -> None:
+    """See that this machine is what a plan requires.
+
+    Raises:
+        OtherMachineError: it is not.
+    """
+    if plan.requires and (lacks := unmet(plan.requires, this_machine())):
+        raise OtherMachineError(
+            f"this machine is not what the spec requires: {'; '.join(lacks)}",
+            hint=f"Run it on a host that fits, for example with --on. {LABELS_VARIABLE} has the "
+            "labels of this machine.",
+        )
+
+
+def unwritable_log(folder: Path) -> Path | None:
+    """The largest log of a run, if its disk has no room for more; else None.
+
+    A node that cannot write its log may raise, exit or fall silent.
+    """
+    if _has_room(folder):
+        return None
+    logs = [each for each in (folder / "logs").rglob("*") if each.is_file()]
+    return max(logs, key=lambda each: each.lstat().st_size, default=None)
+
+
+def _has_room(folder: Path) -> bool:
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            os.posix_fallocate(file.fileno(), 0, _NEEDED_BYTES)
+    except OSError as error:
+        return error.errno not in _FULL
+    return True
+
+
+DISABLED_BY: Final = "R2BSPEC_NO_LOCK"
+"""The variable that switches the lock off, for programs that make several runs at once."""
+
+_NAME: Final = "r2bspec-host.lock"
+_POLL_S = 0.2
+_MAX_HOLDER_BYTES = 300
+
+
+class HostBusyError(R2bspecError):
+    """Another run has this host, and waiting was not wanted."""
+
+    code = "R2B697"
+
+
+def lock_file() -> Path:
+    """The file of the lock, in the folder for temporary files, which all users share."""
+    return Path(tempfile.gettempdir()) / _NAME
+
+
+@contextlib.contextmanager
+def host_lock(what: str, *, wait: bool = True, on_wait: Callable[[str], None]) -> Iterator[None]:
+    """Have the host to oneself for as long as the context lasts.
+
+    Without the permission to open the file of another user there is no lock, and the run goes on:
+    a benchmark next to another one is better than none.
+
+    Args:
+        what: is shown to those who wait, such as the name of the benchmark.
+        wait: for the end of another run.
+        on_wait: is called once, with the holder, if it has to be waited for.
+
+    Raises:
+        HostBusyError: another run has the host, and `wait` is False.
+    """
+    if os.environ.get(DISABLED_BY):
+        yield
+        return
+    place = _open()
+    if place is None:
+        yield
+        return
+    try:
+        _acquire(place, wait=wait, on_wait=on_wait)
+        os.ftruncate(place, 0)
+        os.pwrite(place, f"{printable(what)[:200]} (process {os.getpid()})".encode(), 0)
+        yield
+    finally:
+        os.close(place)
+
+
+def _open() -> int | None:
+    """The file, open; None where that is not possible."""
+    flags = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
+    for more in (0, os.O_CREAT):
+        with contextlib.suppress(OSError):
+            # Not with O_CREAT at first: the kernel refuses that for files of others in /tmp.
+            place = os.open(lock_file(), flags | more, 0o666)
+            with contextlib.suppress(OSError):
+                os.fchmod(place, 0o666)
+            return place
+    return None
+
+
+def _acquire(place: int, *, wait: bool, on_wait: Callable[[str], None]) -> None:
+    told = False
+    while True:
+        try:
+            fcntl.flock(place, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if not wait:
+                raise HostBusyError(
+                    f"this host is in use by {_holder(place)}",
+                    hint="Without --no-wait (lock: wait) a run waits for its end; with --no-lock "
+                    "(lock: off) it measures next to it.",
+                ) from None
+            if not told:
+                on_wait(_holder(place))
+                told = True
+            time.sleep(_POLL_S)
+        else:
+            return
+
+
+def _holder(place: int) -> str:
+    """Who holds the lock, as it says itself."""
+    text = os.pread(place, _MAX_HOLDER_BYTES, 0).decode(errors="replace")
+    return printable(text) or "another run"

@@ -1,0 +1,411 @@
+"""What has to be there before processes start: their programs, their middleware, shared memory.
+
+Programs are looked for on this machine. The harness can join one into which the linker loads one
+more object.
+
+`r2bspec validate` says the same of the transport of a spec; a plan from a file was not validated
+here, and the RMW that is loaded where none is named depends on the installation.
+
+A segment of shared memory of the full size is taken for each process when it starts. Where that
+fails, the middleware says so in the log of that process and goes on over UDP: with images the graph
+is then ten times slower, and nothing tells why. A run therefore looks before it starts anything. It
+also keeps other users out of its shared memory, which the umask does not do.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import re
+import shutil
+import socket
+import stat
+import struct
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+from r2bspec import harness
+from r2bspec.execute.errors import (
+    MiddlewareError,
+    NotInstalledError,
+    NotJoinableError,
+    RunError,
+    SharedMemoryError,
+)
+from r2bspec.execute.processes.machine import interpreter
+from r2bspec.measure.units import show
+from r2bspec.middleware.middleware import (
+    RMW_VARIABLE,
+    SHARED_MEMORY,
+    Middleware,
+    TransportKind,
+    middleware_of,
+    refuse_transport,
+    selected_rmw,
+)
+from r2bspec.native.build import BuildError
+from r2bspec.native.harness_objects import harness_library, harness_program
+from r2bspec.plan.plan import Plan, ProcessPlan
+
+_EXECUTABLE = re.compile(r"\$\(executable (?P<package>\S+) (?P<name>\S+)\)")
+
+_ELF: Final = b"\x7fELF"
+_64_BIT_LITTLE_ENDIAN: Final = b"\x02\x01"
+_INTERPRETER_SEGMENT: Final = 3
+"""PT_INTERP: the dynamic linker of a program; a static one has none."""
+
+_HEADER_BYTES: Final = 64
+_SEGMENT_BYTES: Final = 56
+_READ_BYTES: Final = 1 << 16
+_MAX_SCRIPTS: Final = 4
+
+
+def resolve_argv(plan: ProcessPlan) -> list[str]:
+    """The command line of a process, with the interpreter and full paths of executables.
+
+    Raises:
+        NotInstalledError: a package, executable or program is not on this machine.
+    """
+    argv = resolve_command(plan.argv, f"process {plan.name}")
+    if hosts_library(plan):
+        native_library()
+    return argv
+
+
+def hosts_library(plan: ProcessPlan) -> bool:
+    """Whether player and monitor run in a process of Python nodes."""
+    return plan.role == "harness" and bool(plan.nodes)
+
+
+def native_library() -> Path:
+    """The library of players and monitors.
+
+    Raises:
+        NotInstalledError: it cannot be built on this machine.
+    """
+    with build_errors():
+        return harness_library()
+
+
+@contextlib.contextmanager
+def build_errors() -> Iterator[None]:
+    """What cannot be built is not installed, to a run."""
+    try:
+        yield
+    except BuildError as error:
+        raise NotInstalledError(str(error), hint=error.hint, code=error.code) from error
+
+
+def resolve_command(words: Sequence[str], what: str) -> list[str]:
+    """Resolve any command; `what` names its owner in the error.
+
+    Raises:
+        NotInstalledError: a package, executable or program is not on this machine.
+    """
+    argv = [_resolve(word) for word in words]
+    if "/" not in argv[0]:
+        found = shutil.which(argv[0])
+        if found is None:
+            raise NotInstalledError(
+                f"{what}: program {argv[0]!r} is not on PATH",
+                hint="Install it, or correct the command in the spec.",
+                code="R2B621",
+            )
+        argv[0] = found
+    return argv
+
+
+def _resolve(word: str) -> str:
+    if word == "$(python)":
+        return interpreter()
+    if word == "$(harness)":
+        with build_errors():
+            return str(harness_program())
+    if word == "$(included_launch)":
+        return str(Path(harness.__file__).with_name("included_launch.py"))
+    found = _EXECUTABLE.fullmatch(word)
+    return str(find_executable(found["package"], found["name"])) if found else word
+
+
+def find_executable(package: str, name: str) -> Path:
+    """The executable of an ament package: ``PREFIX/lib/PACKAGE/NAME``.
+
+    The index is read directly (a package is a file with its name in
+    ``share/ament_index/resource_index/packages``), so this works without ament's Python package.
+
+    Raises:
+        NotInstalledError: no prefix in AMENT_PREFIX_PATH has the package or the executable.
+    """
+    prefixes = [Path(each) for each in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if each]
+    index = "share/ament_index/resource_index/packages"
+    having = [prefix for prefix in prefixes if (prefix / index / package).exists()]
+    if not having:
+        raise NotInstalledError(
+            f"ROS package {package!r} is not installed in {len(prefixes)} ament prefixes",
+            hint="Install it, or source the workspace that contains it.",
+            code="R2B622",
+        )
+    for prefix in having:
+        candidate = prefix / "lib" / package / name
+        if _executable(candidate):
+            return candidate
+    available = sorted(
+        each.name for each in (having[0] / "lib" / package).glob("*") if _executable(each)
+    )
+    raise NotInstalledError(
+        f"ROS package {package!r} has no executable {name!r}",
+        hint=f"Its executables: {', '.join(available) or 'none'}.",
+        code="R2B623",
+    )
+
+
+def _executable(path: Path) -> bool:
+    return path.is_file() and os.access(path, os.X_OK)
+
+
+def require_joinable(name: str, argv: Sequence[str]) -> None:
+    """See that the harness can join a process, as far as its program shows.
+
+    A wrapper, such as ``taskset``, may be what cannot be joined, and start a program that can.
+
+    Args:
+        name: of the process, for the error.
+        argv: its resolved command line.
+
+    Raises:
+        NotJoinableError: it cannot.
+    """
+    reason = why_not_joinable(Path(argv[0]))
+    if not reason:
+        return
+    others = [found for word in argv[1:] if (found := shutil.which(word)) is not None]
+    if "user" not in reason and any(not why_not_joinable(Path(each)) for each in others):
+        return
+    raise not_joinable(name, f"{argv[0]} {reason}")
+
+
+def not_joinable(name: str, reason: str) -> NotJoinableError:
+    """The error for a process that the harness cannot join, with the ways out."""
+    return NotJoinableError(
+        f"player and monitors cannot join process {name}: {reason}",
+        hint="Write 'harness: {placement: separate}', or name another process with 'in'.",
+    )
+
+
+def why_not_joinable(program: Path) -> str:
+    """Why a program ignores preloaded objects; empty if it does not, or that is unknown."""
+    try:
+        for _ in range(_MAX_SCRIPTS):
+            with program.open("rb") as file:
+                head = file.read(_READ_BYTES)
+            if not head.startswith(b"#!"):
+                return _of_elf(head) or _of_privileges(program)
+            words = head[2:].split(b"\n", 1)[0].split()
+            program = Path(os.fsdecode(words[0])) if words else Path("/bin/sh")
+    except OSError:
+        return ""
+    return ""
+
+
+def _of_elf(head: bytes) -> str:
+    if not head.startswith(_ELF) or len(head) < _HEADER_BYTES:
+        return ""
+    if head[4:6] != _64_BIT_LITTLE_ENDIAN or head[18:20] != _own_machine():
+        return "is built for another kind of processor"
+    begin, size, count = _segments(head)
+    for number in range(count):
+        at = begin + number * size
+        if at + _SEGMENT_BYTES > len(head):
+            return ""
+        kind, offset, length = _segment(head, at)
+        if kind == _INTERPRETER_SEGMENT:
+            linker = head[offset : offset + length].rstrip(b"\0")
+            musl = b"ld-musl" in linker
+            return "uses another C library than ROS (musl)" if musl else ""
+    return "is linked statically"
+
+
+def _own_machine() -> bytes:
+    with open("/proc/self/exe", "rb") as file:  # noqa: PTH123 - the running program, not a path
+        return file.read(20)[18:20]
+
+
+def _segments(head: bytes) -> tuple[int, int, int]:
+    """Where the program headers begin, their size, and how many there are."""
+    (begin,) = struct.unpack_from("<Q", head, 32)
+    size, count = struct.unpack_from("<HH", head, 54)
+    return begin, size, count
+
+
+def _segment(head: bytes, at: int) -> tuple[int, int, int]:
+    """The type of a segment, and its place and size in the file."""
+    (kind,) = struct.unpack_from("<I", head, at)
+    (offset,) = struct.unpack_from("<Q", head, at + 8)
+    (length,) = struct.unpack_from("<Q", head, at + 32)
+    return kind, offset, length
+
+
+def _of_privileges(program: Path) -> str:
+    """The linker ignores what is preloaded if a program runs as another user than its caller."""
+    found = program.stat()
+    other_user = found.st_mode & stat.S_ISUID and found.st_uid != os.getuid()
+    other_group = found.st_mode & stat.S_ISGID and found.st_gid != os.getgid()
+    if other_user or other_group:
+        return "runs as another user (setuid or setgid)"
+    try:
+        capable = bool(os.getxattr(program, "security.capability"))
+    except OSError:
+        capable = False
+    return "runs with privileges that its user does not have" if capable and os.getuid() else ""
+
+
+_MIN_DOMAIN, _MAX_DOMAIN = 1, 100
+"""Domains whose UDP ports (7400 + 250 x domain) are outside of the ephemeral range of Linux."""
+
+_PORT_BASE = 32768
+"""The convention of ROS's `domain_coordinator`: a process that binds TCP port 32768 + N has
+domain N. It also avoids collisions with test suites that use it."""
+
+_SEGMENT_LOOK_S = 0.1
+_SEGMENT_LOOKS = 20
+"""How often a file is looked at: a process maps its segment a moment after it has made it."""
+
+
+def check_middleware(plan: Plan, environ: Mapping[str, str]) -> None:
+    """See that the transport of a plan can be configured for every process.
+
+    Args:
+        plan: says which transport, and what processes have in their own environment.
+        environ: what r2bspec runs in, of which the processes inherit the selection.
+
+    Raises:
+        MiddlewareError: it cannot.
+    """
+    _refuse(plan.transport, selected_rmw(environ), RMW_VARIABLE)
+    for process in plan.processes:
+        if process.env.get(RMW_VARIABLE):
+            _refuse(plan.transport, selected_rmw(process.env), f"{RMW_VARIABLE} of {process.name}")
+
+
+def check_loaded_rmw(kind: TransportKind, rmw: str) -> None:
+    """The same for the implementation that a process says it has loaded.
+
+    Raises:
+        MiddlewareError: the transport cannot be configured for it.
+    """
+    _refuse(kind, rmw, "this installation")
+
+
+def _refuse(kind: TransportKind, rmw: str, selected_by: str) -> None:
+    refusal = refuse_transport(kind, rmw)
+    if refusal is not None:
+        from r2bspec.check.rules.transport import transport_unsupported_by_middleware
+
+        way_out = f"{refusal.help[0].upper()}{refusal.help[1:]}."
+        raise MiddlewareError(
+            f"{refusal.message}, which {selected_by} selects",
+            hint=way_out,
+            code=transport_unsupported_by_middleware.code,
+        )
+
+
+@contextlib.contextmanager
+def reserved_domain() -> Iterator[int]:
+    """Reserve a free domain for as long as the context lasts.
+
+    The reservation is a bound port, which the kernel releases when the process exits.
+
+    Raises:
+        RunError: all domains are taken.
+    """
+    candidates = list(range(_MIN_DOMAIN, _MAX_DOMAIN + 1))
+    random.shuffle(candidates)
+    for domain in candidates:
+        with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as guard:
+            try:
+                guard.bind(("127.0.0.1", _PORT_BASE + domain))
+            except OSError:
+                continue
+            yield domain
+            return
+    raise RunError(
+        f"all ROS domains from {_MIN_DOMAIN} to {_MAX_DOMAIN} are in use on this machine",
+        hint="Wait until other runs have finished.",
+    )
+
+
+def require_free_shared_memory(
+    plan: Plan,
+    phase: str,
+    middleware: Middleware,
+    segment_bytes: int,
+    folder: Path = SHARED_MEMORY,
+) -> None:
+    """See that the processes of a phase find the shared memory that they are told to use.
+
+    A launch file counts as one process, because how many it starts is not known.
+
+    Args:
+        plan: says who runs in the phase.
+        phase: ``preprocess`` or ``measure``.
+        middleware: takes the segments.
+        segment_bytes: the size of each segment; 0 where the run decides nothing about it.
+        folder: where shared memory lies.
+
+    Raises:
+        SharedMemoryError: there is less room.
+    """
+    if not segment_bytes:
+        return
+    try:
+        free = shutil.disk_usage(folder).free
+    except OSError as error:
+        raise SharedMemoryError(
+            f"there is no shared memory in {folder}: {error.strerror or error}",
+            hint="Mount a tmpfs there, or state transport: udp.",
+        ) from error
+    # The observer, which no plan lists, runs with the measured graph.
+    processes = sum(each.phase == phase for each in plan.processes) + (phase == "measure")
+    wanted = middleware.required_shm_bytes(processes, segment_bytes)
+    if free < wanted:
+        raise SharedMemoryError(
+            f"{folder} has {show(free, 'B')} free; the {processes} processes of the {phase} phase "
+            f"need {show(wanted, 'B')}, a segment of {show(segment_bytes, 'B')} each",
+            hint="Make it larger (in a container: "
+            f"--shm-size={_suggested_mib(wanted)}m; else: mount -o "
+            f"remount,size={_suggested_mib(wanted)}m {folder}), or state transport: udp, "
+            "or smaller "
+            "segments (transport: {kind: shared_memory, segment: ...}). 'r2bspec doctor --clean' "
+            "frees what dead runs have left.",
+        )
+
+
+def _suggested_mib(count: int) -> int:
+    """Mebibytes with some to spare."""
+    return -(-count * 5 // (4 << 20))
+
+
+class SharedMemoryModes:
+    """The segments of a run's processes, of which each is made private soon after it is made."""
+
+    def __init__(self, pids: Callable[[], Iterable[int]]) -> None:
+        self._pids = pids
+        self._middleware = middleware_of(os.environ)
+        self._attempts: dict[str, int] = {}
+        self._next_s = 0.0
+
+    def make_private(self) -> None:
+        """Look for new segments, at most ten times a second.
+
+        Those of programs that are not of the run stay readable, and are not looked at for ever.
+        """
+        if time.monotonic() < self._next_s:
+            return
+        self._next_s = time.monotonic() + _SEGMENT_LOOK_S
+        readable = self._middleware.readable_shm_files()
+        self._attempts = {name: self._attempts.get(name, 0) + 1 for name in readable}
+        if any(number <= _SEGMENT_LOOKS for number in self._attempts.values()):
+            self._middleware.make_shm_files_private(self._pids())

@@ -1,0 +1,666 @@
+"""CPU and memory of every process over the whole run, sampled on a thread of the controller.
+
+Host interference is sampled at the same times. In addition to its periodic samples, the sampler
+takes samples on request: at the start and end of every segment, so that the use in a segment need
+not be interpolated.
+
+`HostWatch` says at once what other programs did to a part of the run that has just ended: a probe,
+a start, the overhead. Iterations are examined when the run is judged, from the same samples.
+
+Host interference: counters for the load of other processes. All values are cumulative, so the
+difference of two readings is the interference between them. A value that the system does not
+provide is NaN, never zero.
+
+Descendants of a process are found by their parents. Processes whose parents have ended, daemons and
+what a launcher leaves behind, are in no tree: they carry the id of the run in their environment,
+which every process inherits and which is read once for each process of the machine.
+
+How long a process was runnable but had no processor is counted for every thread, in the second
+field of ``/proc/PID/task/TID/schedstat``, in nanoseconds: it is the time that other programs, or
+other threads of the run, took from it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import heapq
+import math
+import os
+import struct
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import msgspec
+import numpy as np
+import psutil
+
+from r2bspec.ipc.protocol import RUN_ID_VARIABLE
+from r2bspec.judge.affected_iterations import interference_reasons, largest_taken_share
+from r2bspec.measure.host_usage import (
+    CONTROLLER_INDEX,
+    MACHINE_INDEX,
+    ORPHANS_INDEX,
+    HostInterference,
+    host_interference,
+)
+from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
+
+_SYSTEM = Path("/")
+
+_AFTER_NAME = 2
+"""The number of the first field after the name, which may itself have blanks and brackets."""
+
+_MINOR, _MINOR_OF_CHILDREN = 9, 10
+"""The places of ``minflt`` and ``cminflt`` in /proc/PID/stat, counted from 0 (see proc(5))."""
+
+_PROC: Final = Path("/proc")
+
+
+class InterferenceReading(NamedTuple):
+    """One reading; see `r2bspec.record.run_record.INTERFERENCE_FIELDS`."""
+
+    busy_s: float
+    stolen_s: float
+    waited_s: float
+    throttled_s: float
+
+
+class InterferenceReader:
+    """Reads the counters of the control group of this process, on the cores that it may use."""
+
+    def __init__(self, root: Path = _SYSTEM) -> None:
+        """Find the available counters.
+
+        Args:
+            root: where ``/proc`` and ``/sys`` are.
+        """
+        self._cores = sorted(os.sched_getaffinity(0))
+        groups = [*_control_groups(root)]
+        self._pressure = next(
+            (each for each in (group / "cpu.pressure" for group in groups) if each.exists()),
+            root / "proc/pressure/cpu",
+        )
+        self._quota_files = [
+            each for each in (group / "cpu.stat" for group in groups) if each.exists()
+        ]
+        self._thermal_files = [
+            *root.glob("sys/devices/system/cpu/cpu*/thermal_throttle/core_throttle_total_time_ms")
+        ]
+
+    def read(self) -> InterferenceReading:
+        """The current values of the counters."""
+        busy_s, stolen_s = _core_times(self._cores)
+        quota = _largest(_throttled_s, self._quota_files)
+        heat = _largest(_thermal_throttled_s, self._thermal_files)
+        known = [each for each in (quota, heat) if not math.isnan(each)]
+        return InterferenceReading(
+            busy_s, stolen_s, _cpu_pressure_s(self._pressure), sum(known) if known else quota
+        )
+
+
+def _core_times(cores: list[int]) -> tuple[float, float]:
+    times = psutil.cpu_times(percpu=True)
+    # A core that was taken offline has no line.
+    ours = [times[core] for core in cores if core < len(times)]
+    return (
+        sum(busy_seconds(each) for each in ours),
+        sum(getattr(each, "steal", math.nan) for each in ours),
+    )
+
+
+def busy_seconds(times: psutil._ntuples.scputimes) -> float:
+    """CPU time in use: neither idle, nor taken by other virtual machines."""
+    used = sum(times) - times.idle - getattr(times, "iowait", 0.0) - getattr(times, "steal", 0.0)
+    # Guest time is contained in user time already.
+    return float(used - getattr(times, "guest", 0.0) - getattr(times, "guest_nice", 0.0))
+
+
+def _cpu_pressure_s(path: Path) -> float:
+    """``some avg10=0.00 avg60=0.00 avg300=0.00 total=MICROSECONDS``."""
+    with contextlib.suppress(OSError, ValueError):
+        for line in path.read_text().splitlines():
+            if line.startswith("some "):
+                return int(line.rpartition("total=")[2]) / 1e6
+    return math.nan
+
+
+def _throttled_s(path: Path) -> float:
+    """``throttled_usec`` in version 2 of control groups, ``throttled_time`` (ns) in version 1."""
+    with contextlib.suppress(OSError, ValueError):
+        for line in path.read_text().splitlines():
+            name, _, value = line.partition(" ")
+            if name == "throttled_usec":
+                return int(value) / 1e6
+            if name == "throttled_time":
+                return int(value) / 1e9
+    return math.nan
+
+
+def _thermal_throttled_s(path: Path) -> float:
+    with contextlib.suppress(OSError, ValueError):
+        return int(path.read_text()) / 1e3
+    return math.nan
+
+
+def _largest(read: Callable[[Path], float], paths: list[Path]) -> float:
+    """The largest value: groups nest, and cores are throttled together, so sums would be wrong."""
+    return max((found for each in paths if not math.isnan(found := read(each))), default=math.nan)
+
+
+def _control_groups(root: Path) -> Iterator[Path]:
+    """The group that limits the CPU time of this process, and the groups that contain it.
+
+    In a container, paths may begin at a root outside of it; the mounted group is then the group
+    of the container.
+    """
+    with contextlib.suppress(OSError):
+        for line in (root / "proc/self/cgroup").read_text().splitlines():
+            _, controllers, group = line.split(":", 2)
+            for mount in _mounts(root, controllers):
+                path = mount / group.lstrip("/")
+                yield from (each for each in (path, *path.parents) if _within(each, mount))
+
+
+def _mounts(root: Path, controllers: str) -> list[Path]:
+    base = root / "sys/fs/cgroup"
+    if not controllers:
+        return [base]
+    return [base / controllers] if "cpu" in controllers.split(",") else []
+
+
+def _within(path: Path, mount: Path) -> bool:
+    return path.is_relative_to(mount) and path.is_dir()
+
+
+def minor_faults(pid: int) -> int:
+    """The page faults that needed no disk, with those of children that have exited; 0 if unknown.
+
+    Memory that was mapped freshly causes one for each page that is touched first, such as the
+    pages of a large message whose buffer the allocator gave back before.
+    """
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()
+        return sum(int(fields[each - _AFTER_NAME]) for each in (_MINOR, _MINOR_OF_CHILDREN))
+    except (OSError, IndexError, ValueError):
+        return 0
+
+
+class OrphanFinder:
+    """Finds them; each is attributed to the process of the run that it descends from."""
+
+    def __init__(self, run_id: str, proc: Path = _PROC) -> None:
+        """Nothing is read yet.
+
+        Args:
+            run_id: of the run; if it is empty, nothing is ever found.
+            proc: where the process file system is.
+        """
+        self._proc = proc
+        self._wanted = f"{RUN_ID_VARIABLE}={run_id}".encode() if run_id else b""
+        self._belongs: dict[int, bool] = {}
+        self._owners: dict[int, int] = {}
+
+    def find(
+        self, descendants: Mapping[int, int], leaders: Mapping[int, int], unknown: int
+    ) -> dict[int, int]:
+        """The orphans that run now: process id to the index of the process it belongs to.
+
+        Args:
+            descendants: process id to index, of all processes of the run that have a parent in it,
+                and of those that the controller started.
+            leaders: process id to index, of all processes that the controller has ever started;
+                each is the leader of a session.
+            unknown: the index for orphans of which only the run is known.
+        """
+        if not self._wanted:
+            return {}
+        running = set(psutil.pids())
+        # Numbers are used again.
+        self._belongs = {pid: ours for pid, ours in self._belongs.items() if pid in running}
+        self._owners = {pid: index for pid, index in self._owners.items() if pid in running}
+        self._owners |= descendants
+        for pid in running - self._belongs.keys():
+            self._belongs[pid] = pid in descendants or self._has_run_id(pid)
+        found: dict[int, int] = {}
+        for pid, ours in self._belongs.items():
+            if ours and pid not in descendants and pid not in leaders and pid != os.getpid():
+                if pid not in self._owners:
+                    self._owners[pid] = leaders.get(_session_of(pid), unknown)
+                found[pid] = self._owners[pid]
+        return found
+
+    def _has_run_id(self, pid: int) -> bool:
+        try:
+            variables = (self._proc / str(pid) / "environ").read_bytes()
+        except OSError:
+            return False
+        return self._wanted in variables.split(b"\0")
+
+
+def _session_of(pid: int) -> int:
+    try:
+        return os.getsid(pid)
+    except OSError:
+        return -1
+
+
+class RunQueueWaits:
+    """The cumulative waits of groups of processes. Threads that have ended stay counted."""
+
+    def __init__(self, proc: Path = _PROC) -> None:
+        """See whether the kernel counts waits.
+
+        Args:
+            proc: where the process file system is.
+        """
+        self._proc = proc
+        self._is_known = (proc / "self" / "schedstat").exists()
+        self._last_ns: dict[tuple[int, int], int] = {}
+        self._total_ns: dict[int, int] = {}
+
+    def update(self, index: int, pids: Iterable[int]) -> float:
+        """The wait of all threads of a group so far, in seconds; NaN if the kernel counts none.
+
+        Args:
+            index: of the group.
+            pids: its processes that run now.
+        """
+        if not self._is_known:
+            return math.nan
+        grown_ns = sum(self._grown_ns(pid) for pid in pids)
+        self._total_ns[index] = self._total_ns.get(index, 0) + grown_ns
+        return self._total_ns[index] / 1e9
+
+    def _grown_ns(self, pid: int) -> int:
+        tasks = self._proc / str(pid) / "task"
+        grown_ns = 0
+        try:
+            threads = [*tasks.iterdir()]
+        except OSError:
+            return 0
+        for thread in threads:
+            try:
+                now_ns = int((thread / "schedstat").read_bytes().split()[1])
+            except (OSError, ValueError, IndexError):
+                continue
+            key = (pid, int(thread.name))
+            before_ns = self._last_ns.get(key, 0)
+            # The number of a thread that has ended may be used again.
+            grown_ns += now_ns - before_ns if now_ns >= before_ns else now_ns
+            self._last_ns[key] = now_ns
+        return grown_ns
+
+
+def family(pid: int) -> list[int]:
+    """A process and all that descend from it."""
+    with contextlib.suppress(psutil.Error):
+        return [member.pid for member in _with_descendants(psutil.Process(pid))]
+    return [pid]
+
+
+_PERIOD_S = 0.2
+"""Samples are cumulative, so a longer period affects only maxima. A sample of three processes of 13
+threads each takes about a millisecond of CPU time, 0.6 % of a core at this period."""
+
+_RESOURCES = struct.Struct("<qidqdd")
+_INTERFERENCE = struct.Struct("<qdddd")
+"""Rows of `r2bspec.record.run_record.RESOURCE_FIELDS` and `INTERFERENCE_FIELDS`."""
+
+_OWN_PRESSURE: Final = 1.0
+"""A probe near the peak has tasks that wait for each other: pressure alone shows nothing."""
+
+_SAMPLE_TIMEOUT_S = 1.0
+_POLL_S = 0.005
+
+
+class ResourceSampler:
+    """Samples CPU time, memory and host interference until stopped.
+
+    Processes are numbered in the order in which they are added, the same as in
+    `RunRecord.processes`.
+    """
+
+    def __init__(self, run_id: str = "") -> None:
+        """Prepare for the processes of a run.
+
+        Args:
+            run_id: of the run; without it, processes whose parents have ended are not found.
+        """
+        self._processes: list[psutil.Process | None] = []
+        self._leaders: dict[int, int] = {}
+        self._orphans = OrphanFinder(run_id)
+        self._uses: dict[int, _Use] = {}
+        self._waits = RunQueueWaits()
+        # Packed in the format of the file: a day of samples takes some ten megabytes.
+        self._rows = bytearray()
+        self._interference_rows = bytearray()
+        self._interference = InterferenceReader()
+        self._self = psutil.Process()
+        self._resident: dict[int, int] = {}
+        self._cores: dict[int, float] = {}
+        self._last_use: dict[int, tuple[int, float]] = {}
+        self._requested_ns: list[int] = []
+        self._lock = threading.Condition()
+        self._stopped = False
+        self._thread = threading.Thread(target=self._run, name="resources", daemon=True)
+
+    def start(self) -> None:
+        """Start sampling."""
+        self._thread.start()
+
+    def add(self, pid: int) -> None:
+        """Sample one more process, with its descendants."""
+        process = None
+        with contextlib.suppress(psutil.Error):
+            process = psutil.Process(pid)
+        with self._lock:
+            self._leaders[pid] = len(self._processes)
+            self._processes.append(process)
+
+    def sample_at(self, time_ns: int) -> None:
+        """Schedule a sample at a time (CLOCK_MONOTONIC); a past time means immediately."""
+        with self._lock:
+            heapq.heappush(self._requested_ns, time_ns)
+            self._lock.notify()
+
+    def resident(self, pid: int) -> int:
+        """The last sampled resident memory of a process and its descendants, in bytes."""
+        return self._resident.get(pid, 0)
+
+    def cores(self, pid: int) -> float | None:
+        """The CPU use, in cores, of a process and its descendants between the last two samples.
+
+        None if it was not sampled twice yet, or has exited.
+        """
+        return self._cores.get(pid)
+
+    def stop(self) -> tuple[Rows, Rows]:
+        """Stop sampling; returns the results of `rows` and `interference`."""
+        with self._lock:
+            self._stopped = True
+            self._lock.notify()
+        if self._thread.is_alive():
+            self._thread.join()
+        self._sample()
+        return self.rows(), self.interference()
+
+    def rows(self) -> Rows:
+        """The samples so far: rows of `r2bspec.record.sample_arrays.RESOURCE_DTYPE`."""
+        return np.frombuffer(bytes(self._rows), dtype=RESOURCE_DTYPE)
+
+    def interference(self) -> Rows:
+        """The same of host interference: rows of `sample_arrays.INTERFERENCE_DTYPE`."""
+        return np.frombuffer(bytes(self._interference_rows), dtype=INTERFERENCE_DTYPE)
+
+    def _run(self) -> None:
+        while True:
+            self._sample()
+            with self._lock:
+                if self._wait_for_next():
+                    return
+
+    def _wait_for_next(self) -> bool:
+        """Wait for the end of the period or a requested time; True if stopped."""
+        end_ns = time.monotonic_ns() + round(_PERIOD_S * 1e9)
+        while not self._stopped:
+            next_ns = min([end_ns, *self._requested_ns[:1]])
+            now_ns = time.monotonic_ns()
+            if now_ns >= next_ns:
+                while self._requested_ns and self._requested_ns[0] <= now_ns:
+                    heapq.heappop(self._requested_ns)
+                return False
+            self._lock.wait((next_ns - now_ns) / 1e9)
+        return True
+
+    def _sample(self) -> None:
+        with self._lock:
+            processes = list(enumerate(self._processes))
+            leaders = dict(self._leaders)
+        self._interference_rows += _INTERFERENCE.pack(
+            time.monotonic_ns(), *self._interference.read()
+        )
+        busy_s = busy_seconds(psutil.cpu_times())
+        memory = psutil.virtual_memory()
+        used_bytes = memory.total - memory.available
+        self._rows += _RESOURCES.pack(
+            time.monotonic_ns(), MACHINE_INDEX, busy_s, used_bytes, math.nan, math.nan
+        )
+        ours = self._self.cpu_times()
+        resident = self._self.memory_info().rss
+        ours_s = ours.user + ours.system
+        self._rows += _RESOURCES.pack(
+            time.monotonic_ns(), CONTROLLER_INDEX, ours_s, resident, math.nan, math.nan
+        )
+        trees = {
+            number: _with_descendants(process)
+            for number, process in processes
+            if process is not None
+        }
+        members = {each.pid: number for number, tree in trees.items() for each in tree}
+        orphans: dict[int, list[psutil.Process]] = {}
+        for pid, number in self._orphans.find(members, leaders, ORPHANS_INDEX).items():
+            with contextlib.suppress(psutil.Error):
+                orphans.setdefault(number, []).append(psutil.Process(pid))
+        for number, process in [*processes, (ORPHANS_INDEX, None)]:
+            self._sample_process(number, process, trees.get(number, []), orphans.get(number, []))
+
+    def _sample_process(
+        self,
+        number: int,
+        process: psutil.Process | None,
+        tree: list[psutil.Process],
+        orphans: list[psutil.Process],
+    ) -> None:
+        """Append the row of one process, its descendants, and the orphans that belong to it."""
+        use = self._uses.setdefault(number, _Use())
+        now_ns = time.monotonic_ns()
+        if process is not None:
+            try:
+                use.read_tree(process, tree)
+            except psutil.Error:
+                with self._lock:
+                    self._processes[number] = None
+                self._cores.pop(process.pid, None)
+                process, tree = None, []
+                use.end_tree()
+        if process is None and not orphans:
+            return
+        use.read_orphans(orphans)
+        if process is not None:
+            self._resident[process.pid] = use.resident
+            self._update_cores(process.pid, now_ns, use.cpu_s)
+        pids = [each.pid for each in (*tree, *orphans)]
+        waited_s = self._waits.update(number, pids)
+        self._rows += _RESOURCES.pack(
+            now_ns, number, use.cpu_s, use.resident, waited_s, use.minor_faults
+        )
+
+    def _update_cores(self, pid: int, now_ns: int, cpu_s: float) -> None:
+        before_ns, before_s = self._last_use.get(pid, (now_ns, cpu_s))
+        # CPU time has a resolution of 10 ms, so shorter intervals have no meaning.
+        if now_ns - before_ns >= _PERIOD_S * 1e9 / 2:
+            self._cores[pid] = (cpu_s - before_s) / ((now_ns - before_ns) / 1e9)
+        elif pid in self._last_use:
+            return
+        self._last_use[pid] = (now_ns, cpu_s)
+
+
+def _descendants(process: psutil.Process) -> list[psutil.Process]:
+    """All running descendants of a process.
+
+    If the kernel was built with lists of the children of each thread, they are used; psutil reads
+    the parent of every process of the machine instead, which takes most of the time of a sample.
+    """
+    found: list[psutil.Process] = []
+    waiting = [process.pid]
+    while waiting:
+        tasks = Path(f"/proc/{waiting.pop()}/task")
+        try:
+            children = {
+                int(child)
+                for task in tasks.iterdir()
+                for child in (task / "children").read_text().split()
+            }
+        except OSError:
+            # The process or one of its threads has just exited, or the kernel has no such lists.
+            return process.children(recursive=True)
+        waiting += children
+        for child in children:
+            with contextlib.suppress(psutil.Error):
+                found.append(psutil.Process(child))
+    return found
+
+
+def _with_descendants(process: psutil.Process) -> list[psutil.Process]:
+    """A process and all its running descendants; of one that has exited, only itself."""
+    with contextlib.suppress(psutil.Error):
+        return [process, *_descendants(process)]
+    return [process]
+
+
+class _Use:
+    """What a process has used, with its descendants, and with orphans that were descendants.
+
+    Attributes:
+        resident: of all that run now, in bytes.
+        minor_faults: of the process and its descendants; those of orphans are not counted.
+    """
+
+    def __init__(self) -> None:
+        self.resident = 0
+        self.minor_faults = 0
+        self._tree: dict[int, float] = {}
+        self._ended_s = 0.0
+        self._ended_tree: dict[int, float] = {}
+        self._orphans: dict[int, _OrphanUse] = {}
+
+    @property
+    def cpu_s(self) -> float:
+        """CPU time in seconds."""
+        orphans_s = sum(each.cpu_s for each in self._orphans.values())
+        return sum(self._tree.values()) + self._ended_s + orphans_s
+
+    def read_tree(self, process: psutil.Process, tree: list[psutil.Process]) -> None:
+        """Read a process that runs, and its descendants.
+
+        Raises:
+            psutil.NoSuchProcess: the process has exited.
+        """
+        found: dict[int, float] = {}
+        resident, faults = 0, 0
+        for each in tree:
+            try:
+                found[each.pid], memory = _read_use(each)
+                resident += memory
+                faults += minor_faults(each.pid)
+            except psutil.NoSuchProcess:
+                if each is process:
+                    raise
+        self._tree, self.resident = found, resident
+        # Descendants that have lost their parents take theirs with them.
+        self.minor_faults = max(self.minor_faults, faults)
+
+    def end_tree(self) -> None:
+        """The process has exited: what its tree had used stays counted."""
+        self.resident = 0
+        self._ended_s += sum(self._tree.values())
+        self._ended_tree, self._tree = self._tree, {}
+
+    def read_orphans(self, orphans: list[psutil.Process]) -> None:
+        """Read the orphans that run; the time of one that has exited stays counted."""
+        running = {each.pid for each in orphans}
+        # If its parent is an orphan, too, that one's times have it now.
+        self._orphans = {
+            pid: use for pid, use in self._orphans.items() if pid in running or not use.has_parent
+        }
+        for each in orphans:
+            with contextlib.suppress(psutil.Error):
+                used_s, memory = _read_use(each)
+                self._orphans[each.pid] = _OrphanUse(used_s, each.ppid() in running)
+                # Of a tree that has ended, it is counted already.
+                self._ended_s -= self._ended_tree.pop(each.pid, 0.0)
+                self.resident += memory
+
+
+class _OrphanUse(NamedTuple):
+    cpu_s: float
+    has_parent: bool
+
+
+def _read_use(process: psutil.Process) -> tuple[float, int]:
+    """CPU time in seconds, with that of descendants that have exited, and resident bytes.
+
+    The time of descendants that have exited is in the `children_*` fields of their parents.
+    """
+    with process.oneshot():
+        times = process.cpu_times()
+        used_s = times.user + times.system + times.children_user + times.children_system
+        return used_s, process.memory_info().rss
+
+
+@dataclass(frozen=True)
+class Interference:
+    """What others did in a part of the run.
+
+    Attributes:
+        reasons: in words, as in reports; empty if no limit was exceeded.
+        taken: the largest share of the time that they can have taken from the run.
+    """
+
+    reasons: tuple[str, ...] = ()
+    taken: float = 0.0
+
+
+@dataclass(frozen=True)
+class HostWatch:
+    """Answers for parts of the run that have ended.
+
+    Attributes:
+        resources: samples the run and the machine.
+        process_count: how many processes the run has started so far.
+        cores: how many processors it may use, where that is known.
+    """
+
+    resources: ResourceSampler
+    process_count: Callable[[], int]
+    cores: int | None
+
+    def between(self, began_ns: int, ended_ns: int) -> Interference:
+        """The interference between two times (CLOCK_MONOTONIC), of which the second is past."""
+        rows = self._rows_until(ended_ns)
+        found = host_interference(
+            rows,
+            self.resources.rows(),
+            frozenset(range(self.process_count())),
+            self.cores,
+            began_ns,
+            ended_ns,
+        )
+        return interference_of(found)
+
+    def _rows_until(self, time_ns: int) -> Rows:
+        """The samples, with one after this time if the sampler still runs."""
+        deadline = time.monotonic() + _SAMPLE_TIMEOUT_S
+        self.resources.sample_at(time.monotonic_ns())
+        while True:
+            rows = self.resources.interference()
+            if (rows.size and rows["time_ns"][-1] >= time_ns) or time.monotonic() > deadline:
+                return rows
+            time.sleep(_POLL_S)
+
+
+def interference_of(found: HostInterference | None) -> Interference:
+    """What was sampled, in words and as a share."""
+    reasons = interference_reasons(found, _OWN_PRESSURE)
+    if found is None or not reasons:
+        return Interference()
+    if found.own_waited is None:
+        # The pressure is the graph's own, too; what others used bounds what they took.
+        used = found.foreign_cores or 0.0
+        pressure = min(used, 1.0 if found.pressure is None else found.pressure)
+        found = msgspec.structs.replace(found, pressure=pressure)
+    return Interference(reasons, largest_taken_share(found))

@@ -1,1 +1,0 @@
-"""Playing one more iteration with a profiler, after everything that counts."""

@@ -1,0 +1,261 @@
+"""One more iteration with a profiler: what it costs is in nothing that was measured.
+
+It is played after everything that counts, the confirmation of a failure included. A profiler that
+attaches observes the processes of the last start, which run anyway. One that wraps needs processes
+of its own, which are started afresh. Whatever fails here is part of the record; the verdict stays.
+"""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import msgspec
+
+from r2bspec.diagnostics.quote import clip, printable
+from r2bspec.errors import R2bspecError, UsageError, without_output
+from r2bspec.execute.bringup.launcher import NODE_ROLES
+from r2bspec.execute.errors import InterruptedRunError, RunError
+from r2bspec.execute.measurement.segments import SegmentPlayer
+from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
+from r2bspec.execute.profilers import AttachedProfiler, Profiler
+from r2bspec.execute.session import MEASURE_PHASE, StartSequence
+from r2bspec.language.quantities import Duration
+from r2bspec.plan.plan import Plan, ProcessPlan
+from r2bspec.record.run_folder import RunFolder
+from r2bspec.record.run_record import ProfileRecord
+
+_DURATION_NS = 5 * 10**9
+"""How long is played if the plan has no iterations, only probes."""
+
+_SLOWER = 4
+"""A wrapped process may take this much longer to start."""
+
+_END_TIMEOUT_S = 120.0
+_POLL_S = 0.05
+_SAMPLE_NS = 100_000_000
+"""How long after the end of a segment its last sample may be taken."""
+
+_MAX_FILES = 100
+_MAX_ERROR = 500
+
+_SPARE_BYTES = 32 << 20
+"""With less space on the disk, the profile is removed, so that the record of the run has room."""
+
+
+def profiled_processes(plan: Plan, node: str) -> tuple[ProcessPlan, ...]:
+    """The processes to be observed: that of a node, or all that have nodes if it is empty.
+
+    Args:
+        plan: of the run.
+        node: a node of the spec, or a process of the plan; or empty.
+
+    Raises:
+        UsageError: there is none.
+    """
+    measured = [each for each in plan.processes if each.phase == MEASURE_PHASE]
+    names = {each.name for each in measured} | {one.node for each in measured for one in each.nodes}
+    if node:
+        found = [
+            each
+            for each in measured
+            if node == each.name or any(node == one.node for one in each.nodes)
+        ]
+        if not found:
+            raise UsageError(
+                f"--profile-node: this run starts no node {node!r}",
+                hint=f"It starts {', '.join(sorted(names))}.",
+            )
+        return tuple(found)
+    found = [each for each in measured if each.role in NODE_ROLES or each.nodes]
+    if not found:
+        raise UsageError("--profile: this run starts no process of the graph")
+    return tuple(found)
+
+
+def profiled_rate(plan: Plan, peak_hz: float | None) -> tuple[float, int]:
+    """The highest rate of the plan, or the peak, and how long it is played, in ns."""
+    plays = [(each.rate_hz, each.duration_ns) for each in plan.play]
+    if plan.play_at_peak is not None and peak_hz is not None:
+        plays.append((peak_hz, plan.play_at_peak.duration_ns))
+    if plays:
+        return max(plays)
+    lowest = plan.search.min_hz if plan.search is not None else 0.0
+    return peak_hz or max(plan.sustained_hz, default=lowest), _DURATION_NS
+
+
+def wait_for_last_sample(starts: StartSequence) -> None:
+    """Wait until the last segment is over, with the sample of CPU use at the end of its period.
+
+    A segment is played when its last answer has come, which is before that.
+
+    Raises:
+        RunError: a process exited or failed; what was measured is then not whole.
+    """
+    ended_ns = max(
+        (each.ended_ns for session in starts.sessions for each in session.segments), default=0
+    )
+    starts.context.supervisor.pump(0.0)
+    while (left_ns := ended_ns + _SAMPLE_NS - time.monotonic_ns()) > 0:
+        starts.context.supervisor.pump(min(_POLL_S, left_ns / 1e9))
+
+
+@dataclass
+class ProfiledIteration:
+    """An iteration with a profiler.
+
+    Attributes:
+        processes: those to be observed.
+        errors: why a profile is missing or not whole, by process.
+    """
+
+    plan: Plan
+    profiler: Profiler
+    processes: tuple[ProcessPlan, ...]
+    supervisor: ProcessSupervisor
+    starts: StartSequence
+    folder: RunFolder
+    errors: dict[str, str] = field(default_factory=dict)
+
+    def play(self, peak_hz: float | None) -> tuple[ProfileRecord, ...]:
+        """Play, and end all processes; returns what came of it, for each process.
+
+        Raises:
+            InterruptedRunError: a signal interrupted the run.
+        """
+        rate_hz, duration_ns = profiled_rate(self.plan, peak_hz)
+        began_ns = time.monotonic_ns()
+        stacks: Mapping[str, Path] = {}
+        try:
+            if self.profiler.attaches:
+                stacks = self._play_attached(rate_hz, duration_ns)
+            else:
+                self._play_wrapped(rate_hz, duration_ns)
+        except InterruptedRunError:
+            raise
+        except (R2bspecError, OSError) as failure:
+            self._failed(failure)
+        finally:
+            # Nothing that ends from here on is a failure of the run.
+            self.supervisor.end(list(self.supervisor))
+        self._keep_room()
+        return tuple(self._records(rate_hz, began_ns, stacks))
+
+    def _play_attached(self, rate_hz: float, duration_ns: int) -> dict[str, Path]:
+        """Observe the processes of the last start; returns the files of folded stacks."""
+        player = self.starts.sessions[-1].player
+        running = {each.name: each for each in self.supervisor}
+        attached: dict[str, AttachedProfiler] = {}
+        try:
+            for plan in self.processes:
+                try:
+                    attached[plan.name] = self._attach(plan.name, running)
+                except InterruptedRunError:
+                    raise
+                except (R2bspecError, OSError) as failure:
+                    self.errors[plan.name] = _first_line(failure)
+            if attached:
+                self._play(player, rate_hz, duration_ns)
+        except InterruptedRunError:
+            raise
+        except (R2bspecError, OSError) as failure:
+            self._failed(failure)
+        return {name: found for name, each in attached.items() if (found := self._fold(name, each))}
+
+    def _attach(self, name: str, running: Mapping[str, ManagedProcess]) -> AttachedProfiler:
+        if name not in running:
+            raise RunError(f"process {name} does not run")
+        return AttachedProfiler.start(
+            self.profiler,
+            running[name],
+            self.folder.profile_folder(name) / name,
+            self.supervisor,
+            self.folder.log_path(f"profile.{name}"),
+        )
+
+    def _fold(self, name: str, attached: AttachedProfiler) -> Path | None:
+        try:
+            attached.stop()
+        except (R2bspecError, OSError) as failure:
+            # What it has written until then may still be of use.
+            self.errors.setdefault(name, _first_line(failure))
+        try:
+            return attached.fold()
+        except (R2bspecError, OSError) as failure:
+            self.errors.setdefault(name, _first_line(failure))
+        return None
+
+    def _play_wrapped(self, rate_hz: float, duration_ns: int) -> None:
+        names = {each.name for each in self.processes}
+        plan = msgspec.structs.replace(
+            self.plan,
+            processes=tuple(
+                self._wrapped(each) if each.name in names and each.phase == MEASURE_PHASE else each
+                for each in self.plan.processes
+            ),
+            start_timeout=Duration(_SLOWER * self.plan.start_timeout_ns),
+        )
+        self._play(self.starts.begin_uncounted(plan), rate_hz, duration_ns)
+        children = [each for each in self.supervisor if each.name in names]
+        for child in children:
+            child.request_shutdown()
+        # A profiler writes its file when the process that it observes has ended.
+        deadline = time.monotonic() + _END_TIMEOUT_S
+        while any(each.is_running for each in children) and time.monotonic() < deadline:
+            self.supervisor.pump(_POLL_S)
+
+    def _wrapped(self, plan: ProcessPlan) -> ProcessPlan:
+        base = self.folder.profile_folder(plan.name) / plan.name
+        return msgspec.structs.replace(plan, argv=(*self.profiler.prefix(base), *plan.argv))
+
+    def _play(self, player: SegmentPlayer | None, rate_hz: float, duration_ns: int) -> None:
+        if player is None:
+            raise RunError("the graph was not brought up")
+        at = f"{rate_hz:g} Hz, " if rate_hz else ""
+        player.play_unrecorded_for(f"{at}with {self.profiler.name}", rate_hz, duration_ns)
+
+    def _failed(self, failure: Exception) -> None:
+        for each in self.processes:
+            self.errors.setdefault(each.name, _first_line(failure))
+
+    def _keep_room(self) -> None:
+        if shutil.disk_usage(self.folder.path).free < _SPARE_BYTES:
+            for each in self.processes:
+                shutil.rmtree(self.folder.profile_folder(each.name), ignore_errors=True)
+                self.errors[each.name] = "the profile was removed, because the disk is full"
+
+    def _records(
+        self, rate_hz: float, began_ns: int, stacks: Mapping[str, Path]
+    ) -> Iterator[ProfileRecord]:
+        for each in self.processes:
+            files = self._files(each.name)
+            error = self.errors.get(each.name, "")
+            if not files and not error:
+                error = f"{self.profiler.name} wrote no file in the run folder"
+            found = stacks.get(each.name)
+            yield ProfileRecord(
+                process=each.name,
+                profiler=self.profiler.name,
+                files=files,
+                stacks=self._relative(found) if found is not None and found.exists() else "",
+                rate_hz=rate_hz,
+                began_ns=began_ns,
+                ended_ns=time.monotonic_ns(),
+                error=error,
+            )
+
+    def _files(self, process: str) -> tuple[str, ...]:
+        folder = self.folder.path / "profile" / process
+        found = sorted(self._relative(each) for each in folder.rglob("*") if each.is_file())
+        return tuple(found[:_MAX_FILES])
+
+    def _relative(self, path: Path) -> str:
+        # A profiler may choose names that are no text.
+        return printable(path.relative_to(self.folder.path).as_posix())
+
+
+def _first_line(failure: Exception) -> str:
+    return clip(without_output(str(failure)), _MAX_ERROR)

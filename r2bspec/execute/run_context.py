@@ -1,0 +1,106 @@
+"""What every state of a run uses, and the time that its optional parts may take."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from r2bspec.execute.identity.loaded_files import LoadedFiles
+from r2bspec.execute.processes.resources import HostWatch, ResourceSampler
+from r2bspec.execute.processes.supervisor import ProcessSupervisor
+from r2bspec.execute.progress import Progress
+from r2bspec.execute.states import RunStates
+from r2bspec.language.quantities import Duration
+from r2bspec.record.run_folder import RunFolder
+from r2bspec.record.run_record import EndedRate
+
+
+@dataclass(frozen=True)
+class RunContext:
+    """What every state of a run uses.
+
+    Attributes:
+        states: which one the run is in; receives notes.
+        supervisor: all processes.
+        folder: receives samples, logs and the record.
+        base_dir: the folder of the spec, to which its paths are relative.
+        scratch: a folder that is removed after the run.
+        progress: what the user is shown of a segment.
+        resources: takes samples of processes and host at requested times.
+        host: says what other programs did.
+        loaded_files: what the processes of the graph have loaded so far.
+        on_segment: is called after each segment.
+    """
+
+    states: RunStates
+    supervisor: ProcessSupervisor
+    folder: RunFolder
+    base_dir: Path
+    scratch: Path
+    progress: Progress
+    resources: ResourceSampler
+    host: HostWatch
+    loaded_files: LoadedFiles
+    on_segment: Callable[[], None]
+
+    @property
+    def buffer_dir(self) -> Path:
+        """Where the messages are that are played."""
+        return self.scratch / "buffers"
+
+    def note(self, text: str) -> None:
+        """Tell the user something, and keep it for the record."""
+        self.states.note(text)
+
+
+class TimeBudget:
+    """The time limit of the measurement, from `begin` on.
+
+    It limits additional iterations, repetitions of affected iterations, and the confirmation run.
+    It does not limit what the spec declares: without it, the run could not be judged.
+
+    Attributes:
+        left_out: a sentence for each part that was left out.
+        ended_rates: those whose further iterations were.
+    """
+
+    def __init__(self, limit_ns: int, note: Callable[[str], None]) -> None:
+        """Create a budget, which has not begun yet.
+
+        Args:
+            limit_ns: the budget; 0 for none.
+            note: receives a note about each part that is left out.
+        """
+        self._limit_ns = limit_ns
+        self._note = note
+        self._began_s: float | None = None
+        self.left_out: list[str] = []
+        self.ended_rates: list[EndedRate] = []
+
+    def begin(self) -> None:
+        """Start the time."""
+        self._began_s = time.monotonic()
+
+    def spent_s(self) -> float:
+        """Seconds since `begin`."""
+        return 0.0 if self._began_s is None else time.monotonic() - self._began_s
+
+    def allows(self, what: str, seconds: float) -> bool:
+        """Whether a part is expected to fit; if not, it is noted.
+
+        Args:
+            what: the note, such as ``no confirmation run``.
+            seconds: the expected duration.
+        """
+        if not self._limit_ns or self.spent_s() + seconds <= self._limit_ns / 1e9:
+            return True
+        note = f"{what}: it would exceed the time budget of {Duration(self._limit_ns)}"
+        self.leave_out(note)
+        return False
+
+    def leave_out(self, text: str) -> None:
+        """Note that a part is left out; `text` is a sentence without its capital and full stop."""
+        self._note(text)
+        self.left_out.append(f"{text[:1].upper()}{text[1:]}.")

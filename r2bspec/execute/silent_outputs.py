@@ -1,0 +1,134 @@
+"""Why an output has no messages: the path to it is traced, and the first fault on it named.
+
+In the warm-up this ends the run, as soon as waiting longer is of no use. In a measurement it goes
+on, and the record says which output has stopped, and why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from r2bspec.execute.bringup.find_fault import (
+    certain_topics,
+    fault_report,
+    find_faults,
+    full_path,
+    path_lines,
+    unmatched,
+)
+from r2bspec.execute.bringup.graph_matching import graph_error, graph_observer, remapped_topics
+from r2bspec.execute.bringup.launcher import Launcher
+from r2bspec.execute.bringup.observe_graph import TRACE_RATE_HZ, TRACE_STEPS, GraphFacts
+from r2bspec.execute.bringup.spec_mismatches import related_differences
+from r2bspec.execute.errors import NoOutputError
+from r2bspec.execute.measurement.segments import SegmentPlayer
+from r2bspec.execute.processes.supervisor import ManagedProcess
+from r2bspec.execute.run_context import RunContext
+from r2bspec.plan.plan import MonitorPlan, Plan
+from r2bspec.record.run_record import OutputGapRecord, Segment
+
+
+@dataclass
+class SilentOutputs:
+    """Traces the paths of one start.
+
+    Attributes:
+        rows_dir: receives the rows of the player and the monitors.
+        monitor: receives what is traced.
+        records: outputs that have stopped.
+    """
+
+    plan: Plan
+    phase: str
+    context: RunContext
+    launcher: Launcher
+    rows_dir: Path
+    monitor: ManagedProcess
+    segment_player: SegmentPlayer
+    records: list[OutputGapRecord] = field(default_factory=list)
+    _late: dict[str, int] = field(default_factory=dict)
+
+    def explain_start(self, silent: Collection[str], *, final: bool) -> None:
+        """Find out why monitors have received nothing since the start, and say it.
+
+        Before the end of the start, a node without output may still load a model. Only endpoints
+        that never match are certain.
+
+        Args:
+            silent: the monitors, by name.
+            final: whether the start is not waited for any longer.
+
+        Raises:
+            GraphMismatchError: the graph differs from the plan, so that there never is an output.
+            NoOutputError: there is another reason, and `final`.
+        """
+        plan, launcher = self.plan, self.launcher
+        topics = [monitor.topic for monitor in plan.monitors if monitor.name in silent]
+        facts = self._trace()
+        faults = find_faults(facts, topics)
+        lacking = {fault.topic for fault in faults}
+        remapped = [*remapped_topics(plan, self.phase)]
+        certain = certain_topics(facts, [fault.topic for fault in faults], remapped)
+        certain |= {fault.topic for fault in faults if fault.kind in {"types", "qos"}}
+        if not final and not certain:
+            sentences = "; ".join(fault.sentence for fault in faults) or "no fault was found yet"
+            self.context.note(f"no messages on {', '.join(topics)} so far: {sentences}")
+            return
+        launcher.add_unmatched_remappings(
+            unmatched(facts, [topic for topic in remapped if topic.topic in lacking]), facts
+        )
+        raise graph_error(
+            launcher,
+            faults,
+            f"no messages on {', '.join(topics)}",
+            fault_report(facts, topics, faults, related_differences(faults, launcher.differences)),
+            otherwise=NoOutputError,
+            hint="The inputs were played, but the graph published nothing on these topics."
+            if plan.inputs
+            else "All nodes run, but the source, or a node after it, publishes nothing.",
+            certain=certain,
+        )
+
+    def explain_stop(self, segment: Segment, plan: MonitorPlan) -> None:
+        """Find out, once, why an output has stopped in a segment, and record it."""
+        self.context.note(f"no more messages on {plan.topic}: tracing the path")
+        facts = self._trace()
+        reason = "; ".join(fault.sentence for fault in find_faults(facts, [plan.topic]))
+        if not reason:
+            passed = facts.topics[plan.topic].passed
+            reason = f"{passed} messages on {plan.topic} for {TRACE_STEPS} steps played afterwards"
+        late = self._late.get(plan.name, 0)
+        if late:
+            reason = (
+                f"{late:,} of the missing outputs came while the path was traced: they are late, "
+                "not lost, and 'benchmark.drain_timeout' is too short for them"
+            )
+        self.context.note(reason)
+        way = path_lines(facts, full_path(facts, plan.topic))
+        self.records.append(
+            OutputGapRecord(
+                segment=segment.id,
+                topic=plan.topic,
+                reason=reason,
+                late=late,
+                way=tuple(line.strip() for line in way),
+            )
+        )
+
+    def _trace(self) -> GraphFacts:
+        """Play some steps and count the messages on each topic."""
+        supervisor = self.context.supervisor
+        observer = graph_observer(supervisor, self.launcher, self.plan, self.phase, self.monitor)
+
+        def play() -> None:
+            if self.plan.inputs:
+                self.segment_player.play_unrecorded(TRACE_RATE_HZ, TRACE_STEPS)
+            else:
+                # The graph has its own source, which publishes during this time.
+                supervisor.pump_for(TRACE_STEPS / TRACE_RATE_HZ)
+
+        facts = observer.trace(self.rows_dir, play)
+        self._late = self.segment_player.discard_new_rows()
+        return facts

@@ -1,0 +1,280 @@
+"""The states of a run: what each does, and which can follow it.
+
+`r2bspec.execute.controller` has the states of the whole run, `r2bspec.execute.session` those of one
+start, `r2bspec.execute.measurement.measurement` those in which is measured. The record names the
+same states, as its phases; docs/execution.md draws them.
+
+Every state is left early in the same way. A fault of a process, a signal and a memory limit are
+seen wherever the controller waits, and raise an error there; whatever the state, the controller
+then ends all processes, writes the samples that there are, and a record that names the error.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from enum import StrEnum
+from types import FrameType, MappingProxyType
+from typing import Any, Final
+
+from r2bspec.execute.errors import InterruptedRunError
+from r2bspec.execute.progress import Progress
+from r2bspec.record.run_record import PhaseTime, WaitTime
+
+
+class RunState(StrEnum):
+    """The states of a run, in their order."""
+
+    PREPARE = "prepare"
+    """What the plan needs is looked for: rclpy, middleware, profiler, secrets."""
+
+    SETUP = "setup"
+    """The setup steps run; what they build is part of the graph, whose identity is then known."""
+
+    LOAD = "load"
+    """The recordings are read into buffers, while the next processes import ROS."""
+
+    PREPROCESS = "preprocess"
+    """The preprocessors run on what was read, and end; their outputs are further buffers."""
+
+    START = "start"
+    """Player and monitors start, and the processes that import ROS."""
+
+    OVERHEAD = "harness_overhead"
+    """The harness plays to itself, before there are nodes: its own latency."""
+
+    GRAPH = "graph"
+    """The nodes start; all endpoints are matched."""
+
+    READY = "ready"
+    """The readiness probes are waited for."""
+
+    AFTER_READY = "after_ready"
+    """The `after_ready` steps run."""
+
+    WARM_UP = "warm_up"
+    """The inputs are played until every monitor has received something."""
+
+    SEARCH = "search"
+    """Rates are probed for the peak."""
+
+    SUSTAINED = "sustained"
+    """The rates to be sustained are probed."""
+
+    PLAY = "play"
+    """Iterations are played; each further start of the processes comes from here."""
+
+    RECORD = "record"
+    """One more iteration, whose messages are recorded."""
+
+    TRUTH = "truth"
+    """One more iteration, whose outputs are compared with the truth."""
+
+    CONFIRM = "confirm"
+    """The run fails: it is repeated in new processes, as far as the failure depends on it."""
+
+    PROFILE = "profile"
+    """One more iteration, with a profiler; one that wraps its processes starts them anew."""
+
+    COLLECT = "collect"
+    """All processes end."""
+
+
+_AFTERWARDS = frozenset(
+    {RunState.RECORD, RunState.TRUTH, RunState.CONFIRM, RunState.PROFILE, RunState.COLLECT}
+)
+
+NEXT: Final[Mapping[RunState, frozenset[RunState]]] = MappingProxyType(
+    {
+        RunState.PREPARE: frozenset({RunState.SETUP, RunState.LOAD, RunState.START}),
+        RunState.SETUP: frozenset({RunState.LOAD, RunState.START}),
+        RunState.LOAD: frozenset({RunState.PREPROCESS, RunState.START}),
+        RunState.PREPROCESS: frozenset({RunState.START}),
+        RunState.START: frozenset({RunState.OVERHEAD, RunState.GRAPH}),
+        RunState.OVERHEAD: frozenset({RunState.GRAPH}),
+        RunState.GRAPH: frozenset({RunState.READY, RunState.AFTER_READY, RunState.WARM_UP}),
+        RunState.READY: frozenset({RunState.AFTER_READY, RunState.WARM_UP}),
+        RunState.AFTER_READY: frozenset({RunState.WARM_UP}),
+        # A start with a profiler has none of these three, nor one with nothing left to measure.
+        RunState.WARM_UP: frozenset({RunState.SEARCH, RunState.SUSTAINED, RunState.PLAY})
+        | _AFTERWARDS,
+        RunState.SEARCH: frozenset({RunState.SUSTAINED, RunState.PLAY}) | _AFTERWARDS,
+        RunState.SUSTAINED: frozenset({RunState.PLAY}) | _AFTERWARDS,
+        RunState.PLAY: frozenset({RunState.START}) | _AFTERWARDS,
+        RunState.RECORD: _AFTERWARDS - {RunState.RECORD},
+        RunState.TRUTH: _AFTERWARDS - {RunState.RECORD, RunState.TRUTH},
+        RunState.CONFIRM: frozenset({RunState.START}),
+        RunState.PROFILE: frozenset({RunState.START, RunState.COLLECT}),
+        RunState.COLLECT: frozenset(),
+    }
+)
+"""Which states can follow each."""
+
+
+class PhaseClock:
+    """Divides the time since it was made into phases, and these into work and waits."""
+
+    def __init__(self) -> None:
+        self._ended: list[PhaseTime] = []
+        self._waits: dict[str, tuple[int, int]] = {}
+        self._is_waiting = False
+        self._start(RunState.PREPARE)
+
+    def begin(self, name: str) -> None:
+        """End the phase that runs, and begin another one."""
+        self._ended = [*self.phases()]
+        self._start(name)
+
+    def _start(self, name: str) -> None:
+        self._name = str(name)
+        self._began_ns, self._began_cpu_ns = time.monotonic_ns(), time.process_time_ns()
+        self._waits = {}
+
+    @contextlib.contextmanager
+    def waiting(self, what: str) -> Iterator[None]:
+        """Count the time of the block as a wait; one inside another belongs to the outer one."""
+        if self._is_waiting:
+            yield
+            return
+        began_ns, self._is_waiting = time.monotonic_ns(), True
+        # A phase that begins meanwhile has no part in this wait.
+        waits = self._waits
+        try:
+            yield
+        finally:
+            self._is_waiting = False
+            count, took_ns = waits.get(what, (0, 0))
+            waits[what] = count + 1, took_ns + time.monotonic_ns() - began_ns
+
+    def phases(self) -> tuple[PhaseTime, ...]:
+        """All phases; the last one, which runs, as if it ended now."""
+        waits = [
+            WaitTime(what=what, count=count, took_ns=took_ns)
+            for what, (count, took_ns) in self._waits.items()
+        ]
+        running = PhaseTime(
+            name=self._name,
+            began_ns=self._began_ns,
+            ended_ns=time.monotonic_ns(),
+            cpu_ns=time.process_time_ns() - self._began_cpu_ns,
+            waits=tuple(sorted(waits, key=lambda wait: wait.took_ns, reverse=True)),
+        )
+        return (*self._ended, running)
+
+
+class RunStates:
+    """The state that a run is in, those that it has been in, and what was noted on the way.
+
+    Attributes:
+        state: which it is in.
+        clock: how long it was in each.
+        events: states and notes, with the time of each (CLOCK_MONOTONIC).
+    """
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+        self.state = RunState.PREPARE
+        self.clock = PhaseClock()
+        self.events: list[tuple[int, str]] = []
+
+    def enter(self, state: RunState, text: str) -> None:
+        """Go on to a state; `text` says to the user what happens in it.
+
+        Raises:
+            RuntimeError: it cannot follow the state that the run is in.
+        """
+        if state not in NEXT[self.state]:
+            raise RuntimeError(f"a run cannot go from '{self.state}' to '{state}'")
+        self.state = state
+        self.clock.begin(state)
+        self.events.append((time.monotonic_ns(), f"phase {state}"))
+        self._progress.phase(state.value, text)
+
+    def note(self, text: str) -> None:
+        """Tell the user something, and keep it for the record."""
+        self.events.append((time.monotonic_ns(), text))
+        self._progress.note(text)
+
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+_DEBOUNCE_S = 0.5
+"""Signals within this time count as one: a terminal and a wrapper such as make or timeout both
+forward one Ctrl-C, so that it arrives twice."""
+
+
+class _ImmediateInterrupt(BaseException):
+    """Interrupts the current work; not an Exception, which readers of damaged files catch."""
+
+
+class Interrupts:
+    """While active, the first signal makes `check` raise; a second one exits immediately.
+
+    After a second signal, the watchdog cleans up. In a thread other than the main one, where
+    Python sets no handlers, the program that started the run handles signals.
+    """
+
+    def __init__(self) -> None:
+        self._received: signal.Signals | None = None
+        self._received_s = 0.0
+        self._reported = False
+        self._is_immediate = False
+        self._previous: dict[signal.Signals, Any] = {}
+
+    def __enter__(self) -> Interrupts:
+        if threading.current_thread() is not threading.main_thread():
+            return self
+        for each in _SIGNALS:
+            # A run started with nohup must survive the end of its terminal.
+            if each is signal.SIGHUP and signal.getsignal(each) is signal.SIG_IGN:
+                continue
+            self._previous[each] = signal.signal(each, self._note)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for each, handler in self._previous.items():
+            signal.signal(each, handler)
+
+    def _note(self, number: int, _frame: FrameType | None) -> None:
+        now_s = time.monotonic()
+        if self._received is None:
+            self._received, self._received_s = signal.Signals(number), now_s
+            if self._is_immediate:
+                raise _ImmediateInterrupt
+        elif now_s - self._received_s >= _DEBOUNCE_S:
+            os._exit(InterruptedRunError.exit_code)
+
+    @contextlib.contextmanager
+    def immediate(self) -> Iterator[None]:
+        """While active, a signal raises immediately instead of in the next `check`.
+
+        For long work without ordered cleanup, such as reading a bag.
+
+        Raises:
+            InterruptedRunError: a signal has arrived, or arrives.
+        """
+        self.check()
+        self._is_immediate = True
+        try:
+            yield
+        except _ImmediateInterrupt:
+            self.check()
+        finally:
+            self._is_immediate = False
+
+    def check(self) -> None:
+        """Raise once after a signal, so that the cleanup is not interrupted again.
+
+        Raises:
+            InterruptedRunError: a signal has arrived since the last call.
+        """
+        if self._received is not None and not self._reported:
+            self._reported = True
+            raise InterruptedRunError(
+                f"interrupted by {self._received.name}",
+                hint="The measurements so far are in the run folder, marked as incomplete.",
+            )

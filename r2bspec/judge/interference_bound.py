@@ -1,0 +1,296 @@
+"""What host interference can explain at most: the best case of an affected iteration.
+
+Scheduling delay
+----------------
+
+Other programs slow a run down while its threads could run but do not (`own_waited`), while the
+processors that it runs on are shared with them, stolen, or throttled. So they took at most the
+share
+
+    w = waited + 1/2 min(own cores, foreign cores) + stolen + throttled
+
+of the time from it. The sum is over all threads, of the harness, too, though they may have waited
+at once; a processor whose second hardware thread runs another program is at least half as fast.
+Waiting of other programs counts in the pressure of the machine, but explains nothing: a node that
+sleeps is not slowed down by them.
+
+From w follows, for n messages offered at a rate r, of which c come out per second:
+
+    lost        at most w n + 1 messages: those for whose service there was time otherwise
+    throughput  at most w r more
+    latency     A second of waiting delays the messages that are in the graph then, and those that
+                come before the graph is idle again. So messages were delayed by at most w T m in
+                total, with T the length of the iteration, and m the largest number of messages in
+                one busy period. This is distributed in the most favourable way: the latency of
+                rank k is at least the u for which the k fastest exceed u by w T m in total. No
+                message was delayed by more than w T.
+
+A graph that is overloaded anyway, because c + w r < r, is never idle, and one busy period would
+explain everything. There the backlog grows at the rate r - c - w r instead of r - c, and is served
+at the rate c + w r instead of c. Latencies are proportional to the backlog:
+
+    latency     at least the latency x (r - c - w r) / (r - c) x c / (c + w r)
+
+or the bound above, with m the largest number of messages in the graph at once, if that is less.
+Both less 1 / r: when a message finds the graph ready depends on where in a period that is.
+
+Where the kernel does not count it
+----------------------------------
+
+The effect of host interference on single messages is unknown. Its effect is at most this:
+
+    - It spoiled at most half of the messages, however they ended. The other half, the faster
+      one, represents all: the message of rank i is given the latency of rank i - n/2.
+    - It kept everything waiting for a share w of the time, so that without it latencies were
+      shorter by up to that share, and the graph processed so much more:
+
+          latency     x (1 - w)
+          throughput  + w x the rate played, and not above that
+
+      w is the pressure: no process of the run can have waited for a processor for longer.
+      Where the kernel does not report the pressure, at least one core must have been taken, which
+      lasts no longer than the processor time of others. Time for which a core was stolen, or
+      throttled, is added. If the harness alone took c times as long, w is at least 1 - 1/c.
+    - w is at most 3/4. A machine on which everything takes over four times as long does not keep
+      the playback's schedule either, and makes the run INVALID.
+
+Where the kernel counts how long the run's own processes waited for a processor, what that explains
+is known better, and replaces these assumptions.
+
+Further lost or late messages are caused by the graph itself. Processor time and memory of the
+run's processes are unchanged: waiting uses neither. Of the machine's, the part of others is
+left out.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from r2bspec.measure.host_usage import HostInterference, ResourceUse
+from r2bspec.measure.matching import NO_MATCH
+from r2bspec.measure.samples import (
+    MonitorSamples,
+    PlaybackSamples,
+    SegmentSamples,
+    output_times,
+)
+from r2bspec.record.run_record import Segment
+
+MAX_SHARE = 0.75
+"""A machine on which everything takes over four times as long keeps no schedule either."""
+
+_SHARED_PROCESSOR_LOSS = 0.5
+
+
+def taken_share(known: HostInterference | None) -> float | None:
+    """The largest share of the time that others can have taken from the run: w above.
+
+    Returns:
+        None where the run-queue wait is unknown.
+    """
+    if known is None or known.own_waited is None:
+        return None
+    waited = known.own_waited
+    if known.pressure is not None:
+        # While a thread of the run waits, some task does.
+        waited = min(waited, known.pressure)
+    shared = min(known.own_cores or 0.0, known.foreign_cores or 0.0)
+    return _with_known_losses(waited + _SHARED_PROCESSOR_LOSS * shared, known)
+
+
+def _with_known_losses(waited: float, known: HostInterference) -> float:
+    """A share of waiting with what was stolen and throttled; at least what calibration shows."""
+    stolen = (known.steal or 0.0) * (known.cores or 1)
+    throttled = (known.throttled_s or 0.0) / known.seconds if known.seconds else 0.0
+    slower = 1 - 1 / known.calibration if known.calibration else 0.0
+    return min(MAX_SHARE, max(waited + stolen + throttled, slower))
+
+
+def shortest_latencies(
+    seen: MonitorSamples, taken: float, seconds: float, offered_hz: float
+) -> NDArray[np.float64]:
+    """The shortest latencies that waiting leaves possible, in ns, ascending; infinite for lost.
+
+    Args:
+        seen: what a monitor received.
+        taken: the share w of the time.
+        seconds: the length of the iteration.
+        offered_hz: the rate at which outputs were expected.
+    """
+    steps = seen.steps
+    published, received = steps.published_ns[steps.answered], steps.received_ns[steps.answered]
+    latency = np.sort((received - published).astype(np.float64))
+    lost = int(steps.answered.size) - int(latency.size)
+    if not taken:
+        return np.concatenate((latency, np.full(lost, np.inf)))
+    lasting_ns = taken * seconds * 1e9
+    answered_hz = latency.size / seconds if seconds else 0.0
+    possible_hz = answered_hz + taken * offered_hz
+    if answered_hz > 0 and possible_hz < offered_hz:
+        growth = (offered_hz - possible_hz) / (offered_hz - answered_hz)
+        at_once = _most_at_once(published, received)
+        shorter = np.minimum(
+            latency * growth * (answered_hz / possible_hz),
+            _level(latency, lasting_ns * at_once),
+        )
+        latency = np.maximum(0.0, np.maximum(shorter, latency - lasting_ns) - 1e9 / offered_hz)
+    else:
+        longest = _longest_busy_period(published, received)
+        latency = np.maximum(_level(latency, lasting_ns * longest), latency - lasting_ns)
+    explained = min(lost, int(np.ceil(taken * steps.answered.size)) + 1)
+    return np.concatenate((np.zeros(explained), latency, np.full(lost - explained, np.inf)))
+
+
+def _level(ascending: NDArray[np.float64], budget: float) -> NDArray[np.float64]:
+    """For each rank k, the u with sum over i <= k of max(0, x_i - u) = budget; at least 0.
+
+    If j values are above u, those up to rank k, then u = (their sum - budget) / j. u grows with k,
+    and so does the first rank above it.
+    """
+    sums = np.concatenate(([0.0], np.cumsum(ascending)))
+    found = np.zeros(ascending.size)
+    first = 0
+    for rank in range(1, ascending.size + 1):
+        level = (sums[rank] - sums[first] - budget) / (rank - first)
+        while first < rank - 1 and ascending[first] <= level:
+            first += 1
+            level = (sums[rank] - sums[first] - budget) / (rank - first)
+        found[rank - 1] = max(0.0, level)
+    return found
+
+
+def _most_at_once(published: NDArray[np.int64], received: NDArray[np.int64]) -> int:
+    """The largest number of messages that were in the graph at once."""
+    if not published.size:
+        return 0
+    order = np.argsort(np.concatenate((published, received)), kind="stable")
+    changes = np.concatenate((np.ones(published.size), -np.ones(received.size)))[order]
+    return int(np.cumsum(changes).max())
+
+
+def _longest_busy_period(published: NDArray[np.int64], received: NDArray[np.int64]) -> int:
+    """The largest number of messages during which the graph was never empty."""
+    if not published.size:
+        return 0
+    order = np.argsort(published, kind="stable")
+    starts, ends = published[order], np.maximum.accumulate(received[order])
+    # A message begins a busy period if all before it were answered when it was published.
+    first = np.flatnonzero(np.concatenate(([True], starts[1:] > ends[:-1])))
+    return int(np.diff(np.append(first, starts.size)).max())
+
+
+def best_case_iteration(one: SegmentSamples, taken: float | None = None) -> SegmentSamples:
+    """An iteration without any effect that host interference can have had on it.
+
+    Args:
+        one: the iteration.
+        taken: the share w of the time whose effect is removed; what others can have taken from
+            the run at most if None. With 0, nothing is.
+    """
+    if taken == 0:
+        return one
+    return replace(
+        one,
+        monitors={
+            name: _best_case_samples(one.segment, one.playback, seen, one.interference, taken)
+            for name, seen in one.monitors.items()
+        },
+        machine=_use_by_run(one),
+    )
+
+
+def waiting_share(known: HostInterference | None) -> float:
+    """The largest share of the time for which the run can have been kept waiting; w above."""
+    if known is None:
+        return 0.0
+    waited = known.pressure if known.pressure is not None else known.foreign_cores or 0.0
+    return _with_known_losses(waited, known)
+
+
+def _best_case_samples(
+    segment: Segment,
+    playback: PlaybackSamples,
+    seen: MonitorSamples,
+    known: HostInterference | None,
+    taken: float | None,
+) -> MonitorSamples:
+    most_hz = playback.rate_hz * seen.per_step
+    counted = taken_share(known)
+    if counted is None or known is None:
+        waited = waiting_share(known) if taken is None else taken
+        latency = best_case_latencies(seen, waited)
+    else:
+        waited = counted if taken is None else taken
+        latency = _measured_latencies(seen)
+        order = np.argsort(latency, kind="stable")
+        latency[order] = shortest_latencies(seen, waited, known.seconds, most_hz)
+    arrives = np.isfinite(latency)
+    received_ns = np.full(latency.size, NO_MATCH, dtype=np.int64)
+    received_ns[arrives] = seen.steps.published_ns[arrives] + np.round(latency[arrives]).astype(
+        np.int64
+    )
+    steps = replace(seen.steps, received_ns=received_ns)
+    first_ns = int(steps.published_ns[0]) if latency.size else 0
+    outputs = output_times(steps, first_ns, segment.ended_ns, 0.0, 0.0)
+    answered = int(outputs.arrived_ns.size)
+    return MonitorSamples(
+        steps=steps,
+        times=outputs.by_family,
+        sent=seen.sent,
+        answered=answered,
+        # Interference creates no messages.
+        received=answered + seen.duplicates + seen.unmatched,
+        throughput_hz=max(seen.throughput_hz, min(most_hz, seen.throughput_hz + waited * most_hz)),
+        duplicates=seen.duplicates,
+        reordered=steps.reordered,
+        unmatched=seen.unmatched,
+        late=int(np.count_nonzero(outputs.arrived_ns > segment.ended_ns)),
+        early=seen.early,
+        overdue=seen.overdue,
+        per_step=seen.per_step,
+        hops=seen.hops,
+    )
+
+
+def best_case_latencies(seen: MonitorSamples, waited: float) -> NDArray[np.float64]:
+    """The best case of each step's latency, in ns; infinite where it stays lost.
+
+    Args:
+        seen: what a monitor received.
+        waited: the share w of the time.
+    """
+    latency = _measured_latencies(seen)
+    order = np.argsort(latency, kind="stable")
+    better = -(-latency.size // 2)
+    latency[order[better:]] = latency[order[: latency.size - better]]
+    return np.asarray(latency * (1 - waited))
+
+
+def _measured_latencies(seen: MonitorSamples) -> NDArray[np.float64]:
+    """The latency of each step, in ns; infinite where it was lost."""
+    steps = seen.steps
+    return np.where(
+        steps.answered, (steps.received_ns - steps.published_ns).astype(np.float64), math.inf
+    )
+
+
+def _use_by_run(one: SegmentSamples) -> ResourceUse | None:
+    """What the run itself used of the machine."""
+    machine = one.machine
+    if machine is None:
+        return None
+    means = [used.cpu_mean for used in one.processes.values() if used.cpu_mean is not None]
+    busiest = [used.cpu_max for used in one.processes.values() if used.cpu_max is not None]
+    return replace(
+        machine,
+        cpu_mean=_at_most_sum(machine.cpu_mean, means),
+        cpu_max=_at_most_sum(machine.cpu_max, busiest),
+    )
+
+
+def _at_most_sum(of_all: float | None, own: list[float]) -> float | None:
+    return of_all if of_all is None or not own else min(of_all, math.fsum(own))

@@ -1,0 +1,261 @@
+"""What is compared with the limit as it was recorded: observations, accuracy, sequential probes.
+
+Observations
+------------
+
+Minimum, maximum, counts, and all with == or != are compared with the limit.
+
+An observation describes this run, not the next one. The rule of three bounds what it may have
+missed: if none of n messages broke a bound, up to about 3/n of all may, at 95 % confidence.
+
+Accuracy
+--------
+
+Every image of the recording is played once, and the same image gives the same answer as a rule. So
+the value is not a sample of anything, and has no interval: it is compared with the limit.
+
+Sequential probes
+-----------------
+
+The probe is a sequential test with three outcomes and a stated error
+(`r2bspec.judge.rate_decision`): it was stopped as soon as it was decided, and is undecided if it
+was not in the longest time that a probe may take. Testing its samples again would test a sample
+whose size the first test has chosen, so the recorded outcome counts:
+
+    PASS            the rate was sustained
+    FAIL            the backlog grew, messages were dropped, or a condition of the spec was not met
+    INCONCLUSIVE    the probe was undecided
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+
+from r2bspec.judge.methods.wording import counted_noun
+from r2bspec.judge.requirement_case import Decision, DecisionMethod, RequirementCase
+from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
+from r2bspec.judge.verdict import Outcome
+from r2bspec.measure.metric_catalogue import kind_of
+from r2bspec.measure.metric_values import metric_value
+from r2bspec.measure.metrics import pool_monitor
+from r2bspec.measure.samples import LOSS_SENSITIVE_FAMILIES
+from r2bspec.measure.times import percentile
+from r2bspec.measure.units import show
+from r2bspec.record.run_record import AccuracyRecord, Probe, RunRecord
+
+_COUNT_METRICS = ("sent", "received", "missed", "duplicates", "reordered", "unmatched")
+_FAULT_COUNTS = ("missed", "duplicates", "reordered", "unmatched")
+"""Counts of faults: where none was observed, the rule of three applies."""
+
+
+def judge_observation(case: RequirementCase) -> Decision:
+    """Compare the observed value of all iterations with the limit."""
+    seen = observed_value(case)
+    if seen is None:
+        return Decision(
+            outcome="inconclusive",
+            method="none",
+            reason=f"{case.info.name} has no value in these iterations.",
+        )
+    n = _count_messages(case)
+    is_met = case.is_met(seen)
+    counts = is_met and n > 0 and _bounds_single_messages(case, seen)
+    rule = zero_failure_bound(n, case.confidence) if counts else None
+    return Decision(
+        outcome="pass" if is_met else "fail",
+        method="observation",
+        reason=_reason(case, seen, n, rule),
+        estimate=seen,
+        n=n,
+        rule_of_three=rule,
+    )
+
+
+def observed_value(case: RequirementCase) -> float | None:
+    """The value over all iterations: extremes of extremes, sums of counts, the mean of means."""
+    info = case.info
+    if info.quantile is not None:
+        return _pooled_percentile(case, info.quantile)
+    values = [
+        found
+        for one in case.iterations
+        if (found := metric_value(info, case.monitor, one)) is not None
+    ]
+    if not values:
+        return None
+    if info.name in _COUNT_METRICS:
+        return sum(values)
+    if info.name == "drop_rate":
+        pooled = pool_monitor(case.monitor_samples)
+        return pooled.missed / pooled.expected if pooled.expected else None
+    if info.part == "min":
+        return min(values)
+    return max(values) if info.part == "max" else sum(values) / len(values)
+
+
+def _pooled_percentile(case: RequirementCase, quantile: float) -> float | None:
+    family = case.info.family
+    if case.info.scope == "playback":
+        lateness = np.concatenate([one.playback.lateness for one in case.iterations])
+        return percentile(lateness, quantile)
+    pooled = pool_monitor(case.monitor_samples)
+    lost = pooled.missed if family in LOSS_SENSITIVE_FAMILIES else 0
+    return percentile(pooled.times[family], quantile, lost)
+
+
+def _count_messages(case: RequirementCase) -> int:
+    """The number of observed messages; for processes, which have none, of iterations."""
+    info = case.info
+    if info.scope == "monitor":
+        seen = case.monitor_samples
+        if info.family in seen[0].times and info.family not in LOSS_SENSITIVE_FAMILIES:
+            return sum(one.times[info.family].size for one in seen)
+        return sum(one.expected for one in seen)
+    if info.scope == "playback":
+        return sum(one.playback.sent for one in case.iterations)
+    return len(case.iterations)
+
+
+def _bounds_single_messages(case: RequirementCase, seen: float) -> bool:
+    """Whether the observation is that no single message broke the bound."""
+    info = case.info
+    if info.scope not in {"monitor", "playback"}:
+        return False
+    return info.part in {"min", "max"} or (info.name in _FAULT_COUNTS and seen == 0)
+
+
+def _reason(case: RequirementCase, seen: float, n: int, rule: float | None) -> str:
+    what = _observation_text(case, seen, n)
+    if rule is None:
+        return f"{what}."
+    return (
+        f"{what}. This is an observation, not a proof: at {case.confidence_text} up to "
+        f"{show(rule, 'share', 2)} of {counted_noun(case)} may still break the limit."
+    )
+
+
+def _observation_text(case: RequirementCase, seen: float, n: int) -> str:
+    info = case.info
+    if info.part in {"min", "max"}:
+        extreme = "smallest" if info.part == "min" else "largest"
+        if math.isinf(seen):
+            missed = sum(one.missed for one in case.monitor_samples)
+            return f"{show(missed, 'count')} of {show(n, 'count')} outputs never arrived"
+        of = f"{show(n, 'count')} {counted_noun(case)}"
+        if info.scope not in {"monitor", "playback"}:
+            of = f"{n} iteration{'s' if n > 1 else ''}"
+        return f"The {extreme} in {of} is {show(seen, info.unit)}"
+    if info.name in _COUNT_METRICS:
+        if case.iterations[0].live:
+            count = len(case.iterations)
+            return f"Observed {show(seen, 'count')} in {count} iteration{'s' if count > 1 else ''}"
+        return f"Observed {show(seen, 'count')} in {show(n, 'count')} steps"
+    return f"{info.name} is {show(seen, info.unit)}"
+
+
+OBSERVATION = DecisionMethod(
+    takes=lambda _: True,
+    decide=lambda case, _: judge_observation(case),
+)
+
+
+def judge_accuracy(case: RequirementCase, record: RunRecord) -> Decision:
+    """Decide a requirement on a metric of scope ``truth``."""
+    kind = kind_of(case.info.name)
+    found = next(
+        (one for one in record.accuracy if one.kind == kind and one.monitor == case.monitor),
+        None,
+    )
+    if found is None:
+        return Decision(
+            outcome="inconclusive",
+            method="none",
+            reason="The messages of this run were not compared with a truth.",
+            remedy=f"Add 'truth: {{kind: {kind}, ...}}' to the monitor, and run to the end.",
+        )
+    if found.problem:
+        return Decision(
+            outcome="inconclusive",
+            method="none",
+            reason=found.problem,
+            remedy="Use a recording with a ground truth of its images.",
+        )
+    value = found.values.get(case.info.name)
+    if value is None:
+        return Decision(
+            outcome="fail",
+            method="comparison with truth",
+            reason=f"{case.info.name} has no value. {_extent(found)}",
+            n=found.outputs,
+        )
+    return Decision(
+        outcome="pass" if case.is_met(value) else "fail",
+        method="comparison with truth",
+        reason=f"{case.info.name} is {show(value, case.info.unit)}. {_extent(found)}",
+        estimate=value,
+        n=found.outputs,
+    )
+
+
+def _extent(found: AccuracyRecord) -> str:
+    answers = f"{found.outputs:,} of {found.steps:,} steps were answered and compared."
+    return f"{found.text} {answers}".strip()
+
+
+TRUTH_COMPARISON = DecisionMethod(
+    takes=lambda case: case.info.scope == "truth",
+    decide=judge_accuracy,
+    needs_iterations=False,
+)
+
+
+_ANSWER_TEXTS: Final = {True: "was sustained", False: "was not sustained", None: "was undecided"}
+_OUTCOMES: Final[dict[bool | None, Outcome]] = {True: "pass", False: "fail", None: "inconclusive"}
+
+_REMEDY = (
+    "Probe for longer (benchmark.search.probe), or offer a rate further from the graph's capacity."
+)
+
+
+def judge_sustained(case: RequirementCase, probes: Iterable[Probe]) -> Decision:
+    """Decide ``sustained`` by the probe of the rate.
+
+    Args:
+        case: to be decided.
+        probes: the sequential probes of the run; the last one at the rate decides.
+    """
+    found = [
+        probe
+        for probe in probes
+        if case.at_hz is not None and math.isclose(probe.rate_hz, case.at_hz)
+    ]
+    if not found:
+        where = f" at {show(case.at_hz, 'Hz')}" if case.at_hz is not None else ""
+        return Decision(
+            outcome="inconclusive",
+            method="none",
+            reason=f"This run has no probe{where}.",
+            remedy="Run the spec of this objective.",
+        )
+    probe = found[-1]
+    said = f": {probe.reason}" if probe.reason else ""
+    throughput = f"throughput {show(probe.delivered_hz, 'Hz')}"
+    return Decision(
+        outcome=_OUTCOMES[probe.holds],
+        method="sequential probe",
+        reason=f"{show(probe.rate_hz, 'Hz')} {_ANSWER_TEXTS[probe.holds]}{said} ({throughput}).",
+        remedy=_REMEDY if probe.holds is None else "",
+        estimate=probe.delivered_hz,
+        n=1,
+    )
+
+
+SEQUENTIAL_PROBE = DecisionMethod(
+    takes=lambda case: case.info.statistic == "sequential",
+    decide=lambda case, record: judge_sustained(case, record.sustained),
+    needs_iterations=False,
+)

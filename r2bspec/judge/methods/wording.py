@@ -1,0 +1,184 @@
+"""The sentences in which a verdict gives its reason, and says what would decide an open one."""
+
+from __future__ import annotations
+
+import math
+
+from r2bspec.judge.requirement_case import RequirementCase
+from r2bspec.judge.statistics.binomial import (
+    lower_bound,
+    messages_to_settle,
+    upper_bound,
+)
+from r2bspec.judge.statistics.percentile_interval import LevelMargin, PercentileInterval
+from r2bspec.judge.statistics.rule_of_three import min_sample_size
+from r2bspec.judge.statistics.t_interval import iterations_to_settle
+from r2bspec.judge.verdict import Outcome, ShareTest
+from r2bspec.measure.units import show
+
+_COUNTED_NOUNS = {
+    "latency": "outputs",
+    "latency_from_due": "outputs",
+    "interval": "intervals",
+    "jitter": "changes of the interval",
+    "playback": "publications",
+    "drop_rate": "steps",
+}
+
+
+_MIN_EFFECTIVE_SHARE = 0.95
+_MIN_WHOLE_COUNT = 10
+_CLEAR_SCATTER = 0.5
+"""Where the effective sample is a smaller share than this, iterations differ, and not by chance."""
+
+
+def counted_noun(case: RequirementCase) -> str:
+    """What is counted for a metric, in the plural."""
+    if case.windows is not None:
+        return f"windows of {show(case.windows.window_ns / 1e9, 's')}"
+    return _COUNTED_NOUNS.get(case.info.family, "steps")
+
+
+def share_sentence(case: RequirementCase, test: ShareTest, outcome: Outcome) -> str:
+    """How many are on the wrong side of the limit, what that shows, and how many are allowed."""
+    seen = (
+        f"{show(test.over, 'count')} of {show(test.n, 'count')} {counted_noun(case)} "
+        f"({_percent(test.share)}) {_wrong_side(case, test)}{_effective_size_text(test)}"
+    )
+    sure = f"at {case.confidence_text}"
+    lower, upper = _percent(test.lower), _percent(test.upper)
+    allowed = show(test.allowed, "share", 6)
+    # A lower bound on a share (drop_rate > x) needs many; every other requirement allows a few.
+    needs_many = case.windows is None and case.info.quantile is None and not case.is_upper_bound
+    needed = f"and more than {allowed} is required" if needs_many else f"and {allowed} is allowed"
+    if outcome == "inconclusive":
+        return f"{seen}; {sure} the true share is {lower} to {upper}, {needed}."
+    if (outcome == "pass") != needs_many:
+        return f"{seen}; {sure} the true share is at most {upper}, {needed}."
+    return f"{seen}; {sure} the true share is at least {lower}, {needed}."
+
+
+def level_sentence(case: RequirementCase, interval: PercentileInterval, levels: LevelMargin) -> str:
+    """That iterations or starts differ by too much for a percentile to be decided."""
+    unit = case.info.unit
+    return (
+        f"{case.info.name} is {show(interval.estimate, unit)}, but the {levels.number} "
+        f"{levels.pieces} differ by {show(levels.deviation, unit)} (standard deviation); at "
+        f"{case.confidence_text} it is {show(interval.lower, unit)} to "
+        f"{show(interval.upper, unit)}, which includes the limit {case.limit_text}."
+    )
+
+
+def _effective_size_text(test: ShareTest) -> str:
+    """The effective sample size, where messages over the limit come in bursts."""
+    if test.effective_n > _MIN_EFFECTIVE_SHARE * test.n:
+        return ""
+    by_scatter = test.clustering in {"iterations", "starts"}
+    chance = by_scatter and test.effective_n > _CLEAR_SCATTER * test.n
+    how = f"judged by the scatter of the {test.clustering}" if chance else clustering(test)
+    return (
+        f", {how} (effective sample size {_count_text(test.effective_n)} "
+        f"of {show(test.n, 'count')})"
+    )
+
+
+def clustering(test: ShareTest) -> str:
+    """How the messages over the limit are clustered."""
+    match test.clustering:
+        case "clusters":
+            return "close to one another"
+        case "iterations" | "starts":
+            return f"more in some {test.clustering} than in others"
+    return "in 1 burst" if test.bursts == 1 else f"in {show(test.bursts, 'count')} bursts"
+
+
+def _count_text(n: float) -> str:
+    return show(n, "count") if n >= _MIN_WHOLE_COUNT else show(n, "", 2)
+
+
+def _wrong_side(case: RequirementCase, test: ShareTest) -> str:
+    if case.windows is not None:
+        return f"do not meet {case.metric_text}"
+    if case.info.statistic == "share":
+        return "got no output"
+    side = "over" if case.is_upper_bound else "under"
+    lost = f", including {show(test.lost, 'count')} lost" if test.lost else ""
+    return f"are {side} {case.limit_text}{lost}"
+
+
+def _percent(share: float) -> str:
+    """A share with two digits; a share below 1 is never written as 100 %."""
+    text = show(share, "share", 2)
+    return text if text != "100 %" or share == 1 else show(min(share, 0.999), "share")
+
+
+_MAX_RUN_FACTOR = 100
+"""Runs more than this many times longer are not proposed, unless they need so few messages that
+none over the limit would settle it."""
+
+_LARGER = 1.1
+"""The forecast goes in steps of 5 %."""
+
+_MAX_LEVELS = 200
+"""More iterations or starts than this are not proposed."""
+
+
+def share_remedy(case: RequirementCase, test: ShareTest, things: str = "messages") -> str:
+    """What would decide a binomial test that is undecided."""
+    if test.allowed <= 0:
+        return (
+            "No number of messages can prove that none is ever lost. Require an observed count "
+            "(missed == 0), or allow a small share."
+        )
+    inflation = test.n / test.effective_n
+    needed = messages_to_settle(
+        test.share,
+        test.allowed,
+        case.confidence,
+        max_messages=max(
+            _MAX_RUN_FACTOR * test.effective_n,
+            _LARGER * (min_sample_size(test.allowed, case.confidence) or 0),
+        ),
+    )
+    if needed is None:
+        return (
+            f"The observed share ({show(test.share, 'share')}) is too close to the allowed one "
+            f"({show(test.allowed, 'share')}) for a longer run to decide. Change the limit or the "
+            "graph."
+        )
+    # The forecast goes in steps and may fall a little short of the messages there are.
+    needed = max(math.ceil(needed * inflation), test.n + 1)
+    iterations = math.ceil(needed * len(case.iterations) / test.n)
+    iterations = max(iterations, len(case.iterations) + 1)
+    return (
+        f"{_clustering_note(case, test, things)}About {iterations} iterations like these ("
+        f"{show(needed, 'count')} {things}) would decide it, if the share stays the same."
+    )
+
+
+def levels_remedy(case: RequirementCase, interval: PercentileInterval, levels: LevelMargin) -> str:
+    """What would decide a percentile that only the levels of iterations or starts leave open."""
+    needed = iterations_to_settle(
+        interval.estimate, levels.deviation, case.limit, case.confidence, _MAX_LEVELS
+    )
+    if needed is None:
+        return (
+            f"The percentile is too close to {case.limit_text} for {levels.pieces} that differ "
+            f"by {show(levels.deviation, case.info.unit)}: change the limit, or use a quieter "
+            "machine."
+        )
+    needed = max(needed, levels.number + 1)
+    return f"About {needed} {levels.pieces} would decide it, if they differ by as much."
+
+
+def _clustering_note(case: RequirementCase, test: ShareTest, things: str) -> str:
+    """That clustering leaves the test undecided, where it does."""
+    counts = test.over, test.n, case.confidence
+    if test.effective_n >= test.n:
+        return ""
+    if upper_bound(*counts) <= test.allowed or lower_bound(*counts) > test.allowed:
+        return (
+            f"As many independent {things} would have decided it, but those over the limit come "
+            f"{clustering(test)}. "
+        )
+    return ""

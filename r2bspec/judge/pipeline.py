@@ -1,0 +1,574 @@
+"""From the samples of a run to its verdict: a list of steps over one value.
+
+The value is a `JudgedRequirement`: a requirement at one monitor, the run that it is judged by, and
+its verdict so far. `STEPS` are carried out in their order, each from the verdict of the one before:
+
+    decide                          by the method of its metric, at each planned interim look
+    weaken_affected_failure         a FAIL that host interference can explain becomes open
+    refuse_affected_pass            under ``strict``, a PASS on affected iterations becomes open
+    examine_affected_probes         the same for what rests on probes
+    refuse_disturbed_starts         the same for starts that others disturbed
+
+A decision is the first that one of `DECISIONS` has: reasons for which nothing can be decided come
+first, and the method of the metric last. The outcome of the run follows from the verdicts on its
+requirements, and each of them is told what it cannot know (`r2bspec.judge.caveats`). What a second
+run changes is in `r2bspec.judge.confirmation`, what a baseline does in
+`r2bspec.judge.baseline_comparison`.
+
+No step makes a PASS of another outcome, so that the share of wrong passes is that of the decision.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final
+
+import msgspec
+
+from r2bspec.judge.affected_iterations import (
+    affected_iterations_text,
+    best_case_run,
+    disturbed_starts_text,
+    find_affected_iterations,
+    judge_probe,
+    strict_pass,
+    strict_refusal,
+    weaken_failure,
+    without_affected,
+)
+from r2bspec.judge.caveats import run_caveats, with_caveats
+from r2bspec.judge.decision_policy import DecisionPolicy, combine_looks
+from r2bspec.judge.methods.mean_bound import MEAN_BOUND
+from r2bspec.judge.methods.message_share import PERCENTILE_BOUND, SHARE_BOUND
+from r2bspec.judge.methods.peak_bracket import PEAK_BRACKET, with_refuted_peak
+from r2bspec.judge.methods.recorded_value import OBSERVATION, SEQUENTIAL_PROBE, TRUTH_COMPARISON
+from r2bspec.judge.methods.window_share import WINDOW_SHARE
+from r2bspec.judge.requirement_case import (
+    Decision,
+    DecisionMethod,
+    RequirementCase,
+    limit_of,
+    requirement_verdict,
+    undecided,
+)
+from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
+from r2bspec.judge.validity import PlaybackValidity
+from r2bspec.judge.verdict import (
+    EXIT_CODES,
+    DisturbedIteration,
+    OverallOutcome,
+    RequirementVerdict,
+    Unusable,
+    Verdict,
+    outcome_of,
+)
+from r2bspec.language.benchmark_defaults import CONFIDENCE
+from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.language.spec import Objective
+from r2bspec.measure.metric_catalogue import (
+    MetricError,
+    MetricInfo,
+    available_live,
+    kind_of,
+    resolve,
+)
+from r2bspec.measure.metrics import pool_monitor
+from r2bspec.measure.samples import LOSS_SENSITIVE_FAMILIES, RunSamples, SegmentSamples
+from r2bspec.measure.units import show
+
+DECISION_METHODS: Final[tuple[DecisionMethod, ...]] = (
+    TRUTH_COMPARISON,
+    PEAK_BRACKET,
+    SEQUENTIAL_PROBE,
+    WINDOW_SHARE,
+    PERCENTILE_BOUND,
+    SHARE_BOUND,
+    MEAN_BOUND,
+    OBSERVATION,
+)
+"""The first that accepts a requirement decides it. Ratios to a baseline are decided by
+`r2bspec.judge.baseline_ratio`."""
+
+OWN_RATE: Final = 0.0
+"""The rate where none is offered: that of a recording, or of the source of a live graph."""
+
+_DEFAULT_POLICY = DecisionPolicy()
+_SMOKE_REASON = "The graph works; a smoke run does not judge the SLOs."
+_HIDDEN_LOSSES: Final = (
+    "Outputs are matched by order: a lost one and another that came twice cancel out."
+)
+
+
+def judge(
+    objectives: Mapping[str, Objective],
+    samples: RunSamples,
+    policy: DecisionPolicy = _DEFAULT_POLICY,
+) -> Verdict:
+    """Judge every requirement of every objective, and the run as a whole.
+
+    A requirement passes or fails only if the samples show it at the stated confidence; otherwise
+    it is inconclusive. What was not measured never passes. A metric of a monitor that is written
+    without one must be met at each monitor, and gets a verdict for each.
+
+    The verdict is a pure function of its arguments: where interim looks are planned, each is
+    repeated on the iterations that it had.
+
+    Args:
+        objectives: by name.
+        samples: the run.
+        policy: as the plan stated it before the run.
+    """
+    judged_objectives = {
+        name: objective for name, objective in objectives.items() if objective.level != "off"
+    }
+    run = JudgedRun(judged_objectives, with_refuted_peak(samples), policy)
+    requirements = tuple(_after_all_steps(requirement) for requirement in run.requirements())
+    return _run_verdict(run, requirements)
+
+
+@dataclass(frozen=True)
+class JudgedRun:
+    """The run that all requirements are judged by, and what is found out about it once."""
+
+    objectives: Mapping[str, Objective]
+    samples: RunSamples
+    policy: DecisionPolicy
+
+    @cached_property
+    def playback_validity(self) -> PlaybackValidity:
+        """The rates at which results are invalid."""
+        return PlaybackValidity.of(self.samples)
+
+    @cached_property
+    def affected(self) -> Mapping[str, DisturbedIteration]:
+        """The iterations that host interference affected, by their segments."""
+        return find_affected_iterations(self.samples)
+
+    @cached_property
+    def unaffected_samples(self) -> RunSamples:
+        """The run without them, or with unaffected reruns in their places."""
+        return without_affected(self.samples, self.affected)
+
+    @cached_property
+    def best_case_samples(self) -> RunSamples:
+        """The run without what interference can explain."""
+        return best_case_run(self.samples, self.affected)
+
+    def completed_looks(self, samples: RunSamples) -> int:
+        """How many interim looks the iterations at all rates of the objectives allow; at least 1.
+
+        Args:
+            samples: the run, or a part of it.
+        """
+        rates = {
+            rate
+            for objective in self.objectives.values()
+            if (rate := _objective_rate(objective, samples)) is not None
+        }
+        fewest = min((len(samples.iterations_at(rate)) for rate in rates), default=0)
+        looks = self.policy.looks
+        return max(1, looks.completed_looks(fewest)) if looks is not None else 1
+
+    def requirements(self) -> Iterator[JudgedRequirement]:
+        """All requirements, at each of their monitors, without a verdict."""
+        for name, objective in self.objectives.items():
+            at_hz = _objective_rate(objective, self.samples)
+            for requirement in objective.require:
+                info, monitors, problem = _metric_of(requirement, self.samples)
+                for monitor in monitors:
+                    yield JudgedRequirement(
+                        self, name, objective, requirement, info, monitor, at_hz, problem
+                    )
+
+
+@dataclass(frozen=True)
+class JudgedRequirement:
+    """A requirement at one monitor, or of the run, and its verdict so far.
+
+    Attributes:
+        name: of the objective.
+        at_hz: the offered rate of the objective; None if it has none, or if it is at a peak that
+            the search has not found; 0 where the recording, or the graph's own source, sets it.
+        problem: why the run has no such metric; empty if it has.
+        verdict: of the last step; None before the first.
+    """
+
+    run: JudgedRun
+    name: str
+    objective: Objective
+    requirement: Requirement
+    info: MetricInfo
+    monitor: str | None
+    at_hz: float | None
+    problem: str = ""
+    verdict: RequirementVerdict | None = None
+
+    @property
+    def outcome(self) -> RequirementVerdict:
+        """The verdict, after the first step."""
+        if self.verdict is None:
+            raise ValueError(f"{self.requirement.text} is not decided yet")
+        return self.verdict
+
+    def decided_by(self, samples: RunSamples) -> RequirementVerdict:
+        """The decision on some samples, after all looks that they allow."""
+        looks, policy = self.run.policy.looks, self.run.policy
+        own = self.objective.confidence
+        confidence = own.fraction if own is not None else policy.confidence
+        if looks is None:
+            return self._decided_once(samples, confidence)
+        decisions = [
+            self._decided_once(
+                _first_iterations(samples, looks.iterations[look - 1]),
+                looks.confidence_at(look, confidence),
+            )
+            for look in range(1, self.run.completed_looks(samples) + 1)
+        ]
+        return combine_looks(looks, decisions)
+
+    def _decided_once(self, samples: RunSamples, confidence: float) -> RequirementVerdict:
+        case = self._case(samples, confidence)
+        verdict = requirement_verdict(case, decide_case(case, samples, self.problem))
+        verdict = msgspec.structs.replace(verdict, level=self.objective.level)
+        if self.problem:
+            return verdict
+        if _losses_may_hide(case):
+            verdict = verdict.noted(_HIDDEN_LOSSES)
+        validity = self.run.playback_validity
+        if missed := validity.problem(self.info.statistic, self.at_hz):
+            return msgspec.structs.replace(
+                verdict,
+                outcome="inconclusive",
+                reason=missed,
+                remedy=validity.remedy(missed, self.at_hz),
+                # They explain a verdict that is none.
+                notes=(),
+            )
+        return verdict
+
+    def _case(self, samples: RunSamples, confidence: float) -> RequirementCase:
+        if self.problem:
+            return RequirementCase(
+                self.name, self.requirement, self.at_hz, self.info, None, math.nan
+            )
+        played = samples.iterations_at(self.at_hz)
+        per_step = 1.0
+        if played and self.monitor is not None:
+            per_step = played[0].monitors[self.monitor].per_step
+        return RequirementCase(
+            objective=self.name,
+            requirement=self.requirement,
+            at_hz=self.at_hz,
+            info=self.info,
+            monitor=self.monitor,
+            limit=limit_of(self.requirement, self.at_hz, self.info, per_step),
+            iterations=played,
+            confidence=confidence,
+        )
+
+
+def _first_iterations(samples: RunSamples, number: int) -> RunSamples:
+    """The run as it was when `number` iterations had been played at each rate."""
+    return replace(
+        samples,
+        iterations={rate: played[:number] for rate, played in samples.iterations.items()},
+    )
+
+
+def _objective_rate(objective: Objective, samples: RunSamples) -> float | None:
+    """The offered rate of an objective; see `JudgedRequirement`."""
+    if objective.at is not None:
+        return objective.at.hz
+    if samples.own_rate and not objective.at_peak:
+        return OWN_RATE
+    return samples.peak_hz if objective.at_peak else None
+
+
+def _metric_of(
+    requirement: Requirement, samples: RunSamples
+) -> tuple[MetricInfo, Sequence[str | None], str]:
+    """The metric of a requirement, the monitors that it is judged for, and what is wrong with it.
+
+    Where it belongs to no monitor, or is wrong, the only monitor is None.
+    """
+    none = MetricInfo(requirement.metric, "probe", "none", "", "observation", "")
+    try:
+        monitor, info = resolve(requirement.metric, samples.monitors, samples.processes)
+    except MetricError as error:
+        hint = f"; did you mean {error.suggestion}?" if error.suggestion else "."
+        problem = str(error)
+        return none, (None,), f"{problem[:1].upper()}{problem[1:]}{hint}"
+    bound = requirement.bound
+    if bound is not None and not info.accepts(bound):
+        problem = f"The metric {info.name} is a {info.dimension}, but its bound is a "
+        return none, (None,), f"{problem}{bound.dimension}."
+    if monitor is not None:
+        return info, (monitor,), ""
+    if info.scope == "truth":
+        kind = kind_of(info.name)
+        compared = [one.monitor for one in samples.record.accuracy if one.kind == kind]
+        return info, tuple(compared) or (None,), ""
+    return info, samples.monitors if info.scope == "monitor" else (None,), ""
+
+
+# The decision of a case.
+
+
+def decide_case(case: RequirementCase, samples: RunSamples, problem: str = "") -> Decision:
+    """The first decision that one of `DECISIONS` has.
+
+    Args:
+        case: to be decided.
+        samples: the run.
+        problem: why the run has no such metric; empty if it has.
+    """
+    if problem:
+        return Decision(outcome="fail", method="none", reason=problem)
+    decisions = (rule(case, samples) for rule in DECISIONS)
+    return next(decision for decision in decisions if decision is not None)
+
+
+def method_of(case: RequirementCase) -> DecisionMethod:
+    """The method that decides a requirement on one run."""
+    return next(method for method in DECISION_METHODS if method.takes(case))
+
+
+def _unknown_in_live_run(case: RequirementCase, samples: RunSamples) -> Decision | None:
+    if samples.mode != "live" or available_live(case.info):
+        return None
+    return undecided(
+        f"{case.info.name} is unknown in a live run: what its source sent is not recorded."
+    )
+
+
+def _without_offered_rate(case: RequirementCase, _: RunSamples) -> Decision | None:
+    bound = case.requirement.bound
+    if bound is None or not bound.of_offered or case.at_hz:
+        return None
+    return undecided("The objective has no rate, so 'of offered' has no meaning.")
+
+
+def _without_baseline(case: RequirementCase, _: RunSamples) -> Decision | None:
+    bound = case.requirement.bound
+    if bound is None or not bound.of_baseline:
+        return None
+    return undecided(
+        "This run was not compared with a baseline.", "Run with --against or --history."
+    )
+
+
+def _by_record(case: RequirementCase, samples: RunSamples) -> Decision | None:
+    method = method_of(case)
+    return None if method.needs_iterations else method.decide(case, samples.record)
+
+
+def _without_rate(case: RequirementCase, _: RunSamples) -> Decision | None:
+    if case.at_hz is not None:
+        return None
+    return undecided(f"The objective does not state the rate of {case.info.name}.")
+
+
+def _without_iterations(case: RequirementCase, _: RunSamples) -> Decision | None:
+    if case.iterations:
+        return None
+    at = f" at {show(case.at_hz, 'Hz')}" if case.at_hz else ""
+    return undecided(
+        f"No complete iteration was played{at}.", "Run the spec of this objective to its end."
+    )
+
+
+def _without_output(case: RequirementCase, _: RunSamples) -> Decision | None:
+    """A failure if the monitor received no output at all."""
+    seen = case.monitor_samples
+    if case.monitor is None or any(one.answered for one in seen):
+        return None
+    if seen[0].live:
+        count = len(seen)
+        reason = f"Monitor '{case.monitor}' received nothing in {show(count, 'count')} "
+        reason += "iterations." if count > 1 else "iteration."
+        return Decision(outcome="fail", method="none", reason=reason)
+    received, sent = sum(one.received for one in seen), sum(one.sent for one in seen)
+    overdue = sum(one.overdue for one in seen)
+    if overdue:
+        reason = (
+            f"Monitor '{case.monitor}' received no answer in time for {show(sent, 'count')} "
+            f"inputs, and {show(overdue, 'count')} in a later segment: increase "
+            "'benchmark.drain_timeout' to measure how late they are."
+        )
+    elif not received:
+        reason = f"Monitor '{case.monitor}' received nothing for {show(sent, 'count')} inputs."
+    else:
+        reason = (
+            f"Monitor '{case.monitor}' received {show(received, 'count')} messages, but none "
+            "has the stamp of an input: use 'match: order', or copy the stamp inside the graph."
+        )
+    return Decision(outcome="fail", method="none", reason=reason, n=sent)
+
+
+def _without_latency(case: RequirementCase, _: RunSamples) -> Decision | None:
+    """Undecided where a latency is unknown in some iteration."""
+    if case.monitor is None:
+        return None
+    if unpaired := latency_unknown_by_order(case.info, case.monitor, case.iterations):
+        return undecided(*unpaired)
+    seen = case.monitor_samples
+    unstamped = any(one.received and not one.times["latency"].size for one in seen)
+    if not (case.info.family == "latency" and seen[0].live and unstamped):
+        return None
+    return undecided(
+        f"The messages at monitor '{case.monitor}' have no stamp of this machine's clock.",
+        "Stamp the messages of the source with the system time.",
+    )
+
+
+def _by_iterations(case: RequirementCase, samples: RunSamples) -> Decision | None:
+    return method_of(case).decide(case, samples.record)
+
+
+DECISIONS: Final[tuple[Callable[[RequirementCase, RunSamples], Decision | None], ...]] = (
+    _unknown_in_live_run,
+    _without_offered_rate,
+    _without_baseline,
+    _by_record,
+    _without_rate,
+    _without_iterations,
+    _without_output,
+    _without_latency,
+    _by_iterations,
+)
+
+
+def latency_unknown_by_order(
+    info: MetricInfo, monitor: str | None, iterations: Sequence[SegmentSamples]
+) -> tuple[str, str] | None:
+    """Why a latency is unknown where outputs are matched by order, and what to do; else None."""
+    if monitor is None or info.family not in LOSS_SENSITIVE_FAMILIES:
+        return None
+    seen = [one.monitors[monitor] for one in iterations]
+    if not any(one.unknown_latency for one in seen):
+        return None
+    reason = (
+        f"The latency at monitor '{monitor}' is unknown: {pool_monitor(seen).unknown_latency}. "
+        "Every later one may then answer another input."
+    )
+    return reason, "Match by stamp: use an output whose header keeps the stamp of its input."
+
+
+def _losses_may_hide(case: RequirementCase) -> bool:
+    """Whether lost outputs are counted, and others may take their places."""
+    counts_losses = case.info.name in {"drop_rate", "missed"}
+    return counts_losses and any(seen.by_order for seen in case.monitor_samples)
+
+
+# The steps.
+
+
+def decide(judged: JudgedRequirement) -> RequirementVerdict:
+    """The decision on all iterations as they were first played."""
+    return judged.decided_by(judged.run.samples)
+
+
+def weaken_affected_failure(judged: JudgedRequirement) -> RequirementVerdict:
+    """A FAIL is open if neither the unaffected part fails nor the best case does."""
+    played, run = judged.outcome, judged.run
+    text = affected_iterations_text(played, run.affected)
+    if run.policy.interference == "tolerate" or played.outcome != "fail" or not text:
+        return played
+    return weaken_failure(
+        played,
+        judged.decided_by(run.unaffected_samples),
+        text,
+        judged.decided_by(run.best_case_samples),
+    )
+
+
+def refuse_affected_pass(judged: JudgedRequirement) -> RequirementVerdict:
+    """Under ``strict``, a PASS needs unaffected reruns of its iterations, which pass, too."""
+    played, run = judged.outcome, judged.run
+    text = affected_iterations_text(played, run.affected)
+    if run.policy.interference != "strict" or played.outcome != "pass" or not text:
+        return played
+    return strict_pass(played, judged.decided_by(run.unaffected_samples), run.affected, text)
+
+
+def examine_affected_probes(judged: JudgedRequirement) -> RequirementVerdict:
+    """What rests on probes, with regard to the interference during them.
+
+    The search has left failures that interference can explain out of its bracket already.
+    """
+    run = judged.run
+    return judge_probe(judged.outcome, run.samples.record, run.policy.interference)
+
+
+def refuse_disturbed_starts(judged: JudgedRequirement) -> RequirementVerdict:
+    """Under ``strict``, a PASS needs starts that nobody disturbed while they came up."""
+    verdict, run = judged.outcome, judged.run
+    if run.policy.interference != "strict" or verdict.outcome != "pass":
+        return verdict
+    text = disturbed_starts_text(verdict, run.samples)
+    return strict_refusal(verdict, text) if text else verdict
+
+
+STEPS: Final[tuple[Callable[[JudgedRequirement], RequirementVerdict], ...]] = (
+    decide,
+    weaken_affected_failure,
+    refuse_affected_pass,
+    examine_affected_probes,
+    refuse_disturbed_starts,
+)
+
+
+def _after_all_steps(judged: JudgedRequirement) -> RequirementVerdict:
+    for step in STEPS:
+        judged = replace(judged, verdict=step(judged))
+    return judged.outcome
+
+
+# The run.
+
+
+def _run_verdict(run: JudgedRun, requirements: tuple[RequirementVerdict, ...]) -> Verdict:
+    """The verdict on the run, with what it cannot know."""
+    samples, validity = run.samples, run.playback_validity
+    unusable = tuple(
+        Unusable(offered_hz=rate, reason=reason)
+        for rate, reason in sorted({**validity.probes, **validity.iterations}.items())
+        # Without requirements the run was made for its figures alone.
+        if not requirements or any(one.reason == reason for one in requirements)
+    )
+    outcome, reason = _overall_outcome(run, requirements, unusable)
+    judged = outcome not in {"invalid", "incomplete"}
+    return Verdict(
+        outcome=outcome,
+        exit_code=EXIT_CODES[outcome],
+        reason=reason,
+        requirements=with_caveats(requirements, samples) if judged else requirements,
+        unusable=unusable,
+        disturbed=tuple(run.affected.values()),
+        starts=samples.starts if judged else 0,
+        unseen_starts=zero_failure_bound(samples.starts, CONFIDENCE),
+        limits=run_caveats(requirements, samples) if judged else (),
+    )
+
+
+def _overall_outcome(
+    run: JudgedRun,
+    requirements: tuple[RequirementVerdict, ...],
+    unusable: tuple[Unusable, ...],
+) -> tuple[OverallOutcome, str]:
+    """The outcome of the run, worst first, and one sentence for it."""
+    record, policy = run.samples.record, run.policy
+    if record.status == "invalid":
+        return "invalid", record.reason or "The run is invalid."
+    if record.status == "incomplete":
+        return "incomplete", record.reason or "The run was cut short."
+    if policy.smoke and not requirements:
+        # A busy machine, on which the playback is late, does not matter either.
+        return "pass", _SMOKE_REASON
+    if unusable:
+        rate_hz, why = unusable[0].offered_hz, unusable[0].reason
+        return "invalid", f"At {show(rate_hz, 'Hz')}: {why}" if rate_hz else why
+    return outcome_of(requirements, policy.inconclusive, run.samples.starts)

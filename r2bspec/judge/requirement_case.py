@@ -1,0 +1,212 @@
+"""One requirement of one objective, about to be judged, and how its verdict is put together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from r2bspec.judge.methods import Method
+from r2bspec.judge.statistics.effective_sample_size import SampleDesign
+from r2bspec.judge.verdict import Outcome, RequirementVerdict, ShareTest
+from r2bspec.language.benchmark_defaults import CONFIDENCE
+from r2bspec.language.requirement_grammar import Requirement
+from r2bspec.measure.metric_catalogue import MetricInfo
+from r2bspec.measure.samples import MonitorSamples, SegmentSamples, starts_of
+from r2bspec.measure.units import show
+from r2bspec.record.run_record import RunRecord
+
+
+@dataclass(frozen=True)
+class WindowCondition:
+    """``in SHARE of LENGTH windows``: the share of windows, as a fraction, and their length."""
+
+    share: float
+    window_ns: int
+
+
+@dataclass(frozen=True)
+class RequirementCase:
+    """A requirement that applies to this run, and the samples to judge it by.
+
+    Attributes:
+        at_hz: the offered rate of the objective, or None.
+        monitor: the monitor, for metrics that belong to one.
+        limit: the right-hand side in the metric's unit; 'of offered' is worked out.
+        iterations: the complete iterations at `at_hz`; at least one where the metric needs any.
+        confidence: of the decision, one-sided each way.
+    """
+
+    objective: str
+    requirement: Requirement
+    at_hz: float | None
+    info: MetricInfo
+    monitor: str | None
+    limit: float
+    iterations: tuple[SegmentSamples, ...] = ()
+    confidence: float = CONFIDENCE
+
+    @property
+    def windows(self) -> WindowCondition | None:
+        """The share of windows in which the requirement must be met; None for the whole run."""
+        share = self.requirement.windows_share
+        return WindowCondition(share, self.requirement.window_ns) if share is not None else None
+
+    @property
+    def monitor_samples(self) -> list[MonitorSamples]:
+        """What the monitor received in each iteration; nothing for a metric of no monitor."""
+        if self.monitor is None:
+            return []
+        return [iteration.monitors[self.monitor] for iteration in self.iterations]
+
+    @property
+    def is_upper_bound(self) -> bool:
+        """Whether the requirement is an upper limit (``<``, ``<=``) and not a lower one."""
+        return self.requirement.op in {"<", "<="}
+
+    @property
+    def is_equality(self) -> bool:
+        """Whether the requirement is ``==`` or ``!=``, which only an observation can decide."""
+        return self.requirement.op in {"==", "!="}
+
+    def design(self, allowed: float | None = None) -> SampleDesign:
+        """How the iterations came about, for a test of a share.
+
+        Args:
+            allowed: the share that is tested.
+        """
+        return SampleDesign(
+            starts=starts_of(self.iterations), allowed=allowed, confidence=self.confidence
+        )
+
+    @property
+    def limit_text(self) -> str:
+        """The limit with its unit."""
+        return show(self.limit, self.info.unit)
+
+    @property
+    def metric_text(self) -> str:
+        """Such as ``latency.p99 < 50 ms``: the comparison without monitor and windows."""
+        return f"{self.info.name} {self.requirement.op} {self.limit_text}"
+
+    @property
+    def confidence_text(self) -> str:
+        """Such as ``95 % confidence``."""
+        return f"{show(self.confidence, 'share', 4)} confidence"
+
+    def is_met(self, value: float) -> bool:
+        """Compare a value with the limit."""
+        return self.requirement.is_met(value, self.limit)
+
+    def outcome_of_bounds(self, lower: float, upper: float) -> Outcome:
+        """PASS if both bounds on the true value meet the limit, FAIL if neither does."""
+        towards, against = (upper, lower) if self.is_upper_bound else (lower, upper)
+        return decide(passes=self.is_met(towards), fails=not self.is_met(against))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Decision:
+    """What a method found; see `RequirementVerdict` for the fields."""
+
+    outcome: Outcome
+    method: Method
+    reason: str
+    remedy: str = ""
+    estimate: float | None = None
+    lower: float | None = None
+    upper: float | None = None
+    n: int = 0
+    effective_n: float | None = None
+    over: int | None = None
+    bursts: int | None = None
+    share: ShareTest | None = None
+    rule_of_three: float | None = None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class DecisionMethod:
+    """A method, as its module provides it to `r2bspec.judge.methods`.
+
+    Attributes:
+        takes: whether the method decides a requirement.
+        decide: decides it, by the iterations of the case or by the record of the run.
+        needs_iterations: whether it cannot decide without a complete iteration.
+    """
+
+    takes: Callable[[RequirementCase], bool]
+    decide: Callable[[RequirementCase, RunRecord], Decision]
+    needs_iterations: bool = True
+
+
+def undecided(reason: str, remedy: str = "") -> Decision:
+    """A case that no test can decide, and what would help."""
+    return Decision(outcome="inconclusive", method="none", reason=reason, remedy=remedy)
+
+
+def decide(*, passes: bool, fails: bool) -> Outcome:
+    """The outcome of two tests that cannot both succeed."""
+    if passes:
+        return "pass"
+    return "fail" if fails else "inconclusive"
+
+
+def limit_of(
+    requirement: Requirement, at_hz: float | None, info: MetricInfo, per_step: float = 1.0
+) -> float:
+    """The right-hand side of a requirement in its metric's unit; NaN where it has none.
+
+    Args:
+        requirement: with its bound.
+        at_hz: the offered rate, to which 'of offered' refers.
+        info: the metric.
+        per_step: outputs expected at a monitor for each step.
+    """
+    bound = requirement.bound
+    if bound is None or bound.of_baseline:
+        return math.nan
+    if not bound.of_offered:
+        return bound.value
+    if not at_hz:
+        return math.nan
+    # For a monitor with a ratio, the offered rate is that of the expected outputs.
+    return bound.value * at_hz * (per_step if info.scope == "monitor" else 1.0)
+
+
+def requirement_verdict(case: RequirementCase, decision: Decision) -> RequirementVerdict:
+    """Combine case and decision; infinite values become None, which JSON can write."""
+    return RequirementVerdict(
+        objective=case.objective,
+        text=case.requirement.text,
+        at_hz=case.at_hz,
+        metric=case.info.name,
+        monitor=case.monitor,
+        outcome=decision.outcome,
+        method=decision.method,
+        estimate=_finite(decision.estimate),
+        lower=_finite(decision.lower),
+        upper=_finite(decision.upper),
+        limit=_finite(case.limit),
+        unit=case.info.unit,
+        n=decision.n,
+        effective_n=_effective(decision),
+        confidence=case.confidence,
+        over=decision.over,
+        bursts=decision.bursts,
+        lost=decision.estimate is not None and math.isinf(decision.estimate),
+        share=decision.share,
+        rule_of_three=decision.rule_of_three,
+        reason=decision.reason,
+        remedy=decision.remedy,
+        notes=decision.notes,
+    )
+
+
+def _effective(decision: Decision) -> float | None:
+    if decision.effective_n is not None:
+        return decision.effective_n
+    return float(decision.n) if decision.n else None
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None

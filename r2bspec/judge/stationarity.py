@@ -1,0 +1,411 @@
+"""What an overloaded graph shows: its capacity, and whether its speed is stationary.
+
+Capacity
+--------
+
+A graph that is offered more than it can process is never idle, so its outputs leave at its own
+pace. They are cut into batches of k successive ones; a batch lasts x_j seconds a message. With the
+mean x and the standard deviation s of m batches of all plays,
+
+    capacity = 1 / x        bounds: 1 / (x +- t s sqrt(F / m))
+
+with Student's t of m / F - 1 degrees of freedom and the inflation F of batches that resemble their
+neighbours (`r2bspec.judge.statistics.autocorrelation`), where that is significant: batches of a
+second or longer of a stationary graph are independent, and a graph that is not is found by the
+tests below. The start of each play is left out.
+
+Queues in a row approach the capacity from below: n messages take longer than n / capacity by
+g cv sqrt(n) / capacity, where cv is the coefficient of variation of a service time, and g is the
+mean of the largest eigenvalue of a random matrix, at most 2 sqrt(k) - 1.77 k^(-1/6) for k queues
+(Glynn and Whitt 1991; Baryshnikov 2001). The upper bound is raised by that.
+
+Stationarity
+------------
+
+A bracket of the peak says something of tomorrow only if the graph processes messages today as it
+did a minute ago. What is examined are its outputs while it is overloaded, when they leave at its
+own pace, and while the lower end of the bracket is played whole. Each finding has figures, and a
+share by which the speed varies.
+
+    stops     gaps between outputs that are longer than the 90th percentile of the gaps by twelve
+              times the distance from the median to it, twice or more, and half the precision of
+              the time in all
+    start     the first 1, 2 or 5 s of a play are faster or slower than the rest of it
+    drift     a line through the batches of all plays, by time, has a slope
+    wander    the batches differ by more than the scatter of single messages explains: for batches
+              of k independent messages the variance is that of a message divided by k
+
+The last three count only beyond the precision, and with an error of about one in ten thousand, so
+that a steady graph is rarely called unsteady.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from r2bspec.judge.statistics.autocorrelation import significant_inflation
+from r2bspec.judge.statistics.t_interval import t_quantile
+
+_START_SHARE = 0.1
+_START_S = 1.0
+_MAX_START_SHARE = 1 / 3
+"""At the start, a tenth of a play is left out, or 1 s if that is at most a third of it."""
+
+_ERROR_SHARE = 0.9
+"""Of the error, the part that the interval has: the rest is what it costs that playing ends when
+the interval is narrow enough."""
+
+_BATCH_S = 1.0
+_MIN_BATCH_OUTPUTS = 10
+_MIN_BATCHES = 4
+
+_SATURATED_SHARE = 0.96
+"""A graph that delivers more than this share of the offered rate is not overloaded."""
+
+_KEPT_UP_SHARE = 0.998
+"""One that delivers more than this in the later half of a play has caught up."""
+
+
+@dataclass(frozen=True)
+class CompletionTimes:
+    """When the outputs of one play left the graph, until the last input was published.
+
+    Attributes:
+        begun_s: when its first input was published, by a clock of the whole search, in s.
+        times_s: when each output arrived, from `begun_s` on, ascending, shape (n,).
+        played_s: from its first input to the last.
+        offered_hz: outputs per second that a graph which keeps up would deliver.
+        per_step: outputs for each input.
+    """
+
+    begun_s: float
+    times_s: NDArray[np.float64]
+    played_s: float
+    offered_hz: float
+    per_step: float = 1.0
+
+    def settled(self) -> NDArray[np.float64]:
+        """The times without those of the start."""
+        start_s = min(max(_START_SHARE * self.played_s, _START_S), _MAX_START_SHARE * self.played_s)
+        return self.times_s[self.times_s >= start_s]
+
+    def after(self, seconds: float) -> CompletionTimes:
+        """The later part of this play, as one of its own."""
+        later = self.times_s[self.times_s >= seconds] - seconds
+        return CompletionTimes(
+            self.begun_s + seconds,
+            later,
+            max(self.played_s - seconds, 0.0),
+            self.offered_hz,
+            self.per_step,
+        )
+
+    @property
+    def saturated_later(self) -> bool:
+        """Whether clearly fewer outputs left than inputs came in the later half."""
+        return self._is_slower(self.times_s[self.times_s >= self.played_s / 2], _KEPT_UP_SHARE)
+
+    @property
+    def saturated(self) -> bool:
+        """Whether clearly fewer outputs left than inputs came, after the start."""
+        return self._is_slower(self.settled(), _SATURATED_SHARE)
+
+    def _is_slower(self, times_s: NDArray[np.float64], share: float) -> bool:
+        """Whether outputs at these times are fewer than a share of what is offered."""
+        if times_s.size < _MIN_BATCH_OUTPUTS:
+            return True
+        rate_hz = (times_s.size - 1) / max(float(times_s[-1] - times_s[0]), 1e-9)
+        return rate_hz < share * self.offered_hz
+
+
+@dataclass(frozen=True)
+class Capacity:
+    """The capacity in steps per second, with bounds that are wrong in half the error each."""
+
+    hz: float
+    lower_hz: float
+    upper_hz: float
+
+    @property
+    def relative_width(self) -> float:
+        """From the lower bound to the upper one, as a fraction of the lower one."""
+        return self.upper_hz / self.lower_hz - 1 if self.lower_hz > 0 else math.inf
+
+
+@dataclass(frozen=True)
+class Batches:
+    """Seconds a message in batches of successive outputs, and when each began."""
+
+    seconds: NDArray[np.float64]
+    begun_s: NDArray[np.float64]
+    outputs: int
+
+
+def batches(play: CompletionTimes) -> Batches:
+    """Cut what is settled of a play into batches of about a second."""
+    times_s = play.settled()
+    span_s = float(times_s[-1] - times_s[0]) if times_s.size > 1 else 0.0
+    if span_s <= 0:
+        return Batches(np.empty(0), np.empty(0), 0)
+    outputs = max(_MIN_BATCH_OUTPUTS, round((times_s.size - 1) / span_s * _BATCH_S))
+    number = (times_s.size - 1) // outputs
+    # What is left over is at the start.
+    first = (times_s.size - 1) - number * outputs
+    edges = times_s[first::outputs]
+    return Batches(np.diff(edges) / outputs, play.begun_s + edges[:-1], outputs)
+
+
+def estimate_capacity(
+    plays: Sequence[CompletionTimes], confidence: float, *, stages: int = 1
+) -> Capacity | None:
+    """Estimate the capacity from overloaded plays.
+
+    Args:
+        plays: the departures of each.
+        confidence: of the interval; each bound is wrong in half of the rest.
+        stages: how many queues there may be in a row.
+
+    Returns:
+        None if there are too few outputs.
+    """
+    if not plays:
+        return None
+    cut = [batches(each) for each in plays]
+    seconds = np.concatenate([each.seconds for each in cut])
+    m = seconds.size
+    if m < _MIN_BATCHES:
+        return None
+    mean_s = float(seconds.mean())
+    inflation = significant_inflation(seconds.tolist())
+    error = _ERROR_SHARE * (1 - confidence) / 2
+    t = t_quantile(max(m / inflation - 1, 1.0), 1 - error)
+    half_s = t * float(seconds.std(ddof=1)) * math.sqrt(inflation / m)
+    per_step = plays[0].per_step
+    upper_hz = 1 / (mean_s - half_s) if half_s < mean_s else math.inf
+    return Capacity(
+        hz=1 / mean_s / per_step,
+        lower_hz=1 / (mean_s + half_s) / per_step,
+        upper_hz=upper_hz * (1 + _approach(plays, stages)) / per_step,
+    )
+
+
+def compare_pace(
+    one: Sequence[CompletionTimes], other: Sequence[CompletionTimes]
+) -> tuple[float, float]:
+    """By how much longer a message takes in one group of plays, as a fraction, and its error."""
+    first, second = (
+        np.concatenate([batches(each).seconds for each in plays]) for plays in (one, other)
+    )
+    if min(first.size, second.size) < _MIN_BATCHES:
+        return 0.0, math.inf
+    errors = [
+        float(each.std(ddof=1) / each.mean()) / math.sqrt(each.size) for each in (first, second)
+    ]
+    return float(first.mean() / second.mean()) - 1, math.hypot(*errors)
+
+
+def _approach(plays: Sequence[CompletionTimes], stages: int) -> float:
+    """By how much queues in a row are still below their capacity, as a fraction of it."""
+    if stages < 2:
+        return 0.0
+    largest = 2 * math.sqrt(stages) - 1.77 / math.pow(stages, 1 / 6)
+    intervals = np.concatenate([np.diff(each.settled()) for each in plays])
+    mean = float(intervals.mean()) if intervals.size else 0.0
+    if mean <= 0:
+        return 0.0
+    variation = min(float(intervals.std()) / mean, 1.0)
+    before, until = plays[0].times_s.size - plays[0].settled().size, plays[0].times_s.size
+    longer = math.sqrt(until) - math.sqrt(max(before, 0))
+    return largest * variation * longer / max(until - before, 1)
+
+
+_MIN_STOP_S = 0.05
+_STOP_PERIODS = 3.0
+_STOP_TAILS = 12.0
+_MIN_STOPS = 2
+
+_STARTS_S = (1.0, 2.0, 5.0)
+_ERROR = 1e-4
+"""With which a steady graph is called unsteady by one of the tests."""
+
+_MIN_COMPARED_BATCHES = 6
+_WANDER_RATIO = 3.0
+
+
+@dataclass(frozen=True)
+class NonStationarity:
+    """One finding: its text, and the ratio of the fastest speed to the slowest."""
+
+    text: str
+    ratio: float
+
+
+def find_stops(plays: Sequence[CompletionTimes], precision: float) -> NonStationarity | None:
+    """Stops of the output in plays whose inputs did not pause."""
+    gaps = [np.diff(each.times_s) for each in plays if each.times_s.size > 2]
+    if not gaps:
+        return None
+    lengths: list[float] = []
+    total_s = 0.0
+    for play, gap in zip((each for each in plays if each.times_s.size > 2), gaps, strict=True):
+        middle, tail = (float(each) for each in np.quantile(gap, (0.5, 0.9)))
+        least_s = max(_MIN_STOP_S, _STOP_PERIODS * middle, tail + _STOP_TAILS * (tail - middle))
+        at = np.flatnonzero(gap > least_s)
+        lengths += (gap[at] - middle).tolist()
+        total_s += float(play.times_s[-1] - play.times_s[0])
+    stopped_s = sum(lengths)
+    if len(lengths) < _MIN_STOPS or stopped_s < precision / 2 * total_s:
+        return None
+    every_s = total_s / len(lengths)
+    return NonStationarity(
+        f"stops for {np.median(lengths):.2g} s about every {every_s:.2g} s",
+        total_s / max(total_s - stopped_s, 1e-9),
+    )
+
+
+def find_start(plays: Sequence[CompletionTimes], precision: float) -> NonStationarity | None:
+    """A start that is faster or slower than the rest of an overloaded play; the clearest one."""
+    found: list[NonStationarity] = []
+    for seconds in _STARTS_S:
+        long = [each for each in plays if each.played_s >= 1.8 * seconds]
+        first, rest = _pace(long, 0.0, seconds), _pace(long, seconds, math.inf)
+        if first is None or rest is None:
+            continue
+        log_ratio = math.log(rest.mean_s / first.mean_s)
+        # A few messages may agree by chance.
+        scatter = rest.variation / math.sqrt(first.outputs) * _normal_quantile()
+        reach = math.hypot(max(first.reach, scatter), rest.reach)
+        if abs(log_ratio) <= max(reach, precision):
+            continue
+        ratio = math.exp(abs(log_ratio))
+        word = "faster" if log_ratio > 0 else "slower"
+        found.append(NonStationarity(f"{ratio:.2f} times {word} in the first {seconds:g} s", ratio))
+    return max(found, key=lambda each: each.ratio, default=None)
+
+
+def find_drift(plays: Sequence[CompletionTimes], precision: float) -> NonStationarity | None:
+    """A speed that falls or rises over all plays."""
+    cut = [batches(each) for each in plays]
+    pace = np.concatenate([each.seconds for each in cut]) if cut else np.empty(0)
+    at_s = np.concatenate([each.begun_s for each in cut]) if cut else np.empty(0)
+    if pace.size < _MIN_COMPARED_BATCHES or pace.min() <= 0:
+        return None
+    t = at_s - at_s.mean()
+    v = np.log(pace)
+    spread = float(t @ t)
+    if spread <= 0:
+        return None
+    slope = float(t @ (v - v.mean())) / spread
+    residuals = v - v.mean() - slope * t
+    error = math.sqrt(float(residuals @ residuals) / (pace.size - 2) / spread)
+    span_s = float(at_s[-1] - at_s[0])
+    change = slope * span_s
+    reach = t_quantile(pace.size - 2, 1 - _ERROR) * error
+    if abs(slope) <= reach or abs(change) < precision:
+        return None
+    ratio = math.exp(abs(change))
+    word = "slower" if change > 0 else "faster"
+    return NonStationarity(f"{ratio:.2f} times {word} after {span_s:.0f} s than at first", ratio)
+
+
+def find_wander(plays: Sequence[CompletionTimes], precision: float) -> NonStationarity | None:
+    """A speed that differs from second to second by more than single messages explain."""
+    cut = [batches(each) for each in plays]
+    pace = np.concatenate([each.seconds for each in cut]) if cut else np.empty(0)
+    if pace.size < _MIN_COMPARED_BATCHES or pace.min() <= 0:
+        return None
+    expected = float(
+        np.mean(
+            [
+                np.var(np.diff(play.settled())) / each.outputs
+                for play, each in zip(plays, cut, strict=True)
+                if each.outputs
+            ]
+        )
+    )
+    variance = float(np.var(pace, ddof=1))
+    deviation = math.sqrt(variance) / float(pace.mean())
+    if deviation < precision or variance <= _wander_limit(pace.size) * expected:
+        return None
+    low, high = (float(each) for each in np.quantile(1 / pace, (0.05, 0.95)))
+    per_step = plays[0].per_step
+    return NonStationarity(
+        f"its speed wanders between {low / per_step:.3g} Hz and {high / per_step:.3g} Hz",
+        high / low,
+    )
+
+
+def _wander_limit(size: int) -> float:
+    """The ratio of variances that independent messages exceed once in ten thousand plays."""
+    from scipy.special import chdtri
+
+    return max(_WANDER_RATIO, float(chdtri(size - 1, _ERROR)) / (size - 1))
+
+
+def _normal_quantile() -> float:
+    from scipy.special import ndtri
+
+    return float(ndtri(1 - _ERROR))
+
+
+@dataclass(frozen=True)
+class _Pace:
+    mean_s: float
+    relative_error: float
+    number: int
+    variation: float
+    outputs: int
+
+    @property
+    def reach(self) -> float:
+        """Up to where the mean may be off, relatively, with a small error."""
+        return t_quantile(self.number - 1, 1 - _ERROR) * self.relative_error
+
+
+def _pace(plays: Sequence[CompletionTimes], from_s: float, until_s: float) -> _Pace | None:
+    """Seconds a message in one part of all plays, and its standard error by short batches."""
+    parts: list[NDArray[np.float64]] = []
+    intervals: list[NDArray[np.float64]] = []
+    for play in plays:
+        # The first outputs fill the queues of the graph.
+        kept = play.times_s[(play.times_s >= from_s) & (play.times_s < until_s)]
+        if kept.size >= 8:
+            number = min(8, (kept.size - 1) // 4) or 1
+            edges = kept[np.linspace(0, kept.size - 1, number + 1).astype(int)]
+            counts = np.diff(np.linspace(0, kept.size - 1, number + 1).astype(int))
+            parts.append(np.diff(edges) / counts)
+            intervals.append(np.diff(kept))
+    if not parts:
+        return None
+    values = np.concatenate(parts)
+    if values.size < 2 or values.mean() <= 0:
+        return None
+    error = float(values.std(ddof=1)) / math.sqrt(values.size) / float(values.mean())
+    single = np.concatenate(intervals)
+    variation = float(single.std() / single.mean())
+    return _Pace(float(values.mean()), error, values.size, variation, single.size)
+
+
+def find_nonstationarity(
+    overloaded: Sequence[CompletionTimes], others: Sequence[CompletionTimes], precision: float
+) -> tuple[NonStationarity, ...]:
+    """All findings about a graph.
+
+    Args:
+        overloaded: plays in which outputs left at the pace of the graph.
+        others: plays at rates that it might keep up with; they can only show stops.
+        precision: differences below it do not count.
+    """
+    stops = find_stops([*overloaded, *others], precision)
+    if stops is not None:
+        return (stops,)
+    for find in (find_start, find_drift, find_wander):
+        found = find(overloaded, precision)
+        if found is not None:
+            return (found,)
+    return ()

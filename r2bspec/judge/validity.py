@@ -1,0 +1,219 @@
+"""Results that are invalid: what cannot be, and what was measured under another load.
+
+Impossible results
+------------------
+
+    early      more than 1 % of the answers were received before their input was published
+    surplus    by order, more than 1 % more outputs than the monitor's ratio allows
+
+1 % is the share of messages that decides a p99 objective, and one message of another origin in a
+hundred is no reason to discard a run. By order, an early output means that it answers another
+input than the one it is matched to, and a surplus means that it is unknown which one it answers.
+By stamp, it means that the times or the stamps are wrong.
+
+Throughput cannot be more than offered times answered: see `r2bspec.measure.times`.
+
+The schedule of the harness
+---------------------------
+
+Where the harness did not keep its schedule, the graph was not tested.
+
+A graph that was offered too little, or its load in bursts that the spec does not have, was tested
+under another load. What is measured at such a rate is invalid. The criterion takes all complete
+iterations of a rate together, so that one short stall of a shared machine in ten iterations does
+not invalidate them:
+
+    rate        less than 98 % of the offered rate was published
+    lateness    more than 1 % of the publications began later than half a period after they were
+                due; at more than 100 Hz, later than 5 ms or 1.5 periods, whichever is less
+    stalled     for more than 1 % of the time the monitor had no processor, and could not stamp
+                arrivals
+
+From half a period on a publication is closer to its successor's time than to its own. 1 % is the
+share of messages that decides a p99 objective. 5 ms is what a busy but usable machine may take to
+wake a process; at rates above 100 Hz half a period would be less than that. A publication that is
+1.5 periods late is closer to the time of the second one after it: at least two go out at once, and
+the graph is offered bursts. So 1.5 periods are too late at every rate: 1.5 ms at 1 kHz.
+
+A timeline has no single rate: the mean rate at which its steps are due replaces the offered one. A
+live run plays nothing, and misses no schedule.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from r2bspec.measure.metric_catalogue import Statistic
+from r2bspec.measure.metrics import pool_monitor, pool_playback
+from r2bspec.measure.samples import MonitorSamples, RunSamples, SegmentSamples
+from r2bspec.measure.times import percentile
+from r2bspec.measure.units import show
+
+MAX_IMPOSSIBLE_SHARE = 0.01
+
+
+@dataclass(frozen=True)
+class ImpossibleResult:
+    """What is impossible, in one sentence, and what to do about it, in another."""
+
+    reason: str
+    remedy: str
+
+
+def impossible_result(iterations: Sequence[SegmentSamples]) -> ImpossibleResult | None:
+    """What is impossible in the iterations at a rate; None if nothing is.
+
+    Args:
+        iterations: all complete iterations at it, at least one.
+    """
+    if iterations[0].live:
+        return None
+    for name in iterations[0].monitors:
+        seen = pool_monitor([one.monitors[name] for one in iterations])
+        found = _surplus(name, seen) or _early(name, seen)
+        if found is not None:
+            return found
+    return None
+
+
+def _early(name: str, seen: MonitorSamples) -> ImpossibleResult | None:
+    if seen.early <= MAX_IMPOSSIBLE_SHARE * seen.answered:
+        return None
+    counts = f"{show(seen.early, 'count')} of {show(seen.answered, 'count')} outputs"
+    reason = (
+        f"At monitor '{name}', {counts} were received before their input was published, which is "
+        "impossible"
+    )
+    if seen.by_order:
+        return ImpossibleResult(
+            f"{reason}: matched by order, they answer other inputs.",
+            "Match by stamp, or set the ratio of the monitor to what its node publishes.",
+        )
+    return ImpossibleResult(
+        f"{reason}: their stamps or the times of their reception are wrong.",
+        "Use outputs that keep the stamp of their input, or another middleware.",
+    )
+
+
+def _surplus(name: str, seen: MonitorSamples) -> ImpossibleResult | None:
+    if seen.surplus <= MAX_IMPOSSIBLE_SHARE * seen.expected:
+        return None
+    received = show(seen.expected + seen.surplus, "count")
+    return ImpossibleResult(
+        f"Monitor '{name}' received {received} outputs for {show(seen.sent, 'count')} inputs, and "
+        f"its ratio allows {show(seen.expected, 'count')}: which input each of them answers is "
+        "unknown.",
+        "Set the ratio of the monitor to what its node publishes, or match by stamp.",
+    )
+
+
+MIN_RATE_SHARE = 0.98
+LATE_QUANTILE = 0.99
+MAX_LATE_PERIODS = 0.5
+MIN_LATENESS_LIMIT_S = 0.005
+BURST_PERIODS = 1.5
+MAX_UNWATCHED_SHARE = 0.01
+
+REMEDY = "Run again on a quieter or faster machine, or offer a lower rate."
+TIMELINE_REMEDY = "Run again on a quieter or faster machine, or play the recording more slowly."
+
+
+def schedule_problem(offered_hz: float, iterations: Sequence[SegmentSamples]) -> str:
+    """Why the iterations at a rate are invalid, in one sentence; empty if they are valid.
+
+    Args:
+        offered_hz: the offered rate; 0 for that of the recording.
+        iterations: all complete iterations at it, at least one.
+    """
+    played = pool_playback([one.playback for one in iterations])
+    if played.live:
+        return ""
+    planned_hz = offered_hz or played.planned_hz
+    # A single publication has no rate.
+    if played.sent > len(iterations) and played.rate_hz < MIN_RATE_SHARE * planned_hz:
+        return (
+            f"The playback reached only {show(played.rate_hz, 'Hz')} of the "
+            f"{'offered' if offered_hz else 'recorded'} {show(planned_hz, 'Hz')}."
+        )
+    late_s = percentile(played.lateness, LATE_QUANTILE)
+    allowed_s = lateness_limit_s(planned_hz)
+    if late_s is not None and late_s > allowed_s:
+        return (
+            f"More than 1 % of the publications began over {show(allowed_s, 's')} after they "
+            f"were due (p99 {show(late_s, 's')})."
+        )
+    stalled_s = sum(one.segment.monitor_held_ns for one in iterations) / 1e9
+    played_s = sum(one.segment.ended_ns - one.segment.began_ns for one in iterations) / 1e9
+    if stalled_s > MAX_UNWATCHED_SHARE * played_s:
+        return (
+            f"The monitor had no processor for {show(stalled_s, 's')}, so the arrival times "
+            "of messages are unknown."
+        )
+    return ""
+
+
+def lateness_limit_s(planned_hz: float) -> float:
+    """How late 99 % of the publications may begin at most; `planned_hz` is 0 where unknown."""
+    if not planned_hz:
+        return MIN_LATENESS_LIMIT_S
+    of_busy_machine = min(MIN_LATENESS_LIMIT_S, BURST_PERIODS / planned_hz)
+    return max(MAX_LATE_PERIODS / planned_hz, of_busy_machine)
+
+
+@dataclass(frozen=True)
+class PlaybackValidity:
+    """The offered rates at which the playback missed its schedule or the result is impossible.
+
+    A sequential probe ends when its player cannot go on; one that was sustained proves its rate.
+
+    Attributes:
+        iterations: the reason, by rate.
+        probes: the same of sequential probes.
+        remedies: what to do about a reason, where it is not the schedule.
+    """
+
+    iterations: Mapping[float, str]
+    probes: Mapping[float, str]
+    remedies: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, samples: RunSamples) -> PlaybackValidity:
+        """Check complete iterations and probes; of sustained probes, not the playback."""
+        remedies: dict[str, str] = {}
+
+        def impossible(found: Sequence[SegmentSamples]) -> str:
+            result = impossible_result(found)
+            if result is None:
+                return ""
+            remedies[result.reason] = result.remedy
+            return result.reason
+
+        played = {
+            rate: impossible(found) or schedule_problem(rate, found)
+            for rate, found in samples.iterations.items()
+            if found
+        }
+        probed = {
+            probe.rate_hz: impossible(found)
+            or ("" if probe.holds else schedule_problem(probe.rate_hz, found))
+            for probe in samples.record.sustained
+            if (found := [*filter(None, [samples.sustained.get(probe.rate_hz)])])
+        }
+        return cls(
+            {rate: reason for rate, reason in played.items() if reason},
+            {rate: reason for rate, reason in probed.items() if reason},
+            remedies,
+        )
+
+    def problem(self, statistic: Statistic, at_hz: float | None) -> str:
+        """Why the values of a metric at a rate are invalid, or empty."""
+        if statistic in {"search", "truth"} or at_hz is None:
+            return ""
+        found = self.probes if statistic == "sequential" else self.iterations
+        return next((reason for rate, reason in found.items() if math.isclose(rate, at_hz)), "")
+
+    def remedy(self, reason: str, at_hz: float | None) -> str:
+        """What to do about the reason for which the values at a rate are invalid."""
+        return self.remedies.get(reason, REMEDY if at_hz else TIMELINE_REMEDY)

@@ -1,0 +1,247 @@
+"""The environment variables of a spec: which hold secrets, and which a stranger's spec may read.
+
+A reference ``$(env NAME)`` to a secret is not replaced when a spec is loaded: the tree, the plan
+and everything that is printed contain the reference itself. The value is read when a process is
+started, for that process alone (`r2bspec.execute.processes.environment`). So no message, no
+file and no comparison of values can show it, or a part of it. The lists of words in this module are
+the only ones: what a run redacts, and what counts as a secret in plain text, is decided by them.
+
+With ``--untrusted``, `environment` may list only what the base version of the same spec lists. All
+else is an error at its place, and is not read. The version in the base is read from git without
+checking anything out: only the object database of the repository is read. No file of the working
+tree can change what is read: neither an attribute nor a filter is applied, and a repository below
+the working tree, which could bring a configuration of its own, is never looked at.
+"""
+
+from __future__ import annotations
+
+import posixpath
+import re
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from r2bspec.diagnostics import Diagnostic, Severity
+from r2bspec.diagnostics.quote import clip
+from r2bspec.errors import UsageError
+from r2bspec.language.document import MAX_DOCUMENT_BYTES, decode
+from r2bspec.language.extends import (
+    KEY,
+    MAX_EXTENDED_FILES,
+    MAX_EXTENDS_DEPTH,
+    extended_names,
+)
+from r2bspec.language.located_tree import MapNode, TreeNode
+from r2bspec.language.variables import listed_environment
+from r2bspec.language.yaml_document import compose
+
+SECRET_WORDS = ("AUTH", "COOKIE", "CREDENTIAL", "KEY", "PASS", "PRIVATE", "SECRET", "TOKEN")
+"""A variable whose name contains one of these, in any case, holds a secret."""
+
+SECRET_PARTS = ("BEARER", "DSN", "JWT", "PAT", "PSK", "PWD", "SIGNATURE", "WEBHOOK")
+"""The same for names of which one of these is a whole part between underscores."""
+
+QUOTED_OPENING = "$(quoted_env "
+"""Begins a reference inside of JSON quotes, on a command line: its value is escaped as they ask."""
+
+REDACTED = "***"
+"""What is shown in place of the value of a secret."""
+
+_WORKING_FOLDERS = frozenset({"PWD", "OLDPWD"})
+
+_SECRET_NAME = re.compile(
+    "|".join((*SECRET_WORDS, rf"(?:^|_)(?:{'|'.join(SECRET_PARTS)})(?:_|$)")), re.IGNORECASE
+)
+
+_SECRET_VALUE = re.compile(
+    r"""
+      \b[a-z][a-z0-9+.-]{0,20}://[^\s/@:]{0,200}:[^\s/@]{1,800}@    # a URL with a password
+    | -----BEGIN\ [A-Z ]{0,40}PRIVATE\ KEY-----
+    | \b(?: gh[oprsu]_ | github_pat_ | gl(?:pat|dt|rt|cbt|ptt|ft|soat|imt|agent)- )[\w-]{12}
+    | \b(?: sk- | xox[abeoprs]- )[\w-]{12}
+    | \b(?: AKIA | ASIA )[A-Z0-9]{12}
+    | \beyJ[\w-]{8,400}\.eyJ                                        # a JSON web token
+    """,
+    re.VERBOSE,
+)
+"""Values that are secrets whatever their variable is called."""
+
+_PLAIN_TEXT_KEY = re.compile(
+    r"(?:^|[_.\-])(?:passw(?:or)?d|passphrase|secret|token|api_?key|access_?key|private_?key"
+    r"|credentials?)$",
+    re.IGNORECASE,
+)
+"""Keys of a spec. Fewer than names of variables: a parameter `key` or `passthrough` is common."""
+
+
+def is_secret_variable(name: str, value: str = "") -> bool:
+    """Whether an environment variable holds a secret, by its name or by its value."""
+    by_name = _SECRET_NAME.search(name) is not None and name not in _WORKING_FOLDERS
+    return by_name or (bool(value) and _SECRET_VALUE.search(value) is not None)
+
+
+def is_secret_key(key: str) -> bool:
+    """Whether the key of a parameter, a label or a variable of a spec names a secret."""
+    return _PLAIN_TEXT_KEY.search(key) is not None
+
+
+def secret_reference(name: str) -> str:
+    """What a document has in place of the value of a secret."""
+    return f"$(env {name})"
+
+
+def shown_value(name: str, value: str) -> str:
+    """The value of an environment variable as it may be shown or recorded."""
+    return REDACTED if value and is_secret_variable(name, value) else value
+
+
+def quoted_secret_references(text: str) -> str:
+    """A text inside of JSON quotes, with its references marked, so that values fit in there."""
+    return text.replace("$(env ", QUOTED_OPENING)
+
+
+class BaseVersionError(UsageError):
+    """The base of a change that cannot be read."""
+
+    code = "R2B667"
+
+
+@dataclass(frozen=True, slots=True)
+class BaseVersion:
+    """One commit of a repository.
+
+    Attributes:
+        top: the folder of the working tree.
+        commit: the full name of the commit.
+    """
+
+    top: Path
+    commit: str
+
+    def environment_names(self, file: str) -> frozenset[str]:
+        """The variables that the base version of a spec lists; none if the base has no such spec.
+
+        What the base version extends is read from the base, too.
+        """
+        try:
+            inside = Path(file).resolve().relative_to(self.top)
+        except (OSError, ValueError, RuntimeError):
+            return frozenset()
+        return _environment_names(self, inside.as_posix())
+
+    def read(self, path: str) -> bytes | None:
+        """The content of a file, by its path below `top`; None if the commit has no such file."""
+        from r2bspec.safe_io.git import run_git
+
+        done = run_git(self.top, "cat-file", "blob", f"{self.commit}:{path}")
+        found = done.stdout if done is not None and done.returncode == 0 else None
+        return None if found is None or len(found) > MAX_DOCUMENT_BYTES else found
+
+
+def base_version(reference: str, folder: Path) -> BaseVersion:
+    """The commit that a branch, a tag or the name of a commit means.
+
+    Args:
+        reference: what git calls it, such as ``origin/main``.
+        folder: a folder of the working tree.
+
+    Raises:
+        BaseVersionError: there is no such commit, no repository, or no git.
+    """
+    # Most specs are not a stranger's, and what starts processes takes long to import.
+    from r2bspec.safe_io.git import find_work_tree, run_git
+
+    top = find_work_tree(folder)
+    if top is None:
+        raise BaseVersionError(
+            f"{folder} is not in a git repository, so --base-ref cannot be read",
+            hint="Run it in the repository of the specs, or leave --base-ref out.",
+        )
+    done = run_git(top, "rev-parse", "--verify", "--end-of-options", f"{reference}^{{commit}}")
+    if done is None:
+        raise BaseVersionError("git cannot be executed, so --base-ref cannot be read")
+    if done.returncode:
+        raise BaseVersionError(
+            f"git knows no commit {reference!r}",
+            hint="Fetch it first: git fetch --depth=1 origin COMMIT.",
+        )
+    return BaseVersion(top, done.stdout.decode().strip())
+
+
+@lru_cache(maxsize=1024)
+def _environment_names(base: BaseVersion, path: str) -> frozenset[str]:
+    """The names, found once for all cases of a spec."""
+    return _EnvironmentNames(base).names(path, 0) or frozenset()
+
+
+class _EnvironmentNames:
+    """Reads `environment` of a file of the base, and of what that extends."""
+
+    def __init__(self, base: BaseVersion) -> None:
+        self._base = base
+        self._read = 0
+
+    def names(self, path: str, depth: int) -> frozenset[str] | None:
+        """The names; None if neither the file nor what it extends says anything."""
+        self._read += 1
+        if depth > MAX_EXTENDS_DEPTH or self._read > MAX_EXTENDED_FILES:
+            return None
+        data = self._base.read(path)
+        source = decode(data, path) if data is not None else None
+        tree = compose(source.source).tree if source is not None and source.usable else None
+        if not isinstance(tree, MapNode):
+            return None
+        if "environment" in tree.entries:
+            return frozenset(listed_environment(tree))
+        found: frozenset[str] | None = None
+        for each in extended_names(tree) if KEY in tree.entries else ():
+            target = posixpath.normpath(posixpath.join(posixpath.dirname(path), str(each.value)))
+            below = self.names(target, depth + 1)
+            found = found if below is None else below
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class UntrustedSpecs:
+    """Specs of a stranger's change; `base` is what it changes, None if that is not known."""
+
+    base: BaseVersion | None = None
+
+    def refused_variables(self, file: str, root: TreeNode) -> dict[str, Diagnostic]:
+        """What the spec of that name lists and its base version does not, each with the error."""
+        listed = listed_environment(root)
+        known = self.base.environment_names(file) if listed and self.base is not None else ()
+        if self.base is None:
+            reason = "--untrusted allows no variable without --base-ref"
+        else:
+            reason = f"this spec does not list it in {self.base.commit[:12]}"
+        return {
+            name: Diagnostic(
+                "R2B143",
+                Severity.ERROR,
+                f"an untrusted spec cannot read {clip(name)}: {reason}",
+                item.span,
+                help="remove it; a maintainer can add it to this spec in the base branch",
+            )
+            for name, item in listed.items()
+            if name not in known
+        }
+
+
+def untrusted_specs(folder: Path, *, untrusted: bool, base_ref: str) -> UntrustedSpecs | None:
+    """What ``--untrusted`` and ``--base-ref`` say; None without the former.
+
+    Args:
+        folder: a folder of the repository.
+        untrusted: whether specs are a stranger's.
+        base_ref: the commit that the change is based on; empty if it is not known.
+
+    Raises:
+        UsageError: there is a base, and nothing is compared with it.
+        BaseVersionError: the base cannot be read.
+    """
+    if untrusted:
+        return UntrustedSpecs(base_version(base_ref, folder) if base_ref else None)
+    if base_ref:
+        raise UsageError("--base-ref needs --untrusted")
+    return None

@@ -1,0 +1,379 @@
+"""`extends`: the files that a document extends, and entries that extend another of the same map.
+
+Nested maps are merged, other values replaced, and null removes a key.
+
+Of files, only those below the folder of the spec, or below folders that the user allows, are read:
+the messages about an untrusted spec must not show other files of the machine. A path is relative to
+the file in which it is written, and is rewritten where that is another folder; arguments of command
+lines are not: which of them are paths is unknown.
+"""
+
+from __future__ import annotations
+
+import os
+import posixpath
+from collections.abc import Iterable, Iterator
+from pathlib import Path as FilePath
+
+import msgspec
+from msgspec.structs import replace
+
+from r2bspec.diagnostics import Diagnostic, Path, Related, Span, did_you_mean, format_path
+from r2bspec.diagnostics.quote import quote
+from r2bspec.language.declaration import Rule, language
+from r2bspec.language.document import MAX_DOCUMENT_BYTES, Document, read_file
+from r2bspec.language.located_tree import (
+    Entry,
+    ListNode,
+    MapNode,
+    ScalarNode,
+    TreeNode,
+    child,
+    lookup,
+    replace_at,
+    without,
+)
+from r2bspec.language.variables import OPENING
+from r2bspec.language.yaml_document import compose
+from r2bspec.safe_io.safe_file import ByteBudget, is_regular, names_in
+
+
+def overlay(base: MapNode, own: MapNode) -> MapNode:
+    """`own` merged over `base`; every value keeps the place where it is written.
+
+    The keys of `base` come first, then the new ones. A null for a key that `base` does not have is
+    kept, so that it is reported like any key without a value.
+    """
+    entries = dict(base.entries)
+    for key, entry in own.entries.items():
+        below = entries.get(key)
+        if below is None:
+            entries[key] = entry
+        elif _is_null(entry.value):
+            del entries[key]
+        elif isinstance(entry.value, MapNode) and isinstance(below.value, MapNode):
+            entries[key] = Entry(
+                entry.key_span, overlay(below.value, entry.value), entry.key_resolved
+            )
+        else:
+            entries[key] = entry
+    return MapNode(entries, own.span)
+
+
+def _is_null(node: TreeNode) -> bool:
+    return isinstance(node, ScalarNode) and node.value is None
+
+
+_FILE_AND_NAME = ".py:"
+
+
+def rebase_paths(node: TreeNode, rule: Rule | None, folder: str) -> TreeNode:
+    """The tree with `folder` put before every relative path; `rule` is that of the node."""
+    if rule is None:
+        return node
+    if isinstance(node, ScalarNode):
+        return _scalar(node, folder) if rule.about.path else node
+    if isinstance(node, ListNode):
+        items = tuple(rebase_paths(item, rule.items, folder) for item in node.items)
+        return ListNode(items, node.span)
+    if isinstance(node, MapNode):
+        return MapNode(
+            {
+                key: Entry(
+                    entry.key_span,
+                    rebase_paths(entry.value, rule.below(key), folder),
+                    entry.key_resolved,
+                )
+                for key, entry in node.entries.items()
+            },
+            node.span,
+        )
+    return node
+
+
+def _scalar(node: ScalarNode, folder: str) -> ScalarNode:
+    text = node.value
+    if not isinstance(text, str) or not text or text.startswith(("/", OPENING)):
+        return node
+    # A single word may be the name of a dataset or of a module; a path begins with './'.
+    if not text.startswith(".") and "/" not in text and not text.endswith((".yaml", ".yml")):
+        return node
+    if ":" in text and _FILE_AND_NAME not in text:
+        return node
+    moved = posixpath.normpath(posixpath.join(folder, text))
+    if not moved.startswith((".", "/")):
+        moved = f"./{moved}"
+    return replace(node, value=moved, text=moved)
+
+
+KEY = "extends"
+MAX_EXTENDS_DEPTH = 20
+"""Files in a chain, each of which extends the next."""
+MAX_EXTENDED_FILES = 100
+"""Files that one document may read; a file extended twice counts twice."""
+MAX_EXTENDED_BYTES = MAX_DOCUMENT_BYTES
+"""Bytes that they may have together."""
+
+
+class _FileContext(msgspec.Struct, frozen=True):
+    """A document that is being read: its file name, its real path, and the places leading to it."""
+
+    file: str
+    real: FilePath
+    trace: tuple[Related, ...]
+    ancestors: tuple[FilePath, ...]
+
+
+def extend_files(document: Document, allowed: Iterable[FilePath] = ()) -> None:
+    """Merge the files that a document extends; without `extends`, its tree is unchanged."""
+    root = document.tree
+    if isinstance(root, MapNode) and KEY in root.entries:
+        home = document.base_dir.resolve()
+        work = _FileMerger(document, (home, *(FilePath(each).resolve() for each in allowed)))
+        real = home / FilePath(document.file).name
+        document.tree = work.merge(root, _FileContext(document.file, real, (), (real,)))
+
+
+class _FileMerger:
+    def __init__(self, document: Document, folders: tuple[FilePath, ...]) -> None:
+        self._document = document
+        self._problems = document.problems
+        self._folders = folders
+        self._read = 0
+        self._budget = ByteBudget(MAX_EXTENDED_BYTES)
+
+    def merge(self, root: MapNode, place: _FileContext) -> MapNode:
+        named = list(extended_names(root))
+        if not named:  # of a wrong type, reported by the schema
+            return root
+        own = without(root, KEY)
+        base: MapNode | None = None
+        for node in named:
+            below = self._base(node, place)
+            if below is None:
+                self._document.incomplete.add(())
+            else:
+                base = below if base is None else overlay(base, below)
+        return own if base is None else overlay(base, own)
+
+    def _base(self, node: ScalarNode, place: _FileContext) -> MapNode | None:
+        text = str(node.value)
+        if OPENING in text:
+            self._problems.error(
+                "R2B125",
+                "references are not supported in 'extends'",
+                node.span,
+                "write the file name: files are merged before variables are known",
+            )
+            return None
+        folder = posixpath.dirname(place.file.replace(os.sep, "/"))
+        file = posixpath.normpath(posixpath.join(folder, text))
+        real = self._readable_path(node, FilePath(file), text)
+        if real is None:
+            return None
+        trace = (Related(f"{quote(text)} is extended here", node.span), *place.trace)
+        if real in place.ancestors:
+            self._problems.error(
+                "R2B135",
+                f"{quote(text)} extends itself",
+                node.span,
+                "remove one 'extends' of this cycle",
+                related=place.trace,
+            )
+            return None
+        self._read += 1
+        if len(place.ancestors) > MAX_EXTENDS_DEPTH or self._read > MAX_EXTENDED_FILES:
+            limit = (
+                f"{MAX_EXTENDS_DEPTH} levels"
+                if len(place.ancestors) > MAX_EXTENDS_DEPTH
+                else f"{MAX_EXTENDED_FILES} files"
+            )
+            message = f"'extends' reads more than {limit}"
+            self._problems.error("R2B135", message, node.span, "merge some files", related=trace)
+            return None
+        self._document.origins.files.setdefault(file, trace)
+        below = self._compose_file(node, file)
+        if below is None:
+            return None
+        inner = _FileContext(file, real, trace, (*place.ancestors, real))
+        whole = self.merge(below, inner) if KEY in below.entries else below
+        moved = posixpath.dirname(posixpath.normpath(text))
+        if not moved:
+            return whole
+        done = rebase_paths(whole, language(), moved)
+        return done if isinstance(done, MapNode) else None
+
+    def _readable_path(self, node: ScalarNode, path: FilePath, text: str) -> FilePath | None:
+        """The real path of a file that may be read; None if the reason why not is reported."""
+        try:
+            real = path.resolve()
+            inside = any(real.is_relative_to(folder) for folder in self._folders)
+            there = inside and is_regular(path)
+        except (OSError, ValueError, RuntimeError):
+            inside, there, real = True, False, path
+        if not inside:
+            self._problems.error(
+                "R2B134",
+                f"{quote(text)} is outside of the folder of this spec",
+                node.span,
+                "copy it into that folder, or allow it with --allow-path "
+                f"{quote(posixpath.dirname(str(path)) or '.')}",
+            )
+        elif not there:
+            message = f"file not found: {quote(text)}"
+            self._problems.error("R2B133", message, node.span, _suggest_file(path))
+        else:
+            return real
+        return None
+
+    def _compose_file(self, node: ScalarNode, file: str) -> MapNode | None:
+        read = read_file(FilePath(file), self._folders, self._budget)
+        self._document.sources[file] = read.source
+        if not read.usable:
+            self._add(read.diagnostics)
+            return None
+        composed = compose(read.source)
+        self._add((*read.diagnostics, *composed.diagnostics))
+        if isinstance(composed.tree, MapNode):
+            return composed.tree
+        if composed.tree is not None:
+            self._problems.error(
+                "R2B133",
+                f"{quote(posixpath.basename(file))} cannot be extended: it is not a map",
+                node.span,
+                "the file needs the keys of a spec",
+                related=(Related("the content of the file", Span.of_file(file)),),
+            )
+        return None
+
+    def _add(self, found: Iterable[Diagnostic]) -> None:
+        for one in found:
+            if one not in self._problems.diagnostics:
+                self._problems.diagnostics.append(one)
+
+
+def extended_names(root: MapNode) -> Iterator[ScalarNode]:
+    """The file names; none if one of them is of a wrong type."""
+    value = root.entries[KEY].value
+    items = value.items if isinstance(value, ListNode) else (value,)
+    texts = [item for item in items if isinstance(item, ScalarNode)]
+    if len(texts) == len(items) and all(isinstance(t.value, str) and t.value for t in texts):
+        yield from texts
+
+
+def _suggest_file(path: FilePath) -> str:
+    try:
+        names = [each for each in names_in(path.parent) if each.endswith(".yaml")][:100]
+    except (OSError, ValueError):
+        return f"folder not found: {quote(str(path.parent))}"
+    close = did_you_mean(path.name, names)
+    return f"did you mean {quote(close)}?" if close else "paths are relative to this file"
+
+
+SECTIONS: tuple[Path, ...] = (
+    ("preprocessors",),
+    ("containers",),
+    ("graph", "nodes"),
+    ("monitors",),
+    ("slos",),
+)
+"""Maps whose entries may extend each other."""
+MAX_CHAIN_LENGTH = 50
+"""Entries in a chain, each of which extends the next."""
+
+
+def extend_siblings(document: Document) -> None:
+    """Expand every entry that extends a sibling."""
+    for section in SECTIONS:
+        root = document.tree
+        entries = lookup(root, section)
+        if (
+            root is not None
+            and isinstance(entries, MapNode)
+            and any(_extends_sibling(entry.value) for entry in entries.entries.values())
+        ):
+            expanded = _Section(document, section, entries).expanded()
+            document.tree = replace_at(root, section, expanded)
+
+
+class _Section:
+    def __init__(self, document: Document, section: Path, entries: MapNode) -> None:
+        self._document = document
+        self._section = section
+        self._entries = entries
+        self._failed: set[str | None] = set()
+        self._merged: dict[str, MapNode] = {}
+        self._depth: dict[str | None, int] = {}
+
+    def expanded(self) -> MapNode:
+        entries = {
+            name: Entry(entry.key_span, self._resolved(name), entry.key_resolved)
+            if _extends_sibling(entry.value)
+            else entry
+            for name, entry in self._entries.entries.items()
+        }
+        self._document.incomplete |= {(*self._section, str(name)) for name in self._failed}
+        return MapNode(entries, self._entries.span)
+
+    def _resolved(self, name: str, above: tuple[str, ...] = ()) -> MapNode:
+        """The entry merged over what it extends; `above` are the entries that extend it."""
+        if name not in self._merged:
+            own = self._map(name)
+            chain = (*above, name)
+            base = self._base(chain)
+            below = self._resolved(base, chain) if base is not None else None
+            if base in self._failed:
+                self._failed.add(name)
+            if _extends_sibling(own):
+                own = without(own, KEY)
+            self._merged[name] = own if below is None else overlay(without(below, KEY), own)
+            self._depth[name] = self._depth.get(base, 0) + 1
+        return self._merged[name]
+
+    def _base(self, chain: tuple[str, ...]) -> str | None:
+        """The sibling that the last of a chain extends; None at its end, or if it is invalid."""
+        name = chain[-1]
+        entry = self._map(name).entries.get(KEY)
+        if entry is None or not isinstance(entry.value, ScalarNode):
+            return None
+        base, span = entry.value.value, entry.value.span
+        if not isinstance(base, str):
+            return None
+        entries = self._entries.entries
+        if base not in entries or not isinstance(entries[base].value, MapNode):
+            close = did_you_mean(base, entries)
+            others = [other for other in entries if other != name]
+            known = "known entries: " + ", ".join(others[:12]) if others else "there are no others"
+            self._error(
+                name,
+                "R2B136",
+                f"{quote(format_path(self._section))} has no entry {quote(base)} to extend",
+                span,
+                f"did you mean '{close}'? {known}" if close and close != name else known,
+            )
+            return None
+        origin = Related(f"'{name}' extends '{base}' here", span)
+        self._document.origins.entries[(*self._section, name)] = (origin,)
+        if base in chain or len(chain) + self._depth.get(base, 0) >= MAX_CHAIN_LENGTH:
+            message = (
+                f"{quote(base)} extends itself, directly or through others"
+                if base in chain
+                else f"more than {MAX_CHAIN_LENGTH} entries extend each other"
+            )
+            self._error(name, "R2B135", message, span, "remove one 'extends' of this chain")
+            return None
+        return base
+
+    def _error(self, name: str, code: str, message: str, span: Span, help_text: str) -> None:
+        self._document.problems.error(code, message, span, help_text)
+        self._failed.add(name)
+
+    def _map(self, name: str) -> MapNode:
+        value = self._entries.entries[name].value
+        return value if isinstance(value, MapNode) else MapNode({}, value.span)
+
+
+def _extends_sibling(node: TreeNode) -> bool:
+    """Whether an entry names a sibling; wrong types are reported by the schema."""
+    value = child(node, KEY)
+    return isinstance(value, ScalarNode) and isinstance(value.value, str) and bool(value.value)

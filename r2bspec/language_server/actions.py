@@ -1,0 +1,468 @@
+"""What an editor offers to do with a spec: about its findings, and with commands.
+
+Findings of the compiler are diagnostics of the protocol; quick fixes are their safe edits, waivers,
+and commands that record what is unknown. Each command that the server runs for an editor is the
+command line, in a process. An editor that has a terminal may register the same names and run them
+itself. Lenses offer the commands above a spec, with its latest result; the test explorer of an
+editor asks for the cases.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from lsprotocol import types
+
+from r2bspec.api import folder_name
+from r2bspec.compare.report_input import read_result
+from r2bspec.diagnostics import Diagnostic, Severity, Span
+from r2bspec.diagnostics.code_pages import find_page, page_file
+from r2bspec.diagnostics.edits import applicable_together
+from r2bspec.diagnostics.waivers import NOT_WAIVABLE
+from r2bspec.errors import R2bspecError
+from r2bspec.judge.result import Result
+from r2bspec.language.load_spec import load_cases
+from r2bspec.language_server.analysis import Analysis
+from r2bspec.language_server.positions import TextPositions
+from r2bspec.measure.units import show
+from r2bspec.safe_io.safe_file import unsaved_files
+from r2bspec.wiring.wiring import NodeWiring
+
+RUN: Final = "r2bspec.run"
+SMOKE: Final = "r2bspec.smoke"
+PLAN: Final = "r2bspec.plan"
+DRAW_GRAPH: Final = "r2bspec.drawGraph"
+RECORD_INTERFACES: Final = "r2bspec.recordInterfaces"
+SHOW_RESULT: Final = "r2bspec.showResult"
+"""Its argument is a run folder, and not a spec."""
+COMMANDS: Final = (RUN, SMOKE, PLAN, DRAW_GRAPH, RECORD_INTERFACES)
+
+
+@dataclass(frozen=True, slots=True)
+class SpecCommand:
+    """What a command is about: the argument that editors send back.
+
+    Attributes:
+        file: of the spec.
+        case: of its matrix; empty without one.
+        node: only this one; empty for all.
+    """
+
+    file: str
+    case: str = ""
+    node: str = ""
+
+    def as_command(self, title: str, name: str) -> types.Command:
+        """The command for an editor."""
+        return types.Command(title, name, arguments=[asdict(self)])
+
+    @classmethod
+    def from_argument(cls, argument: Mapping[str, Any]) -> SpecCommand:
+        """The command that an editor sent.
+
+        Raises:
+            ValueError: it is none.
+        """
+        texts = {key: str(argument.get(key, "")) for key in ("file", "case", "node")}
+        if not texts["file"] or not Path(texts["file"]).is_absolute():
+            raise ValueError("the command needs the absolute path of a spec as 'file'")
+        return cls(**texts)
+
+    def argv(self, name: str) -> list[str]:
+        """The words of the command line."""
+        case = ["--case", self.case] if self.case else []
+        verbs = {
+            RUN: ["run", self.file, *case],
+            SMOKE: ["run", "--smoke", self.file, *case],
+            PLAN: ["plan", self.file, *case],
+            DRAW_GRAPH: ["plan", "--graph", "mermaid", self.file, *case],
+            RECORD_INTERFACES: [
+                "interfaces",
+                self.file,
+                *(["--node", self.node] if self.node else []),
+                *case,
+            ],
+        }
+        return [sys.executable, "-P", "-m", "r2bspec", *verbs[name]]
+
+
+def report_argv(folder: str) -> list[str]:
+    """The words of the command line that prints the report of a run.
+
+    Raises:
+        ValueError: the folder is none of a run.
+    """
+    if not Path(folder).is_absolute() or not (Path(folder) / "result.json").is_file():
+        raise ValueError("the command needs the absolute path of a run folder")
+    return [sys.executable, "-P", "-m", "r2bspec", "report", folder, "--report", "markdown=-"]
+
+
+async def run_command(
+    argv: list[str], folder: Path, on_line: Callable[[str], None]
+) -> tuple[int, str]:
+    """Run a command line; a cancelled one is ended in order, as with Ctrl-C.
+
+    Args:
+        argv: its words.
+        folder: in which it runs.
+        on_line: is called with every line of its progress.
+
+    Returns:
+        The exit status, and what it printed on standard output.
+    """
+    process = await asyncio.create_subprocess_exec(
+        *argv,
+        cwd=folder,
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+        limit=1 << 20,
+    )
+    try:
+        _, output = await asyncio.gather(_tell(process.stderr, on_line), _all(process.stdout))
+        return await process.wait(), output
+    except asyncio.CancelledError:
+        process.send_signal(2)
+        await process.wait()
+        raise
+
+
+async def _tell(stream: asyncio.StreamReader | None, on_line: Callable[[str], None]) -> None:
+    while stream is not None and (line := await stream.readline()):
+        on_line(line.decode("utf-8", "replace").rstrip())
+
+
+async def _all(stream: asyncio.StreamReader | None) -> str:
+    return "" if stream is None else (await stream.read()).decode("utf-8", "replace")
+
+
+_MAX_TRIED: Final = 5
+"""Newer folders without a result that are passed over: of runs that were interrupted."""
+
+
+@dataclass(frozen=True, slots=True)
+class LatestResult:
+    """A result in one line, and the folder that has it."""
+
+    text: str
+    folder: Path
+
+
+def latest_result(name: str, folder: Path) -> LatestResult | None:
+    """The newest result of a benchmark; None if there is none.
+
+    Args:
+        name: of the benchmark, with its case.
+        folder: in which runs were started, with the folder ``runs``.
+    """
+    beginning = f"{folder_name(name)}-"
+    try:
+        found = [each for each in (folder / "runs").iterdir() if each.name.startswith(beginning)]
+        found.sort(key=lambda each: each.stat().st_mtime, reverse=True)
+    except (OSError, ValueError):
+        return None
+    for each in found[:_MAX_TRIED]:
+        try:
+            result = read_result(each / "result.json")
+        except R2bspecError:
+            continue
+        if result.name == name:
+            return LatestResult(_one_line(result), each)
+    return None
+
+
+def _one_line(result: Result) -> str:
+    latency = _first_p99_s(result)
+    measured = f"p99 {show(latency, 's')}, " if latency is not None else ""
+    return f"last result: {measured}{result.verdict.outcome.upper()}"
+
+
+def _first_p99_s(result: Result) -> float | None:
+    """The p99 of the first monitor at the first rate, in seconds."""
+    values = (
+        monitor.latency.p99
+        for rate in result.metrics.rates
+        for monitor in rate.pooled.monitors.values()
+    )
+    return next((each for each in values if each is not None), None)
+
+
+_MAX_CASES: Final = 8
+"""Cases with lenses of their own; a long line of them could not be read."""
+
+
+def code_lenses(
+    analysis: Analysis, positions: TextPositions, folder: Path
+) -> Iterator[types.CodeLens]:
+    """The lenses of a document: of each case one line.
+
+    Args:
+        analysis: of the document.
+        positions: of its text.
+        folder: in which runs are started.
+    """
+    if analysis.context is None:
+        return
+    place = analysis.loaded.span(("name",), key=True)
+    if place.file != str(analysis.path):
+        # The name is in an extended file: the lenses are at the beginning of this one.
+        where = positions.range_of_offsets(0, 0)
+    else:
+        where = positions.range(place)
+    for loaded in analysis.cases[:_MAX_CASES]:
+        about = SpecCommand(str(analysis.path), loaded.case)
+        suffix = f" {loaded.case}" if loaded.case else ""
+        for title, name in (("run", RUN), ("smoke", SMOKE), ("plan", PLAN), ("graph", DRAW_GRAPH)):
+            if not suffix or name in {RUN, SMOKE}:
+                yield types.CodeLens(where, about.as_command(f"{title}{suffix}", name))
+        latest = latest_result(loaded.id, folder)
+        if latest is not None:
+            shown = types.Command(latest.text, SHOW_RESULT, arguments=[str(latest.folder)])
+            yield types.CodeLens(where, shown)
+
+
+REQUEST: Final = "r2bspec/cases"
+"""The request of the protocol: its parameters are ``{"uri": ...}`` of a spec."""
+
+
+@dataclass(frozen=True, slots=True)
+class SpecCase:
+    """One case, as it is sent.
+
+    Attributes:
+        name: of the benchmark with its case, as results have it.
+        case: of the matrix, as ``--case`` takes it; empty without one.
+        line: of the name in the spec, from 0.
+    """
+
+    name: str
+    case: str
+    line: int
+
+
+def spec_cases(path: Path, text: str, unsaved: Mapping[Path, str]) -> list[SpecCase]:
+    """The cases of a text; of one with errors those that can be told.
+
+    Args:
+        path: of the file, absolute.
+        text: of the document, saved or not.
+        unsaved: the texts of open files, which take the place of what is on disk.
+    """
+    with unsaved_files(unsaved):
+        cases = load_cases(text, file=str(path))
+    found = []
+    for loaded in cases:
+        place = loaded.span(("name",), key=True)
+        # The name of the benchmark may be in an extended file.
+        line = place.line - 1 if place.file == str(path) else 0
+        found.append(SpecCase(loaded.id, loaded.case, max(line, 0)))
+    return found
+
+
+_SEVERITIES: Final = {
+    Severity.ERROR: types.DiagnosticSeverity.Error,
+    Severity.WARNING: types.DiagnosticSeverity.Warning,
+    Severity.INFO: types.DiagnosticSeverity.Information,
+}
+
+PositionsOf = Callable[[str], TextPositions]
+"""The positions in the text of a file."""
+
+
+def diagnostics_by_file(
+    analysis: Analysis, positions_of: PositionsOf
+) -> Mapping[str, list[types.Diagnostic]]:
+    """The diagnostics of every file of an analysis; a file without findings has an empty list."""
+    found: dict[str, list[types.Diagnostic]] = {
+        name: [] for name in analysis.sources if _is_file(name)
+    }
+    found.setdefault(str(analysis.path), [])
+    for each in analysis.diagnostics:
+        # A finding in an option has no place in a file.
+        file = each.span.file if _is_file(each.span.file) else str(analysis.path)
+        found.setdefault(file, []).append(to_diagnostic(each, file, positions_of))
+    return found
+
+
+def to_diagnostic(each: Diagnostic, file: str, positions_of: PositionsOf) -> types.Diagnostic:
+    """One finding."""
+    span = each.span if each.span.file == file else Span.of_file(file)
+    message = each.message[:1].upper() + each.message[1:]
+    return types.Diagnostic(
+        range=positions_of(file).range(_visible(span)),
+        severity=_SEVERITIES[each.severity],
+        code=each.code,
+        code_description=types.CodeDescription(page_file(each.code).as_uri()),
+        source="r2bspec",
+        message=f"{message}\n{each.help}" if each.help else message,
+        tags=[types.DiagnosticTag.Unnecessary] if _is_unused(each) else None,
+        related_information=[
+            types.DiagnosticRelatedInformation(
+                types.Location(
+                    uri(place.span.file), positions_of(place.span.file).range(place.span)
+                ),
+                place.message,
+            )
+            for place in each.related
+            if _is_file(place.span.file)
+        ]
+        or None,
+    )
+
+
+def uri(file: str) -> str:
+    """The URI of a file."""
+    return Path(file).absolute().as_uri()
+
+
+def _is_file(name: str) -> bool:
+    """Whether a span is in a file, and not in an option or the environment."""
+    return name.startswith("/")
+
+
+def _visible(span: Span) -> Span:
+    """A span with at least one character, so that editors can underline it."""
+    if (span.line, span.column) == (span.end_line, span.end_column):
+        return Span(span.file, span.line, span.column, span.line, span.column + 1)
+    return span
+
+
+def _is_unused(each: Diagnostic) -> bool:
+    page = find_page(each.code)
+    return page is not None and "unused" in page.slug.split("-")
+
+
+_UNREADABLE = ("R2B0", "R2B1")
+"""Errors of these codes leave no spec, and cannot be waived."""
+
+
+def code_actions(
+    analysis: Analysis, positions_of: PositionsOf, where: types.Range
+) -> list[types.CodeAction]:
+    """What can be done about the findings in a range, and about the node there."""
+    positions = positions_of(str(analysis.path))
+    start, end = positions.offset(where.start), positions.offset(where.end)
+    here = [
+        each
+        for each in analysis.diagnostics
+        if each.span.file == str(analysis.path) and _overlaps(positions, each, start, end)
+    ]
+    return [
+        *_fixes(here, positions_of),
+        *_waivers(analysis, here, positions_of),
+        *_about_nodes(analysis, positions, start),
+        *_fix_all(analysis, positions_of),
+    ]
+
+
+def _overlaps(positions: TextPositions, each: Diagnostic, start: int, end: int) -> bool:
+    first, last = positions.offsets(each.span)
+    return first <= end and start <= last
+
+
+def _fixes(here: Sequence[Diagnostic], positions_of: PositionsOf) -> Iterator[types.CodeAction]:
+    for each in here:
+        if each.edit is None:
+            continue
+        file = each.edit.span.file
+        text = each.edit.text
+        edit = types.TextEdit(positions_of(file).range(each.edit.span), text)
+        yield types.CodeAction(
+            title=f"Replace with '{text}'" if text.strip() else "Remove it",
+            kind=types.CodeActionKind.QuickFix,
+            diagnostics=[to_diagnostic(each, each.span.file, positions_of)],
+            is_preferred=True,
+            edit=types.WorkspaceEdit(changes={uri(file): [edit]}),
+        )
+
+
+def _fix_all(analysis: Analysis, positions_of: PositionsOf) -> Iterator[types.CodeAction]:
+    positions = positions_of(str(analysis.path))
+    edits = [each.edit for each in analysis.diagnostics if each.edit is not None]
+    own = (each for each in edits if each.span.file == str(analysis.path))
+    changes = [
+        types.TextEdit(positions.range(each.span), each.text)
+        for each in applicable_together(positions.text, own)
+    ]
+    if changes:
+        yield types.CodeAction(
+            title="Apply all safe fixes of this file",
+            kind=types.CodeActionKind.SourceFixAll,
+            edit=types.WorkspaceEdit(changes={uri(str(analysis.path)): changes}),
+        )
+
+
+def _waivers(
+    analysis: Analysis, here: Sequence[Diagnostic], positions_of: PositionsOf
+) -> Iterator[types.CodeAction]:
+    positions = positions_of(str(analysis.path))
+    for each in here:
+        unreadable = each.severity is Severity.ERROR and each.code.startswith(_UNREADABLE)
+        if unreadable or each.code == NOT_WAIVABLE:
+            continue
+        start, _ = positions.line_at(positions.offsets(each.span)[0])
+        page = find_page(each.code)
+        name = page.slug if page is not None else each.code
+        line = positions.text[start:]
+        indent = line[: len(line) - len(line.lstrip(" "))]
+        comment = f"{indent}# r2bspec: ignore[{name}] TODO: why this is intended\n"
+        edit = types.TextEdit(positions.range_of_offsets(start, start), comment)
+        yield types.CodeAction(
+            title=f"Waive {each.code} here, with a reason",
+            kind=types.CodeActionKind.QuickFix,
+            diagnostics=[to_diagnostic(each, each.span.file, positions_of)],
+            edit=types.WorkspaceEdit(changes={uri(str(analysis.path)): [edit]}),
+        )
+
+
+def _about_nodes(
+    analysis: Analysis, positions: TextPositions, start: int
+) -> Iterator[types.CodeAction]:
+    context = analysis.context
+    if context is None:
+        return
+    for _, node in context.nodes:
+        span = analysis.loaded.span(node.path, key=True)
+        if span.file != str(analysis.path):
+            continue
+        first, _ = positions.offsets(span)
+        if positions.line_at(first)[0] != positions.line_at(start)[0]:
+            continue
+        if node.interface.publishes is None or node.interface.subscribes is None:
+            command = SpecCommand(str(analysis.path), node=node.key)
+            yield types.CodeAction(
+                title=f"Record the interface of '{node.key}' (starts the node once)",
+                kind=types.CodeActionKind.RefactorRewrite,
+                command=command.as_command("Record the interface", RECORD_INTERFACES),
+            )
+        yield from _declarations(analysis, positions, node)
+
+
+def _declarations(
+    analysis: Analysis, positions: TextPositions, node: NodeWiring
+) -> Iterator[types.CodeAction]:
+    """Write down what is known of a node, or a form for what is not."""
+    if node.node.publishes or node.interface.publishes_from == "spec":
+        return
+    value = analysis.loaded.span(node.path)
+    line_start, _ = positions.line_at(positions.offsets(value)[0])
+    own_key = analysis.loaded.span(node.path, key=True)
+    if value.line == own_key.line:
+        # A map in braces on the line of its key: the edit would change its style.
+        return
+    indent = " " * (value.column - 1)
+    known = node.interface.publishes or {"TOPIC": "sensor_msgs/msg/Image"}
+    lines = [f"{indent}publishes:", *(f"{indent}  {name}: {kind}" for name, kind in known.items())]
+    edit = types.TextEdit(
+        positions.range_of_offsets(line_start, line_start), "\n".join(lines) + "\n"
+    )
+    yield types.CodeAction(
+        title=f"Declare what '{node.key}' publishes",
+        kind=types.CodeActionKind.RefactorRewrite,
+        edit=types.WorkspaceEdit(changes={uri(str(analysis.path)): [edit]}),
+    )

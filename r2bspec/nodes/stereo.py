@@ -1,0 +1,190 @@
+"""Disparities of rectified stereo images, by OpenCV's block matchers; points in space from them.
+
+Parameters have the names and the numbers of stereo_image_proc. Pixel (u, v) with disparity d lies
+at depth Z = f T / d, with the focal length f in pixels and the baseline T in metres, and at
+X = (u - cx) Z / fx, Y = (v - cy) Z / fy of the rectified left camera.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from r2bspec.nodes.images import Pixels, cv2
+
+BLOCK_MATCHING = 0
+SEMI_GLOBAL = 1
+
+# Both matchers return whole sixteenths of a pixel.
+DISPARITY_STEP_PX = 1.0 / 16.0
+
+
+@dataclass(frozen=True, slots=True)
+class MatcherParameters:
+    """How disparities are found.
+
+    Attributes:
+        algorithm: `BLOCK_MATCHING` or `SEMI_GLOBAL`.
+        window_px: edge of the square that is compared, odd.
+        min_disparity_px: smallest disparity that is tried.
+        range_px: how many disparities are tried, a multiple of 16.
+        prefilter_cap: limit of the filtered brightness.
+        texture_threshold: what a window must contain (block matching).
+        uniqueness_percent: by how much the best match must be better than the second.
+        speckle_px: patches of fewer pixels are left out.
+        speckle_range_px: within which disparities belong to one patch.
+        small_step_cost: of a disparity that differs by one from its neighbour's (semi-global).
+        large_step_cost: of one that differs by more.
+    """
+
+    algorithm: int = BLOCK_MATCHING
+    window_px: int = 15
+    min_disparity_px: int = 0
+    range_px: int = 64
+    prefilter_cap: int = 31
+    texture_threshold: int = 10
+    uniqueness_percent: float = 15.0
+    speckle_px: int = 100
+    speckle_range_px: int = 4
+    small_step_cost: int = 200
+    large_step_cost: int = 400
+
+
+@dataclass(frozen=True, slots=True)
+class ValidWindow:
+    """The rectangle in which disparities can be found, pixels."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+
+def make_matcher(parameters: MatcherParameters) -> Any:
+    """OpenCV's matcher with these parameters."""
+    matcher: Any
+    if parameters.algorithm == BLOCK_MATCHING:
+        matcher = cv2.StereoBM.create(parameters.range_px, parameters.window_px)
+        matcher.setTextureThreshold(parameters.texture_threshold)
+    else:
+        matcher = cv2.StereoSGBM.create(blockSize=parameters.window_px)
+        matcher.setP1(parameters.small_step_cost)
+        matcher.setP2(parameters.large_step_cost)
+    matcher.setMinDisparity(parameters.min_disparity_px)
+    matcher.setNumDisparities(parameters.range_px)
+    matcher.setPreFilterCap(parameters.prefilter_cap)
+    matcher.setUniquenessRatio(round(parameters.uniqueness_percent))
+    matcher.setSpeckleWindowSize(parameters.speckle_px)
+    matcher.setSpeckleRange(parameters.speckle_range_px)
+    return matcher
+
+
+def disparity(
+    matcher: Any, left: NDArray[np.uint8], right: NDArray[np.uint8], offset_px: float = 0.0
+) -> NDArray[np.float32]:
+    """The disparity of each pixel of the left image.
+
+    Args:
+        matcher: of `make_matcher`.
+        left: gray, shape (height, width).
+        right: the same.
+        offset_px: the left principal point minus the right one, in columns: a point at infinity
+            has this disparity in the images, and 0 in the result.
+
+    Returns:
+        Pixels, shape (height, width). Where none was found, one less than the smallest disparity
+        that is tried, minus the offset.
+
+    Raises:
+        ValueError: the images differ in size.
+    """
+    if left.shape != right.shape:
+        raise ValueError(
+            f"the left image has {left.shape[1]}x{left.shape[0]} pixels, "
+            f"the right one {right.shape[1]}x{right.shape[0]}"
+        )
+    steps = matcher.compute(left, right)
+    found: NDArray[np.float32] = steps.astype(np.float32) * np.float32(DISPARITY_STEP_PX)
+    found -= np.float32(offset_px)
+    return found
+
+
+def valid_window(parameters: MatcherParameters, width: int, height: int) -> ValidWindow:
+    """Where a whole window and the whole range of disparities lie inside both images."""
+    half = parameters.window_px // 2
+    left = max(0, parameters.min_disparity_px + parameters.range_px - 1) + half
+    right = width + min(0, parameters.min_disparity_px) - half
+    return ValidWindow(
+        x=min(left, width),
+        y=min(half, height),
+        width=max(0, right - left),
+        height=max(0, height - 2 * half),
+    )
+
+
+POINT_TYPE = np.dtype(
+    {
+        "names": ["x", "y", "z", "rgb"],
+        "formats": [np.float32, np.float32, np.float32, np.uint32],
+        "offsets": [0, 4, 8, 12],
+        "itemsize": 16,
+    }
+)
+"""The layout of stereo_image_proc: colours are 0x00RRGGBB in the bits of a float32."""
+
+# Where red, green and blue are in a pixel.
+_CHANNELS = MappingProxyType(
+    {"rgb8": (0, 1, 2), "bgr8": (2, 1, 0), "rgba8": (0, 1, 2), "bgra8": (2, 1, 0)}
+)
+
+
+def points(
+    disparity: NDArray[np.float32],
+    projection: NDArray[np.float64],
+    focal_px: float,
+    baseline_m: float,
+    min_disparity_px: float = 0.0,
+) -> NDArray[np.void]:
+    """The point of each pixel in the left camera's rectified frame, metres.
+
+    Args:
+        disparity: pixels, shape (height, width).
+        projection: of the left camera, shape (3, 4).
+        focal_px: of the disparities.
+        baseline_m: distance of the cameras.
+        min_disparity_px: what is smaller is no disparity.
+
+    Returns:
+        `POINT_TYPE`, shape (height, width), black; NaN where there is no disparity, or it is not
+        above 0 and the point not before the camera.
+    """
+    height, width = disparity.shape
+    known = (disparity >= min_disparity_px) & (disparity > 0)
+    depth = np.full(disparity.shape, np.nan, np.float32)
+    np.divide(np.float32(focal_px * baseline_m), disparity, out=depth, where=known)
+    across = (np.arange(width) - projection[0, 2]) / projection[0, 0]
+    down = (np.arange(height) - projection[1, 2]) / projection[1, 1]
+    cloud = np.zeros(disparity.shape, POINT_TYPE)
+    cloud["x"] = depth * across.astype(np.float32)[None, :]
+    cloud["y"] = depth * down.astype(np.float32)[:, None]
+    cloud["z"] = depth
+    return cloud
+
+
+def colors(pixels: Pixels, encoding: str) -> NDArray[np.uint32]:
+    """The colour of each pixel as 0x00RRGGBB.
+
+    Raises:
+        ValueError: the encoding is not an 8-bit colour or gray one.
+    """
+    if encoding == "mono8":
+        return pixels.astype(np.uint32) * np.uint32(0x010101)
+    if encoding not in _CHANNELS:
+        raise ValueError(f"image encoding {encoding!r} is not one of mono8, {', '.join(_CHANNELS)}")
+    red, green, blue = (pixels[:, :, each].astype(np.uint32) for each in _CHANNELS[encoding])
+    packed: Any = (red << np.uint32(16)) | (green << np.uint32(8)) | blue
+    return np.asarray(packed, np.uint32)

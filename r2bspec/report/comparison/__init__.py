@@ -1,1 +1,0 @@
-"""Comparisons of stored results in several formats."""

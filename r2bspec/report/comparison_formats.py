@@ -1,0 +1,198 @@
+"""Comparisons of stored results in several formats."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator, Sequence
+
+import msgspec
+
+from r2bspec.compare.comparison import ADVICE, Comparison, ComparisonLine, Outcome
+from r2bspec.diagnostics.plain_text import harmless, plain_values
+from r2bspec.measure.units import at_rate, show
+from r2bspec.report.finding_formats import command
+from r2bspec.report.format_registry import COMPARISON_FORMATS, load
+from r2bspec.report.markdown import code, escaped, folded, table
+from r2bspec.report.output import console
+
+
+def render(comparisons: Sequence[Comparison], name: str, width: int = 100) -> bytes:
+    """The comparison as bytes, UTF-8.
+
+    Args:
+        comparisons: one for each result that was compared with the base; at least one.
+        name: of the format, as `r2bspec compare --format` lists them.
+        width: of lines of text, in columns.
+    """
+    convert = load(COMPARISON_FORMATS[name])
+    if name == "json":
+        content: bytes = convert(comparisons)
+        return content
+    plain = plain_values(list(comparisons))
+    text: str = convert(plain, width) if name == "text" else convert(plain)
+    return harmless(text, commands=name == "github").encode()
+
+
+OUTCOME_TEXTS: dict[Outcome, str] = {
+    "improved": "▲ improved",
+    "worse": "▼ worse",
+    "same": "= same",
+    "can't tell": "? can't tell",
+}
+
+_ORDER: tuple[Outcome, ...] = ("worse", "can't tell", "improved", "same")
+
+
+def to_json(comparisons: Sequence[Comparison]) -> bytes:
+    """A list with one object for each result that was compared with the base."""
+    return msgspec.json.format(msgspec.json.encode(list(comparisons)), indent=2) + b"\n"
+
+
+def to_text(comparisons: Sequence[Comparison], width: int = 100) -> str:
+    """A table for each, its lines in the order of rates and metrics."""
+    from rich.text import Text
+
+    from r2bspec.report.terminal_tables import DIM_STYLE, heading
+    from r2bspec.report.terminal_tables import table as frame
+
+    buffer = io.StringIO()
+    page = console(buffer, width=max(width, 60), color_system=None, legacy_windows=False)
+    for one in comparisons:
+        page.print(heading(title(one), ""))
+        for difference in one.differences:
+            page.print(f"  ! {difference}", markup=False, highlight=False)
+        made = frame(["", "metric", "base", "head", "ratio", "bounds"])
+        # Where there is little room, these two are folded, and outcomes and values stay whole.
+        for column in (made.columns[1], made.columns[-1]):
+            column.no_wrap, column.overflow = False, "fold"
+        for line in one.lines:
+            cells = (metric_text(line), *numbers(line))
+            made.add_row(Text(OUTCOME_TEXTS[line.outcome]), *map(Text, cells))
+        page.print(made)
+        page.print(summary(one), highlight=False)
+        page.print()
+    page.print(Text(ADVICE, style=DIM_STYLE))
+    return "".join(f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines())
+
+
+def to_markdown(comparisons: Sequence[Comparison]) -> str:
+    """What has changed visible, the rest folded."""
+    return "\n".join(line for one in comparisons for line in _markdown(one)) + f"\n{ADVICE}\n"
+
+
+def _markdown(one: Comparison) -> Iterator[str]:
+    yield f"### {escaped(title(one))}"
+    yield ""
+    yield escaped(summary(one))
+    yield ""
+    yield from (f"> Difference: {escaped(each)}  " for each in one.differences)
+    yield ""
+    header = ("", "metric", "base", "head", "ratio", "bounds")
+    rows = {
+        True: [line for line in one.lines if line.outcome != "same"],
+        False: [line for line in one.lines if line.outcome == "same"],
+    }
+    if rows[True]:
+        ordered = sorted(rows[True], key=lambda line: _ORDER.index(line.outcome))
+        yield from table(header, [_row(line) for line in ordered])
+    if rows[False]:
+        yield from folded("Unchanged", table(header, [_row(line) for line in rows[False]]))
+
+
+def _row(line: ComparisonLine) -> tuple[str, ...]:
+    return (OUTCOME_TEXTS[line.outcome], code(metric_text(line)), *map(escaped, numbers(line)))
+
+
+def numbers(line: ComparisonLine) -> tuple[str, str, str, str]:
+    """Base, head, ratio and bounds as text."""
+    return (
+        show(line.base, line.unit),
+        show(line.head, line.unit),
+        show(line.ratio, "share", 4),
+        _bounds(line),
+    )
+
+
+def _bounds(line: ComparisonLine) -> str:
+    if line.lower is None and line.upper is None:
+        return ""
+    if line.lower is None:
+        return f"≤ {show(line.upper, 'share', 4)}"
+    if line.upper is None:
+        return f"≥ {show(line.lower, 'share', 4)}"
+    return f"{show(line.lower, 'share', 4)} … {show(line.upper, 'share', 4)}"
+
+
+def metric_text(line: ComparisonLine) -> str:
+    """The metric with its monitor and rate."""
+    name = f"{line.monitor}.{line.metric}" if line.monitor else line.metric
+    return f"{name} {at_rate(line.offered_hz)}" if line.offered_hz is not None else name
+
+
+def title(one: Comparison) -> str:
+    """What is compared with what."""
+    return f"{one.head.source} compared with {one.base.source}"
+
+
+def summary(one: Comparison) -> str:
+    """The number of metrics by outcome."""
+    counts = {each: sum(line.outcome == each for line in one.lines) for each in _ORDER}
+    texts = [f"{count} {outcome}" for outcome, count in counts.items() if count]
+    return f"{', '.join(texts)}, at {show(one.confidence, 'share')} confidence."
+
+
+HEADER = (
+    *("base", "head", "offered_hz", "monitor", "metric", "unit"),
+    *("base_value", "head_value", "ratio", "lower", "upper", "margin", "outcome", "reason"),
+)
+
+
+def to_csv(comparisons: Sequence[Comparison]) -> str:
+    """RFC 4180 with a header line; unknown values are empty."""
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\r\n")
+    writer.writerow(HEADER)
+    for one in comparisons:
+        for line in one.lines:
+            numbers = (line.base, line.head, line.ratio, line.lower, line.upper, line.margin)
+            writer.writerow(
+                (
+                    one.base.source,
+                    one.head.source,
+                    "" if line.offered_hz is None else repr(line.offered_hz),
+                    line.monitor,
+                    line.metric,
+                    line.unit,
+                    *("" if each is None else repr(each) for each in numbers),
+                    line.outcome,
+                    line.reason,
+                )
+            )
+    return buffer.getvalue()
+
+
+MAX_ANNOTATIONS = 9
+"""GitHub keeps ten annotations of a step; one is the summary."""
+
+_KINDS: dict[Outcome, str] = {
+    "worse": "warning",
+    "can't tell": "notice",
+    "improved": "notice",
+}
+"""Comparisons of stored results are advisory: nothing is an error. Metrics that are the same are
+left out."""
+
+
+def to_github(comparisons: Sequence[Comparison]) -> str:
+    """The commands, a line each: for each result a summary, then its metrics, the worse first."""
+    return "".join(f"{line}\n" for one in comparisons for line in _commands(one))
+
+
+def _commands(one: Comparison) -> Iterator[str]:
+    worse = any(line.outcome == "worse" for line in one.lines)
+    yield command("warning" if worse else "notice", title(one), summary(one), {})
+    annotated = [line for kind in _KINDS for line in one.lines if line.outcome == kind]
+    for line in annotated[:MAX_ANNOTATIONS]:
+        head = f"{metric_text(line)}: {line.outcome}"
+        yield command(_KINDS[line.outcome], head, line.reason, {})

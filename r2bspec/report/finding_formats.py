@@ -1,0 +1,346 @@
+"""Findings for programs: JSON, SARIF, JUnit XML and the annotations of GitHub.
+
+JSON is one object: ``version`` (1), ``errors`` and ``warnings`` (counts) and ``findings``, each
+with ``code``, ``slug``, ``severity``, ``certainty``, ``message``, ``help``, ``file``, ``line``,
+``column``, ``end_line``, ``end_column`` (all counted from 1, the end past the last character),
+``path`` (keys and list indices from the root), ``related`` places and ``edit``, a safe
+replacement, or null.
+
+SARIF 2.1.0 is what code-scanning services show at the lines of a change. Each code that occurs is a
+rule with its page of `r2bspec explain`. Columns are counted in Unicode code points; relative file
+names are relative to the working directory of `validate`. The fingerprint of a result consists of
+its code, file, path and message, not of its line, so that it does not change when lines are
+inserted above it.
+
+JUnit XML has a suite for each file, a case for each family of codes. A case with errors has a
+failure that lists them with place and message. Warnings are in its output and do not fail it, as
+they do not fail `validate`. A family without findings is a case that passed, or that was skipped
+because the document itself has errors.
+
+GitHub keeps ten annotations of each step and drops the rest silently. Errors therefore come first,
+and a last line gives the number of findings without an annotation.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import PurePosixPath
+from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import quote
+
+from r2bspec._version import __version__
+from r2bspec.diagnostics import Diagnostic, Severity, Span, format_path
+from r2bspec.diagnostics.code_pages import FAMILIES, find_page
+from r2bspec.diagnostics.quote import printable
+from r2bspec.report.findings_text import code_with_slug, render_text, slug_of
+
+if TYPE_CHECKING:
+    from junitparser import JUnitXml, TestCase
+
+
+FORMATS = {
+    "text": "for people",
+    "json": "for programs",
+    "github": "annotations of a change on GitHub",
+    "sarif": "SARIF 2.1.0 for code scanning",
+    "junit": "JUnit XML for test reports",
+}
+"""Each format and its use."""
+
+DOCUMENT_FORMATS = frozenset({"json", "sarif", "junit"})
+"""Formats that are one document; nothing else may be printed to the same stream."""
+
+
+MAX_ANNOTATIONS = 10
+"""Annotations of a step that GitHub keeps."""
+
+
+def render(
+    name: str,
+    diagnostics: Iterable[Diagnostic],
+    sources: Mapping[str, str],
+    files: Iterable[str] = (),
+    *,
+    colour: bool = False,
+) -> str:
+    """The findings in the format of that name.
+
+    Args:
+        name: one of `FORMATS`.
+        diagnostics: the findings in their order.
+        sources: the texts that they point into, by file name; only text needs them.
+        files: every file that was checked, with findings or without.
+        colour: whether text is coloured.
+    """
+    if name == "text":
+        blocks = render_text(diagnostics, sources, colour=colour)
+        return blocks + "\n" if blocks else ""
+    return _RENDERERS[name](list(diagnostics), dict.fromkeys(files))
+
+
+def _json(diagnostics: Sequence[Diagnostic], _files: Iterable[str]) -> str:
+    findings = [_json_finding(found) for found in diagnostics]
+    report = {
+        "version": 1,
+        "errors": _count(findings, Severity.ERROR),
+        "warnings": _count(findings, Severity.WARNING),
+        "findings": findings,
+    }
+    return json.dumps(report, indent=2) + "\n"
+
+
+def _json_finding(found: Diagnostic) -> dict[str, Any]:
+    return {
+        "code": found.code,
+        "slug": slug_of(found.code),
+        "severity": found.severity.value,
+        "certainty": found.certainty.value,
+        "message": found.message,
+        "help": found.help,
+        **_json_place(found.span),
+        "path": list(found.path),
+        "related": [{"message": one.message, **_json_place(one.span)} for one in found.related],
+        "edit": {"text": found.edit.text, **_json_place(found.edit.span)} if found.edit else None,
+    }
+
+
+def _json_place(span: Span) -> dict[str, Any]:
+    return {
+        "file": span.file,
+        "line": span.line,
+        "column": span.column,
+        "end_line": span.end_line,
+        "end_column": span.end_column,
+    }
+
+
+def _count(findings: list[dict[str, Any]], severity: Severity) -> int:
+    return sum(finding["severity"] == severity.value for finding in findings)
+
+
+SCHEMA = "https://json.schemastore.org/sarif-2.1.0.json"
+_LEVELS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.INFO: "note"}
+
+
+def _sarif(diagnostics: Sequence[Diagnostic], files: Iterable[str]) -> str:
+    """One SARIF log with one run."""
+    codes = sorted({finding.code for finding in diagnostics})
+    log = {
+        "$schema": SCHEMA,
+        "version": "2.1.0",
+        "runs": [
+            {
+                "tool": {
+                    "driver": {
+                        "name": "r2bspec",
+                        "semanticVersion": __version__,
+                        "rules": [_sarif_rule(code) for code in codes],
+                    }
+                },
+                "columnKind": "unicodeCodePoints",
+                "artifacts": [{"location": _location(file)} for file in files],
+                "results": [_sarif_result(one, codes.index(one.code)) for one in diagnostics],
+            }
+        ],
+    }
+    return json.dumps(log, indent=2) + "\n"
+
+
+def _sarif_rule(code: str) -> dict[str, Any]:
+    page = find_page(code)
+    if page is None:
+        return {"id": code}
+    return {
+        "id": code,
+        "name": page.slug,
+        "shortDescription": {"text": page.title},
+        "fullDescription": {"text": page.why},
+        "help": {"text": f"'r2bspec explain {code}' shows a failing and a passing example."},
+        "defaultConfiguration": {"level": _LEVELS[page.severity]},
+    }
+
+
+def _sarif_result(found: Diagnostic, rule: int) -> dict[str, Any]:
+    text = f"{found.message}; {found.help}" if found.help else found.message
+    path = format_path(found.path)
+    result: dict[str, Any] = {
+        "ruleId": found.code,
+        "ruleIndex": rule,
+        "level": _LEVELS[found.severity],
+        "message": {"text": text},
+        "locations": [_place(found.span) | ({"logicalLocations": [_name(path)]} if path else {})],
+        "partialFingerprints": {"codePathMessage/v1": _fingerprint(found, path)},
+        "properties": {"certainty": found.certainty.value},
+    }
+    if found.related:
+        result["relatedLocations"] = [
+            _place(one.span) | {"id": number, "message": {"text": one.message}}
+            for number, one in enumerate(found.related, start=1)
+        ]
+    if found.edit is not None:
+        change = {
+            "artifactLocation": _location(found.edit.span.file),
+            "replacements": [
+                {
+                    "deletedRegion": _region(found.edit.span),
+                    "insertedContent": {"text": found.edit.text},
+                }
+            ],
+        }
+        description = {"text": found.help or found.message}
+        result["fixes"] = [{"description": description, "artifactChanges": [change]}]
+    return result
+
+
+def _name(path: str) -> dict[str, str]:
+    return {"fullyQualifiedName": path, "kind": "property"}
+
+
+def _place(span: Span) -> dict[str, Any]:
+    return {"physicalLocation": {"artifactLocation": _location(span.file), "region": _region(span)}}
+
+
+def _region(span: Span) -> dict[str, int]:
+    return {
+        "startLine": span.line,
+        "startColumn": span.column,
+        "endLine": span.end_line,
+        "endColumn": span.end_column,
+    }
+
+
+def _location(file: str) -> dict[str, str]:
+    path = PurePosixPath(file)
+    # A name need not be UTF-8; surrogates then stand for its bytes.
+    try:
+        encoded = quote(str(path).encode("utf-8", "surrogateescape"))
+    except UnicodeEncodeError:  # of no byte: no file system gives such a name
+        encoded = quote(str(path).encode("utf-8", "surrogatepass"))
+    return {"uri": f"file://{encoded}" if path.is_absolute() else encoded}
+
+
+def _fingerprint(found: Diagnostic, path: str) -> str:
+    text = "\0".join((found.code, found.span.file, path, found.message))
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:32]
+
+
+_DOCUMENT_FAMILIES = frozenset("01")
+"""Families whose errors prevent the rules of the other families from being applied."""
+
+_OPTIONAL_FAMILIES = frozenset("7")
+"""Families that only other verbs than `validate` check."""
+
+
+def _junit(diagnostics: Sequence[Diagnostic], files: Iterable[str]) -> str:
+    from junitparser import JUnitXml, TestSuite
+
+    by_file: dict[str, list[Diagnostic]] = {file: [] for file in files}
+    for found in diagnostics:
+        by_file.setdefault(found.span.file, []).append(found)
+    xml = JUnitXml("r2bspec validate")
+    for file, inside in by_file.items():
+        suite = TestSuite(printable(file))
+        unusable = any(_is_error(one) and one.code[3] in _DOCUMENT_FAMILIES for one in inside)
+        for family, title in FAMILIES.items():
+            own = [one for one in inside if one.code[3] == family]
+            if not own and family in _OPTIONAL_FAMILIES:
+                continue
+            was_checked = not unusable or family in _DOCUMENT_FAMILIES
+            suite.add_testcase(_case(f"R2B{family}xx {title}", file, own, was_checked=was_checked))
+        xml.add_testsuite(suite)
+    return junit_text(xml)
+
+
+def junit_text(xml: JUnitXml) -> str:
+    """A document of JUnit XML as text, with a newline at its end."""
+    buffer = io.BytesIO()
+    xml.write(buffer, pretty=True)
+    return buffer.getvalue().decode().rstrip() + "\n"
+
+
+def _case(name: str, file: str, inside: list[Diagnostic], *, was_checked: bool) -> TestCase:
+    from junitparser import Failure, Skipped, TestCase
+
+    case = TestCase(name, printable(file))
+    errors = [one for one in inside if _is_error(one)]
+    if not was_checked and not inside:
+        case.result = [Skipped("not checked: the document itself has errors")]
+    if errors:
+        failure = Failure(_message(errors[0]), errors[0].code)
+        failure.text = "\n".join(_line(one) for one in errors)
+        case.result = [failure]
+    others = [_line(one) for one in inside if not _is_error(one)]
+    if others:
+        case.system_out = "\n".join(others)
+    return case
+
+
+def _is_error(found: Diagnostic) -> bool:
+    return found.severity is Severity.ERROR
+
+
+def _message(found: Diagnostic) -> str:
+    slug = slug_of(found.code)
+    return printable(f"{slug}: {found.message}" if slug else found.message)
+
+
+def _line(found: Diagnostic) -> str:
+    span = found.span
+    label = f"{found.severity.value}[{code_with_slug(found.code)}]"
+    text = f"{span.file}:{span.line}:{span.column}: {label}: {found.message}"
+    line = text + (f" ({found.help})" if found.help else "")
+    return printable(line)
+
+
+_COMMANDS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.INFO: "notice"}
+_ORDER = tuple(_COMMANDS)
+
+
+def _github(diagnostics: Sequence[Diagnostic], _files: Iterable[str]) -> str:
+    ordered = sorted(diagnostics, key=lambda found: _ORDER.index(found.severity))
+    lines = [_annotation(found) for found in ordered[:MAX_ANNOTATIONS]]
+    if len(ordered) > MAX_ANNOTATIONS:
+        lines.append(
+            f"{len(ordered) - MAX_ANNOTATIONS} more findings are not annotated; see the log"
+        )
+    return "".join(f"{line}\n" for line in lines)
+
+
+def _annotation(found: Diagnostic) -> str:
+    text = f"{found.message}\n{found.help}" if found.help else found.message
+    title = code_with_slug(found.code)
+    return command(_COMMANDS[found.severity], title, text, command_place(found.span))
+
+
+def command_place(span: Span) -> dict[str, str]:
+    """The properties of a workflow command that place it on the lines of a file."""
+    place = {"file": span.file, "line": str(span.line), "endLine": str(span.end_line)}
+    if span.end_line == span.line:  # GitHub refuses columns for a span of several lines
+        place |= {"col": str(span.column), "endColumn": str(span.end_column)}
+    return place
+
+
+def command(kind: str, title: str, text: str, place: Mapping[str, str]) -> str:
+    """A workflow command of GitHub, such as ``::warning title=..::..``."""
+    properties = {**place, "title": title}
+    shown = ",".join(f"{key}={_property(value)}" for key, value in properties.items())
+    return f"::{kind} {shown}::{_data(text)}"
+
+
+def _data(text: str) -> str:
+    return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+
+
+def _property(text: str) -> str:
+    return _data(text).replace(":", "%3A").replace(",", "%2C")
+
+
+_RENDERERS: Final[Mapping[str, Callable[[Sequence[Diagnostic], Iterable[str]], str]]] = {
+    "json": _json,
+    "github": _github,
+    "sarif": _sarif,
+    "junit": _junit,
+}

@@ -1,0 +1,146 @@
+"""Findings as text: place, message, source line with carets, and help.
+
+::
+
+    specs/a.r2b.yaml:12:5: error[R2B101 unknown-key]: unknown key 'node' in 'graph'
+       |
+    12 |     node:
+       |     ^^^^
+       = help: did you mean 'nodes'? known keys: placement, nodes
+
+A source line is truncated to the width of a terminal.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import unicodedata
+from collections.abc import Iterable, Mapping
+from functools import lru_cache
+from typing import TextIO
+
+from r2bspec.diagnostics import Diagnostic, Severity, Span
+from r2bspec.diagnostics.code_pages import find_page
+from r2bspec.diagnostics.diagnostic import split_lines
+from r2bspec.diagnostics.quote import printable
+from r2bspec.report.output import write
+
+
+def slug_of(code: str) -> str:
+    """The slug of a code, such as ``unknown-key``; empty for a code without a page."""
+    page = find_page(code)
+    return page.slug if page is not None else ""
+
+
+def code_with_slug(code: str) -> str:
+    """The code with its slug, as shown to users: ``R2B101 unknown-key``."""
+    return f"{code} {slug_of(code)}".rstrip()
+
+
+MAX_WIDTH = 100
+"""The most characters of a source line that are shown."""
+
+_CONTEXT_BEFORE = 40  # characters kept before the span in a truncated line
+
+
+def excerpt(span: Span, text: str) -> tuple[str, str] | None:
+    """The line of a span and the carets under it; None if the text has no such line.
+
+    A span of several lines is marked to the end of its first line.
+    """
+    lines = _source_lines(text)
+    if not 0 < span.line <= len(lines):
+        return None
+    line = lines[span.line - 1].rstrip()
+    if not line:
+        return None
+    start = min(span.column - 1, len(line))
+    end = span.end_column - 1 if span.end_line == span.line else len(line)
+    end = max(min(end, len(line)), start + 1)
+    line, start, end = _window(line, start, end)
+    shown = printable(line.replace("\t", " "))
+    return shown, " " * _columns(shown[:start]) + "^" * max(_columns(shown[start:end]), 1)
+
+
+def _window(line: str, start: int, end: int) -> tuple[str, int, int]:
+    if len(line) <= MAX_WIDTH:
+        return line, start, end
+    first = min(max(start - _CONTEXT_BEFORE, 0), len(line) - MAX_WIDTH)
+    cut = line[first : first + MAX_WIDTH]
+    if first + MAX_WIDTH < len(line):
+        cut = cut[:-1] + "…"
+    if first:
+        cut = "…" + cut[1:]
+    return cut, start - first, min(end - first, MAX_WIDTH)
+
+
+def _columns(text: str) -> int:
+    """The columns that the text takes on a terminal."""
+    if text.isascii():
+        return len(text)
+    wide = sum(unicodedata.east_asian_width(char) in "WF" for char in text)
+    return len(text) + wide - sum(unicodedata.combining(char) > 0 for char in text)
+
+
+@lru_cache(maxsize=8)
+def _source_lines(text: str) -> list[str]:
+    return split_lines(text)
+
+
+_COLOURS = {Severity.ERROR: "31;1", Severity.WARNING: "33;1", Severity.INFO: "36;1"}
+_QUIET = "34;1"
+_BOLD = "1"
+
+
+def render_text(
+    diagnostics: Iterable[Diagnostic], sources: Mapping[str, str], *, colour: bool = False
+) -> str:
+    """The findings in their order, a block of lines each; `sources` are texts by file name."""
+    return "\n".join(_block(found, sources, colour=colour) for found in diagnostics)
+
+
+def _block(found: Diagnostic, sources: Mapping[str, str], *, colour: bool) -> str:
+    def paint(text: str, style: str) -> str:
+        return f"\x1b[{style}m{text}\x1b[0m" if colour else text
+
+    def show(span: Span, style: str) -> list[str]:
+        seen = excerpt(span, sources.get(span.file, ""))
+        if seen is None:
+            return []
+        number = paint(str(span.line).rjust(width), _QUIET)
+        return [f"{number} {bar} {seen[0]}", f"{margin} {bar} {paint(seen[1], style)}"]
+
+    width = max(len(str(span.line)) for span in (found.span, *(r.span for r in found.related)))
+    margin = " " * width
+    bar, equals = paint("|", _QUIET), paint("=", _QUIET)
+    style = _COLOURS[found.severity]
+    label = paint(f"{found.severity.value}[{code_with_slug(found.code)}]", style)
+    lines = [f"{_place(found.span)}: {label}: {paint(printable(found.message), _BOLD)}"]
+    source_line = show(found.span, style)
+    if source_line:
+        lines += [f"{margin} {bar}", *source_line]
+    if found.help:
+        lines.append(f"{margin} {equals} help: {printable(found.help)}")
+    for one in found.related:
+        lines.append(f"{margin} {equals} {_place(one.span)}: {printable(one.message)}")
+        lines += show(one.span, _QUIET)
+    return "\n".join(lines) + "\n"
+
+
+def _place(span: Span) -> str:
+    return f"{printable(span.file)}:{span.line}:{span.column}"
+
+
+def print_findings(
+    diagnostics: Iterable[Diagnostic], sources: Mapping[str, str], stream: TextIO | None = None
+) -> None:
+    """Write findings as text to `stream`, standard error by default."""
+    target = sys.stderr if stream is None else stream
+    write(target, render_text(diagnostics, sources, colour=wants_colour(target)))
+
+
+def wants_colour(stream: TextIO) -> bool:
+    """Whether to use colours: on a terminal, unless NO_COLOR, CI or TERM forbid it."""
+    silenced = os.environ.get("NO_COLOR") or os.environ.get("CI") == "true"
+    return stream.isatty() and not silenced and os.environ.get("TERM") != "dumb"

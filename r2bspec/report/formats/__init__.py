@@ -1,1 +1,0 @@
-"""Reports of one file each: one module per format; see `r2bspec.report.format_registry`."""

@@ -1,0 +1,395 @@
+"""Charts of the latency: by percentile, by message, and next to that of a baseline.
+
+The percentile curve has an axis that expands the tail. The messages are in the order of playing,
+with misses marked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from r2bspec.diagnostics.quote import printable
+from r2bspec.judge.verdict import RequirementVerdict, Verdict
+from r2bspec.measure.distribution import quantile
+from r2bspec.measure.matching import match_segment
+from r2bspec.measure.metrics import pace_of
+from r2bspec.measure.samples import RunSamples, SegmentSamples, known_latencies
+from r2bspec.measure.units import at_rate, show, show_rate
+from r2bspec.record.run_folder import Run
+from r2bspec.record.run_record import Segment
+from r2bspec.report.html.chart import (
+    OUTCOME_COLOURS,
+    PALETTE,
+    Chart,
+    ChartBuilder,
+    colour,
+    draw,
+    inside_label,
+    line_style,
+    plain_numbers,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+StepLatencies = NDArray[np.float64]
+"""Seconds, one for each expected output, in order; NaN for missed ones."""
+
+
+def step_latencies(run: Run, segment: Segment, monitor: str) -> StepLatencies:
+    """The latencies of the expected outputs of one segment at one monitor; none if unknown."""
+    (plan,) = (each for each in run.plan.monitors if each.name == monitor)
+    playback, rows, matched = match_segment(run, segment, plan)
+    if not matched.pairs_known:
+        return np.empty(0)
+    found = np.full(matched.trigger_steps.size, np.nan)
+    answered = matched.answered
+    received = rows["received_ns"][matched.first_row[answered]]
+    found[answered] = (received - playback["published_ns"][matched.trigger_steps[answered]]) / 1e9
+    return found
+
+
+def iterations_at(run: Run, rate_hz: float) -> Iterator[Segment]:
+    """The complete iterations at a rate, in the order they were played."""
+    for segment in run.record.segments:
+        if (
+            segment.kind == "iteration"
+            and not segment.rerun_of
+            and segment.complete
+            and segment.rate_hz == rate_hz
+        ):
+            yield segment
+
+
+def thin_indices(values: StepLatencies, max_points: int) -> NDArray[np.int64]:
+    """Which of many values to draw: the extremes of each interval, at most `max_points` in all.
+
+    The extremes are never left out; missing values are.
+    """
+    known = np.flatnonzero(~np.isnan(values))
+    if known.size <= max_points:
+        return known
+    kept: set[int] = set()
+    for part in np.array_split(known, max_points // 2):
+        kept.add(int(part[np.argmin(values[part])]))
+        kept.add(int(part[np.argmax(values[part])]))
+    return np.array(sorted(kept), dtype=np.int64)
+
+
+def missed_runs(missed: NDArray[np.bool_], max_runs: int = 400) -> list[tuple[int, int]]:
+    """Runs of missed steps as (first, count); neighbours are joined if there are too many."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], missed, [False])).astype(np.int8)))
+    runs = [(int(first), int(end)) for first, end in edges.reshape(-1, 2)]
+    gap = 0
+    while len(runs) > max_runs:
+        gap = gap * 2 + 1
+        joined = [runs[0]]
+        for first, end in runs[1:]:
+            if first - joined[-1][1] <= gap:
+                joined[-1] = (joined[-1][0], end)
+            else:
+                joined.append((first, end))
+        runs = joined
+    return [(first, end - first) for first, end in runs]
+
+
+_CURVE_POINTS = 300
+MIN_LOG_RATIO = 20.0
+"""From this ratio of the largest latency to the median on, the latency axis is logarithmic."""
+
+
+def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdict) -> Chart:
+    """One curve for each offered rate, with the limits and bounds of its requirements."""
+    rates = sorted(samples.iterations)
+    description = (
+        f"Latency of {monitor} by percentile, one curve for each of "
+        f"{', '.join(show_rate(rate, pace_of(samples.mode)) for rate in rates)}. The horizontal "
+        "axis is logarithmic in the share of messages with a longer latency."
+    )
+
+    def paint(sketch: ChartBuilder) -> None:
+        axes = sketch.figure.subplots()
+        largest, median, total = 0.0, [], 2
+        for number, rate in enumerate(rates):
+            values, lost = _pooled(samples.iterations[rate], monitor)
+            total = max(total, values.size + lost)
+            if values.size:
+                largest = max(largest, float(values[-1]))
+                median.append(float(np.median(values)))
+                label = show_rate(rate, pace_of(samples.mode))
+                _curve(sketch, axes, number, label, values, lost)
+        limits = [
+            one
+            for one in verdict.requirements
+            if one.monitor == monitor and one.at_hz in rates and _is_drawn(one)
+        ]
+        for one in limits:
+            _bar(axes, one, rates.index(one.at_hz or 0.0))
+        percentile_axes(axes, total)
+        if median and largest > MIN_LOG_RATIO * min(median):
+            axes.set_yscale("log")
+            plain_numbers(axes.yaxis)
+        else:
+            axes.set_ylim(bottom=0)
+        for one in limits:
+            _label(axes, one)
+        if sketch.labels:
+            sketch.figure.legend(loc="outside upper left", ncols=6)
+        sketch.register_axes(axes, "percentile", "ms")
+
+    return draw(name, f"Latency by percentile: {monitor}", description, 3.4, paint)
+
+
+def _pooled(
+    iterations: tuple[SegmentSamples, ...], monitor: str
+) -> tuple[NDArray[np.float64], int]:
+    """All latencies at a rate in ascending order, and how many messages were lost."""
+    seen = [one.monitors[monitor] for one in iterations]
+    values = np.sort(known_latencies(seen))
+    return values, sum(one.missed for one in seen)
+
+
+def _curve(
+    sketch: ChartBuilder,
+    axes: Axes,
+    number: int,
+    label: str,
+    values: NDArray[np.float64],
+    lost: int,
+) -> None:
+    """A step for each rank k of n: the value at or below which a share of k/n lies."""
+    n = values.size + lost
+    ranks = _ranks(values.size)
+    over = np.maximum(n - ranks, 0.6)  # the largest one would be at infinity
+    x = np.concatenate(([1.0], n / over))
+    y = np.concatenate(([values[0]], values[ranks - 1])) * 1e3
+    (line,) = axes.step(
+        x, y, where="pre", color=colour(number), linestyle=line_style(number), label=label
+    )
+    sketch.series(line, label)
+    if lost:
+        axes.plot(x[-1], y[-1], marker="^", color=colour(number), markersize=8, linestyle="none")
+        axes.annotate(
+            f"{show(lost / n, 'share')} lost",
+            (x[-1], y[-1]),
+            xytext=(7, -3),
+            textcoords="offset points",
+            color=colour(number),
+            fontsize=9,
+        )
+
+
+def _ranks(n: int) -> NDArray[np.int64]:
+    """The ranks to draw, denser near the largest."""
+    if n <= _CURVE_POINTS:
+        return np.arange(1, n + 1)
+    from_end = np.unique(np.geomspace(1, n, _CURVE_POINTS).astype(np.int64))
+    return (n + 1 - from_end)[::-1]
+
+
+def _is_drawn(one: RequirementVerdict) -> bool:
+    """Whether it is a limit of a percentile of the latency; that of a ratio is on no axis."""
+    if one.compared is not None:
+        return False
+    family, _, part = one.metric.rpartition(".")
+    return family.endswith("latency") and quantile(part) is not None and one.limit is not None
+
+
+def _place(one: RequirementVerdict) -> tuple[float, float]:
+    """Where the limit is on the axes: its percentile, and the limit in ms."""
+    q = quantile(one.metric.rpartition(".")[2])
+    return 1 / (1 - (q or 0.0)), (one.limit or 0.0) * 1e3
+
+
+def _ink(one: RequirementVerdict) -> str:
+    return PALETTE[OUTCOME_COLOURS[one.outcome]]
+
+
+def _bar(axes: Axes, one: RequirementVerdict, number: int) -> None:
+    """The limit as a bar at its percentile, with the bounds of the estimate."""
+    x, y = _place(one)
+    axes.hlines(y, x / 1.6, x * 1.6, color=_ink(one), linewidth=2.4)
+    if one.lower is not None and one.upper is not None and np.isfinite(one.upper):
+        axes.vlines(
+            x, one.lower * 1e3, one.upper * 1e3, color=colour(number), linewidth=5, alpha=0.45
+        )
+
+
+def _label(axes: Axes, one: RequirementVerdict) -> None:
+    """The text of a limit, on the side of the bar without the curve."""
+    x, y = _place(one)
+    part = one.metric.rpartition(".")[2]
+    above = not one.lost and one.estimate is not None and y / 1e3 > one.estimate
+    text = printable(f"{part} limit {show(one.limit, one.unit)} {at_rate(one.at_hz or 0.0)}")
+    inside_label(axes, x, y, text, _ink(one), above=above)
+
+
+def percentile_axes(axes: Axes, total: int) -> None:
+    """An axis of shares up to one of `total` messages, which expands the tail; latency in ms."""
+    axes.set_xscale("log")
+    axes.set_xlim(1, max(total * 1.8, 20))
+    shown = {1: "0 %", 2: "50 %", 10: "90 %", 20: "95 %", 100: "99 %", 1000: "99.9 %"}
+    shown |= {10_000: "99.99 %", 100_000: "99.999 %", 1_000_000: "99.9999 %"}
+    ticks = {place: text for place, text in shown.items() if place <= axes.get_xlim()[1]}
+    axes.set_xticks([*ticks], labels=[*ticks.values()])
+    axes.set_xticks([], minor=True)
+    axes.set_xlabel("share of messages at or below")
+    axes.set_ylabel("latency, ms")
+
+
+_MAX_POINTS = 1_200
+"""Messages that are drawn for each rate."""
+
+_MESSAGE_RATES = 6
+
+_WORST_FIRST = ("fail", "inconclusive", "pass")
+
+
+def messages_chart(
+    name: str, monitor: str, run: Run, rates: list[float], verdict: Verdict
+) -> Chart:
+    """A row for each offered rate; iterations follow each other from left to right."""
+    shown = rates[-_MESSAGE_RATES:]
+    description = (
+        f"Latency of each message at {monitor}, in the order of playing, a row for each offered "
+        "rate. Bars at the top of a row are missed messages; vertical lines separate the "
+        "iterations."
+    )
+    thin = False
+
+    def paint(sketch: ChartBuilder) -> None:
+        nonlocal thin
+        grid = sketch.figure.subplots(len(shown), 1, squeeze=False)
+        for row, rate in enumerate(shown):
+            axes = grid[row][0]
+            limits = [
+                one
+                for one in verdict.requirements
+                if one.monitor == monitor
+                and one.at_hz == rate
+                and "latency." in one.metric
+                # The limit of a ratio is no time.
+                and one.compared is None
+            ]
+            thin |= _row(sketch, axes, run, monitor, rate, row + len(rates) - len(shown), limits)
+        grid[-1][0].set_xlabel("message")
+        notes = []
+        if thin:
+            notes.append(
+                f"In rows of more than {_MAX_POINTS:,} messages, only the fastest and the slowest "
+                "of each interval are drawn; misses are always marked."
+            )
+        if len(shown) < len(rates):
+            notes.append(f"The highest {len(shown)} of {len(rates)} rates are drawn.")
+        sketch.note = " ".join(notes)
+
+    height = 0.5 + 1.5 * len(shown)
+    return draw(name, f"Latency by message: {monitor}", description, height, paint)
+
+
+def _row(
+    sketch: ChartBuilder,
+    axes: Axes,
+    run: Run,
+    monitor: str,
+    rate: float,
+    number: int,
+    limits: list[RequirementVerdict],
+) -> bool:
+    """Draw one rate; returns whether messages were left out."""
+    parts = [step_latencies(run, segment, monitor) for segment in iterations_at(run, rate)]
+    values = np.concatenate(parts) if parts else np.empty(0)
+    kept = thin_indices(values, _MAX_POINTS)
+    label = show_rate(rate, pace_of(run.plan.playback_mode))
+    (line,) = axes.plot(
+        kept + 1, values[kept] * 1e3, ".", color=colour(number), markersize=3, label=label
+    )
+    sketch.series(line, label)
+    top = float(np.nanmax(values)) * 1e3 if kept.size else 1.0
+    for one in limits:
+        if one.limit is not None:
+            top = max(top, one.limit * 1e3)
+    axes.set_ylim(0, top * 1.25)
+    for one in limits:
+        if one.limit is not None:
+            name = OUTCOME_COLOURS[one.outcome]
+            axes.axhline(one.limit * 1e3, color=PALETTE[name], linewidth=1, linestyle="--")
+    for end in np.cumsum([part.size for part in parts])[:-1]:
+        axes.axvline(end + 0.5, color=PALETTE["quiet"], linewidth=0.6)
+    missed = np.isnan(values)
+    if missed.any():
+        bars = [(first + 0.5, count) for first, count in missed_runs(missed)]
+        axes.broken_barh(bars, (top * 1.17, top * 0.08), facecolor=PALETTE["bad"], linewidth=0)
+    axes.set_xlim(0.5, max(values.size, 1) + 0.5)
+    axes.set_ylabel(f"{label}\nms")
+    count = int(missed.sum())
+    text = f"{count:,} of {values.size:,} missed" if count else f"none of {values.size:,} missed"
+    axes.set_title(
+        # What the source of a live graph sent is unknown.
+        text if run.plan.inputs else f"{values.size:,} messages",
+        loc="right",
+        fontsize=8,
+        color=PALETTE["bad" if count else "quiet"],
+    )
+    if limits:
+        worst = min((one.outcome for one in limits), key=_WORST_FIRST.index)
+        axes.set_title(
+            printable("limit: " + " · ".join(one.text.strip() for one in limits)),
+            loc="left",
+            fontsize=8,
+            color=PALETTE[OUTCOME_COLOURS[worst]],
+        )
+    sketch.register_axes(axes, "message", "ms")
+    return bool(kept.size < values.size - count)
+
+
+_BASELINE_RATES = 4
+
+
+def ecdf_chart(name: str, monitor: str, samples: RunSamples, baseline: RunSamples) -> Chart | None:
+    """The share of messages within each latency, for rates that both runs have; None without."""
+    rates = sorted(
+        rate
+        for rate in set(samples.iterations) & set(baseline.iterations)
+        if monitor in samples.monitors and monitor in baseline.monitors
+    )[-_BASELINE_RATES:]
+    if not rates:
+        return None
+    description = (
+        f"Share of all messages that arrived at {monitor} within each latency: this run as a full "
+        "line, the baseline as a dashed one. The rest of a curve that ends below 100 % was lost."
+    )
+
+    def paint(sketch: ChartBuilder) -> None:
+        axes = sketch.figure.subplots()
+        for number, rate in enumerate(rates):
+            for run, style, side in ((samples, "-", "this run"), (baseline, "--", "baseline")):
+                seen = [one.monitors[monitor] for one in run.iterations[rate]]
+                values = np.sort(known_latencies(seen))
+                total = values.size + sum(one.missed for one in seen)
+                if not values.size:
+                    continue
+                ranks = np.unique(np.linspace(1, values.size, _CURVE_POINTS).astype(np.int64))
+                label = f"{show_rate(rate, pace_of(run.mode))}, {side}"
+                (line,) = axes.step(
+                    values[ranks - 1] * 1e3,
+                    ranks / total * 100,
+                    where="post",
+                    color=colour(number),
+                    linestyle=style,
+                    label=label,
+                )
+                sketch.series(line, label)
+        axes.set_ylim(0, 103)
+        axes.set_xlabel("latency, ms")
+        axes.set_ylabel("messages within, %")
+        if sketch.labels:
+            axes.legend(loc="lower right")
+        sketch.register_axes(axes, "ms", "%")
+
+    return draw(name, f"Latency compared with the baseline: {monitor}", description, 3.2, paint)

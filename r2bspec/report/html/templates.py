@@ -1,0 +1,58 @@
+"""The templates of pages and drawings, and the files that are written into them as they are."""
+
+from __future__ import annotations
+
+import importlib.resources
+import re
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from r2bspec.diagnostics.quote import clip
+from r2bspec.report.result_table import pointer
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+    from markupsafe import Markup
+
+_CONTROL_CHARACTERS = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
+
+
+def render_template(name: str, context: dict[str, Any]) -> bytes:
+    """A page, UTF-8; see `render_text`."""
+    return render_text(name, context).encode("utf-8", errors="replace") + b"\n"
+
+
+def render_text(name: str, context: dict[str, Any]) -> str:
+    """A page, or a drawing as a part of one. The same context gives the same text.
+
+    Args:
+        name: of a file in the folder of this module.
+        context: the names that the template uses; every text is escaped.
+    """
+    page = _environment().get_template(name).render(context)
+    # HTML cannot contain control characters and the lone surrogates of broken file names.
+    return _CONTROL_CHARACTERS.sub("\N{REPLACEMENT CHARACTER}", page)
+
+
+@cache
+def _environment() -> Environment:
+    import jinja2
+
+    files = importlib.resources.files(__package__)
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(lambda name: files.joinpath(name).read_text("utf-8")),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"pointer": pointer, "clip": clip}
+    return environment
+
+
+def own_text(name: str) -> Markup:
+    """A file in the folder of this module, which a template contains without escapes."""
+    from markupsafe import Markup
+
+    files = importlib.resources.files(__package__)
+    return Markup(files.joinpath(name).read_text("utf-8"))  # noqa: S704 - our file

@@ -1,0 +1,249 @@
+"""OpenMetrics text, as Prometheus and its relatives scrape it or read it from a file.
+
+All numbers are gauges or summaries over all iterations of a rate; times are seconds, shares ratios.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+from r2bspec.compare.report_input import ReportInput
+from r2bspec.judge.verdict import EXIT_CODES
+from r2bspec.measure.distribution import PERCENTILES, Distribution, part_value
+from r2bspec.measure.metrics import RateMetrics, RunMetrics
+from r2bspec.measure.units import rate_name
+from r2bspec.record.run_record import HarnessOverheadRecord
+from r2bspec.report.report_wording import own_pace
+from r2bspec.report.result_table import METRICS, measured
+
+_SUMMARIES = {
+    "latency": "Time from publication of the input to reception of the output.",
+    "latency_from_due": "Time from the due time of the input to reception of the output.",
+    "interval": "Time between consecutive outputs.",
+    "jitter": "Absolute difference of consecutive intervals.",
+}
+
+_GAUGES = {
+    "throughput.mean": ("throughput_hertz", "hertz", "Outputs per second."),
+    "drop_rate": ("drop_ratio", "ratio", "Missed outputs / expected outputs."),
+    **{
+        count: (f"{count}_messages", "messages", about)
+        for count, about in {
+            "sent": "Steps played.",
+            "answered": "Expected outputs received.",
+            "missed": "Expected outputs not received.",
+            "received": "Messages received, matched or not.",
+            "duplicates": "Repeated outputs of a step.",
+            "reordered": "Outputs received after that of a later step.",
+            "unmatched": "Messages that match no step.",
+            "late": "Outputs received after the period of the last step.",
+            "overdue": "Unmatched messages that match a step of an earlier segment.",
+        }.items()
+    },
+}
+"""The metrics of a monitor that are one number: name of the family, unit, and description."""
+
+_PEAKS = {
+    "r2bspec_peak_hertz": "Highest sustained rate: lower bound of the peak.",
+    "r2bspec_peak_below_hertz": "Lowest rate not sustained: upper bound of the peak.",
+}
+
+_OUTCOMES = ("pass", "fail", "inconclusive")
+
+Labels = Mapping[str, str]
+
+
+@dataclass
+class _Family:
+    """One metric family with its samples."""
+
+    name: str
+    kind: str
+    about: str
+    unit: str = ""
+    samples: list[tuple[str, Labels, float]] = field(default_factory=list)
+
+    def lines(self) -> Iterator[str]:
+        if not self.samples:
+            return
+        yield f"# TYPE {self.name} {self.kind}"
+        if self.unit:
+            yield f"# UNIT {self.name} {self.unit}"
+        yield f"# HELP {self.name} {_escaped(self.about)}"
+        for suffix, labels, value in self.samples:
+            shown = ",".join(f'{key}="{_escaped(text)}"' for key, text in labels.items())
+            yield f"{self.name}{suffix}{{{shown}}} {value!r}"
+
+
+def render(report_input: ReportInput) -> bytes:
+    """The exposition, ended by ``# EOF`` as the format wants it."""
+    lines = [line for family in _families(report_input) for line in family.lines()]
+    return "\n".join([*lines, "# EOF", ""]).encode()
+
+
+def _families(report_input: ReportInput) -> Iterator[_Family]:
+    result = report_input.result
+    named = {"benchmark": result.name}
+    yield _info(report_input)
+    verdict = _Family("r2bspec_verdict", "stateset", "Outcome of the run.")
+    verdict.samples += _states(verdict.name, named, EXIT_CODES, result.verdict.outcome)
+    yield verdict
+    yield _requirements(report_input)
+    yield _ratios(report_input)
+    yield from _of_monitors(result.metrics, named)
+    yield from _of_processes(result.metrics.rates, named)
+    search = result.metrics.search
+    peaks = (
+        (search.holds_hz, search.upper_hz)
+        if search is not None and search.holds_hz is not None
+        else ()
+    )
+    for (name, about), value in zip(_PEAKS.items(), peaks, strict=False):
+        if value is not None:
+            yield _Family(name, "gauge", about, "hertz", [("", named, value)])
+    yield _harness_overhead(result.harness_overhead, named)
+
+
+def _info(report_input: ReportInput) -> _Family:
+    result = report_input.result
+    family = _Family("r2bspec_run", "info", "Identity of the run.")
+    labels = {
+        "benchmark": result.name,
+        "run_id": result.run_id,
+        "plan_hash": result.plan_hash,
+        "started_at": result.started_at,
+        "cpu": str(result.machine.get("cpu", "")),
+        "r2bspec": result.versions.get("r2bspec", ""),
+    }
+    family.samples.append(("_info", labels, 1))
+    return family
+
+
+def _states(
+    name: str, labels: Labels, states: Iterable[str], current: str
+) -> Iterator[tuple[str, Labels, float]]:
+    for state in states:
+        yield "", {**labels, name: state}, int(state == current)
+
+
+def _requirements(report_input: ReportInput) -> _Family:
+    family = _Family("r2bspec_requirement", "stateset", "Outcome of each requirement.")
+    pace = own_pace(report_input.result.metrics)
+    for requirement in report_input.result.verdict.requirements:
+        labels = {
+            "benchmark": report_input.result.name,
+            "objective": requirement.objective,
+            "requirement": requirement.text.strip(),
+            "monitor": requirement.monitor or "",
+            "offered_hz": _rate(requirement.at_hz, pace) if requirement.at_hz is not None else "",
+        }
+        family.samples += _states(family.name, labels, _OUTCOMES, requirement.outcome)
+    return family
+
+
+def _ratios(report_input: ReportInput) -> _Family:
+    about = "Head over base, for requirements of the baseline."
+    family = _Family("r2bspec_baseline_ratio", "gauge", about, "ratio")
+    for one in report_input.result.verdict.requirements:
+        if one.compared is None:
+            continue
+        labels = {
+            "benchmark": report_input.result.name,
+            "requirement": one.text.strip(),
+            "monitor": one.monitor or "",
+            "offered_hz": _rate(one.at_hz) if one.at_hz is not None else "",
+        }
+        values = {
+            "estimate": one.estimate,
+            "lower": one.lower,
+            "upper": one.upper,
+            "limit": one.limit,
+        }
+        family.samples += [
+            ("", {**labels, "value": name}, value)
+            for name, value in values.items()
+            if value is not None
+        ]
+    return family
+
+
+def _of_monitors(metrics: RunMetrics, named: Labels) -> Iterator[_Family]:
+    rows = [
+        (
+            {
+                **named,
+                "offered_hz": _rate(row.rate.offered_hz, row.rate.pace),
+                "monitor": row.monitor,
+            },
+            row.seen,
+        )
+        for row in measured(metrics)
+    ]
+    for key, about in _SUMMARIES.items():
+        family = _Family(f"r2bspec_{key}_seconds", "summary", about, "seconds")
+        for labels, seen in rows:
+            times = getattr(seen, key)
+            # In a live run, what was sent is unknown, and so are some times.
+            if times.n or seen.sent is not None:
+                family.samples += _summary(times, labels)
+        yield family
+    for metric, (name, unit, about) in _GAUGES.items():
+        gauge = _Family(f"r2bspec_{name}", "gauge", about, unit)
+        gauge.samples += [
+            ("", labels, value)
+            for labels, seen in rows
+            if (value := METRICS[metric].value(seen)) is not None
+        ]
+        yield gauge
+
+
+def _summary(times: Distribution, labels: Labels) -> Iterator[tuple[str, Labels, float]]:
+    for part, q in PERCENTILES.items():
+        value = part_value(times, part)
+        if value is not None:
+            yield "", {**labels, "quantile": f"{q:g}"}, value
+    yield "_count", labels, times.n
+    yield "_sum", labels, (times.mean or 0.0) * times.n
+
+
+def _harness_overhead(overheads: tuple[HarnessOverheadRecord, ...], named: Labels) -> _Family:
+    about = "Latency of harness and transport without the graph; included in the latencies."
+    family = _Family("r2bspec_harness_overhead_seconds", "summary", about, "seconds")
+    for overhead in overheads:
+        labels = {
+            **named,
+            "topic": overhead.topic,
+            "offered_hz": _rate(overhead.rate_hz),
+            "placement": overhead.placement,
+            "processes": str(overhead.processes or ""),
+        }
+        family.samples += [
+            ("", {**labels, "quantile": f"{PERCENTILES[part]:g}"}, value_ns / 1e9)
+            for part, value_ns in overhead.latencies_ns.items()
+        ]
+        family.samples.append(("_count", labels, overhead.received))
+    return family
+
+
+def _of_processes(rates: tuple[RateMetrics, ...], named: Labels) -> Iterator[_Family]:
+    cpu = _Family("r2bspec_cpu_ratio", "gauge", "Mean processor time; one core is 1.", "ratio")
+    memory = _Family("r2bspec_memory_bytes", "gauge", "Largest resident set.", "bytes")
+    for rate in rates:
+        machine = {"": rate.pooled.machine} if rate.pooled.machine is not None else {}
+        for process, use in {**rate.pooled.processes, **machine}.items():
+            labels = {**named, "offered_hz": _rate(rate.offered_hz, rate.pace), "process": process}
+            if use.cpu_mean is not None:
+                cpu.samples.append(("", labels, use.cpu_mean))
+            if use.memory_max_bytes is not None:
+                memory.samples.append(("", labels, use.memory_max_bytes))
+    yield cpu
+    yield memory
+
+
+def _rate(rate_hz: float, pace: str = "") -> str:
+    return f"{rate_hz:g}" if rate_hz else rate_name(0.0, pace)
+
+
+def _escaped(text: str) -> str:
+    return text.replace("\\", "\\\\").replace("\n", "\\n").replace('"', '\\"')

@@ -1,0 +1,212 @@
+"""The formats that pipelines read: JUnit XML, and the annotations of GitHub.
+
+JUnit XML has a suite for the run, a case for each requirement, and one for the run itself. A failed
+requirement is a failure and an inconclusive one an error, so that neither passes a pipeline; in the
+format ``junit_lenient`` the latter is skipped. A requirement whose level is not ``error`` passes
+with its verdict in the output. A run that is invalid or incomplete is an error of the case ``run``.
+
+Workflow commands are what GitHub shows as annotations on the lines of the spec. A failed
+requirement is an error, an inconclusive one a warning; both are placed on the line of the
+requirement if the spec's file is known. GitHub keeps ten annotations of each kind and step, and
+drops the rest without a message: a last line says how many were omitted.
+"""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from r2bspec.compare.report_input import ReportInput
+from r2bspec.diagnostics.diagnostic import Span
+from r2bspec.diagnostics.quote import printable, printable_lines
+from r2bspec.judge.result import Result
+from r2bspec.judge.verdict import RequirementVerdict
+from r2bspec.language.load_spec import LoadedSpec, load_spec
+from r2bspec.language.located_tree import ListNode, ScalarNode, lookup
+from r2bspec.report.finding_formats import command, command_place, junit_text
+from r2bspec.report.headline import headline, reason_after, requirement_headline
+from r2bspec.report.notes import notes, particular_sentences, unplayed_notes
+from r2bspec.report.report_wording import (
+    code_text,
+    comparison,
+    outcome_title,
+    several_monitors,
+)
+from r2bspec.report.result_table import RequirementRow, requirement_rows
+from r2bspec.safe_io.safe_file import is_regular
+
+if TYPE_CHECKING:
+    from junitparser import TestCase, TestSuite
+
+
+def render_junit(report_input: ReportInput) -> bytes:
+    """The XML, with inconclusive requirements as errors."""
+    return _to_xml(report_input, lenient=False)
+
+
+def render_junit_lenient(report_input: ReportInput) -> bytes:
+    """The XML, with inconclusive requirements as skipped cases."""
+    return _to_xml(report_input, lenient=True)
+
+
+def _to_xml(report_input: ReportInput, *, lenient: bool) -> bytes:
+    from junitparser import JUnitXml
+
+    suite = to_suite(report_input, lenient=lenient)
+    xml = JUnitXml(suite.name)
+    xml.add_testsuite(suite)
+    xml.time = suite.time
+    return junit_text(xml).encode()
+
+
+def to_suite(report_input: ReportInput, *, lenient: bool) -> TestSuite:
+    """The test suite of one run; see `render_junit` and `render_junit_lenient`."""
+    from junitparser import TestSuite
+
+    result = report_input.result
+    name = printable(result.name)
+    suite = TestSuite(name)
+    suite.timestamp = printable(result.started_at)
+    suite.add_property("plan_hash", printable(result.plan_hash))
+    suite.add_property("run_id", printable(result.run_id))
+    if code := code_text(result):
+        suite.add_property("code", printable(code))
+    for key, value in result.labels.items():
+        suite.add_property(printable(f"label.{key}"), printable(str(value)))
+    suite.add_testcase(_run_case(report_input, name))
+    for row in requirement_rows(result.verdict):
+        suite.add_testcase(_requirement_case(row, result, lenient=lenient))
+    # After the cases: adding one makes the suite sum up the times of all.
+    suite.time = _duration_s(result.started_at, result.ended_at)
+    return suite
+
+
+def _run_case(report_input: ReportInput, name: str) -> TestCase:
+    """The test case of the run itself."""
+    from junitparser import Error, TestCase
+
+    verdict = report_input.result.verdict
+    line = headline(report_input.result)
+    case = TestCase("run", name)
+    if verdict.outcome in {"invalid", "incomplete"}:
+        error = Error(printable_lines(line), verdict.outcome)
+        if "\n" in verdict.reason:
+            # Once more: readers of XML turn the line breaks of an attribute into spaces.
+            error.text = printable_lines(verdict.reason)
+        case.result = [error]
+    # The verdict of requirements does not say of how many starts it is.
+    judged = not case.result and verdict.requirements
+    texts = [line, reason_after(line, verdict)] if judged else []
+    told = notes(report_input.result, verbose=report_input.verbose)
+    texts = [*filter(None, texts), *comparison(report_input.result), *told.shown]
+    texts += [told.more] if told.more else []
+    if texts:
+        case.system_out = "\n".join(map(printable_lines, texts))
+    return case
+
+
+def _requirement_case(row: RequirementRow, result: Result, *, lenient: bool) -> TestCase:
+    from junitparser import Error, Failure, Skipped, TestCase
+
+    verdict = row.verdict
+    case = TestCase(printable(row.title), printable(f"{result.name}.{verdict.objective}"))
+    # The notes of all requirements are those of the run, among the output of its case.
+    reason = printable_lines(" ".join(filter(None, (verdict.reason, verdict.remedy))))
+    numbers = (
+        f"estimate {row.estimate}, bounds {row.bounds or '-'}, limit {row.limit or '-'}, "
+        f"n {verdict.n}, {verdict.method}, confidence {verdict.confidence:g}"
+    )
+    if verdict.outcome == "pass" or verdict.level != "error":
+        case.system_out = f"{row.word}: {reason}\n{numbers}"
+    else:
+        kind = Failure if verdict.outcome == "fail" else Skipped if lenient else Error
+        several = several_monitors(result.verdict)
+        line = requirement_headline(verdict, result, name_monitor=several)
+        problem = kind(printable_lines(line), verdict.outcome)
+        problem.text = f"{reason}\n{numbers}"
+        case.result = [problem]
+    return case
+
+
+def _duration_s(started: str, ended: str) -> float:
+    try:
+        span = datetime.datetime.fromisoformat(ended) - datetime.datetime.fromisoformat(started)
+    except ValueError:
+        return 0.0
+    return max(span.total_seconds(), 0.0)
+
+
+MAX_ANNOTATIONS = 9
+"""Annotations of requirements; the verdict is the tenth."""
+
+_COMMANDS = {"fail": "error", "inconclusive": "warning"}
+_ADVISORY_COMMANDS = {"warn": "warning", "info": "notice"}
+"""Of requirements that do not fail the run."""
+
+
+def render_github(report_input: ReportInput) -> bytes:
+    """The commands, the verdict first, failures before what is inconclusive."""
+    return "".join(f"{line}\n" for line in _commands(report_input)).encode()
+
+
+def _commands(report_input: ReportInput) -> Iterator[str]:
+    verdict = report_input.result.verdict
+    spec_file = report_input.spec_file
+    # GitHub identifies files by their path in the repository, the working folder of a job.
+    if spec_file is not None and spec_file.is_absolute() and spec_file.is_relative_to(Path.cwd()):
+        spec_file = spec_file.relative_to(Path.cwd())
+    loaded = _locations(spec_file)
+    file = str(spec_file) if spec_file is not None else ""
+    kind = {"pass": "notice", "inconclusive": "warning"}.get(verdict.outcome, "error")
+    title = f"{report_input.result.name}: {outcome_title(verdict)}"
+    line = headline(report_input.result)
+    told = "\n".join(filter(None, (line, reason_after(line, verdict))))
+    yield command(kind, title, told, {"file": file} if file else {})
+    for one_input, text in zip(
+        report_input.result.unplayed, unplayed_notes(report_input.result), strict=True
+    ):
+        shown = "warning" if one_input.is_warning else "notice"
+        where = {"file": file} if file else {}
+        yield command(shown, f"{report_input.result.name}: {one_input.topic}", text, where)
+    rows = requirement_rows(verdict)
+    annotated = [row for outcome in _COMMANDS for row in rows if row.verdict.outcome == outcome]
+    annotated.sort(key=lambda row: row.verdict.level in _ADVISORY_COMMANDS)
+    for row in annotated[:MAX_ANNOTATIONS]:
+        requirement = row.verdict
+        texts = "\n".join(particular_sentences(requirement))
+        kind = _ADVISORY_COMMANDS.get(requirement.level, _COMMANDS[requirement.outcome])
+        place = _place(requirement, loaded, file)
+        yield command(kind, f"{requirement.objective}: {row.title}", texts, place)
+    if len(annotated) > MAX_ANNOTATIONS:
+        omitted = len(annotated) - MAX_ANNOTATIONS
+        yield f"{omitted} more requirements are not annotated; see the report"
+
+
+def _place(requirement: RequirementVerdict, loaded: LoadedSpec | None, file: str) -> dict[str, str]:
+    if loaded is None:
+        return {"file": file} if file else {}
+    span = _location(loaded, requirement)
+    # A value from an option has a location without a file.
+    if not span.line or span.file != loaded.file:
+        return {"file": file}
+    return command_place(span)
+
+
+def _locations(spec_file: Path | None) -> LoadedSpec | None:
+    """The spec that has the lines of requirements; None if it is unknown, missing, or no spec."""
+    if spec_file is None or not is_regular(spec_file) or spec_file.suffix == ".json":
+        return None
+    loaded = load_spec(spec_file)
+    return loaded if loaded.tree is not None else None
+
+
+def _location(loaded: LoadedSpec, requirement: RequirementVerdict) -> Span:
+    """The location of a requirement; else of its objective; else the whole file."""
+    path = ("slos", requirement.objective, "require")
+    listed = lookup(loaded.tree, path) if loaded.tree is not None else None
+    for item in listed.items if isinstance(listed, ListNode) else ():
+        if isinstance(item, ScalarNode) and item.text.strip() == requirement.text.strip():
+            return item.span
+    return loaded.span(("slos", requirement.objective), key=True)

@@ -1,0 +1,291 @@
+"""The progress of a run on standard error, with its rest: live on a terminal, else plain lines."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Protocol
+
+from r2bspec.diagnostics.plain_text import plain
+from r2bspec.diagnostics.quote import printable
+from r2bspec.measure.units import show
+from r2bspec.plan.time_estimate import TimeEstimate, time_text
+from r2bspec.report.output import console, write
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.status import Status
+
+
+class RemainingTime:
+    """Follows the phases of a run, or of several runs of one plan, and estimates what is left."""
+
+    def __init__(
+        self,
+        estimate: TimeEstimate,
+        *,
+        after_s: float = 0.0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Start before the first phase.
+
+        Args:
+            estimate: of the runs.
+            after_s: the time that other runs will take afterwards.
+            clock: seconds, in steps of no fixed size.
+        """
+        self._estimate = estimate
+        self._names = list(estimate.phases)
+        self._runs_left = estimate.runs
+        self._after_s = after_s
+        self._clock = clock
+        self._phase = -1
+        self._began_s = clock()
+
+    def begin(self, name: str) -> None:
+        """A phase begins.
+
+        One that is earlier than the last belongs to the next run, or to a later start of this one,
+        of which the time is a part of the estimate of ``play``.
+        """
+        if name == "confirm":
+            # What was played is played once more.
+            self._phase = -1
+        if name not in self._names:
+            return
+        number = self._names.index(name)
+        if number < self._phase:
+            if self._runs_left <= 1:
+                return
+            self._runs_left -= 1
+        elif number == self._phase:
+            return
+        self._phase, self._began_s = number, self._clock()
+
+    def seconds(self) -> float:
+        """The estimated rest; a phase that takes longer than expected adds nothing."""
+        times = list(self._estimate.phases.values())
+        later = sum(times[self._phase + 1 :])
+        current = times[self._phase] if self._phase >= 0 else 0.0
+        rest = max(0.0, current - (self._clock() - self._began_s))
+        return rest + later + (self._runs_left - 1) * self._estimate.run_s + self._after_s
+
+    def text(self) -> str:
+        """The rest in words."""
+        return f"about {time_text(max(self.seconds(), 1.0))} left"
+
+
+_LINE_INTERVAL_S = 10.0
+"""Logs should be short, and show that the run continues."""
+
+_CI_INTERVAL_S = 60.0
+"""The log of a CI job has a line a minute: many jobs are read only when they have failed."""
+
+_REFRESH_INTERVAL_S = 0.5
+"""Faster updates are not readable, and each takes time from the run."""
+
+_MAX_PROCESSES = 4
+"""Processes whose load is shown, the busiest first."""
+
+
+class SegmentProgress(Protocol):
+    """A segment that is being played; see `r2bspec.execute.progress.Playing`."""
+
+    def sent(self) -> int:
+        """Steps that have been published."""
+
+    def received(self) -> int:
+        """Messages that have been received."""
+
+    def p99_ns(self) -> int | None:
+        """The p99 of the latest latencies."""
+
+    def cores(self) -> Mapping[str, float]:
+        """Processor time per time, by process."""
+
+
+def progress_text(progress: SegmentProgress, steps: int) -> str:
+    """The progress of a segment of `steps` steps, in a line."""
+    p99_ns = progress.p99_ns()
+    parts = [f"{progress.sent()} of {steps} sent", f"{progress.received()} received"]
+    if p99_ns is not None:
+        parts.append(f"p99 {show(p99_ns / 1e9, 's')}")
+    return " · ".join(parts)
+
+
+def load_text(cores: Mapping[str, float]) -> str:
+    """The busiest processes, with their share of a core."""
+    busiest = sorted(cores.items(), key=lambda one: -one[1])[:_MAX_PROCESSES]
+    # Names come from the user and may contain control characters.
+    shown = [f"{printable(name)} {show(used, 'share', 2)}" for name, used in busiest]
+    return f"CPU {' · '.join(shown)}" if shown else ""
+
+
+class _PlainProgress:
+    """A plain line for each event, with the seconds since the start."""
+
+    def __init__(self, remaining: RemainingTime | None = None) -> None:
+        self._began = time.monotonic()
+        self._steps = 0
+        self._next = 0.0
+        self._remaining = remaining
+
+    def _begin_phase(self, name: str) -> None:
+        if self._remaining is not None:
+            self._remaining.begin(name)
+
+    def _rest(self) -> str:
+        return self._remaining.text() if self._remaining is not None else ""
+
+    def _write_line(self, text: str) -> None:
+        write(sys.stderr, f"[{time.monotonic() - self._began:6.1f} s] {plain(text)}\n")
+
+    def phase(self, name: str, text: str) -> None:
+        self._begin_phase(name)
+        self._write_line(text)
+
+    def step(self, done: int, total: int) -> None:
+        """Not shown: it would be a line for every message."""
+
+    def segment(self, title: str, steps: int) -> None:
+        self._write_line(f"  {title}")
+        self._steps = steps
+        self._next = time.monotonic() + _LINE_INTERVAL_S
+
+    def playing(self, progress: SegmentProgress) -> None:
+        if time.monotonic() >= self._next:
+            self._next += _LINE_INTERVAL_S
+            parts = (
+                progress_text(progress, self._steps),
+                self._rest(),
+                load_text(progress.cores()),
+            )
+            self._write_line(f"    {' · '.join(filter(None, parts))}")
+
+    def note(self, text: str) -> None:
+        self._write_line(f"  {text}")
+
+
+class _CiProgress(_PlainProgress):
+    """At most a line a minute, and each note once."""
+
+    def __init__(self, remaining: RemainingTime | None = None) -> None:
+        super().__init__(remaining)
+        self._phase_text = self._title = ""
+        self._notes: set[str] = set()
+
+    def _write_at_times(self, detail: str = "") -> None:
+        if time.monotonic() >= self._next:
+            self._next = time.monotonic() + _CI_INTERVAL_S
+            parts = (self._phase_text, self._title, detail, self._rest())
+            self._write_line(" · ".join(filter(None, parts)))
+
+    def phase(self, name: str, text: str) -> None:
+        self._begin_phase(name)
+        self._phase_text, self._title = text, ""
+        self._write_at_times()
+
+    def segment(self, title: str, steps: int) -> None:
+        self._title, self._steps = title, steps
+        self._write_at_times()
+
+    def playing(self, progress: SegmentProgress) -> None:
+        if time.monotonic() >= self._next:
+            self._write_at_times(progress_text(progress, self._steps))
+
+    def note(self, text: str) -> None:
+        if text not in self._notes:
+            self._notes.add(text)
+            self._write_line(f"  {text}")
+
+
+class _LiveProgress:
+    """Two lines that change in place, progress and load; notes stay above."""
+
+    def __init__(
+        self, console: Console, status: Status, remaining: RemainingTime | None = None
+    ) -> None:
+        self._remaining = remaining
+        self._console = console
+        self._status = status
+        self._began = time.monotonic()
+        self._phase = ""
+        self._title = ""
+        self._steps = 0
+        self._next = 0.0
+
+    def _show(self, detail: str = "", below: str = "") -> None:
+        from rich.console import Group
+        from rich.text import Text
+
+        elapsed = f"{time.monotonic() - self._began:.0f} s"
+        if self._remaining is not None:
+            elapsed += f" · {self._remaining.text()}"
+        above = Text.assemble((self._phase, "bold"), f"  {detail}  ", (elapsed, "dim"))
+        lines = [above, *([Text(below, style="dim")] if below else [])]
+        for each in lines:
+            # A wrapped line would not be erased by the next one.
+            each.no_wrap, each.overflow = True, "ellipsis"
+        self._status.update(Group(*lines))
+
+    def phase(self, name: str, text: str) -> None:
+        if self._remaining is not None:
+            self._remaining.begin(name)
+        self._phase, self._title = text, ""
+        self._show()
+
+    def step(self, done: int, total: int) -> None:
+        self._show(f"{done}/{total}")
+
+    def segment(self, title: str, steps: int) -> None:
+        self._title, self._steps = title, steps
+        self._show(title)
+
+    def playing(self, progress: SegmentProgress) -> None:
+        if time.monotonic() >= self._next:
+            self._next = time.monotonic() + _REFRESH_INTERVAL_S
+            self._show(
+                f"{self._title}: {progress_text(progress, self._steps)}",
+                load_text(progress.cores()),
+            )
+
+    def note(self, text: str) -> None:
+        self._console.print(f"  {text}", markup=False, highlight=False, style="dim")
+
+
+class _NullProgress(_PlainProgress):
+    """Prints nothing."""
+
+    def _write_line(self, text: str) -> None:
+        """Print nothing."""
+
+    def playing(self, progress: SegmentProgress) -> None:
+        """Print nothing."""
+
+
+@contextlib.contextmanager
+def shown_progress(
+    *, quiet: bool = False, remaining: RemainingTime | None = None
+) -> Iterator[_PlainProgress | _LiveProgress]:
+    """A progress listener for a run, for as long as the context lasts.
+
+    CI systems keep what is printed, so a live view there would be a thousand lines; with the
+    variable ``CI`` there is a line a minute.
+
+    Args:
+        quiet: show nothing.
+        remaining: is told of the phases, and shown; None shows no remaining time.
+    """
+    if quiet:
+        yield _NullProgress()
+    elif os.environ.get("CI"):
+        yield _CiProgress(remaining)
+    elif not sys.stderr.isatty():
+        yield _PlainProgress(remaining)
+    else:
+        terminal = console(sys.stderr)
+        with terminal.status("starting") as status:
+            yield _LiveProgress(terminal, status, remaining)

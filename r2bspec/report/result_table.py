@@ -1,0 +1,321 @@
+"""The values of a result as tables, of which every format shows some columns in its own markup.
+
+There are two. A row of the table of requirements has the metric, the estimate, its bounds, the
+limit and the verdict. A row of the table of measurements has what a monitor received at a rate,
+over all iterations or in one of them; its columns are the metrics of the catalogue, `METRICS`, each
+with its unit and its place in ``result.json``. `result_rows` is the second table in long format,
+one value a row, with the values that belong to no monitor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Final
+
+from r2bspec.judge.result import Result
+from r2bspec.judge.verdict import RequirementVerdict, Verdict
+from r2bspec.measure.distribution import PARTS, Distribution, part_title, part_value
+from r2bspec.measure.metrics import (
+    MonitorMetrics,
+    RateMetrics,
+    RunMetrics,
+    SegmentMetrics,
+    Spread,
+    UseMetrics,
+)
+from r2bspec.measure.units import at_rate, show, show_range, show_rate
+from r2bspec.record.run_record import HarnessOverheadRecord
+from r2bspec.report.report_wording import (
+    bounds_text,
+    estimate_text,
+    requirement_text,
+    several_monitors,
+    verdict_word,
+)
+
+WORST_FIRST: Final = ("fail", "inconclusive", "pass")
+
+
+@dataclass(frozen=True, slots=True)
+class RequirementRow:
+    """A requirement with its verdict, as text.
+
+    Attributes:
+        verdict: whose texts these are.
+        index: its place in the verdict of the run.
+        word: the outcome, with its mark and its level.
+        text: the requirement, with its monitor where several have requirements.
+        limit: empty where there is none, as `bounds`.
+    """
+
+    verdict: RequirementVerdict
+    index: int
+    word: str
+    text: str
+    estimate: str
+    bounds: str
+    limit: str
+
+    @property
+    def title(self) -> str:
+        """The requirement with its rate, where one was offered."""
+        at_hz = self.verdict.at_hz
+        return f"{self.text} {at_rate(at_hz)}" if at_hz else self.text
+
+
+def requirement_rows(verdict: Verdict, *, worst_first: bool = False) -> list[RequirementRow]:
+    """The requirements in the order of the spec, or those first that are not met."""
+    several = several_monitors(verdict)
+    rows = [
+        RequirementRow(
+            verdict=requirement,
+            index=index,
+            word=verdict_word(requirement),
+            text=requirement_text(requirement, name_monitor=several),
+            estimate=estimate_text(requirement),
+            bounds=bounds_text(requirement),
+            limit=show(requirement.limit, requirement.unit)
+            if requirement.limit is not None
+            else "",
+        )
+        for index, requirement in enumerate(verdict.requirements)
+    ]
+    if worst_first:
+        rows.sort(key=lambda row: WORST_FIRST.index(row.verdict.outcome))
+    return rows
+
+
+def reasons(rows: Sequence[RequirementRow]) -> list[list[str]]:
+    """The reason of each requirement and what would decide it; nothing is said twice.
+
+    Of several requirements with one reason, such as a monitor that received nothing, the others
+    refer to the first.
+    """
+    first: dict[str, str] = {}
+    texts: list[list[str]] = []
+    for row in rows:
+        own = [text for text in (row.verdict.reason, row.verdict.remedy) if text]
+        if own and own[0] in first:
+            own = [f"As for {first[own[0]]}."]
+        elif own:
+            first[own[0]] = row.text
+        texts.append(own)
+    return texts
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """A metric of a monitor.
+
+    Attributes:
+        name: in the catalogue.
+        unit: ``s``, ``Hz``, ``share`` or ``count``.
+        path: its place below the monitor in ``result.json``, such as ``latency/p99``.
+        title: the heading of its column.
+    """
+
+    name: str
+    unit: str
+    path: str
+    title: str
+
+    def value(self, seen: MonitorMetrics) -> float | None:
+        """Its value; None where there is none."""
+        value: float | None = attrgetter(self.path.replace("/", "."))(seen)
+        return value
+
+
+def _metrics() -> Iterator[Metric]:
+    yield Metric("throughput.mean", "Hz", "throughput_hz", "throughput")
+    for family, prefix in (
+        ("latency", ""),
+        ("latency_from_due", "from due, "),
+        ("interval", "interval "),
+        ("jitter", "jitter "),
+    ):
+        for part in PARTS:
+            yield Metric(f"{family}.{part}", "s", f"{family}/{part}", f"{prefix}{part_title(part)}")
+    yield Metric("drop_rate", "share", "drop_rate", "drop rate")
+    for count in (
+        *("sent", "answered", "received", "missed", "duplicates", "reordered", "unmatched"),
+        *("late", "early", "overdue", "surplus", "untimed"),
+    ):
+        yield Metric(count, "count", count, count)
+
+
+METRICS: Final = {metric.name: metric for metric in _metrics()}
+"""Every metric of a monitor that a result has, by its name, in the order of complete tables."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A row of the measurements: what a monitor received at one rate.
+
+    Attributes:
+        rate: with everything that was measured at it.
+        monitor: its name.
+        seen: of all iterations, or of the one of `segment`.
+        segment: the iteration; empty for all.
+        path: of `seen` in ``result.json``, a JSON pointer without its first slash.
+    """
+
+    rate: RateMetrics
+    monitor: str
+    seen: MonitorMetrics
+    segment: str
+    path: str
+
+    @property
+    def offered(self) -> str:
+        """The offered rate as text."""
+        return show_rate(self.rate.offered_hz, self.rate.pace)
+
+    @property
+    def rate_path(self) -> str:
+        """The place of the rate in ``result.json``."""
+        return "/".join(self.path.split("/", 3)[:3])
+
+    def value(self, metric: str) -> float | None:
+        """The value of a metric of `METRICS`; None where there is none."""
+        return METRICS[metric].value(self.seen)
+
+    def text(self, metric: str) -> str:
+        """The same with its unit."""
+        return show(self.value(metric), METRICS[metric].unit)
+
+    def spread(self, metric: str) -> Spread | None:
+        """The range of a metric over the iterations; None where it is not known."""
+        return self.rate.spread[self.monitor].get(metric)
+
+    def range_text(self, metric: str) -> str:
+        """The same as text; empty where it is not known."""
+        spread = self.spread(metric)
+        return show_range(spread.low, spread.high, METRICS[metric].unit) if spread else ""
+
+
+def monitor_names(metrics: RunMetrics) -> list[str]:
+    """The monitors that have values."""
+    return [*dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.monitors)]
+
+
+def measured(metrics: RunMetrics, monitor: str = "") -> Iterator[Measured]:
+    """What each monitor, or the one of that name, received over all iterations, by rate."""
+    for number, rate in enumerate(metrics.rates):
+        for name, seen in rate.pooled.monitors.items():
+            if monitor in {"", name}:
+                path = f"metrics/rates/{number}/pooled/monitors/{pointer(name)}"
+                yield Measured(rate, name, seen, "", path)
+
+
+def measured_iterations(metrics: RunMetrics, monitor: str) -> Iterator[Measured]:
+    """What a monitor received in each iteration, by rate."""
+    for number, rate in enumerate(metrics.rates):
+        for place, iteration in enumerate(rate.iterations):
+            path = f"metrics/rates/{number}/iterations/{place}/monitors/{pointer(monitor)}"
+            yield Measured(rate, monitor, iteration.monitors[monitor], iteration.segment, path)
+
+
+def pointer(key: str) -> str:
+    """A key as a part of a JSON pointer (RFC 6901)."""
+    return key.replace("~", "~0").replace("/", "~1")
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One value.
+
+    Attributes:
+        offered_hz: None for the whole run.
+        iteration: None for all iterations pooled.
+        monitor: empty if it belongs to no monitor.
+        metric: its name in the catalogue.
+        unit: ``s``, ``Hz``, ``B``, ``share`` or ``count``.
+    """
+
+    offered_hz: float | None
+    iteration: int | None
+    monitor: str
+    metric: str
+    unit: str
+    value: float
+
+
+_Value = tuple[str, str, str, float | None]
+"""Monitor, metric, unit, and value."""
+
+
+def result_rows(result: Result) -> Iterator[Row]:
+    """All values by rate, pooled first, then by iteration; peak, overhead and ratios last."""
+    for offered_hz, iteration, (monitor, metric, unit, value) in _all_values(result):
+        if value is not None:
+            yield Row(offered_hz, iteration, monitor, metric, unit, float(value))
+
+
+def _all_values(result: Result) -> Iterator[tuple[float | None, int | None, _Value]]:
+    for rate in result.metrics.rates:
+        for value in _segment(rate.pooled):
+            yield rate.offered_hz, None, value
+        for iteration in rate.iterations:
+            for value in _segment(iteration):
+                yield rate.offered_hz, iteration.index, value
+    search = result.metrics.search
+    if search is not None and search.holds_hz is not None:
+        yield None, None, ("", "peak.rate", "Hz", search.holds_hz)
+        # Without it the peak has no upper bound.
+        yield None, None, ("", "peak.below", "Hz", search.upper_hz)
+    for overhead in result.harness_overhead:
+        for value in _harness_overhead(overhead):
+            yield overhead.rate_hz, None, value
+    for requirement in result.verdict.requirements:
+        for value in _compared(requirement):
+            yield requirement.at_hz, None, value
+
+
+def _segment(segment: SegmentMetrics) -> Iterator[_Value]:
+    for monitor, seen in segment.monitors.items():
+        for metric in METRICS.values():
+            yield monitor, metric.name, metric.unit, metric.value(seen)
+    yield "", "playback.rate", "Hz", segment.playback.rate_hz
+    yield from _distribution("playback.lateness", segment.playback.lateness)
+    uses = {**segment.processes, **({"system": segment.machine} if segment.machine else {})}
+    for process, use in uses.items():
+        yield from _use(process, use)
+
+
+def _distribution(family: str, times: Distribution) -> Iterator[_Value]:
+    for part in PARTS:
+        yield "", f"{family}.{part}", "s", part_value(times, part)
+
+
+def _use(process: str, use: UseMetrics) -> Iterator[_Value]:
+    yield "", f"cpu.{process}.mean", "share", use.cpu_mean
+    yield "", f"cpu.{process}.max", "share", use.cpu_max
+    yield "", f"memory.{process}.max", "B", use.memory_max_bytes
+    yield "", f"minor_faults.{process}.per_message", "count", use.faults_per_message
+
+
+def _harness_overhead(overhead: HarnessOverheadRecord) -> Iterator[_Value]:
+    """The overhead on one input, whose topic is the monitor of these rows."""
+    for part, value_ns in overhead.latencies_ns.items():
+        yield overhead.topic, f"harness_overhead.{part}", "s", value_ns / 1e9
+    yield overhead.topic, "harness_overhead.received", "count", overhead.received
+    yield overhead.topic, "harness_overhead.processes", "count", overhead.processes
+
+
+def _compared(requirement: RequirementVerdict) -> Iterator[_Value]:
+    """Base, head and ratio of a requirement of the baseline."""
+    if requirement.compared is None:
+        return
+    unit = requirement.compared.unit
+    for part, unit_of_part, value in (
+        ("base", unit, requirement.compared.base),
+        ("head", unit, requirement.compared.head),
+        ("ratio", "share", requirement.estimate),
+        ("ratio.lower", "share", requirement.lower),
+        ("ratio.upper", "share", requirement.upper),
+        ("ratio.limit", "share", requirement.limit),
+        ("ratio.n", "count", requirement.n),
+    ):
+        yield requirement.monitor or "", f"{requirement.metric}.{part}", unit_of_part, value

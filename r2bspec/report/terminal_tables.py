@@ -1,0 +1,310 @@
+"""The tables of the report in the terminal: monitors, hops, load, overhead and phases.
+
+A monitor has a line for each rate, with the range over iterations below. The latency of the hops on
+the path to a tapped monitor has one line a hop. The load is the lateness of the playback, CPU and
+memory. A line for each phase shows where the time of a run went, and what was waited for in it.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from r2bspec.judge.result import Result
+from r2bspec.judge.verdict import OverallOutcome
+from r2bspec.measure.distribution import (
+    MAIN_PERCENTILES,
+    SHORT_PERCENTILES,
+    TAIL_PERCENTILE,
+    part_title,
+    part_value,
+)
+from r2bspec.measure.metrics import RateMetrics, RunMetrics, UseMetrics
+from r2bspec.measure.units import at_rate, show, show_rate, significant
+from r2bspec.record.run_record import HarnessOverheadRecord, PhaseTime, RunRecord
+from r2bspec.report.output import console
+from r2bspec.report.report_wording import OUTCOME_WORDS, overhead_placement
+from r2bspec.report.result_table import METRICS, Measured, measured, monitor_names
+
+OUTCOME_STYLES: dict[OverallOutcome, str] = {
+    "pass": "bold green",
+    "fail": "bold red",
+    "inconclusive": "bold yellow",
+    "invalid": "bold magenta",
+    "incomplete": "bold magenta",
+}
+
+DIM_STYLE = "dim"
+
+
+def outcome_text(outcome: OverallOutcome) -> Text:
+    """An outcome as a word with its mark and colour."""
+    return Text(OUTCOME_WORDS[outcome], style=OUTCOME_STYLES[outcome])
+
+
+def heading(text: str, aside: str = "") -> Text:
+    """A section's heading, with a dimmed aside."""
+    return Text.assemble((text, "bold"), (f"  {aside}" if aside else "", DIM_STYLE))
+
+
+def table(columns: Sequence[str]) -> Table:
+    """A table whose first column is a name and whose others are numbers."""
+    made = Table(
+        box=None,
+        pad_edge=False,
+        padding=(0, 2, 0, 0),
+        header_style=DIM_STYLE,
+    )
+    for number, name in enumerate(columns):
+        made.add_column(name, justify="left" if number == 0 else "right", no_wrap=True)
+    return made
+
+
+_MIN_WIDTHS = {
+    "throughput.mean": 0,
+    **{
+        f"latency.{part}": 0 if part in (*SHORT_PERCENTILES, "max") else 100
+        for part in (*MAIN_PERCENTILES, "max")
+    },
+    f"jitter.{TAIL_PERCENTILE}": 110,
+    "sent": 0,
+    "missed": 0,
+    "received": 0,
+}
+"""The columns of a monitor: each metric, with the width of the report from which it is shown."""
+
+_PLAYED_COLUMNS, _LIVE_COLUMNS = ("sent", "missed"), ("received",)
+"""Columns of a run with playback, and of a live run, in which what was sent is unknown."""
+
+
+def monitor_sections(result: Result, width: int) -> Iterator[RenderableType]:
+    """A table for each monitor of the run."""
+    metrics = result.metrics
+    live = any(rate.pace == "source" for rate in metrics.rates)
+    columns = [
+        metric
+        for metric, min_width in _MIN_WIDTHS.items()
+        if min_width <= width and metric not in (_PLAYED_COLUMNS if live else _LIVE_COLUMNS)
+    ]
+    for name in monitor_names(metrics):
+        yield _section(result.monitor_title(name), [*measured(metrics, name)], columns)
+
+
+def _section(title: str, rows: list[Measured], columns: list[str]) -> RenderableType:
+    made = table(["offered", *(METRICS[metric].title for metric in columns)])
+    aside = "latency"
+    for row in rows:
+        made.add_row(row.offered, *map(row.text, columns))
+        count = len(row.rate.iterations)
+        if count > 1:
+            aside = "latency; below each line, the range over the iterations"
+            ranges = (f"× {count}", *map(row.range_text, columns))
+            made.add_row(*(Text(text, style=DIM_STYLE) for text in ranges))
+    return Group(heading(title, aside), made)
+
+
+def hop_sections(metrics: RunMetrics) -> Iterator[RenderableType]:
+    """A table for each tapped monitor at each rate."""
+    for row in measured(metrics):
+        if not row.seen.hops:
+            continue
+        made = table(["from → to", *map(part_title, SHORT_PERCENTILES), "matched", "missed"])
+        for hop in row.seen.hops:
+            made.add_row(
+                f"{hop.source} → {hop.target}",
+                *(show(part_value(hop.latency, part), "s") for part in SHORT_PERCENTILES),
+                show(hop.matched, "count"),
+                show(hop.missed, "count"),
+            )
+        at = at_rate(row.rate.offered_hz, row.rate.pace)
+        aside = f"path to {row.monitor} {at}; percentiles do not add up"
+        yield Group(heading("hops", aside), made)
+
+
+_MEMORY_WIDTH = 9
+_FAULTS_WIDTH = 9
+_RATE_WIDTH = 17
+"""Columns with their gaps, at their widest: ``1,023 MiB``, ``12,345`` and ``251 µs (348 µs)``."""
+
+_PLAYED_LABEL = "playback rate"
+_LATE_LABEL = f"lateness {part_title(TAIL_PERCENTILE)} (max)"
+
+
+def load_section(metrics: RunMetrics, width: int) -> RenderableType | None:
+    """A line for each process and a column for each rate; None without rates."""
+    rates = metrics.rates
+    if not rates:
+        return None
+    # Many rates are split into several tables.
+    names = [name for rate in rates for name in rate.pooled.processes]
+    name_width = max(map(len, (*names, _LATE_LABEL))) + 2
+    across = max(1, (width - name_width - _MEMORY_WIDTH - _FAULTS_WIDTH) // _RATE_WIDTH)
+    return Group(
+        heading("load", "CPU mean (max); 100 % is one core; minor page faults a message"),
+        *(_load_table(rates[start : start + across]) for start in range(0, len(rates), across)),
+    )
+
+
+def harness_overhead_section(overheads: tuple[HarnessOverheadRecord, ...]) -> RenderableType | None:
+    """The latency of harness and transport without the graph; None if not measured."""
+    if not overheads:
+        return None
+    made = table(["input", "size", "at", "p50", "p99", "received"])
+    for overhead in overheads:
+        made.add_row(
+            overhead.topic,
+            show(float(overhead.bytes), "B"),
+            show_rate(overhead.rate_hz, "recording"),
+            *(_ns(value) for value in (overhead.latency_p50_ns, overhead.latency_p99_ns)),
+            f"{overhead.received} of {overhead.sent}",
+        )
+    where = overhead_placement(overheads)
+    what = f"latency without the graph{where and ', '}{where}; included in the latencies above"
+    return Group(heading("harness overhead", what), made)
+
+
+def _ns(value: int | None) -> str:
+    return "-" if value is None else show(value / 1e9, "s")
+
+
+def _load_table(rates: tuple[RateMetrics, ...]) -> RenderableType:
+    columns = ["process", *(show_rate(rate.offered_hz, rate.pace) for rate in rates), "memory"]
+    made = table([*columns, "faults"])
+    names = dict.fromkeys(name for rate in rates for name in rate.pooled.processes)
+    for name in names:
+        uses = [rate.pooled.processes.get(name) for rate in rates]
+        made.add_row(name, *map(_cpu, uses), _memory(uses), _faults(uses))
+    machine = [rate.pooled.machine for rate in rates]
+    if any(machine):
+        made.add_row("whole machine", *map(_cpu, machine), _memory(machine), "")
+    if any(rate.pooled.playback.sent is not None for rate in rates):
+        made.add_row(
+            _PLAYED_LABEL, *(show(rate.pooled.playback.rate_hz, "Hz") for rate in rates), "", ""
+        )
+        made.add_row(_LATE_LABEL, *map(_lateness, rates), "", "")
+    return made
+
+
+def _cpu(use: UseMetrics | None) -> str:
+    if use is None or use.cpu_mean is None or use.cpu_max is None:
+        return "-"
+    return f"{_percent(use.cpu_mean)} ({_percent(use.cpu_max)}) %"
+
+
+def _percent(share: float) -> str:
+    """Whole percents from 10 on: processor time has no finer resolution."""
+    return significant(share * 100, 2) if share < 0.1 else f"{share * 100:.0f}"
+
+
+def _memory(uses: list[UseMetrics | None]) -> str:
+    known = [
+        use.memory_max_bytes for use in uses if use is not None and use.memory_max_bytes is not None
+    ]
+    return show(float(max(known)), "B") if known else "-"
+
+
+def _faults(uses: list[UseMetrics | None]) -> str:
+    known = [
+        use.faults_per_message
+        for use in uses
+        if use is not None and use.faults_per_message is not None
+    ]
+    return significant(max(known), 2) if known else "-"
+
+
+def _lateness(rate: RateMetrics) -> str:
+    late = rate.pooled.playback.lateness
+    return f"{show(part_value(late, TAIL_PERCENTILE), 's')} ({show(late.max, 's')})"
+
+
+_SHOWN_WAITS = 3
+_SHORTEST_WAIT_NS = 1_000_000
+_ASKED_KINDS = frozenset({"iteration", "confirmation", "sustained"})
+
+
+def show_phases(record: RunRecord, began_ns: int, ended_ns: int) -> None:
+    """Print the table to standard error.
+
+    Args:
+        record: of the run.
+        began_ns: when the command began (CLOCK_MONOTONIC), later by what it waited for the host.
+        ended_ns: when it had written its reports.
+    """
+    if not record.phases:
+        return
+    page = console(sys.stderr, color_system=None, width=shutil.get_terminal_size((100, 24)).columns)
+    before_ns = record.phases[0].began_ns - began_ns
+    after_ns = ended_ns - record.phases[-1].ended_ns
+    page.print(heading("time", "of each phase; CPU is that of the controller"))
+    page.print(phase_table(record, before_ns, after_ns))
+
+
+def phase_table(record: RunRecord, before_ns: int = 0, after_ns: int = 0) -> Table:
+    """The phases of a run, those of the same name together.
+
+    Args:
+        record: of the run.
+        before_ns: from the start of the command to the first phase; 0 if unknown.
+        after_ns: from the end of the last phase to the end of the reports.
+    """
+    made = table(["phase", "took", "CPU", ""])
+    made.columns[-1].justify = "left"
+    made.columns[-1].no_wrap = False
+    if before_ns:
+        made.add_row("command", _short_time(before_ns), "", "interpreter, validating, planning")
+    for phases in _by_name(record.phases):
+        name = phases[0].name if len(phases) == 1 else f"{phases[0].name} ({len(phases)} times)"
+        cpu_ns = sum(each.cpu_ns for each in phases)
+        made.add_row(name, _short_time(took_ns(phases)), _short_time(cpu_ns), waits_text(phases))
+    if after_ns:
+        made.add_row("report", _short_time(after_ns), "", "metrics, verdict, reports")
+    whole_ns = before_ns + took_ns(record.phases) + after_ns
+    asked_ns = asked_playing_ns(record)
+    made.add_row("in all", _short_time(whole_ns), "", "")
+    made.add_row(
+        "beyond the playing", _short_time(whole_ns - asked_ns), "", f"of {_short_time(asked_ns)}"
+    )
+    return made
+
+
+def took_ns(phases: Iterable[PhaseTime]) -> int:
+    """How long phases took together."""
+    return sum(each.took_ns for each in phases)
+
+
+def asked_playing_ns(record: RunRecord) -> int:
+    """How long the iterations and sustained rates of a run were played; a search is not counted."""
+    return sum(
+        each.ended_ns - each.began_ns
+        if not each.rate_hz
+        else round(each.steps / each.rate_hz * 1e9)
+        for each in record.segments
+        if each.kind in _ASKED_KINDS
+    )
+
+
+def waits_text(phases: Sequence[PhaseTime]) -> str:
+    """The longest waits of phases: ``relay: ready 0.41 s, endpoints: matched 0.1 s``."""
+    found: dict[str, int] = {}
+    for wait in (wait for each in phases for wait in each.waits):
+        found[wait.what] = found.get(wait.what, 0) + wait.took_ns
+    longest = sorted(found.items(), key=lambda each: each[1], reverse=True)[:_SHOWN_WAITS]
+    return ", ".join(
+        f"{what} {_short_time(took)}" for what, took in longest if took >= _SHORTEST_WAIT_NS
+    )
+
+
+def _by_name(phases: Iterable[PhaseTime]) -> list[list[PhaseTime]]:
+    found: dict[str, list[PhaseTime]] = {}
+    for each in phases:
+        found.setdefault(each.name, []).append(each)
+    return list(found.values())
+
+
+def _short_time(time_ns: int) -> str:
+    return show(time_ns / 1e9, "s", digits=2)

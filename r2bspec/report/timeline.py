@@ -1,0 +1,325 @@
+"""The timeline of a run, and the formats with a time axis: phases, messages and loads.
+
+The Trace Event Format is what Perfetto and chrome://tracing open. Phases and segments are slices,
+messages in flight are asynchronous slices of each monitor, from publication to reception, and CPU
+and memory are counters. A lost message is a slice named ``lost`` that ends with its segment. Times
+are microseconds since the first event.
+
+An MCAP file has the metrics over time, for Foxglove. Topics: ``/r2bspec/MONITOR/latency`` with a
+message for each step, ``/r2bspec/MONITOR/missed`` with one for each missed output,
+``/r2bspec/MONITOR/metrics`` at the end of each iteration, ``/r2bspec/load/PROCESS`` and
+``/r2bspec/phase``. Messages are JSON with a schema; their times are those of the system clock,
+converted from the monotonic one by the stamps of the playback. ``result.json`` is attached. The
+messages of the graph itself are not recorded in a run.
+
+All other times are CLOCK_MONOTONIC nanoseconds, as in the run folder.
+"""
+
+from __future__ import annotations
+
+import heapq
+import io
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from r2bspec.compare.report_input import ReportInput
+from r2bspec.judge.judge_run import to_json
+from r2bspec.measure.host_usage import MACHINE_INDEX, spaced_indices
+from r2bspec.measure.matching import match_segment
+from r2bspec.measure.metrics import pace_of
+from r2bspec.measure.units import show_rate
+from r2bspec.record.run_folder import Run
+from r2bspec.record.run_record import Segment
+
+WHOLE_MACHINE = "whole machine"
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedAnswer:
+    """An expected output at one monitor; `received_ns` is None if it never arrived."""
+
+    segment: Segment
+    step: int
+    published_ns: int
+    received_ns: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class LoadSample:
+    """The load of a process since the sample before; one core is 1."""
+
+    process: str
+    at_ns: int
+    cpu: float
+    memory_bytes: int
+
+
+def phases(run: Run, end_ns: int | None = None) -> list[tuple[str, int, int]]:
+    """Each phase with its beginning and its end.
+
+    The last one ends at `end_ns`, or, where that is None, with the last segment.
+    """
+    begun = [
+        (text.removeprefix("phase "), at_ns)
+        for at_ns, text in run.record.events
+        if text.startswith("phase ")
+    ]
+    if end_ns is None:
+        ends = [segment.ended_ns for segment in run.record.segments]
+        end_ns = max([*ends, *(at_ns for at_ns, _ in run.record.events)], default=0)
+    # Without any recorded phase, the last end is left over.
+    ends = [*(at_ns for _, at_ns in begun[1:]), end_ns]
+    return [(name, at_ns, max(end, at_ns)) for (name, at_ns), end in zip(begun, ends, strict=False)]
+
+
+def expected_answers(run: Run, monitor: str) -> Iterator[ExpectedAnswer]:
+    """Every expected output, in the order of playing, of the segments where pairs are known."""
+    (plan,) = (each for each in run.plan.monitors if each.name == monitor)
+    for segment in run.record.segments:
+        playback, rows, matched = match_segment(run, segment, plan)
+        if not matched.pairs_known:
+            continue
+        for step, row in zip(
+            matched.trigger_steps.tolist(), matched.first_row.tolist(), strict=True
+        ):
+            yield ExpectedAnswer(
+                segment=segment,
+                step=step,
+                published_ns=int(playback["published_ns"][step]),
+                received_ns=int(rows["received_ns"][row]) if row >= 0 else None,
+            )
+
+
+def load_samples(run: Run) -> Iterator[LoadSample]:
+    """Every sample except the first of each process, by process."""
+    rows = run.resources()
+    names = {number: each.name for number, each in enumerate(run.record.processes)}
+    for index, name in {**names, MACHINE_INDEX: WHOLE_MACHINE}.items():
+        of_one = rows[rows["process"] == index]
+        of_one = of_one[np.argsort(of_one["time_ns"], kind="stable")]
+        of_one = of_one[spaced_indices(of_one["time_ns"])]
+        spans = np.diff(of_one["time_ns"])
+        used = np.diff(of_one["cpu_s"])
+        for at, (span, cpu_s) in enumerate(zip(spans.tolist(), used.tolist(), strict=True), 1):
+            if span > 0:
+                yield LoadSample(
+                    process=name,
+                    at_ns=int(of_one["time_ns"][at]),
+                    cpu=cpu_s / (span / 1e9),
+                    memory_bytes=int(of_one["memory_bytes"][at]),
+                )
+
+
+_RUN, _LOADS, _MESSAGES = 1, 2, 3
+"""Groups of tracks; the format calls them processes."""
+
+
+def render_trace(report_input: ReportInput) -> bytes:
+    """The JSON object; one event a line.
+
+    Raises:
+        ReportError: only the result is known.
+    """
+    run = report_input.require_run("the format trace")
+    lines = ",\n".join(json.dumps(event, separators=(",", ":")) for event in _events(run))
+    about = {
+        "benchmark": report_input.result.name,
+        "run_id": report_input.result.run_id,
+        "verdict": report_input.result.verdict.outcome,
+    }
+    head = f'{{"displayTimeUnit":"ms","otherData":{json.dumps(about)},"traceEvents":[\n'
+    return f"{head}{lines}\n]}}\n".encode()
+
+
+def _events(run: Run) -> Iterator[dict[str, Any]]:
+    zero, pace = _first_ns(run), pace_of(run.plan.playback_mode)
+
+    def at(time_ns: int) -> float:
+        return round((time_ns - zero) / 1e3, 3)
+
+    yield _named("process_name", _RUN, 0, "run")
+    yield _named("process_name", _LOADS, 0, "load")
+    yield _named("thread_name", _RUN, 1, "phases")
+    yield _named("thread_name", _RUN, 2, "segments")
+    for name, began, ended in phases(run):
+        yield {
+            "ph": "X", "pid": _RUN, "tid": 1, "name": name, "cat": "phase",
+            "ts": at(began), "dur": round((ended - began) / 1e3, 3),
+        }  # fmt: skip
+    for each in run.record.segments:
+        yield {
+            "ph": "X", "pid": _RUN, "tid": 2,
+            "name": f"{each.kind} {show_rate(each.rate_hz, pace)}",
+            "cat": "segment", "ts": at(each.began_ns),
+            "dur": round((each.ended_ns - each.began_ns) / 1e3, 3),
+            "args": {"id": each.id, "rate_hz": each.rate_hz, "complete": each.complete},
+        }  # fmt: skip
+    for number, monitor in enumerate(run.plan.monitors):
+        pid = _MESSAGES + number
+        yield _named("process_name", pid, 0, f"in flight: {monitor.name}")
+        for count, one in enumerate(expected_answers(run, monitor.name)):
+            lost = one.received_ns is None
+            ended = one.segment.ended_ns if one.received_ns is None else one.received_ns
+            shared = {"cat": "message", "id": f"{number}.{count}", "pid": pid, "tid": 0}
+            name = "lost" if lost else "message"
+            args = {"segment": one.segment.id, "step": one.step}
+            yield {
+                "ph": "b", "name": name, "ts": at(one.published_ns), "args": args, **shared
+            }  # fmt: skip
+            yield {"ph": "e", "name": name, "ts": at(max(ended, one.published_ns)), **shared}
+    for load in load_samples(run):
+        values = {"CPU %": round(load.cpu * 100, 2)}
+        yield _counter(f"CPU {load.process}", at(load.at_ns), values)
+        values = {"MiB": round(load.memory_bytes / 2**20, 2)}
+        yield _counter(f"memory {load.process}", at(load.at_ns), values)
+
+
+def _named(what: str, pid: int, tid: int, name: str) -> dict[str, Any]:
+    return {"ph": "M", "name": what, "pid": pid, "tid": tid, "args": {"name": name}}
+
+
+def _counter(name: str, at: float, values: dict[str, float]) -> dict[str, Any]:
+    return {"ph": "C", "pid": _LOADS, "tid": 0, "name": name, "ts": at, "args": values}
+
+
+def _first_ns(run: Run) -> int:
+    rows = run.resources()
+    times = [at_ns for at_ns, _ in run.record.events]
+    times += [each.began_ns for each in run.record.segments]
+    times += [int(rows["time_ns"].min())] if rows.size else []
+    return min(times, default=0)
+
+
+_NUMBER = {"type": "number"}
+
+_SCHEMAS: dict[str, dict[str, Any]] = {
+    "latency": {"latency_ms": _NUMBER, "offered_hz": _NUMBER, "step": {"type": "integer"}},
+    "missed": {"offered_hz": _NUMBER, "step": {"type": "integer"}, "segment": {"type": "string"}},
+    "metrics": {
+        "offered_hz": _NUMBER,
+        "segment": {"type": "string"},
+        "metrics": {"type": "object"},
+    },
+    "load": {"cpu_percent": _NUMBER, "memory_mib": _NUMBER},
+    "phase": {"phase": {"type": "string"}},
+}
+
+_Timed = tuple[int, int, str, str, dict[str, Any]]
+"""Time, a number that keeps the order stable, schema, topic, content."""
+
+
+def render_mcap(report_input: ReportInput) -> bytes:
+    """The file, its messages in the order of time.
+
+    Raises:
+        ReportError: only the result is known.
+    """
+    from mcap.writer import CompressionType, Writer
+
+    run = report_input.require_run("the format mcap")
+    offset = _clock_offset_ns(run)
+    buffer = io.BytesIO()
+    writer = Writer(buffer, compression=CompressionType.ZSTD)
+    writer.start(profile="", library="r2bspec")
+    schemas = {
+        name: writer.register_schema(
+            name=f"r2bspec/{name}",
+            encoding="jsonschema",
+            data=json.dumps({"type": "object", "properties": properties}).encode(),
+        )
+        for name, properties in _SCHEMAS.items()
+    }
+    channels: dict[str, int] = {}
+    for at_ns, number, schema, topic, content in heapq.merge(*_sorted(report_input, run)):
+        if topic not in channels:
+            channels[topic] = writer.register_channel(
+                topic=topic, message_encoding="json", schema_id=schemas[schema]
+            )
+        time_ns = max(at_ns + offset, 0)
+        writer.add_message(
+            channel_id=channels[topic],
+            log_time=time_ns,
+            publish_time=time_ns,
+            sequence=number,
+            data=json.dumps(content, separators=(",", ":")).encode(),
+        )
+    result = report_input.result
+    facts = {"name": result.name, "run_id": result.run_id, "verdict": result.verdict.outcome}
+    writer.add_metadata("r2bspec", facts)
+    writer.add_attachment(
+        create_time=0,
+        log_time=0,
+        name="result.json",
+        media_type="application/json",
+        data=to_json(result),
+    )
+    writer.finish()  # type: ignore[no-untyped-call]
+    return buffer.getvalue()
+
+
+def _clock_offset_ns(run: Run) -> int:
+    """System clock minus monotonic clock, from the stamps of what was published."""
+    for segment in run.record.segments:
+        rows = run.playback(segment)
+        if rows.size:
+            return int(np.median(rows["stamp_ns"] - rows["published_ns"]))
+        if segment.clock_offset_ns is not None:
+            return segment.clock_offset_ns
+    return 0
+
+
+def _sorted(report_input: ReportInput, run: Run) -> list[list[_Timed]]:
+    return [
+        sorted((at_ns, number, *rest) for number, (at_ns, *rest) in enumerate(found))  # type: ignore[misc]
+        for found in _streams(report_input, run)
+    ]
+
+
+def _streams(
+    report_input: ReportInput, run: Run
+) -> Iterator[Iterator[tuple[int, str, str, dict[str, Any]]]]:
+    yield ((began, "phase", "/r2bspec/phase", {"phase": name}) for name, began, _ in phases(run))
+    for monitor in run.plan.monitors:
+        yield _of_messages(run, monitor.name)
+        yield _of_metrics(report_input, run, monitor.name)
+    yield (
+        (
+            load.at_ns,
+            "load",
+            f"/r2bspec/load/{load.process.replace(' ', '_')}",
+            {"cpu_percent": load.cpu * 100, "memory_mib": load.memory_bytes / 2**20},
+        )
+        for load in load_samples(run)
+    )
+
+
+def _of_messages(run: Run, monitor: str) -> Iterator[tuple[int, str, str, dict[str, Any]]]:
+    for one in expected_answers(run, monitor):
+        rate = one.segment.rate_hz
+        if one.received_ns is None:
+            content: dict[str, Any] = {"offered_hz": rate, "step": one.step}
+            content["segment"] = one.segment.id
+            yield one.published_ns, "missed", f"/r2bspec/{monitor}/missed", content
+        else:
+            latency = (one.received_ns - one.published_ns) / 1e6
+            content = {"latency_ms": latency, "offered_hz": rate, "step": one.step}
+            yield one.received_ns, "latency", f"/r2bspec/{monitor}/latency", content
+
+
+def _of_metrics(
+    report_input: ReportInput, run: Run, monitor: str
+) -> Iterator[tuple[int, str, str, dict[str, Any]]]:
+    ended = {each.id: each.ended_ns for each in run.record.segments}
+    for rate in report_input.result.metrics.rates:
+        for one in rate.iterations:
+            content = {
+                "offered_hz": rate.offered_hz,
+                "segment": one.segment,
+                "metrics": msgspec.to_builtins(one.monitors[monitor]),
+            }
+            yield ended[one.segment], "metrics", f"/r2bspec/{monitor}/metrics", content

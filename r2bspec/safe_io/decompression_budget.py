@@ -1,0 +1,294 @@
+"""How much may be unpacked: by bytes, and in proportion to what is stored.
+
+A few kilobytes can unpack to gigabytes. Formats state the size of what they have packed, so that
+most bombs are refused before anything is unpacked; what states too little is cut off at its word.
+Nothing in an .npz archive is executed.
+"""
+
+from __future__ import annotations
+
+import bz2
+import math
+import sys
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, TypeVar, cast
+
+from r2bspec.safe_io.safe_file import RefusedDataError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+MAX_PIECE_BYTES: Final = 256 << 20
+"""The largest message or chunk; recorders write chunks of a few megabytes."""
+FREE_PIECE_BYTES: Final = 64 << 20
+"""Up to here, a message or chunk may have any ratio: black images pack very well."""
+FREE_TOTAL_BYTES: Final = 512 << 20
+"""Up to here, a file may have any ratio."""
+MAX_RATIO: Final = 1_000
+"""Unpacked bytes for each stored byte; camera images reach 100."""
+
+_MAX_FRAME_HEADER_BYTES: Final = 18
+T = TypeVar("T")
+
+_HINT: Final = (
+    "copy or record it again; if it is meant, allow it with --max-bytes, or convert it without "
+    "compression"
+)
+
+
+@dataclass(slots=True)
+class _Chosen:
+    """What the user has chosen in place of the limits on files; None: nothing.
+
+    It is of the process, and not of a context: threads unpack, too.
+    """
+
+    max_bytes: int | None = None
+
+
+_CHOSEN: Final = _Chosen()
+
+
+@contextmanager
+def max_unpacked_bytes(max_bytes: int | None) -> Iterator[None]:
+    """Let each file be unpacked to this many bytes, whatever its size, while the block lasts.
+
+    A message or chunk may then have any ratio, and still no more than `MAX_PIECE_BYTES`.
+
+    Args:
+        max_bytes: the limit in bytes; None for the usual ones.
+    """
+    before = _CHOSEN.max_bytes
+    _CHOSEN.max_bytes = max_bytes
+    try:
+        yield
+    finally:
+        _CHOSEN.max_bytes = before
+
+
+def chosen_max_bytes() -> int | None:
+    """The limit of `max_unpacked_bytes` that applies; None for the usual ones."""
+    return _CHOSEN.max_bytes
+
+
+class DecompressionBudget:
+    """What a file may be unpacked to, over all of its pieces.
+
+    Args:
+        stored_bytes: the size of the file.
+    """
+
+    def __init__(self, stored_bytes: int) -> None:
+        chosen = _CHOSEN.max_bytes
+        if chosen is None:
+            self._left = max(FREE_TOTAL_BYTES, stored_bytes * MAX_RATIO)
+            self._limit = f"{MAX_RATIO:,} times its size"
+        else:
+            self._left = chosen
+            self._limit = _chosen_text(chosen)
+
+    def spend(self, unpacked_bytes: int) -> None:
+        """Take in one more piece.
+
+        Raises:
+            RefusedDataError: this is more than the whole file may be unpacked to.
+        """
+        self._left -= unpacked_bytes
+        if self._left < 0:
+            raise RefusedDataError(f"it unpacks to more than {self._limit}", hint=_HINT)
+
+    @contextmanager
+    def active(self) -> Iterator[None]:
+        """Let every piece that is unpacked meanwhile count."""
+        token = _ACTIVE.set(self)
+        try:
+            yield
+        finally:
+            _ACTIVE.reset(token)
+
+
+def spend_for_each(pieces: Iterator[T], budget: DecompressionBudget) -> Iterator[T]:
+    """Everything of an iterator; what is unpacked for it counts.
+
+    Raises:
+        RefusedDataError: as `DecompressionBudget.spend`.
+    """
+    end = object()
+    while True:
+        # Only until the next piece is there: what the caller does with it does not count.
+        with budget.active():
+            piece = next(pieces, end)
+        if piece is end:
+            return
+        yield cast("T", piece)
+
+
+_ACTIVE: ContextVar[DecompressionBudget | None] = ContextVar("_ACTIVE", default=None)
+
+
+def check_piece(stored_bytes: int, unpacked_bytes: int) -> None:
+    """Compare one message or chunk with the limits.
+
+    Raises:
+        RefusedDataError: it is too large, or unpacks to too much.
+    """
+    if unpacked_bytes > MAX_PIECE_BYTES:
+        raise RefusedDataError(
+            f"a message or chunk unpacks to more than {MAX_PIECE_BYTES >> 20} MiB", hint=_HINT
+        )
+    ratio_counts = _CHOSEN.max_bytes is None
+    if ratio_counts and unpacked_bytes > max(FREE_PIECE_BYTES, stored_bytes * MAX_RATIO):
+        raise RefusedDataError(
+            f"a message or chunk unpacks to more than {MAX_RATIO:,} times its size", hint=_HINT
+        )
+    budget = _ACTIVE.get()
+    if budget is not None:
+        budget.spend(unpacked_bytes)
+
+
+def max_unpacked(stored_bytes: int) -> int:
+    """The most bytes that a piece of this size may unpack to."""
+    chosen = _CHOSEN.max_bytes
+    if chosen is not None:
+        return min(MAX_PIECE_BYTES, chosen)
+    return min(MAX_PIECE_BYTES, max(FREE_PIECE_BYTES, stored_bytes * MAX_RATIO))
+
+
+def unpack_zstd(data: bytes, stated_bytes: int | None = None) -> bytes:
+    """Unpack zstd.
+
+    Args:
+        data: one or more frames.
+        stated_bytes: the size that the format states; None to take that of the frame.
+
+    Raises:
+        RefusedDataError: it unpacks to too much.
+        ValueError, zstd.ZstdError: it is damaged.
+    """
+    stated = zstd_size(data) if stated_bytes is None else stated_bytes
+    return _unpack(_zstd().ZstdDecompressor, data, stated)
+
+
+def zstd_size(head: bytes) -> int | None:
+    """The size that the first frame states; None if it does not.
+
+    Raises:
+        zstd.ZstdError: this is no frame.
+    """
+    size: int | None = _zstd().get_frame_info(head[:_MAX_FRAME_HEADER_BYTES]).decompressed_size
+    return size
+
+
+def _zstd() -> Any:
+    # What asks for the limits only need not wait for it.
+    if sys.version_info >= (3, 14):
+        from compression import zstd
+    else:
+        from backports import zstd
+    return zstd
+
+
+def unpack_bz2(data: bytes, stated_bytes: int | None = None) -> bytes:
+    """Unpack bzip2; arguments and errors as for `unpack_zstd`."""
+    return _unpack(bz2.BZ2Decompressor, data, stated_bytes)
+
+
+def unpack_lz4(data: bytes, stated_bytes: int | None = None) -> bytes:
+    """Unpack frames of LZ4; arguments and errors as for `unpack_zstd`."""
+    from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
+
+    return _unpack(LZ4FrameDecompressor, data, stated_bytes)
+
+
+def _unpack(decompressor: Any, data: bytes, stated_bytes: int | None) -> bytes:
+    """Unpack frames one after another, and stop where they give more than they may."""
+    if stated_bytes is not None:
+        check_piece(len(data), stated_bytes)
+    limit = max_unpacked(len(data)) if stated_bytes is None else stated_bytes
+    parts: list[bytes] = []
+    total, rest = 0, data
+    while rest:
+        one = decompressor()
+        part = one.decompress(rest, max_length=limit - total + 1)
+        parts.append(part)
+        total += len(part)
+        if total > limit:
+            _refuse(stated_bytes)
+        if not one.eof:
+            raise ValueError("compressed data ends before its end marker")
+        rest = one.unused_data
+    if stated_bytes is None:
+        check_piece(len(data), total)
+    return parts[0] if len(parts) == 1 else b"".join(parts)
+
+
+def _refuse(stated_bytes: int | None) -> None:
+    if stated_bytes is not None:
+        raise RefusedDataError("a message or chunk unpacks to more than it states", hint=_HINT)
+    chosen = _CHOSEN.max_bytes
+    limit = "too much" if chosen is None else f"more than {_chosen_text(chosen)}"
+    raise RefusedDataError(f"a message or chunk unpacks to {limit}", hint=_HINT)
+
+
+def _chosen_text(max_bytes: int) -> str:
+    return f"the {max_bytes:,} bytes of --max-bytes"
+
+
+MAX_ARRAY_BYTES: Final = 64 << 20
+"""An image of 4,000 by 4,000 pixels of four bytes."""
+
+_MAX_HEADER_BYTES: Final = 10_000
+
+
+def read_npz_array(path: Path, name: str) -> NDArray[Any]:
+    """Read one array.
+
+    Args:
+        path: of the archive.
+        name: of the array, without ``.npy``.
+
+    Raises:
+        KeyError: there is no such array.
+        RefusedDataError: the archive is damaged, or the array is too large or has no plain numbers.
+        OSError: the system refuses.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive, archive.open(f"{name}.npy") as stream:
+            return _read_array(stream)
+    except (zipfile.BadZipFile, zlib.error, ValueError, EOFError, NotImplementedError) as error:
+        raise RefusedDataError(f"{path}: the array {name} is damaged: {error}") from error
+
+
+def _read_array(stream: Any) -> NDArray[Any]:
+    import numpy as np
+
+    version = np.lib.format.read_magic(stream)
+    if version != (1, 0):
+        raise ValueError(f"version {version} of its header is not known")
+    shape, is_fortran, dtype = np.lib.format.read_array_header_1_0(
+        stream, max_header_size=_MAX_HEADER_BYTES
+    )
+    wanted = _checked_bytes(dtype, shape)
+    content = stream.read(wanted)
+    if len(content) != wanted:
+        raise ValueError(f"it has {len(content):,} of {wanted:,} bytes")
+    flat = np.frombuffer(content, dtype)
+    return flat.reshape(shape[::-1]).T if is_fortran else flat.reshape(shape)
+
+
+def _checked_bytes(dtype: np.dtype[Any], shape: tuple[int, ...]) -> int:
+    """The size of an array of plain numbers."""
+    if dtype.hasobject or dtype.kind not in "biuf":
+        raise ValueError(f"its type {dtype} is no number")
+    size = math.prod(shape) * dtype.itemsize
+    if not 0 < size <= MAX_ARRAY_BYTES:
+        raise ValueError(f"it states {size:,} bytes; {MAX_ARRAY_BYTES:,} are allowed")
+    return size

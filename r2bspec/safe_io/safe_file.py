@@ -1,0 +1,286 @@
+"""Opening files: regular ones only, without leaving the allowed folders, up to a size.
+
+A path is first opened as a place (O_PATH). That has no effect on pipes and devices, and cannot
+block. The file found there is examined and then opened itself, so that it cannot be exchanged
+between the check and its use. What is refused before its content is used is an error of this
+module. Files that an editor has changed and not saved are read with its texts.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import stat
+from collections.abc import Iterable, Iterator, Mapping
+from contextvars import ContextVar
+from pathlib import Path
+from typing import BinaryIO, Final
+
+from r2bspec.errors import R2bspecError
+from r2bspec.exit_status import ExitStatus
+from r2bspec.safe_io.looked_up_files import note_lookup, note_read
+
+
+class RefusedFileError(R2bspecError, OSError):
+    """A file that is not opened, or not read to its end.
+
+    Callers report it like any other file that cannot be read, under a code of their own. The
+    message never quotes the content of the file.
+    """
+
+    code = "R2B001"
+    exit_code = ExitStatus.USAGE
+
+    def __init__(self, reason: str, *, hint: str = "") -> None:
+        super().__init__(reason, hint=hint)
+        self.strerror = reason
+
+
+class OutsideFolderError(RefusedFileError):
+    """A link that leads out of the folders whose files may be read."""
+
+
+class TooLargeError(RefusedFileError):
+    """A file that is larger than the limit of its kind."""
+
+
+class RefusedDataError(R2bspecError, ValueError):
+    """Data that would need too much memory or time to decode."""
+
+    code = "R2B304"
+    exit_code = ExitStatus.USAGE
+
+
+_TEXTS: Final[ContextVar[Mapping[Path, str]]] = ContextVar("unsaved_files")
+
+
+@contextlib.contextmanager
+def unsaved_files(texts: Mapping[Path, str]) -> Iterator[None]:
+    """Within this context, these files are read with these texts.
+
+    Args:
+        texts: by the resolved path of the file, which must exist on disk.
+    """
+    token = _TEXTS.set(texts)
+    try:
+        yield
+    finally:
+        _TEXTS.reset(token)
+
+
+def unsaved_content(path: Path) -> bytes | None:
+    """The content of a file that is open and not saved; None for all others."""
+    texts = _TEXTS.get({})
+    text = texts.get(path.resolve()) if texts else None
+    return None if text is None else text.encode("utf-8", "surrogatepass")
+
+
+KERNEL_FOLDERS: Final = (Path("/proc"), Path("/sys"))
+"""Their regular files have no size, may block, and tell about this machine."""
+
+_KERNEL_PATHS: Final = tuple(f"{folder}/" for folder in KERNEL_FOLDERS)
+
+_KINDS: Final = (
+    (stat.S_ISDIR, "it is a folder, not a file"),
+    (stat.S_ISFIFO, "it is a pipe, not a regular file"),
+    (stat.S_ISCHR, "it is a device, not a regular file"),
+    (stat.S_ISBLK, "it is a device, not a regular file"),
+    (stat.S_ISSOCK, "it is a socket, not a regular file"),
+)
+_BLOCK_BYTES: Final = 1 << 20
+
+
+class ByteBudget:
+    """What several files may have together.
+
+    Args:
+        max_bytes: over all of them.
+    """
+
+    def __init__(self, max_bytes: int) -> None:
+        self.max_bytes = max_bytes
+        self.left = max_bytes
+
+    def spend(self, number_of_bytes: int) -> None:
+        """Count what was read of one more file; no more than `left`."""
+        self.left -= number_of_bytes
+
+
+def open_regular(path: Path, *, folders: Iterable[Path] | None = None) -> BinaryIO:
+    """Open a regular file for reading.
+
+    Args:
+        path: the file; links are followed.
+        folders: where the file itself must be, after all links; None for anywhere.
+
+    Raises:
+        RefusedFileError: it is no regular file, or outside of these folders.
+        OSError: the system refuses.
+    """
+    place = _open_place(path)
+    try:
+        _check_kind(place)
+        _check_place(place, folders)
+        note_read(path)
+        return os.fdopen(_open_itself(place), "rb")
+    finally:
+        os.close(place)
+
+
+def read_bytes(
+    path: Path,
+    *,
+    max_bytes: int,
+    folders: Iterable[Path] | None = None,
+    budget: ByteBudget | None = None,
+) -> bytes:
+    """The content of a regular file, read once.
+
+    Args:
+        path: as for `open_regular`.
+        max_bytes: the most that is read.
+        folders: as for `open_regular`.
+        budget: what this file and others may have together; a file that exceeds it uses it up.
+
+    Raises:
+        TooLargeError: it has more bytes.
+        RefusedFileError: as `open_regular`.
+        OSError: the system refuses.
+    """
+    allowed = max_bytes if budget is None else min(max_bytes, budget.left)
+    with open_regular(path, folders=folders) as opened:
+        unsaved = unsaved_content(path)
+        file = opened if unsaved is None else io.BytesIO(unsaved)
+        blocks, left = [], allowed + 1
+        while left and (block := file.read(min(left, _BLOCK_BYTES))):
+            blocks.append(block)
+            left -= len(block)
+    if budget is not None:
+        budget.spend(min(allowed, allowed + 1 - left))
+    if not left and budget is not None and allowed < max_bytes:
+        limit = f"{budget.max_bytes:,} bytes"
+        raise TooLargeError(f"it and the files read before have more than {limit} together")
+    if not left:
+        raise TooLargeError(f"it is larger than {max_bytes:,} bytes")
+    return b"".join(blocks)
+
+
+def read_listed(path: str, *, max_bytes: int) -> bytes:
+    """The beginning of a file that the listing of a folder has just shown to be a regular one.
+
+    For hundreds of small files, of which `read_bytes` would take five times as long. Nobody is
+    told of the look-up, and a link is not followed.
+
+    Raises:
+        OSError: it is no regular file any more, or the system refuses.
+    """
+    flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
+    file = os.open(path, flags)
+    try:
+        status = os.fstat(file)
+        if not stat.S_ISREG(status.st_mode):
+            raise RefusedFileError("it is not a regular file")
+        # Files of the kernel have no size.
+        return os.read(file, min(status.st_size, max_bytes))
+    finally:
+        os.close(file)
+
+
+def read_text(
+    path: Path,
+    *,
+    max_bytes: int,
+    folders: Iterable[Path] | None = None,
+    budget: ByteBudget | None = None,
+) -> str:
+    """The content of a file in UTF-8; arguments and errors as for `read_bytes`.
+
+    Raises:
+        RefusedFileError: it is not UTF-8, or as `read_bytes`.
+        OSError: the system refuses.
+    """
+    content = read_bytes(path, max_bytes=max_bytes, folders=folders, budget=budget)
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise RefusedFileError(f"it is not UTF-8 (line {line})") from None
+
+
+def is_regular(path: Path) -> bool:
+    """Whether a path leads to a regular file; a name that no file can have does not."""
+    note_lookup(path)
+    try:
+        return stat.S_ISREG(path.stat().st_mode)
+    except (OSError, ValueError):
+        return False
+
+
+def is_there(path: Path) -> bool:
+    """Whether a path leads to anything; a name that nothing can have does not."""
+    note_lookup(path)
+    try:
+        path.stat()
+    except (OSError, ValueError):
+        return False
+    return True
+
+
+def is_folder(path: Path) -> bool:
+    """Whether a path leads to a folder; a name that no folder can have does not."""
+    note_lookup(path)
+    try:
+        return stat.S_ISDIR(path.stat().st_mode)
+    except (OSError, ValueError):
+        return False
+
+
+def names_in(folder: Path) -> list[str]:
+    """The names of everything in a folder, sorted.
+
+    Raises:
+        OSError: there is no such folder, or the system refuses.
+    """
+    note_lookup(folder)
+    return sorted(os.listdir(folder))  # noqa: PTH208 - names alone are asked for
+
+
+def _open_place(path: Path) -> int:
+    note_lookup(path)
+    try:
+        return os.open(path, os.O_PATH | os.O_CLOEXEC)
+    except ValueError:
+        raise RefusedFileError("its name contains a NUL character") from None
+
+
+def _check_kind(place: int) -> None:
+    mode = os.fstat(place).st_mode
+    for is_kind, reason in _KINDS:
+        if is_kind(mode):
+            hint = "use '-' to read standard input" if stat.S_ISFIFO(mode) else ""
+            raise RefusedFileError(reason, hint=hint)
+
+
+def _check_place(place: int, folders: Iterable[Path] | None) -> None:
+    real = os.readlink(f"/proc/self/fd/{place}")  # noqa: PTH115 - many files are opened
+    if real.startswith(_KERNEL_PATHS):
+        raise OutsideFolderError("it is a file of the kernel, not of a disk")
+    if folders is not None and not any(
+        Path(real).is_relative_to(real_path(each)) for each in folders
+    ):
+        raise OutsideFolderError("it is a link out of its folder")
+
+
+def real_path(path: Path) -> Path:
+    """A path without links; as it is if it cannot be resolved."""
+    try:
+        return path.resolve()
+    except (OSError, ValueError, RuntimeError):
+        return path.absolute()
+
+
+def _open_itself(place: int) -> int:
+    """Open the very file that a place was opened for."""
+    flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
+    return os.open(f"/proc/self/fd/{place}", flags)

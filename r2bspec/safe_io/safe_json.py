@@ -1,0 +1,123 @@
+"""Decoding JSON: size, depth and numbers are limited; each problem is a `msgspec.DecodeError`.
+
+JSON allows numbers of any size. Arithmetic on them ends in an overflow somewhere, far from the file
+that is to blame; so they are refused where the file is read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import msgspec
+
+from r2bspec.safe_io.safe_file import read_bytes
+
+MAX_INTEGER: Final = 2**63 - 1
+"""Times are nanoseconds in 64 bits with a sign, in every file and array."""
+
+MAX_NUMBER: Final = 1e30
+"""Far beyond every rate, time and size there is, and far from the limits of a float."""
+
+
+def check_numbers(value: Any, free: frozenset[str] = frozenset()) -> None:
+    """See that no number inside a decoded value is out of range.
+
+    Args:
+        value: what was decoded.
+        free: fields whose numbers are only passed on, such as the parameters of nodes.
+
+    Raises:
+        ValueError: one is; the message has the way to it.
+    """
+    waiting: list[tuple[str, Any]] = [("$", value)]
+    while waiting:
+        place, each = waiting.pop()
+        if isinstance(each, bool | str | bytes) or each is None:
+            continue
+        if isinstance(each, int | float):
+            limit = MAX_INTEGER if isinstance(each, int) else MAX_NUMBER
+            if not -limit <= each <= limit and each == each:  # NaN is a number of its own
+                raise ValueError(f"a number is out of range at {place}")
+        elif isinstance(each, msgspec.Struct):
+            waiting += [
+                (f"{place}.{name}", getattr(each, name))
+                for name in each.__struct_fields__
+                if name not in free
+            ]
+        elif isinstance(each, dict):
+            waiting += [(f"{place}[...]", one) for one in each.values()]
+        elif isinstance(each, list | tuple):
+            waiting += [(f"{place}[{number}]", one) for number, one in enumerate(each)]
+
+
+MAX_JSON_BYTES: Final = 256_000_000
+"""Size of the largest document that is read; the record of a day of segments has a tenth."""
+
+T = TypeVar("T")
+
+
+def read_json(
+    path: Path,
+    kind: type[T],
+    *,
+    dec_hook: Callable[[type, Any], Any] | None = None,
+    max_bytes: int = MAX_JSON_BYTES,
+) -> T:
+    """Read one value from a file.
+
+    Raises:
+        RefusedFileError: the file is no regular file, or too large.
+        OSError: the system refuses.
+        msgspec.DecodeError: as `decode_json`.
+    """
+    return decode_json(read_bytes(path, max_bytes=max_bytes), kind, dec_hook=dec_hook)
+
+
+def decode_json(
+    content: bytes,
+    kind: type[T],
+    *,
+    dec_hook: Callable[[type, Any], Any] | None = None,
+    free: frozenset[str] = frozenset(),
+) -> T:
+    """Decode one value.
+
+    Args:
+        content: the document.
+        kind: the type of the value.
+        dec_hook: as for `msgspec.json.decode`.
+        free: fields whose numbers are only passed on; all others are checked (`check_numbers`).
+
+    Raises:
+        msgspec.ValidationError: it is JSON, but not of this type, or a number is out of range.
+        msgspec.DecodeError: it is not JSON or not UTF-8, or nested too deeply.
+    """
+    try:
+        value = msgspec.json.decode(content, type=kind, dec_hook=dec_hook)
+    except RecursionError:
+        raise msgspec.DecodeError("it is nested too deeply") from None
+    except UnicodeDecodeError as error:
+        raise msgspec.DecodeError(f"it is not UTF-8 (byte {error.start})") from None
+    try:
+        check_numbers(value, free)
+    except ValueError as error:
+        raise msgspec.ValidationError(str(error)) from None
+    return value
+
+
+def decode_python_json(content: bytes) -> object:
+    """Decode JSON that Python's own module wrote, which also knows NaN and Infinity.
+
+    Raises:
+        msgspec.DecodeError: it is not JSON or not UTF-8, or nested too deeply.
+    """
+    try:
+        import json
+
+        return json.loads(content)
+    except RecursionError:
+        raise msgspec.DecodeError("it is nested too deeply") from None
+    except ValueError as error:
+        raise msgspec.DecodeError(str(error)) from None

@@ -1,0 +1,87 @@
+"""The tables of keys in docs/language.md, made of the rules of the language."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+
+from r2bspec.language.declaration import Rule, language
+
+_TABLE_BLOCK = re.compile(r"<!-- keys of (?P<path>\S+) -->\n.*?<!-- end -->", re.DOTALL)
+
+
+def with_tables(text: str) -> str:
+    """The text with every table replaced by that of the current language.
+
+    A table is between ``<!-- keys of PATH -->`` and ``<!-- end -->``; ``spec`` is the document
+    itself, and ``<name>`` in a path is any name given by the user.
+    """
+
+    def table(found: re.Match[str]) -> str:
+        return f"<!-- keys of {found['path']} -->\n{key_table(found['path'])}<!-- end -->"
+
+    return _TABLE_BLOCK.sub(table, text)
+
+
+def key_table(path: str) -> str:
+    """The table of the keys of the map at a path."""
+    owner: Rule | None = language()
+    for part in path.split(".") if path != "spec" else ():
+        owner = owner.below(part) if owner is not None else None
+    if owner is None or owner.keys is None:
+        raise KeyError(f"the language has no map {path}")
+    lines = ["| key | value | meaning |", "| --- | --- | --- |"]
+    for name, rule in owner.keys.items():
+        value = ", ".join(filter(None, (_kind(rule), _default(rule, name in owner.required))))
+        meaning = " ".join(filter(None, (_cell(rule.description), _example(rule))))
+        lines.append(f"| `{name}` | {value} | {meaning} |")
+    return "\n".join(lines) + "\n"
+
+
+def _kind(rule: Rule) -> str:
+    words = [f"`{word}`" for word in rule.words]
+    if rule.is_parsed and rule.quantity is not None:
+        return _cell(" or ".join([rule.quantity.kind, *words]))
+    if rule.is_choice:
+        return ", ".join(words)
+    if rule.const is not None:
+        return f"`{rule.const}`"
+    called = {"object": "map", "array": "list"}
+    kinds: Sequence[str] = rule.kinds or ("any",)
+    shown = [called.get(name, name) for name in kinds if not (words and name == "string")]
+    return ", ".join([*words, *shown])
+
+
+def _default(rule: Rule, required: bool) -> str:
+    if required:
+        return "required"
+    default = rule.shown_default
+    shown = default not in (None, "", [], {}) or default is False
+    return f"default `{_flow(default)}`" if shown else ""
+
+
+def _example(rule: Rule) -> str:
+    """An example, unless the column of values or a table of its own shows one."""
+    if not rule.about.examples or rule.is_choice or rule.const is not None or rule.keys is not None:
+        return ""
+    value = rule.about.examples[0]
+    shown = _flow(value)
+    if len(shown) > 60 or isinstance(value, bool) or value in (*rule.words, rule.shown_default):
+        return ""
+    return f"Example: `{_cell(shown)}`."
+
+
+def _flow(value: object) -> str:
+    """A value as YAML on one line; strings are unquoted."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {_flow(inner)}" for key, inner in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_flow, value)) + "]"
+    return json.dumps(value)
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|")

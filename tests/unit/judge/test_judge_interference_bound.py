@@ -1,0 +1,92 @@
+"""What waiting for a processor can explain: never less than it did, and not much more."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from r2bspec.judge.interference_bound import shortest_latencies, taken_share
+from r2bspec.measure.host_usage import HostInterference
+from simulated_waits import Disturbed, Stalls, disturbed
+
+
+def bound(found: Disturbed) -> np.ndarray:
+    taken = taken_share(found.interference)
+    assert taken is not None
+    return shortest_latencies(found.seen, taken, found.interference.seconds, 30.0) / 1e9
+
+
+@st.composite
+def some_stalls(draw: st.DrawFn) -> Stalls:
+    """Few long ones or many short ones: up to a third of ten seconds."""
+    length = draw(st.sampled_from([0.002, 0.02, 0.3, 1.5]))
+    number = draw(st.integers(0, max(1, int(3 / length))))
+    starts = np.sort(np.random.default_rng(draw(st.integers(0, 99))).uniform(0, 8, number))
+    # One after the other where they would overlap.
+    gaps = np.maximum.accumulate(starts - np.arange(number) * length)
+    return [(float(each), length) for each in gaps + np.arange(number) * length]
+
+
+@settings(deadline=None, max_examples=300, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    load=st.sampled_from([0.1, 0.5, 0.9, 0.97, 1.05, 1.5, 2.0]),
+    depth=st.sampled_from([1, 2, 5, 100]),
+    stalls=some_stalls(),
+)
+def test_no_more_is_blamed_on_the_graph_than_it_does_alone(
+    load: float, depth: int, stalls: Stalls
+) -> None:
+    found = disturbed(load, depth=depth, stalls=stalls)
+    # A message at the end of a stall falls on either side of it.
+    assert np.isinf(bound(found)).sum() <= np.isinf(found.latency).sum() + 2
+    ranks = slice(0, found.latency.size - 2)
+    shortest = bound(found)[ranks]
+    finite = np.isfinite(shortest)
+    assert np.all(shortest[finite] <= found.latency[ranks][finite] * 1.01 + 1e-6)
+
+
+@pytest.mark.parametrize("depth", [2, 5, 100])
+def test_an_overloaded_graph_stays_overloaded(depth: int) -> None:
+    # Twice too slow, and 10 % of the time taken from it.
+    stalls = [(number * 0.2, 0.02) for number in range(50)]
+    found = disturbed(2.0, depth=depth, stalls=stalls)
+    shortest = bound(found)
+    measured = np.sort(found.seen.in_order("latency", np.inf))
+    # 10 % of 300 messages, and one.
+    assert np.isinf(shortest).sum() >= np.isinf(measured).sum() - 32
+    assert shortest[120] > 0.2 * measured[120]
+
+
+def test_short_waits_do_not_explain_long_latencies() -> None:
+    # 20 ms alone, and 2 ms of waiting in every tenth of a second.
+    stalls = [(number * 0.1, 0.002) for number in range(100)]
+    found = disturbed(0.6, depth=10, stalls=stalls)
+    assert bound(found)[150] > 0.018
+
+
+def test_without_waiting_nothing_is_explained() -> None:
+    found = disturbed(1.5, depth=3, stalls=[])
+    assert bound(found) == pytest.approx(found.latency)
+
+
+@pytest.mark.parametrize(
+    ("known", "share"),
+    [
+        (None, None),
+        (HostInterference(seconds=10.0, pressure=0.9, foreign_cores=1.9), None),
+        (HostInterference(seconds=10.0, pressure=0.9, own_waited=0.05), 0.05),
+        # The sum over threads that wait at once is more than the time.
+        (HostInterference(seconds=10.0, pressure=0.3, own_waited=1.2), 0.3),
+        (HostInterference(seconds=10.0, own_waited=0.1, own_cores=0.4, foreign_cores=1.5), 0.3),
+        (HostInterference(seconds=10.0, own_waited=0.1, own_cores=1.5, foreign_cores=0.2), 0.2),
+        (HostInterference(seconds=10.0, own_waited=0.1, cores=2, steal=0.1, throttled_s=1.0), 0.4),
+        (HostInterference(seconds=10.0, own_waited=0.1, calibration=2.0), 0.5),
+        (HostInterference(seconds=10.0, own_waited=3.0), 0.75),
+    ],
+)
+def test_the_share_of_the_time_that_was_taken(
+    known: HostInterference | None, share: float | None
+) -> None:
+    assert taken_share(known) == (None if share is None else pytest.approx(share))
