@@ -8,13 +8,14 @@ import importlib.util
 import os
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
 
+from r2bspec.safe_io.git import find_work_tree
 from r2bspec.safe_io.looked_up_files import shared_lookup
 from r2bspec.safe_io.safe_file import (
     is_folder,
@@ -24,6 +25,7 @@ from r2bspec.safe_io.safe_file import (
     read_bytes,
     real_path,
 )
+from r2bspec.wiring.python_package import module_of
 
 _MAX_SOURCE_BYTES = 1_000_000
 _VERSION = re.compile(r"<version[^>]*>([^<]{1,100})</version>")
@@ -54,6 +56,12 @@ def _unseen_folders() -> list[str]:
         return []
     entries = (os.environ.get("PYTHONPATH") or "").split(os.pathsep)
     return [str(Path(entry).absolute()) for entry in entries if entry]
+
+
+@shared_lookup
+def source_folder(base_dir: Path) -> Path:
+    """Where the sources of nodes may be read: the work tree of a spec, or else its folder."""
+    return find_work_tree(base_dir) or base_dir
 
 
 @shared_lookup
@@ -198,7 +206,7 @@ class PythonTarget(msgspec.Struct, frozen=True):
         module: the dotted name; empty for a file.
         file: the path of the file; unused for a module.
         name: the class or function.
-        readable: whether the file is in the folder of the spec, so that it may be read.
+        readable: whether the file is in the work tree, so that it may be read.
     """
 
     text: str
@@ -215,7 +223,7 @@ def python_target(text: str, base_dir: Path) -> PythonTarget:
         module, _, name = text.rpartition(".")
         return PythonTarget(text, module, Path(), name, readable=False)
     file = base_dir / place
-    inside = real_path(file).is_relative_to(real_path(base_dir))
+    inside = real_path(file).is_relative_to(real_path(source_folder(base_dir)))
     return PythonTarget(text, "", file, name, readable=inside)
 
 
@@ -232,7 +240,7 @@ def missing_imports(file: Path, folder: Path) -> list[ModuleImport]:
     Neither the file nor anything that it imports is executed.
 
     Args:
-        file: the Python file; its own folder is searched, too.
+        file: the Python file; its own folder and that of its package are searched, too.
         folder: where the file must be.
     """
     try:
@@ -242,9 +250,8 @@ def missing_imports(file: Path, folder: Path) -> list[ModuleImport]:
     imports: dict[str, ModuleImport] = {}
     for imported in _imports(tree.body):
         imports.setdefault(imported.module, imported)
-    return [
-        imported for imported in imports.values() if not _is_found(imported.module, file.parent)
-    ]
+    folders = {file.parent, module_of(file.resolve()).folder}
+    return [imported for imported in imports.values() if not _is_found(imported.module, folders)]
 
 
 def _imports(body: list[ast.stmt]) -> Iterator[ModuleImport]:
@@ -258,9 +265,8 @@ def _imports(body: list[ast.stmt]) -> Iterator[ModuleImport]:
                 yield ModuleImport(module.partition(".")[0], statement.lineno)
 
 
-def _is_found(module: str, folder: Path) -> bool:
-    return (
-        is_regular(folder / f"{module}.py")
-        or is_folder(folder / module)
-        or find_module(module) is not None
+def _is_found(module: str, folders: Iterable[Path]) -> bool:
+    beside = any(
+        is_regular(folder / f"{module}.py") or is_folder(folder / module) for folder in folders
     )
+    return beside or find_module(module) is not None

@@ -17,7 +17,7 @@ from collections.abc import Iterator, Set
 from dataclasses import dataclass
 from pathlib import Path
 
-from r2bspec.datasets.synthesis import datasets_dir
+from r2bspec.datasets.dataset_cache import datasets_dir
 from r2bspec.doctor.checkup import CheckResult, System, advised
 from r2bspec.ipc.process_cleanup import Session, end_run_processes, now_ticks
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE

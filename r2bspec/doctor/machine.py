@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from r2bspec.datasets.synthesis import datasets_dir
+from r2bspec.datasets.dataset_cache import datasets_dir
 from r2bspec.doctor.checkup import CheckResult, Status, System, advised, read_int, read_text
 from r2bspec.measure.units import show
 from r2bspec.middleware.middleware import Middleware, Transport, middleware_of

@@ -26,6 +26,7 @@ from rclpy.parameter import Parameter
 from r2bspec.exit_status import ExitStatus
 from r2bspec.plan.command_lines import flow_yaml
 from r2bspec.plan.plan import NodePlan
+from r2bspec.wiring.python_package import module_of
 from r2bspec.wiring.python_source import KEYWORD_ARGUMENTS
 
 
@@ -68,17 +69,36 @@ def find_factory(target: str, base_dir: Path) -> Any:
 
 
 def _import_file(file: Path) -> Any:
-    description = importlib.util.spec_from_file_location(file.stem, file)
+    """Import a file: as a module of its package if it is in one, else as if it were a script."""
+    place = module_of(file)
+    description = importlib.util.spec_from_file_location(place.name, file)
     if description is None or description.loader is None or not file.is_file():
         raise NodeError("R2B624", f"{file} is not a Python file")
-    module = importlib.util.module_from_spec(description)
     # Other files of its folder can be imported, as if it were run as a script.
     sys.path.insert(0, str(file.parent))
-    sys.modules[file.stem] = module
     try:
+        if place.package:
+            sys.path.insert(0, str(place.folder))
+            return _import_module_of(file, place.name)
+        module = importlib.util.module_from_spec(description)
+        sys.modules[place.name] = module
         description.loader.exec_module(module)
+    except NodeError:
+        raise
     except Exception as error:
         raise NodeError("R2B624", f"cannot import {file.name}: {error}") from error
+    return module
+
+
+def _import_module_of(file: Path, name: str) -> Any:
+    module = importlib.import_module(name)
+    origin = getattr(module, "__file__", None)
+    if origin is None or Path(origin).resolve() != file:
+        raise NodeError(
+            "R2B624",
+            f"cannot import {file.name}: {name!r} is {origin or 'no file'}; another package of "
+            "this name was imported before",
+        )
     return module
 
 

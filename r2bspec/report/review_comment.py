@@ -33,6 +33,7 @@ import msgspec
 
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
+from r2bspec.report.output import echo
 from r2bspec.safe_io import safe_file
 from r2bspec.safe_io.safe_json import decode_json
 
@@ -222,10 +223,12 @@ def main(arguments: list[str]) -> int:
         summary = _summary(Path(folder), status)
         post(service, marker, comment_text(marker, summary, service.log, service.max_bytes))
     except (OSError, ValueError, KeyError, msgspec.DecodeError, http.client.HTTPException) as error:
-        start = "::warning title=r2bspec::" if name == "github" else "Warning: "
-        sys.stdout.write(
+        is_command = name == "github"
+        start = "::warning title=r2bspec::" if is_command else "Warning: "
+        echo(
             f"{start}The comment could not be written: {_reason(error)}. "
-            "It has no effect on the verdict.\n"
+            "It has no effect on the verdict.",
+            commands=is_command,
         )
     return ExitStatus.OK
 

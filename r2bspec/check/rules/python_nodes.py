@@ -18,6 +18,7 @@ from r2bspec.check.installed_packages import (
     find_module,
     missing_imports,
     python_target,
+    source_folder,
     top_level_names,
 )
 from r2bspec.check.rule import Finding, Findings, quoted_list, rule, suggestion, value_key
@@ -148,9 +149,10 @@ def python_import_not_found(context: Context) -> Findings:
     # Without ROS no node can run here, and what is missing says nothing.
     if not targets or find_module("rclpy") is None:
         return
+    sources = source_folder(base_dir)
     reported: set[tuple[str, str]] = set()
     for path, target in targets.items():
-        for missing in missing_imports(target.file, base_dir) if target.readable else ():
+        for missing in missing_imports(target.file, sources) if target.readable else ():
             written = target.text.rpartition(":")[0]
             if (written, missing.module) not in reported:
                 reported.add((written, missing.module))

@@ -31,6 +31,7 @@ from pathlib import Path
 from typing import Final
 
 from r2bspec.safe_io.safe_file import is_folder, is_regular, names_in, read_bytes
+from r2bspec.wiring.python_package import module_of
 
 _MAX_METADATA_BYTES: Final = 16_000_000
 _MAX_DISTRIBUTIONS: Final = 1_000
@@ -109,37 +110,37 @@ class ModuleSearch:
         self._gone = frozenset(started_with) - frozenset(self._current)
         inherited = [path for path in sys.path if path and path not in self._gone]
         self.folders = tuple(dict.fromkeys([*self._current, *inherited]))
-        self._found: dict[tuple[str, str], ModuleSpec | None] = {}
+        self._found: dict[tuple[str, tuple[str, ...]], ModuleSpec | None] = {}
         self._records: dict[Distribution, bytes] = {}
         self._names: dict[str, list[str] | None] = {}
         self._first_parts: dict[str, frozenset[str] | None] = {}
 
-    def find(self, name: str, folder: str = "") -> ModuleSpec | None:
+    def find(self, name: str, first: tuple[str, ...] = ()) -> ModuleSpec | None:
         """A module by its dotted name; no parent package is imported.
 
         Args:
             name: of the module.
-            folder: where modules are looked for first; empty for nowhere else.
+            first: the folders in which modules are looked for first.
         """
-        key = (name, folder)
+        key = (name, first)
         if key not in self._found:
-            self._found[key] = self._find(name, folder)
+            self._found[key] = self._find(name, first)
         return self._found[key]
 
-    def _find(self, name: str, folder: str) -> ModuleSpec | None:
+    def _find(self, name: str, first: tuple[str, ...]) -> ModuleSpec | None:
         parent, _, last = name.rpartition(".")
         if not parent:
-            return self._find_top(last, folder)
-        package = self.find(parent, folder)
+            return self._find_top(last, first)
+        package = self.find(parent, first)
         if package is None or package.submodule_search_locations is None:
             return None
         return _path_spec(name, [*package.submodule_search_locations])
 
-    def _find_top(self, name: str, folder: str) -> ModuleSpec | None:
+    def _find_top(self, name: str, first: tuple[str, ...]) -> ModuleSpec | None:
         if name in sys.stdlib_module_names:
-            # Nothing but the folder of a program comes before the standard library.
-            return _path_spec(name, [folder]) if folder else None
-        folders = [folder, *self.folders] if folder else self.folders
+            # Nothing but the folders of a program come before the standard library.
+            return _path_spec(name, [*first]) if first else None
+        folders = [*first, *self.folders]
         # A workspace of colcon has a folder for each package.
         found = _path_spec(name, [each for each in folders if self._may_have(each, name)])
         if found is None:
@@ -371,17 +372,22 @@ class PythonSources:
     def of_file(self, file: Path) -> Sources:
         """The sources of a program or of a file that is imported by its path.
 
-        Modules beside it are found first, as if it were run as a script.
+        The modules of its package, if it is in one, and those beside it are found first.
         """
-        trail = _Trail(self, self._search, str(file.parent))
-        trail.add_file(file, "")
+        place = module_of(file)
+        first = tuple(dict.fromkeys((str(place.folder), str(file.parent))))
+        own = place.package.partition(".")[0]
+        trail = _Trail(self, self._search, first, own=own)
+        if own:
+            trail.add_module(place.package, ())
+        trail.add_file(file, place.package)
         return trail.follow()
 
     def of_module(self, name: str) -> Sources | None:
         """The sources of a module; None if there is no such module."""
         if self._search.find(name) is None:
             return None
-        trail = _Trail(self, self._search, "", own=name.partition(".")[0])
+        trail = _Trail(self, self._search, (), own=name.partition(".")[0])
         trail.add_module(name, ())
         return trail.follow()
 
@@ -405,16 +411,16 @@ class _Trail:
     Args:
         sources: reads files.
         search: where modules are found.
-        folder: where they are found first; empty for nowhere else.
+        first: the folders in which they are found first.
         own: the top-level package that is followed wherever it is installed.
     """
 
     def __init__(
-        self, sources: PythonSources, search: ModuleSearch, folder: str, own: str = ""
+        self, sources: PythonSources, search: ModuleSearch, first: tuple[str, ...], own: str = ""
     ) -> None:
         self._sources = sources
         self._search = search
-        self._folder = folder
+        self._first = first
         self._own = own
         self._found = Sources()
         self._waiting: list[tuple[Path, str]] = []
@@ -446,7 +452,7 @@ class _Trail:
         parts = name.split(".")
         spec: ModuleSpec | None = None
         for end in range(1, len(parts) + 1):
-            spec = self._search.find(".".join(parts[:end]), self._folder)
+            spec = self._search.find(".".join(parts[:end]), self._first)
             if spec is None:
                 return
             self._add_spec(spec)
@@ -455,7 +461,7 @@ class _Trail:
         for part in taken:
             if part == "*":
                 self._add_tree(spec.name, spec.submodule_search_locations)
-            elif (below := self._search.find(f"{name}.{part}", self._folder)) is not None:
+            elif (below := self._search.find(f"{name}.{part}", self._first)) is not None:
                 self._add_spec(below)
 
     def _add_spec(self, spec: ModuleSpec) -> None:
@@ -481,7 +487,7 @@ class _Trail:
     def _installed(self, top: str) -> bool:
         """Whether a top-level module is known by a version; it is taken down then."""
         if top not in self._is_installed:
-            spec = self._search.find(top, self._folder)
+            spec = self._search.find(top, self._first)
             owner = self._search.owner(spec) if spec is not None else None
             if owner is not None:
                 self._found.distributions.add(owner.name)

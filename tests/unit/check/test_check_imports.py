@@ -63,6 +63,24 @@ def test_imports_that_are_certain_and_not_found(folder: Path) -> None:
     assert missing_imports(folder / "nodes.py", folder / "ros") == []
 
 
+def test_a_file_of_a_package_may_import_the_package_and_nothing_that_is_missing(
+    folder: Path,
+) -> None:
+    """As colcon lays a repository out: the spec is beside the sources."""
+    (folder / ".git").mkdir()
+    package = folder / "src" / "blur" / "blur"
+    package.mkdir(parents=True)
+    (package / "__init__.py").touch()
+    (package / "cost.py").touch()
+    (package / "node.py").write_text("from blur.cost import work\nimport blurr_of_tests\n")
+    bench = folder / "bench"
+    bench.mkdir()
+    topics = "subscribes: {image: sensor_msgs/msg/Image}"
+    node = f"{{python: '../src/blur/blur/node.py:Blur', {topics}}}"
+    (missing,) = findings(bench, example(graph=f"nodes: {{one: {node}}}"), "R2B680")
+    assert "imports 'blurr_of_tests' in line 2" in missing.message
+
+
 def test_an_import_is_named_with_its_line_and_the_way_to_install_it(folder: Path) -> None:
     (folder / "nodes.py").write_text("import cv2_of_tests\nimport nav9_msgs\n", encoding="utf-8")
     topics = "subscribes: {image: sensor_msgs/msg/Image}"

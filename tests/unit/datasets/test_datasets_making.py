@@ -19,7 +19,7 @@ from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.integrity import hash_content, verify
 from r2bspec.bags.recording import DataError, SyntheticDataset, Window
-from r2bspec.datasets import synthesis
+from r2bspec.datasets import dataset_cache
 from r2bspec.datasets.synthesis import GENERATOR_VERSION, make
 
 TOPICS = ["/d455_1_imu", "/d455_1_left_ir_image"]
@@ -283,12 +283,12 @@ def test_an_unchanged_dataset_is_hashed_once_for_all_processes(
         hashed.append(path)
         return hash_content(path)
 
-    monkeypatch.setattr(synthesis, "hash_content", count)
+    monkeypatch.setattr(dataset_cache, "hash_content", count)
     for _ in range(3):
         assert not make("r2b_storage", TOPICS, WINDOW, cache_dir=tmp_path).made
     assert hashed == [tmp_path / small.path.name]
     # What was remembered is the user's own, and only that is believed.
-    (memory,) = (tmp_path / synthesis.CHECKED_FOLDER).iterdir()
+    (memory,) = (tmp_path / dataset_cache.CHECKED_FOLDER).iterdir()
     assert stat.S_IMODE(memory.stat().st_mode) == 0o600
     content = memory.read_bytes()
     memory.unlink()

@@ -170,6 +170,19 @@ def test_a_python_file_is_known_by_itself_and_what_it_imports_beside_it(top: Pat
     assert identity.packages["python"] == ".".join(map(str, sys.version_info[:3]))
 
 
+def test_a_file_of_a_package_is_known_by_the_modules_of_its_package(top: Path) -> None:
+    package = top / "src" / "camera" / "camera"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text("from .names import NAME\n")
+    (package / "names.py").write_text("NAME = 1\n")
+    (package / "cost.py").write_text("def work(): ...\n")
+    (package / "node.py").write_text("from camera.cost import work\nclass Node: ...\n")
+    plan = plan_of(python_process("camera", "../src/camera/camera/node.py:Node"))
+    assert paths(only_node(identity_of(top, plan))) == [
+        f"src/camera/camera/{name}.py" for name in ("__init__", "cost", "names", "node")
+    ]
+
+
 @pytest.mark.parametrize("name", ["blur.py", "helper.py", "shapes/corner.py"])
 def test_a_change_of_any_of_its_files_is_another_identity_and_is_named(
     top: Path, name: str
