@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 # With ROS sourced the environment sees its packages, and the wheels stay out.
 HAVE_ROS := $(shell $(PYTHON) -c "import rclpy" 2>/dev/null && echo yes)
 comma := ,
-EXTRAS := $(if $(HAVE_ROS),vision,ros$(comma)vision)
+EXTRAS := $(if $(HAVE_ROS),vision,ros$(comma)vision),report
 
 .DEFAULT_GOAL := help
 .PHONY: help demo suite test install install-dev lint types imports unit coverage ros nightly generated bench clean
