@@ -19,7 +19,7 @@ from r2bspec.judge.result import Result
 from r2bspec.measure.distribution import SHORT_PERCENTILES, part_title
 from r2bspec.measure.units import show, show_rate
 from r2bspec.report.format_registry import HOST_CHARTS, load
-from r2bspec.report.report_wording import OUTCOME_WORDS
+from r2bspec.report.report_wording import OUTCOME_WORDS, revisions_text
 from r2bspec.report.suite_summary import SuiteRow, SuiteRun, SuiteSummary
 from r2bspec.report.write_reports import STDOUT, link_text
 
@@ -73,7 +73,7 @@ def to_text(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byte
     if summary.runs:
         lines += ["\n", *(f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines())]
     lines += [f"\n{_told(run)}\n" for run in _not_passed(summary)]
-    lines += [f"\n{sentence}\n" for sentence in _gate_sentences(summary)]
+    lines += [f"\n{sentence}\n" for sentence in _sentences(summary)]
     return harmless("".join(lines)).encode()
 
 
@@ -85,7 +85,7 @@ def to_markdown(summary: SuiteSummary, results: Results, path: str = STDOUT) -> 
     if summary.runs:
         lines += table(_header(summary), [tuple(map(escaped, cells)) for cells in _table(summary)])
     reasons = [f"- {escaped(_told(run))}" for run in _not_passed(summary)]
-    reasons += [f"- {escaped(sentence)}" for sentence in _gate_sentences(summary)]
+    reasons += [f"- {escaped(sentence)}" for sentence in _sentences(summary)]
     return harmless("\n".join([*lines, "", *reasons]).rstrip() + "\n").encode()
 
 
@@ -99,7 +99,7 @@ def to_html(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byte
     header = "".join(
         f'<th scope="col"{_class_of(each)}>{html.escape(each)}</th>' for each in _header(summary)
     )
-    paragraphs = [*map(_told, _not_passed(summary)), *_gate_sentences(summary)]
+    paragraphs = [*map(_told, _not_passed(summary)), *_sentences(summary)]
     reasons = "\n".join(f"<p>{html.escape(printable_lines(text))}</p>" for text in paragraphs)
     title = html.escape(_count_text(summary))
     style = importlib.resources.files("r2bspec.report.html").joinpath("style.css")
@@ -239,6 +239,33 @@ def _gate_sentences(summary: SuiteSummary) -> Sequence[str]:
             names.setdefault(sentence, []).append(_called(run))
     of_runs = [f"{', '.join(called)}: {sentence}" for sentence, called in names.items()]
     return [*(f"{text[:1].upper()}{text[1:]}" for text in summary.gate), *of_runs]
+
+
+def _sentences(summary: SuiteSummary) -> Sequence[str]:
+    """What is said below the table, after the runs that did not pass."""
+    return [*_gate_sentences(summary), *_revision_sentences(summary)]
+
+
+def _revision_sentences(summary: SuiteSummary) -> Iterator[str]:
+    """The code that was run: once for all runs, and by name for those of other revisions.
+
+    A run without a base, such as that of a new spec, is no other if the head is the same.
+    """
+    names: dict[tuple[str, str], list[str]] = {}
+    # Runs with a base come first: the others have only half of what is said of them.
+    for run in sorted(summary.runs, key=lambda run: not run.base_revision):
+        same = ((head, base) for head, base in names if head == run.revision)
+        code = (run.revision, run.base_revision)
+        if run.revision:
+            known = code if run.base_revision else next(same, code)
+            names.setdefault(known, []).append(_called(run))
+    usual = max(names, key=lambda code: len(names[code]), default=None)
+    for code, called in names.items():
+        text = revisions_text(*code)
+        if code == usual:
+            yield f"{text[:1].upper()}{text[1:]}"
+        else:
+            yield f"{', '.join(called)}: {text}"
 
 
 def _told(run: SuiteRun) -> str:

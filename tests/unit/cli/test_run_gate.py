@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,10 +19,12 @@ from r2bspec import api
 from r2bspec.cli.main import main
 from r2bspec.compare.merge_gate import MergeGate
 from r2bspec.compare.report_input import read_folder
+from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.judge.result import Result
 from r2bspec.plan.time_estimate import estimate_pairs, estimate_time, time_text
 from r2bspec.report.suite_formats import SUITE_FORMATS
 from r2bspec.report.suite_summary import SuiteSummary
+from r2bspec.safe_io.git import commit_of
 
 NOISE = np.exp([0.004, -0.006, 0.003, -0.002, 0.005, -0.004])
 
@@ -68,10 +71,13 @@ def played(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str
         names.append(head.plan.name)
         level = (0.020 * NOISE).tolist()
         result = read_folder(Comparison(level, level[::-1]).write(folder).folder).result
+        code = graph_identity(head.plan, head.base_dir, top=gate.tree.head_top)
+        result = msgspec.structs.replace(result, name=head.plan.name, identity=code)
         if gate.base_spec(selection.spec, head) is None:
             told = gate.alone(head, f"New spec: {gate.tree.name} has nothing to compare it with.")
             return msgspec.structs.replace(result, pairs=None, gate=told.sentences)
-        return msgspec.structs.replace(result, name=head.plan.name)
+        base = msgspec.structs.replace(code, revision=gate.tree.revision)
+        return msgspec.structs.replace(result, base_identity=base)
 
     monkeypatch.setattr(api, "run_gated", run_gated)
     yield names
@@ -209,6 +215,32 @@ def test_the_summary_of_a_gate_has_ratios_and_names_new_specs(
         shown = SUITE_FORMATS[name](summary, {}).decode()
         assert "ratio to base" in shown
         assert "c, d: New spec: main" in shown
+
+
+def test_the_revisions_are_named_once_for_the_folder(
+    top: Path, played: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    base = commit_of(top, "main")
+    commit(top, {"bench/c.r2b.yaml": spec("c")})
+    head = commit_of(top, "HEAD")
+    assert base is not None
+    assert head is not None
+    with (top / "bench/a.r2b.yaml").open("a") as file:
+        file.write("# not committed\n")
+    output = tmp_path / "out"
+    assert gate("bench", "-o", output) == 0
+    expected = f"Head {head[:7]}+dirty, base main@{base[:7]}"
+    assert capsys.readouterr().out.count(expected) == 1
+    summary = suite(output)
+    for name in ("markdown", "html"):
+        shown = SUITE_FORMATS[name](summary, {}).decode()
+        assert html.unescape(shown).count(expected) == 1
+    *others, last = summary.runs
+    changed = msgspec.structs.replace(others[0], revision="1234567")
+    mixed = msgspec.structs.replace(summary, runs=(changed, *others[1:], last))
+    text = SUITE_FORMATS["text"](mixed, {}).decode()
+    assert text.count(expected) == 1
+    assert f"\na: head 1234567, base main@{base[:7]}\n" in text
 
 
 def test_the_verb_that_people_guess_is_answered(capsys: pytest.CaptureFixture[str]) -> None:
