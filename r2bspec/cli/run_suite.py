@@ -466,6 +466,7 @@ class LocalExecutor:
 
     def _play(self, number: int, entries: Sequence[SuiteEntry]) -> Result:
         from r2bspec.report.headline import headline
+        from r2bspec.report.notes import notes_of_an_open_run
         from r2bspec.report.progress import RemainingTime
 
         entry = entries[number]
@@ -481,7 +482,7 @@ class LocalExecutor:
         )
         if not self.options.quiet:
             echo(f"  {headline(result)}", err=True)
-            for sentence in result.gate:
+            for sentence in (*notes_of_an_open_run(result), *result.gate):
                 echo(f"  {sentence}", err=True)
         return result
 

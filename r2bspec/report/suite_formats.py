@@ -269,9 +269,10 @@ def _revision_sentences(summary: SuiteSummary) -> Iterator[str]:
 
 
 def _told(run: SuiteRun) -> str:
-    """The first line of the report of a run, or its error."""
+    """The first line of the report of a run with its main notes, or its error."""
     if run.line:
-        return f"{run.line} (on {run.host})" if run.host else run.line
+        line = f"{run.line} (on {run.host})" if run.host else run.line
+        return ". ".join([line, *(note.rstrip(".") for note in run.notes)])
     return f"{_WORDS.get(run.outcome, run.outcome)} {_called(run)}: {run.reason}"
 
 

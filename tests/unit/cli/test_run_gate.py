@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -22,11 +23,15 @@ from r2bspec.compare.report_input import read_folder
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.judge.result import Result
 from r2bspec.plan.time_estimate import estimate_pairs, estimate_time, time_text
+from r2bspec.report.notes import notes
 from r2bspec.report.suite_formats import SUITE_FORMATS
 from r2bspec.report.suite_summary import SuiteSummary
 from r2bspec.safe_io.git import commit_of
 
 NOISE = np.exp([0.004, -0.006, 0.003, -0.002, 0.005, -0.004])
+
+BUSY_HOST = "other processes used 0.97 of 2 cores (limit 0.5)"
+USED = {"busy_s": 1.94}
 
 
 def spec(name: str) -> str:
@@ -69,8 +74,10 @@ def played(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str
         **__: Any,
     ) -> Result:
         names.append(head.plan.name)
-        level = (0.020 * NOISE).tolist()
-        result = read_folder(Comparison(level, level[::-1]).write(folder).folder).result
+        level = (0.020 * (NOISE**10 if head.plan.name == "open" else NOISE)).tolist()
+        disturbed = {1: BUSY_HOST} if head.plan.name == "open" else {}
+        comparison = Comparison(level, level[::-1], disturbed=disturbed, load=(USED, USED))
+        result = read_folder(comparison.write(folder).folder).result
         code = graph_identity(head.plan, head.base_dir, top=gate.tree.head_top)
         result = msgspec.structs.replace(result, name=head.plan.name, identity=code)
         if gate.base_spec(selection.spec, head) is None:
@@ -241,6 +248,31 @@ def test_the_revisions_are_named_once_for_the_folder(
     text = SUITE_FORMATS["text"](mixed, {}).decode()
     assert text.count(expected) == 1
     assert f"\na: head 1234567, base main@{base[:7]}\n" in text
+
+
+def test_an_open_spec_of_a_folder_says_what_the_host_did_and_how_many_pairs_are_needed(
+    top: Path, played: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    commit(top, {"bench/open.r2b.yaml": spec("open")})
+    git(top, "branch", "--force", "main", "HEAD")
+    output = tmp_path / "out"
+    assert gate("bench", "-o", output) == 3
+    said = capsys.readouterr()
+    [note, *_] = notes(read_folder(output / "open").result).shown
+    assert note.startswith("Host interference")
+    assert "other processes used" in note
+    assert f"\n  {note}\n" in said.err
+    summary = suite(output)
+    assert [run.notes for run in summary.runs] == [(), (), (note,)]
+    for shown in (said.out, *(decoded(summary, name) for name in ("markdown", "html"))):
+        assert note in shown
+        assert re.search(r"about (\d+) pairs \(--pairs \1\) would decide it", shown)
+
+
+def decoded(summary: SuiteSummary, name: str) -> str:
+    """A summary in a format, without what the format escapes."""
+    text = html.unescape(SUITE_FORMATS[name](summary, {}).decode())
+    return text.replace("\\", "")
 
 
 def test_the_verb_that_people_guess_is_answered(capsys: pytest.CaptureFixture[str]) -> None:
