@@ -14,6 +14,7 @@ import click
 
 from r2bspec.cli.run_single import (
     OutputFolder,
+    compare_with_base,
     estimate_of,
     execute,
     folder_line,
@@ -73,8 +74,7 @@ def run_suite(items: Sequence[RunItem], options: RunOptions, paths: Sequence[str
     entries = [_prepare(item, options) for item in items]
     suite = Suite(root, options)
     if options.on is None:
-        with locked_host(f"{len(entries)} benchmarks", options):
-            return _run_here(suite, entries, options, paths)
+        return _run_here(suite, entries, options, paths)
     from r2bspec.cli.fleet_suite import fleet_executor
     from r2bspec.private_files import private_files
 
@@ -87,7 +87,10 @@ def run_suite(items: Sequence[RunItem], options: RunOptions, paths: Sequence[str
 def _run_here(
     suite: Suite, entries: Sequence[SuiteEntry], options: RunOptions, paths: Sequence[str]
 ) -> int:
-    """Make all runs on this host, whose lock the caller has."""
+    """Make all runs on this host; its lock is taken once nothing more can be told without it.
+
+    A gate that refuses one of the specs plays none of them.
+    """
     # All specs are in one work tree.
     place = entries[0].item.selection.spec if entries else Path(paths[0])
     with contextlib.ExitStack() as stack:
@@ -96,12 +99,46 @@ def _run_here(
             gate = stack.enter_context(gate_of(with_known_names(options, entries), place))
             if gate is not None:
                 suite.gate = _compare_spec_sets(gate, paths, entries, options.select)
-        for entry in entries:
+        unplayed = [entry for entry in entries if entry.error is None]
+        # A build would disturb who has the host.
+        built = [entry for entry in unplayed if gate is not None and _builds_base(gate, entry)]
+        for needs_lock in (False, True):
+            if needs_lock and unplayed:
+                stack.enter_context(locked_host(f"{len(entries)} benchmarks", options))
+            if gate is None:
+                continue
+            for entry in unplayed:
+                if (entry in built) == needs_lock:
+                    _compare_with_base(gate, entry, options)
+            if any(entry.error is not None for entry in entries):
+                suite.create_folder()
+                suite.enter(entries)
+                return suite.refuse()
+        for entry in unplayed:
             if entry.prepared is not None:
                 entry.estimate = estimate_of(entry.prepared, entry.item.selection, options, gate)
         suite.create_folder()
         suite.enter(entries)
         return suite.run(LocalExecutor(suite, options, gate))
+
+
+def _builds_base(gate: MergeGate, entry: SuiteEntry) -> bool:
+    return entry.prepared is not None and gate.builds_base(entry.item.selection, entry.prepared)
+
+
+def _compare_with_base(gate: MergeGate, entry: SuiteEntry, options: RunOptions) -> None:
+    """Compare the spec of a run with that of the base; what the gate refuses is its error."""
+    from r2bspec.cli.main import show_error
+    from r2bspec.execute.errors import InterruptedRunError
+
+    assert entry.prepared is not None  # noqa: S101 - others have an error
+    try:
+        compare_with_base(gate, entry.item.selection, entry.prepared, options)
+    except InterruptedRunError:
+        raise
+    except R2bspecError as error:
+        show_error(error)
+        entry.error = error
 
 
 def with_known_names(options: RunOptions, entries: Sequence[SuiteEntry]) -> RunOptions:
@@ -241,7 +278,8 @@ class Suite:
                         break
             for number, entry in enumerate(self._entries):
                 if number not in self._runs:
-                    self._runs[number] = _skipped(entry)
+                    reason = "an earlier run did not pass (--fail-fast)"
+                    self._runs[number] = _skipped(entry, reason)
         except BaseException as error:
             # The folder of the suite is named below, and in place of that of the run.
             getattr(error, "__notes__", []).clear()
@@ -249,6 +287,15 @@ class Suite:
             raise
         finally:
             self._finish()
+        echo(folder_line(self.root), err=True)
+        return self._summary().exit_status
+
+    def refuse(self) -> int:
+        """Play nothing, because some runs have an error; returns the worst exit status."""
+        for number, entry in enumerate(self._entries):
+            refused = self.settled(entry) if entry.error is not None else None
+            self._runs[number] = refused or _skipped(entry, "the gate refuses another spec")
+        self._finish()
         echo(folder_line(self.root), err=True)
         return self._summary().exit_status
 
@@ -487,7 +534,7 @@ class LocalExecutor:
         return result
 
 
-def _skipped(entry: SuiteEntry) -> SuiteRun:
+def _skipped(entry: SuiteEntry, reason: str) -> SuiteRun:
     from r2bspec.report.suite_summary import SuiteRun
 
     return SuiteRun(
@@ -495,7 +542,7 @@ def _skipped(entry: SuiteEntry) -> SuiteRun:
         spec=str(entry.item.selection.spec),
         folder="",
         outcome="skipped",
-        reason="not run, because an earlier run did not pass (--fail-fast)",
+        reason=f"not run, because {reason}",
         exit_status=ExitStatus.OK,
         host=entry.host,
     )

@@ -167,15 +167,7 @@ class MergeGate:
         found = self.base_spec(selection.spec, head)
         if found is None:
             return self.alone(head, f"New spec: {self.tree.name} has nothing to compare it with.")
-        base_selection = replace(
-            selection,
-            spec=found,
-            sets=(*selection.sets, *self.reference.sets),
-            variables={**(selection.variables or {}), **self.reference.variables},
-            allow_paths=tuple(self._in_base(path) for path in selection.allow_paths),
-            # Of a stranger's change the base is no part: what it lists is what a head may read.
-            untrusted=None,
-        )
+        base_selection = self._base_selection(selection, found)
         if head.loaded is not None and head.loaded.case:
             cases = replace(base_selection, case="").load_cases()
             if head.loaded.case not in {loaded.case for loaded in cases}:
@@ -236,6 +228,29 @@ class MergeGate:
             sentences=tuple(sentences),
             differences=tuple(difference_lines(differences)),
             changes=changes,
+        )
+
+    def builds_base(self, selection: SpecSelection, head: Prepared) -> bool:
+        """Whether commands are run to build the base of a spec; see `sides`."""
+        found = self.base_spec(selection.spec, head)
+        if found is None:
+            return False
+        try:
+            return bool(self._build_settings(self._base_selection(selection, found)).build)
+        except R2bspecError:
+            # `sides` meets the same error, and says what it means for the gate.
+            return False
+
+    def _base_selection(self, selection: SpecSelection, spec: Path) -> SpecSelection:
+        """The base's version of a spec, with the options of the head."""
+        return replace(
+            selection,
+            spec=spec,
+            sets=(*selection.sets, *self.reference.sets),
+            variables={**(selection.variables or {}), **self.reference.variables},
+            allow_paths=tuple(self._in_base(path) for path in selection.allow_paths),
+            # Of a stranger's change the base is no part: what it lists is what a head may read.
+            untrusted=None,
         )
 
     def base_spec(self, spec: Path, head: Prepared | None = None) -> Path | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import html
 import json
 import re
@@ -273,6 +274,114 @@ def decoded(summary: SuiteSummary, name: str) -> str:
     """A summary in a format, without what the format escapes."""
     text = html.unescape(SUITE_FORMATS[name](summary, {}).decode())
     return text.replace("\\", "")
+
+
+@pytest.fixture
+def lock(monkeypatch: pytest.MonkeyPatch, played: list[str]) -> list[list[str]]:
+    """What had been played each time that the lock of the host was taken."""
+    taken: list[list[str]] = []
+
+    @contextlib.contextmanager
+    def host_lock(*_: Any, **__: Any) -> Iterator[None]:
+        taken.append(list(played))
+        yield
+
+    monkeypatch.setattr("r2bspec.execute.processes.machine.host_lock", host_lock)
+    return taken
+
+
+def locked_gate(*arguments: object) -> int:
+    return main(["run", *map(str, arguments), "--against", "main", "--quiet"])
+
+
+def weaker(name: str) -> str:
+    return spec(name).replace("50 ms", "70 ms")
+
+
+def without_objectives(name: str) -> str:
+    return example().replace("name: example", f"name: {name}")
+
+
+def test_every_spec_of_a_folder_is_compared_before_the_first_is_played(
+    top: Path,
+    played: list[str],
+    lock: list[list[str]],
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    commit(top, {"bench/c.r2b.yaml": "r2bspec: 1\n", "bench/d.r2b.yaml": spec("d")})
+    git(top, "branch", "--force", "main", "HEAD")
+    changed = {"b": weaker("b"), "c": spec("c"), "d": without_objectives("d")}
+    commit(top, {f"bench/{name}.r2b.yaml": text for name, text in changed.items()})
+    junit, output = tmp_path / "junit.xml", tmp_path / "out"
+    options = ["--require-slos", "-o", output, "--junit-xml", junit]
+    assert locked_gate("bench", *options) == 2
+    said = capsys.readouterr()
+    # What is weaker, a base that cannot be used, and missing objectives: each is told.
+    for code in ("R2B692", "R2B698", "R2B693"):
+        assert code in said.err
+        assert code in said.out
+        assert code in junit.read_text()
+    assert (played, lock) == ([], [])
+    outcomes = [(run.name, run.outcome) for run in suite(output).runs]
+    assert outcomes == [("a", "skipped"), ("b", "error"), ("c", "error"), ("d", "error")]
+    assert "the gate refuses another spec" in suite(output).runs[0].reason
+
+
+def test_the_lock_of_the_host_is_taken_right_before_the_first_start(
+    top: Path, played: list[str], lock: list[list[str]]
+) -> None:
+    assert locked_gate("bench") == 0
+    assert (lock, played) == ([[]], ["a", "b"])
+    assert locked_gate("alone/blur.r2b.yaml") == 0
+    assert lock == [[], ["a", "b"]]
+
+
+@pytest.mark.parametrize("path", ["alone", "alone/blur.r2b.yaml"])
+@pytest.mark.parametrize(
+    ("changes", "options", "code"),
+    [
+        ({}, ["--against", "mian"], "R2B694"),
+        ({}, ["--allow", "objective fats"], "objective fats"),
+        ({"alone/blur.r2b.yaml": None}, [], "R2B692"),
+        ({"alone/blur.r2b.yaml": weaker("blur")}, [], "R2B692"),
+    ],
+)
+def test_what_needs_no_playing_is_told_without_the_lock(
+    top: Path,
+    played: list[str],
+    lock: list[list[str]],
+    capsys: pytest.CaptureFixture[str],
+    path: str,
+    changes: dict[str, str | None],
+    options: list[str],
+    code: str,
+) -> None:
+    for name, text in changes.items():
+        if text is None:
+            git(top, "rm", "--quiet", name)
+        else:
+            (top / name).write_text(text)
+    against = [] if "--against" in options else ["--against", "main"]
+    assert main(["run", path, *options, *against]) == 2
+    assert code in capsys.readouterr().err
+    assert (played, lock) == ([], [])
+
+
+def test_a_base_is_built_under_the_lock(
+    top: Path, played: list[str], lock: list[list[str]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert locked_gate("bench", "--base-build", "false") == 2
+    assert "R2B695" in capsys.readouterr().err
+    assert (played, lock) == ([], [[]])
+
+
+def test_no_lock_is_taken_where_nothing_is_played(
+    top: Path, played: list[str], lock: list[list[str]]
+) -> None:
+    git(top, "rm", "--quiet", "alone/blur.r2b.yaml")
+    assert locked_gate("alone", "--allow", "spec alone/blur.r2b.yaml") == 0
+    assert (played, lock) == ([], [])
 
 
 def test_the_verb_that_people_guess_is_answered(capsys: pytest.CaptureFixture[str]) -> None:
