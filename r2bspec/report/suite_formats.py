@@ -60,6 +60,7 @@ def to_text(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byte
     from r2bspec.report.output import console
     from r2bspec.report.terminal_tables import table
 
+    summary = _with_distinct_names(summary)
     buffer = io.StringIO()
     page = console(buffer, width=_WIDEST, color_system=None, legacy_windows=False)
     header = _header(summary)
@@ -81,6 +82,7 @@ def to_markdown(summary: SuiteSummary, results: Results, path: str = STDOUT) -> 
     """The same for a comment or a step summary."""
     from r2bspec.report.markdown import escaped, table
 
+    summary = _with_distinct_names(summary)
     lines = [f"### {escaped(_count_text(summary))}", ""]
     if summary.runs:
         lines += table(_header(summary), [tuple(map(escaped, cells)) for cells in _table(summary)])
@@ -91,6 +93,7 @@ def to_markdown(summary: SuiteSummary, results: Results, path: str = STDOUT) -> 
 
 def to_html(summary: SuiteSummary, results: Results, path: str = STDOUT) -> bytes:
     """One page that links to the pages of the runs; runs on several hosts are drawn, too."""
+    summary = _with_distinct_names(summary)
     rows = "\n".join(
         f"<tr>{''.join(_html_cells(summary, cells, run, path))}</tr>"
         for run in summary.runs
@@ -155,10 +158,10 @@ def to_junit(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byt
     from r2bspec.report.pipelines import to_suite
 
     xml = JUnitXml("r2bspec")
-    for run in summary.runs:
+    for run, known in zip(_with_distinct_names(summary).runs, summary.runs, strict=True):
         if run.folder in results:
             suite = to_suite(ReportInput(result=results[run.folder]), lenient=False)
-            if run.host:
+            if run.host or run.name != known.name:
                 suite.name = printable(_called(run))
         else:
             suite = TestSuite(printable(_called(run)))
@@ -180,6 +183,24 @@ SUITE_FORMATS: Final[dict[str, SuiteRenderer]] = {
     "junit": to_junit,
 }
 """The formats of a summary, by the names of the formats of a run."""
+
+
+def _with_distinct_names(summary: SuiteSummary) -> SuiteSummary:
+    """The summary with the path of the spec after each name that several specs have.
+
+    Runs of one spec on several hosts are told apart by their hosts.
+    """
+    specs: dict[str, set[str]] = {}
+    for run in summary.runs:
+        specs.setdefault(run.name, set()).add(run.spec)
+    runs = tuple(_with_path(run) if len(specs[run.name]) > 1 else run for run in summary.runs)
+    return msgspec.structs.replace(summary, runs=runs)
+
+
+def _with_path(run: SuiteRun) -> SuiteRun:
+    name = f"{run.name} ({run.spec})"
+    line = run.line.replace(f" {run.name}: ", f" {name}: ", 1)
+    return msgspec.structs.replace(run, name=name, line=line)
 
 
 def _has_hosts(summary: SuiteSummary) -> bool:
