@@ -31,6 +31,7 @@ from r2bspec.report.output import echo, echo_document
 from r2bspec.safe_io.safe_file import is_regular
 
 if TYPE_CHECKING:
+    from r2bspec.api import PreparedBenchmark
     from r2bspec.cli.run import RunOptions
     from r2bspec.compare.merge_gate import MergeGate
     from r2bspec.judge.result import Result
@@ -93,23 +94,30 @@ def _run_here(
     """
     # All specs are in one work tree.
     place = entries[0].item.selection.spec if entries else Path(paths[0])
+    # A name that one spec does not know may be for another: all of them together are asked.
+    of_suite = replace(options, known_names=options.allow)
+    prepared = [entry.prepared for entry in entries if entry.prepared is not None]
     with contextlib.ExitStack() as stack:
         of_all = tuple(request for request in options.reports if _NAME_FIELD not in request.path)
-        with reported_failures(replace(options, reports=of_all), OutputFolder(), place):
-            gate = stack.enter_context(gate_of(with_known_names(options, entries), place))
+        summaries_only = replace(options, reports=of_all)
+        with reported_failures(summaries_only, OutputFolder(), place):
+            gate = stack.enter_context(gate_of(of_suite, place))
             if gate is not None:
                 suite.gate = _compare_spec_sets(gate, paths, entries, options.select)
         unplayed = [entry for entry in entries if entry.error is None]
         # A build would disturb who has the host.
-        built = [entry for entry in unplayed if gate is not None and _builds_base(gate, entry)]
+        built = {id(entry) for entry in unplayed if gate is not None and _builds_base(gate, entry)}
         for needs_lock in (False, True):
             if needs_lock and unplayed:
                 stack.enter_context(locked_host(f"{len(entries)} benchmarks", options))
             if gate is None:
                 continue
             for entry in unplayed:
-                if (entry in built) == needs_lock:
+                if (id(entry) in built) == needs_lock:
                     _compare_with_base(gate, entry, options)
+            if needs_lock or not built:
+                with reported_failures(summaries_only, OutputFolder(), place):
+                    _check_allowed(gate, options, prepared)
             if any(entry.error is not None for entry in entries):
                 suite.create_folder()
                 suite.enter(entries)
@@ -141,19 +149,19 @@ def _compare_with_base(gate: MergeGate, entry: SuiteEntry, options: RunOptions) 
         entry.error = error
 
 
-def with_known_names(options: RunOptions, entries: Sequence[SuiteEntry]) -> RunOptions:
-    """Options of which each name of ``--allow`` is known to one of the runs.
+def _check_allowed(
+    gate: MergeGate, options: RunOptions, prepared: Sequence[PreparedBenchmark]
+) -> None:
+    """Check that each name of ``--allow`` is known to one of the specs, in the head or the base.
 
     Raises:
         UsageError: one is known to none.
     """
-    prepared = [entry.prepared for entry in entries if entry.prepared is not None]
-    if not options.allow or not prepared:
-        return options
     from r2bspec.compare.gate_strength import allowable_names, check_allowed
 
-    check_allowed(options.allow, [name for one in prepared for name in allowable_names(one, one)])
-    return replace(options, known_names=options.allow)
+    if prepared:
+        of_heads = [name for head in prepared for name in allowable_names(head, head)]
+        check_allowed(options.allow, [*of_heads, *sorted(gate.names)])
 
 
 def _compare_spec_sets(

@@ -31,6 +31,7 @@ from r2bspec.compare.base_tree import BaseRevisionError, BaseTree
 from r2bspec.compare.gate_strength import (
     GateComparison,
     WeakerGateError,
+    allowable_names,
     check_gate,
     weakening_diagnostics,
 )
@@ -137,12 +138,14 @@ class MergeGate:
         reference: how the user named it, with values that are the base's alone.
         settings: what the pipeline says.
         prepare: checks and compiles a spec.
+        names: that ``--allow`` may have, of all specs that have been compared.
     """
 
     tree: BaseTree
     reference: BaseReference
     settings: GateSettings
     prepare: Prepare
+    names: set[str] = field(init=False, default_factory=set)
     _builds: BaseBuilds = field(init=False)
 
     def __post_init__(self) -> None:
@@ -193,6 +196,7 @@ class MergeGate:
                     error, f"{self.tree.name} cannot be compared with: {self._named(str(error))}"
                 ) from error
             return self.alone_without_base(head, error)
+        self.names.update(allowable_names(base, head))
         comparison = check_gate(
             base,
             head,

@@ -363,9 +363,22 @@ def test_what_needs_no_playing_is_told_without_the_lock(
         else:
             (top / name).write_text(text)
     against = [] if "--against" in options else ["--against", "main"]
-    assert main(["run", path, *options, *against]) == 2
+    assert main(["run", path, *options, *against, "--junit-xml", "junit.xml"]) == 2
     assert code in capsys.readouterr().err
+    assert code in Path("junit.xml").read_text()
     assert (played, lock) == ([], [])
+
+
+@pytest.mark.parametrize("path", ["alone", "alone/blur.r2b.yaml"])
+def test_an_objective_that_only_the_base_has_can_be_allowed(
+    top: Path, played: list[str], lock: list[list[str]], path: str
+) -> None:
+    renamed = weaker("blur").replace("fast:", "swift:")
+    (top / "alone/blur.r2b.yaml").write_text(renamed)
+    assert locked_gate(path) == 2
+    assert played == []
+    assert locked_gate(path, "--allow", "objective fast") == 0
+    assert played == ["blur"]
 
 
 def test_a_base_is_built_under_the_lock(
