@@ -15,6 +15,7 @@ from r2bspec.report.output import echo, echo_json
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
     from r2bspec.cli.run import RunOptions
+    from r2bspec.compare.gate_strength import WeakerGateError
     from r2bspec.compare.merge_gate import MergeGate
     from r2bspec.judge.result import Result
     from r2bspec.plan.time_estimate import TimeEstimate
@@ -41,10 +42,13 @@ def _run(selection: SpecSelection, options: RunOptions, folder: OutputFolder) ->
     name = prepared.plan.name
     name += "-pairs" if options.compares else "-smoke" if options.smoke else ""
     folder.path = options.output or api.default_run_folder(name)
-    asked_ns = time.monotonic_ns()
-    with locked_host(name, options):
-        waited_ns = time.monotonic_ns() - asked_ns
-        with gate_of(options, selection.spec) as gate:
+    with gate_of(options, selection.spec) as gate:
+        # A build would disturb who has the host: with one, base and head are compared later.
+        if gate is not None and not gate.builds_base(selection, prepared):
+            compare_with_base(gate, selection, prepared, options)
+        asked_ns = time.monotonic_ns()
+        with locked_host(name, options):
+            waited_ns = time.monotonic_ns() - asked_ns
             estimate = estimate_of(prepared, selection, options, gate)
             if not options.quiet:
                 echo(f"{name}: {estimate.text()}", err=True)
@@ -124,7 +128,7 @@ def estimate_of(
 
 @contextlib.contextmanager
 def gate_of(options: RunOptions, spec: Path) -> Iterator[MergeGate | None]:
-    """The merge gate, if the base has a work tree of its own. The caller has the lock of the host.
+    """The merge gate, if the base has a work tree of its own.
 
     Args:
         options: of the run.
@@ -153,6 +157,35 @@ def gate_of(options: RunOptions, spec: Path) -> Iterator[MergeGate | None]:
         if not options.quiet:
             echo(f"base: {gate.tree.name}", err=True)
         yield gate
+
+
+def compare_with_base(
+    gate: MergeGate, selection: SpecSelection, prepared: PreparedBenchmark, options: RunOptions
+) -> None:
+    """Compare a spec with that of the base, and print what is weaker; nothing is played.
+
+    The caller has the lock of the host if the base is built.
+
+    Raises:
+        R2bspecError: the gate refuses the spec, or its base.
+    """
+    from r2bspec.compare.gate_strength import WeakerGateError
+    from r2bspec.report.progress import shown_progress
+
+    try:
+        with shown_progress(quiet=options.quiet) as progress:
+            gate.sides(selection, prepared, progress)
+    except WeakerGateError as error:
+        _show_weakening(error, prepared)
+        raise
+
+
+def _show_weakening(error: WeakerGateError, prepared: PreparedBenchmark) -> None:
+    from r2bspec.report.findings_text import print_findings as show
+
+    if prepared.loaded is not None:
+        show(error.diagnostics, prepared.loaded.texts)
+        error.remainder = str(error)
 
 
 def execute(
@@ -207,9 +240,8 @@ def execute(
                 lock="off",
             )
     except BaseException as error:
-        if isinstance(error, WeakerGateError) and prepared.loaded is not None:
-            show(error.diagnostics, prepared.loaded.texts)
-            error.remainder = str(error)
+        if isinstance(error, WeakerGateError):
+            _show_weakening(error, prepared)
         if isinstance(error, api.GraphMismatchError):
             show(error.diagnostics, error.loaded.texts)
             error.remainder = error.details

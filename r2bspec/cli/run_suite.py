@@ -14,6 +14,7 @@ import click
 
 from r2bspec.cli.run_single import (
     OutputFolder,
+    compare_with_base,
     estimate_of,
     execute,
     folder_line,
@@ -30,6 +31,7 @@ from r2bspec.report.output import echo, echo_document
 from r2bspec.safe_io.safe_file import is_regular
 
 if TYPE_CHECKING:
+    from r2bspec.api import PreparedBenchmark
     from r2bspec.cli.run import RunOptions
     from r2bspec.compare.merge_gate import MergeGate
     from r2bspec.judge.result import Result
@@ -73,8 +75,7 @@ def run_suite(items: Sequence[RunItem], options: RunOptions, paths: Sequence[str
     entries = [_prepare(item, options) for item in items]
     suite = Suite(root, options)
     if options.on is None:
-        with locked_host(f"{len(entries)} benchmarks", options):
-            return _run_here(suite, entries, options, paths)
+        return _run_here(suite, entries, options, paths)
     from r2bspec.cli.fleet_suite import fleet_executor
     from r2bspec.private_files import private_files
 
@@ -87,16 +88,41 @@ def run_suite(items: Sequence[RunItem], options: RunOptions, paths: Sequence[str
 def _run_here(
     suite: Suite, entries: Sequence[SuiteEntry], options: RunOptions, paths: Sequence[str]
 ) -> int:
-    """Make all runs on this host, whose lock the caller has."""
+    """Make all runs on this host; its lock is taken once nothing more can be told without it.
+
+    A gate that refuses one of the specs plays none of them.
+    """
     # All specs are in one work tree.
     place = entries[0].item.selection.spec if entries else Path(paths[0])
+    # A name that one spec does not know may be for another: all of them together are asked.
+    of_suite = replace(options, known_names=options.allow)
+    prepared = [entry.prepared for entry in entries if entry.prepared is not None]
     with contextlib.ExitStack() as stack:
         of_all = tuple(request for request in options.reports if _NAME_FIELD not in request.path)
-        with reported_failures(replace(options, reports=of_all), OutputFolder(), place):
-            gate = stack.enter_context(gate_of(with_known_names(options, entries), place))
+        summaries_only = replace(options, reports=of_all)
+        with reported_failures(summaries_only, OutputFolder(), place):
+            gate = stack.enter_context(gate_of(of_suite, place))
             if gate is not None:
                 suite.gate = _compare_spec_sets(gate, paths, entries, options.select)
-        for entry in entries:
+        unplayed = [entry for entry in entries if entry.error is None]
+        # A build would disturb who has the host.
+        built = {id(entry) for entry in unplayed if gate is not None and _builds_base(gate, entry)}
+        for needs_lock in (False, True):
+            if needs_lock and unplayed:
+                stack.enter_context(locked_host(f"{len(entries)} benchmarks", options))
+            if gate is None:
+                continue
+            for entry in unplayed:
+                if (id(entry) in built) == needs_lock:
+                    _compare_with_base(gate, entry, options)
+            if needs_lock or not built:
+                with reported_failures(summaries_only, OutputFolder(), place):
+                    _check_allowed(gate, options, prepared)
+            if any(entry.error is not None for entry in entries):
+                suite.create_folder()
+                suite.enter(entries)
+                return suite.refuse()
+        for entry in unplayed:
             if entry.prepared is not None:
                 entry.estimate = estimate_of(entry.prepared, entry.item.selection, options, gate)
         suite.create_folder()
@@ -104,19 +130,38 @@ def _run_here(
         return suite.run(LocalExecutor(suite, options, gate))
 
 
-def with_known_names(options: RunOptions, entries: Sequence[SuiteEntry]) -> RunOptions:
-    """Options of which each name of ``--allow`` is known to one of the runs.
+def _builds_base(gate: MergeGate, entry: SuiteEntry) -> bool:
+    return entry.prepared is not None and gate.builds_base(entry.item.selection, entry.prepared)
+
+
+def _compare_with_base(gate: MergeGate, entry: SuiteEntry, options: RunOptions) -> None:
+    """Compare the spec of a run with that of the base; what the gate refuses is its error."""
+    from r2bspec.cli.main import show_error
+    from r2bspec.execute.errors import InterruptedRunError
+
+    assert entry.prepared is not None  # noqa: S101 - others have an error
+    try:
+        compare_with_base(gate, entry.item.selection, entry.prepared, options)
+    except InterruptedRunError:
+        raise
+    except R2bspecError as error:
+        show_error(error)
+        entry.error = error
+
+
+def _check_allowed(
+    gate: MergeGate, options: RunOptions, prepared: Sequence[PreparedBenchmark]
+) -> None:
+    """Check that each name of ``--allow`` is known to one of the specs, in the head or the base.
 
     Raises:
         UsageError: one is known to none.
     """
-    prepared = [entry.prepared for entry in entries if entry.prepared is not None]
-    if not options.allow or not prepared:
-        return options
     from r2bspec.compare.gate_strength import allowable_names, check_allowed
 
-    check_allowed(options.allow, [name for one in prepared for name in allowable_names(one, one)])
-    return replace(options, known_names=options.allow)
+    if prepared:
+        of_heads = [name for head in prepared for name in allowable_names(head, head)]
+        check_allowed(options.allow, [*of_heads, *sorted(gate.names)])
 
 
 def _compare_spec_sets(
@@ -241,7 +286,8 @@ class Suite:
                         break
             for number, entry in enumerate(self._entries):
                 if number not in self._runs:
-                    self._runs[number] = _skipped(entry)
+                    reason = "an earlier run did not pass (--fail-fast)"
+                    self._runs[number] = _skipped(entry, reason)
         except BaseException as error:
             # The folder of the suite is named below, and in place of that of the run.
             getattr(error, "__notes__", []).clear()
@@ -249,6 +295,15 @@ class Suite:
             raise
         finally:
             self._finish()
+        echo(folder_line(self.root), err=True)
+        return self._summary().exit_status
+
+    def refuse(self) -> int:
+        """Play nothing, because some runs have an error; returns the worst exit status."""
+        for number, entry in enumerate(self._entries):
+            refused = self.settled(entry) if entry.error is not None else None
+            self._runs[number] = refused or _skipped(entry, "the gate refuses another spec")
+        self._finish()
         echo(folder_line(self.root), err=True)
         return self._summary().exit_status
 
@@ -466,6 +521,7 @@ class LocalExecutor:
 
     def _play(self, number: int, entries: Sequence[SuiteEntry]) -> Result:
         from r2bspec.report.headline import headline
+        from r2bspec.report.notes import notes_of_an_open_run
         from r2bspec.report.progress import RemainingTime
 
         entry = entries[number]
@@ -481,12 +537,12 @@ class LocalExecutor:
         )
         if not self.options.quiet:
             echo(f"  {headline(result)}", err=True)
-            for sentence in result.gate:
+            for sentence in (*notes_of_an_open_run(result), *result.gate):
                 echo(f"  {sentence}", err=True)
         return result
 
 
-def _skipped(entry: SuiteEntry) -> SuiteRun:
+def _skipped(entry: SuiteEntry, reason: str) -> SuiteRun:
     from r2bspec.report.suite_summary import SuiteRun
 
     return SuiteRun(
@@ -494,7 +550,7 @@ def _skipped(entry: SuiteEntry) -> SuiteRun:
         spec=str(entry.item.selection.spec),
         folder="",
         outcome="skipped",
-        reason="not run, because an earlier run did not pass (--fail-fast)",
+        reason=f"not run, because {reason}",
         exit_status=ExitStatus.OK,
         host=entry.host,
     )

@@ -31,6 +31,7 @@ from r2bspec.compare.base_tree import BaseRevisionError, BaseTree
 from r2bspec.compare.gate_strength import (
     GateComparison,
     WeakerGateError,
+    allowable_names,
     check_gate,
     weakening_diagnostics,
 )
@@ -137,12 +138,14 @@ class MergeGate:
         reference: how the user named it, with values that are the base's alone.
         settings: what the pipeline says.
         prepare: checks and compiles a spec.
+        names: that ``--allow`` may have, of all specs that have been compared.
     """
 
     tree: BaseTree
     reference: BaseReference
     settings: GateSettings
     prepare: Prepare
+    names: set[str] = field(init=False, default_factory=set)
     _builds: BaseBuilds = field(init=False)
 
     def __post_init__(self) -> None:
@@ -167,15 +170,7 @@ class MergeGate:
         found = self.base_spec(selection.spec, head)
         if found is None:
             return self.alone(head, f"New spec: {self.tree.name} has nothing to compare it with.")
-        base_selection = replace(
-            selection,
-            spec=found,
-            sets=(*selection.sets, *self.reference.sets),
-            variables={**(selection.variables or {}), **self.reference.variables},
-            allow_paths=tuple(self._in_base(path) for path in selection.allow_paths),
-            # Of a stranger's change the base is no part: what it lists is what a head may read.
-            untrusted=None,
-        )
+        base_selection = self._base_selection(selection, found)
         if head.loaded is not None and head.loaded.case:
             cases = replace(base_selection, case="").load_cases()
             if head.loaded.case not in {loaded.case for loaded in cases}:
@@ -201,6 +196,7 @@ class MergeGate:
                     error, f"{self.tree.name} cannot be compared with: {self._named(str(error))}"
                 ) from error
             return self.alone_without_base(head, error)
+        self.names.update(allowable_names(base, head))
         comparison = check_gate(
             base,
             head,
@@ -236,6 +232,29 @@ class MergeGate:
             sentences=tuple(sentences),
             differences=tuple(difference_lines(differences)),
             changes=changes,
+        )
+
+    def builds_base(self, selection: SpecSelection, head: Prepared) -> bool:
+        """Whether commands are run to build the base of a spec; see `sides`."""
+        found = self.base_spec(selection.spec, head)
+        if found is None:
+            return False
+        try:
+            return bool(self._build_settings(self._base_selection(selection, found)).build)
+        except R2bspecError:
+            # `sides` meets the same error, and says what it means for the gate.
+            return False
+
+    def _base_selection(self, selection: SpecSelection, spec: Path) -> SpecSelection:
+        """The base's version of a spec, with the options of the head."""
+        return replace(
+            selection,
+            spec=spec,
+            sets=(*selection.sets, *self.reference.sets),
+            variables={**(selection.variables or {}), **self.reference.variables},
+            allow_paths=tuple(self._in_base(path) for path in selection.allow_paths),
+            # Of a stranger's change the base is no part: what it lists is what a head may read.
+            untrusted=None,
         )
 
     def base_spec(self, spec: Path, head: Prepared | None = None) -> Path | None:

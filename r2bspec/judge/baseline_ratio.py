@@ -170,7 +170,7 @@ def judge_pairs(case: BaselineCase, base: Values, head: Values) -> RequirementVe
     if len(before) < 2:
         return sides.undecided(
             "One pair does not show the variation between pairs.",
-            "At least 2 pairs are needed; 10 give a useful interval.",
+            "At least 2 pairs are needed; --pairs 10 gives a useful interval.",
         )
     interval = paired_ratio(before, after, case.confidence, case.resolution)
     return sides.decided(interval, "pairs", _pairs_hint(case, interval))
@@ -246,9 +246,8 @@ def _pairs_hint(case: BaselineCase, interval: RatioInterval) -> str:
             f"The ratio is too close to {show(case.limit, 'share')} for pairs that differ by "
             f"{show(interval.deviation, 'share')}: widen the margin, or use a quieter machine."
         )
-    return (
-        f"About {max(needed, interval.n + 1)} pairs would decide it, if the ratio stays the same."
-    )
+    pairs = max(needed, interval.n + 1)
+    return f"About {pairs} pairs (--pairs {pairs}) would decide it, if the ratio stays the same."
 
 
 def _count_missing(case: BaselineCase, values: Values) -> int:

@@ -39,6 +39,9 @@ _MAX_LISTED_ITERATIONS: Final = 6
 _GENERAL: Final = (MAY_RESEMBLE, FIRST_START_ALONE, WITHOUT_BURST)
 """Words of notes that most runs of a kind have alike."""
 
+_HOST_INTERFERENCE: Final = "Host interference"
+"""Words of every note that names what other programs did."""
+
 
 class Weight(IntEnum):
     """How much a note matters, the most first."""
@@ -101,6 +104,19 @@ def all_notes(result: Result) -> tuple[Note, ...]:
         if text and text.rstrip(".").lower() not in said:
             texts.setdefault(text, Note(_weight(note.weight, text), text))
     return tuple(sorted(texts.values(), key=lambda note: note.weight))
+
+
+def notes_of_an_open_run(result: Result) -> tuple[str, ...]:
+    """The main notes on an inconclusive run, for one line: what other programs did to it, if any.
+
+    Without host interference it is the first note on what is open. Nothing for other outcomes.
+    """
+    if result.verdict.outcome != "inconclusive":
+        return ()
+    main = [note for note in all_notes(result) if note.weight <= Weight.INTERFERENCE]
+    of_machine = [note.text for note in main if note.text in set(_machine_notes(result))]
+    of_host = [note.text for note in main if _HOST_INTERFERENCE in note.text]
+    return (*of_machine, *of_host[:1]) or tuple(note.text for note in main[:1])
 
 
 def particular_sentences(verdict: RequirementVerdict) -> list[str]:

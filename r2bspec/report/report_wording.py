@@ -161,15 +161,25 @@ def comparison(result: Result) -> Iterator[str]:
         yield from (f"Difference: {each}" for each in earlier.differences)
 
 
-def code_text(result: Result) -> str:
-    """The revisions that were run; empty where they are not known."""
+def revisions(result: Result) -> tuple[str, str]:
+    """The revision of the head, and that of the base; empty where they are not known."""
     head, base = (
         revision_text(identity.revision) if identity is not None else ""
         for identity in (result.identity, result.base_identity)
     )
+    return head, base
+
+
+def revisions_text(head: str, base: str) -> str:
+    """The revisions that were run, in words; empty where they are not known."""
     if head and base and head != base:
         return f"head {head}, base {base}"
     return f"revision {head}" if head else ""
+
+
+def code_text(result: Result) -> str:
+    """The revisions that were run; empty where they are not known."""
+    return revisions_text(*revisions(result))
 
 
 def code_facts(result: Result) -> dict[str, str]:

@@ -19,7 +19,7 @@ from r2bspec.judge.result import Result
 from r2bspec.measure.distribution import SHORT_PERCENTILES, part_title
 from r2bspec.measure.units import show, show_rate
 from r2bspec.report.format_registry import HOST_CHARTS, load
-from r2bspec.report.report_wording import OUTCOME_WORDS
+from r2bspec.report.report_wording import OUTCOME_WORDS, revisions_text
 from r2bspec.report.suite_summary import SuiteRow, SuiteRun, SuiteSummary
 from r2bspec.report.write_reports import STDOUT, link_text
 
@@ -60,6 +60,7 @@ def to_text(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byte
     from r2bspec.report.output import console
     from r2bspec.report.terminal_tables import table
 
+    summary = _with_distinct_names(summary)
     buffer = io.StringIO()
     page = console(buffer, width=_WIDEST, color_system=None, legacy_windows=False)
     header = _header(summary)
@@ -73,7 +74,7 @@ def to_text(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byte
     if summary.runs:
         lines += ["\n", *(f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines())]
     lines += [f"\n{_told(run)}\n" for run in _not_passed(summary)]
-    lines += [f"\n{sentence}\n" for sentence in _gate_sentences(summary)]
+    lines += [f"\n{sentence}\n" for sentence in _sentences(summary)]
     return harmless("".join(lines)).encode()
 
 
@@ -81,16 +82,18 @@ def to_markdown(summary: SuiteSummary, results: Results, path: str = STDOUT) -> 
     """The same for a comment or a step summary."""
     from r2bspec.report.markdown import escaped, table
 
+    summary = _with_distinct_names(summary)
     lines = [f"### {escaped(_count_text(summary))}", ""]
     if summary.runs:
         lines += table(_header(summary), [tuple(map(escaped, cells)) for cells in _table(summary)])
     reasons = [f"- {escaped(_told(run))}" for run in _not_passed(summary)]
-    reasons += [f"- {escaped(sentence)}" for sentence in _gate_sentences(summary)]
+    reasons += [f"- {escaped(sentence)}" for sentence in _sentences(summary)]
     return harmless("\n".join([*lines, "", *reasons]).rstrip() + "\n").encode()
 
 
 def to_html(summary: SuiteSummary, results: Results, path: str = STDOUT) -> bytes:
     """One page that links to the pages of the runs; runs on several hosts are drawn, too."""
+    summary = _with_distinct_names(summary)
     rows = "\n".join(
         f"<tr>{''.join(_html_cells(summary, cells, run, path))}</tr>"
         for run in summary.runs
@@ -99,7 +102,7 @@ def to_html(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byte
     header = "".join(
         f'<th scope="col"{_class_of(each)}>{html.escape(each)}</th>' for each in _header(summary)
     )
-    paragraphs = [*map(_told, _not_passed(summary)), *_gate_sentences(summary)]
+    paragraphs = [*map(_told, _not_passed(summary)), *_sentences(summary)]
     reasons = "\n".join(f"<p>{html.escape(printable_lines(text))}</p>" for text in paragraphs)
     title = html.escape(_count_text(summary))
     style = importlib.resources.files("r2bspec.report.html").joinpath("style.css")
@@ -155,10 +158,10 @@ def to_junit(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byt
     from r2bspec.report.pipelines import to_suite
 
     xml = JUnitXml("r2bspec")
-    for run in summary.runs:
+    for run, known in zip(_with_distinct_names(summary).runs, summary.runs, strict=True):
         if run.folder in results:
             suite = to_suite(ReportInput(result=results[run.folder]), lenient=False)
-            if run.host:
+            if run.host or run.name != known.name:
                 suite.name = printable(_called(run))
         else:
             suite = TestSuite(printable(_called(run)))
@@ -180,6 +183,24 @@ SUITE_FORMATS: Final[dict[str, SuiteRenderer]] = {
     "junit": to_junit,
 }
 """The formats of a summary, by the names of the formats of a run."""
+
+
+def _with_distinct_names(summary: SuiteSummary) -> SuiteSummary:
+    """The summary with the path of the spec after each name that several specs have.
+
+    Runs of one spec on several hosts are told apart by their hosts.
+    """
+    specs: dict[str, set[str]] = {}
+    for run in summary.runs:
+        specs.setdefault(run.name, set()).add(run.spec)
+    runs = tuple(_with_path(run) if len(specs[run.name]) > 1 else run for run in summary.runs)
+    return msgspec.structs.replace(summary, runs=runs)
+
+
+def _with_path(run: SuiteRun) -> SuiteRun:
+    name = f"{run.name} ({run.spec})"
+    line = run.line.replace(f" {run.name}: ", f" {name}: ", 1)
+    return msgspec.structs.replace(run, name=name, line=line)
 
 
 def _has_hosts(summary: SuiteSummary) -> bool:
@@ -241,10 +262,38 @@ def _gate_sentences(summary: SuiteSummary) -> Sequence[str]:
     return [*(f"{text[:1].upper()}{text[1:]}" for text in summary.gate), *of_runs]
 
 
+def _sentences(summary: SuiteSummary) -> Sequence[str]:
+    """What is said below the table, after the runs that did not pass."""
+    return [*_gate_sentences(summary), *_revision_sentences(summary)]
+
+
+def _revision_sentences(summary: SuiteSummary) -> Iterator[str]:
+    """The code that was run: once for all runs, and by name for those of other revisions.
+
+    A run without a base, such as that of a new spec, is no other if the head is the same.
+    """
+    names: dict[tuple[str, str], list[str]] = {}
+    # Runs with a base come first: the others have only half of what is said of them.
+    for run in sorted(summary.runs, key=lambda run: not run.base_revision):
+        same = ((head, base) for head, base in names if head == run.revision)
+        code = (run.revision, run.base_revision)
+        if run.revision:
+            known = code if run.base_revision else next(same, code)
+            names.setdefault(known, []).append(_called(run))
+    usual = max(names, key=lambda code: len(names[code]), default=None)
+    for code, called in names.items():
+        text = revisions_text(*code)
+        if code == usual:
+            yield f"{text[:1].upper()}{text[1:]}"
+        else:
+            yield f"{', '.join(called)}: {text}"
+
+
 def _told(run: SuiteRun) -> str:
-    """The first line of the report of a run, or its error."""
+    """The first line of the report of a run with its main notes, or its error."""
     if run.line:
-        return f"{run.line} (on {run.host})" if run.host else run.line
+        line = f"{run.line} (on {run.host})" if run.host else run.line
+        return ". ".join([line, *(note.rstrip(".") for note in run.notes)])
     return f"{_WORDS.get(run.outcome, run.outcome)} {_called(run)}: {run.reason}"
 
 

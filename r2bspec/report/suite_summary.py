@@ -13,6 +13,8 @@ from r2bspec.exit_status import ExitStatus
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.report.headline import headline
+from r2bspec.report.notes import notes_of_an_open_run
+from r2bspec.report.report_wording import revisions
 
 _SEVERITY: Final = (
     ExitStatus.OK,
@@ -62,6 +64,10 @@ class SuiteRun(msgspec.Struct, frozen=True, kw_only=True):
         line: the first line of its reports; empty where it has no result.
         gate: what its comparison with a base is to be read with, a sentence each.
         report: its page in HTML; empty where it has none.
+        notes: the main ones on an inconclusive run; see `notes_of_an_open_run`.
+        revision: of its code, with ``+dirty`` for changes that are not committed; empty where it
+            is not known.
+        base_revision: of the code that it was compared with; empty without a base.
     """
 
     name: str
@@ -76,6 +82,9 @@ class SuiteRun(msgspec.Struct, frozen=True, kw_only=True):
     line: str = ""
     gate: tuple[str, ...] = ()
     report: str = ""
+    notes: tuple[str, ...] = ()
+    revision: str = ""
+    base_revision: str = ""
 
 
 class SuiteSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -117,6 +126,7 @@ def run_with_result(
     report: str = "",
 ) -> SuiteRun:
     """A run that has a result."""
+    revision, base_revision = revisions(result)
     return SuiteRun(
         name=name or result.name,
         spec=spec,
@@ -130,6 +140,9 @@ def run_with_result(
         line=headline(result),
         gate=result.gate,
         report=report,
+        notes=notes_of_an_open_run(result),
+        revision=revision,
+        base_revision=base_revision,
     )
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import html
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,12 +21,18 @@ from r2bspec import api
 from r2bspec.cli.main import main
 from r2bspec.compare.merge_gate import MergeGate
 from r2bspec.compare.report_input import read_folder
+from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.judge.result import Result
 from r2bspec.plan.time_estimate import estimate_pairs, estimate_time, time_text
+from r2bspec.report.notes import notes
 from r2bspec.report.suite_formats import SUITE_FORMATS
 from r2bspec.report.suite_summary import SuiteSummary
+from r2bspec.safe_io.git import commit_of
 
 NOISE = np.exp([0.004, -0.006, 0.003, -0.002, 0.005, -0.004])
+
+BUSY_HOST = "other processes used 0.97 of 2 cores (limit 0.5)"
+USED = {"busy_s": 1.94}
 
 
 def spec(name: str) -> str:
@@ -66,12 +75,17 @@ def played(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str
         **__: Any,
     ) -> Result:
         names.append(head.plan.name)
-        level = (0.020 * NOISE).tolist()
-        result = read_folder(Comparison(level, level[::-1]).write(folder).folder).result
+        level = (0.020 * (NOISE**10 if head.plan.name == "open" else NOISE)).tolist()
+        disturbed = {1: BUSY_HOST} if head.plan.name == "open" else {}
+        comparison = Comparison(level, level[::-1], disturbed=disturbed, load=(USED, USED))
+        result = read_folder(comparison.write(folder).folder).result
+        code = graph_identity(head.plan, head.base_dir, top=gate.tree.head_top)
+        result = msgspec.structs.replace(result, name=head.plan.name, identity=code)
         if gate.base_spec(selection.spec, head) is None:
             told = gate.alone(head, f"New spec: {gate.tree.name} has nothing to compare it with.")
             return msgspec.structs.replace(result, pairs=None, gate=told.sentences)
-        return msgspec.structs.replace(result, name=head.plan.name)
+        base = msgspec.structs.replace(code, revision=gate.tree.revision)
+        return msgspec.structs.replace(result, base_identity=base)
 
     monkeypatch.setattr(api, "run_gated", run_gated)
     yield names
@@ -209,6 +223,178 @@ def test_the_summary_of_a_gate_has_ratios_and_names_new_specs(
         shown = SUITE_FORMATS[name](summary, {}).decode()
         assert "ratio to base" in shown
         assert "c, d: New spec: main" in shown
+
+
+def test_the_revisions_are_named_once_for_the_folder(
+    top: Path, played: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    base = commit_of(top, "main")
+    commit(top, {"bench/c.r2b.yaml": spec("c")})
+    head = commit_of(top, "HEAD")
+    assert base is not None
+    assert head is not None
+    with (top / "bench/a.r2b.yaml").open("a") as file:
+        file.write("# not committed\n")
+    output = tmp_path / "out"
+    assert gate("bench", "-o", output) == 0
+    expected = f"Head {head[:7]}+dirty, base main@{base[:7]}"
+    assert capsys.readouterr().out.count(expected) == 1
+    summary = suite(output)
+    for name in ("markdown", "html"):
+        shown = SUITE_FORMATS[name](summary, {}).decode()
+        assert html.unescape(shown).count(expected) == 1
+    *others, last = summary.runs
+    changed = msgspec.structs.replace(others[0], revision="1234567")
+    mixed = msgspec.structs.replace(summary, runs=(changed, *others[1:], last))
+    text = SUITE_FORMATS["text"](mixed, {}).decode()
+    assert text.count(expected) == 1
+    assert f"\na: head 1234567, base main@{base[:7]}\n" in text
+
+
+def test_an_open_spec_of_a_folder_says_what_the_host_did_and_how_many_pairs_are_needed(
+    top: Path, played: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    commit(top, {"bench/open.r2b.yaml": spec("open")})
+    git(top, "branch", "--force", "main", "HEAD")
+    output = tmp_path / "out"
+    assert gate("bench", "-o", output) == 3
+    said = capsys.readouterr()
+    [note, *_] = notes(read_folder(output / "open").result).shown
+    assert note.startswith("Host interference")
+    assert "other processes used" in note
+    assert f"\n  {note}\n" in said.err
+    summary = suite(output)
+    assert [run.notes for run in summary.runs] == [(), (), (note,)]
+    for shown in (said.out, *(decoded(summary, name) for name in ("markdown", "html"))):
+        assert note in shown
+        assert re.search(r"about (\d+) pairs \(--pairs \1\) would decide it", shown)
+
+
+def decoded(summary: SuiteSummary, name: str) -> str:
+    """A summary in a format, without what the format escapes."""
+    text = html.unescape(SUITE_FORMATS[name](summary, {}).decode())
+    return text.replace("\\", "")
+
+
+@pytest.fixture
+def lock(monkeypatch: pytest.MonkeyPatch, played: list[str]) -> list[list[str]]:
+    """What had been played each time that the lock of the host was taken."""
+    taken: list[list[str]] = []
+
+    @contextlib.contextmanager
+    def host_lock(*_: Any, **__: Any) -> Iterator[None]:
+        taken.append(list(played))
+        yield
+
+    monkeypatch.setattr("r2bspec.execute.processes.machine.host_lock", host_lock)
+    return taken
+
+
+def locked_gate(*arguments: object) -> int:
+    return main(["run", *map(str, arguments), "--against", "main", "--quiet"])
+
+
+def weaker(name: str) -> str:
+    return spec(name).replace("50 ms", "70 ms")
+
+
+def without_objectives(name: str) -> str:
+    return example().replace("name: example", f"name: {name}")
+
+
+def test_every_spec_of_a_folder_is_compared_before_the_first_is_played(
+    top: Path,
+    played: list[str],
+    lock: list[list[str]],
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    commit(top, {"bench/c.r2b.yaml": "r2bspec: 1\n", "bench/d.r2b.yaml": spec("d")})
+    git(top, "branch", "--force", "main", "HEAD")
+    changed = {"b": weaker("b"), "c": spec("c"), "d": without_objectives("d")}
+    commit(top, {f"bench/{name}.r2b.yaml": text for name, text in changed.items()})
+    junit, output = tmp_path / "junit.xml", tmp_path / "out"
+    options = ["--require-slos", "-o", output, "--junit-xml", junit]
+    assert locked_gate("bench", *options) == 2
+    said = capsys.readouterr()
+    # What is weaker, a base that cannot be used, and missing objectives: each is told.
+    for code in ("R2B692", "R2B698", "R2B693"):
+        assert code in said.err
+        assert code in said.out
+        assert code in junit.read_text()
+    assert (played, lock) == ([], [])
+    outcomes = [(run.name, run.outcome) for run in suite(output).runs]
+    assert outcomes == [("a", "skipped"), ("b", "error"), ("c", "error"), ("d", "error")]
+    assert "the gate refuses another spec" in suite(output).runs[0].reason
+
+
+def test_the_lock_of_the_host_is_taken_right_before_the_first_start(
+    top: Path, played: list[str], lock: list[list[str]]
+) -> None:
+    assert locked_gate("bench") == 0
+    assert (lock, played) == ([[]], ["a", "b"])
+    assert locked_gate("alone/blur.r2b.yaml") == 0
+    assert lock == [[], ["a", "b"]]
+
+
+@pytest.mark.parametrize("path", ["alone", "alone/blur.r2b.yaml"])
+@pytest.mark.parametrize(
+    ("changes", "options", "code"),
+    [
+        ({}, ["--against", "mian"], "R2B694"),
+        ({}, ["--allow", "objective fats"], "objective fats"),
+        ({"alone/blur.r2b.yaml": None}, [], "R2B692"),
+        ({"alone/blur.r2b.yaml": weaker("blur")}, [], "R2B692"),
+    ],
+)
+def test_what_needs_no_playing_is_told_without_the_lock(
+    top: Path,
+    played: list[str],
+    lock: list[list[str]],
+    capsys: pytest.CaptureFixture[str],
+    path: str,
+    changes: dict[str, str | None],
+    options: list[str],
+    code: str,
+) -> None:
+    for name, text in changes.items():
+        if text is None:
+            git(top, "rm", "--quiet", name)
+        else:
+            (top / name).write_text(text)
+    against = [] if "--against" in options else ["--against", "main"]
+    assert main(["run", path, *options, *against, "--junit-xml", "junit.xml"]) == 2
+    assert code in capsys.readouterr().err
+    assert code in Path("junit.xml").read_text()
+    assert (played, lock) == ([], [])
+
+
+@pytest.mark.parametrize("path", ["alone", "alone/blur.r2b.yaml"])
+def test_an_objective_that_only_the_base_has_can_be_allowed(
+    top: Path, played: list[str], lock: list[list[str]], path: str
+) -> None:
+    renamed = weaker("blur").replace("fast:", "swift:")
+    (top / "alone/blur.r2b.yaml").write_text(renamed)
+    assert locked_gate(path) == 2
+    assert played == []
+    assert locked_gate(path, "--allow", "objective fast") == 0
+    assert played == ["blur"]
+
+
+def test_a_base_is_built_under_the_lock(
+    top: Path, played: list[str], lock: list[list[str]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert locked_gate("bench", "--base-build", "false") == 2
+    assert "R2B695" in capsys.readouterr().err
+    assert (played, lock) == ([], [[]])
+
+
+def test_no_lock_is_taken_where_nothing_is_played(
+    top: Path, played: list[str], lock: list[list[str]]
+) -> None:
+    git(top, "rm", "--quiet", "alone/blur.r2b.yaml")
+    assert locked_gate("alone", "--allow", "spec alone/blur.r2b.yaml") == 0
+    assert (played, lock) == ([], [])
 
 
 def test_the_verb_that_people_guess_is_answered(capsys: pytest.CaptureFixture[str]) -> None:

@@ -157,6 +157,30 @@ def call(*arguments: object) -> int:
     return main(["run", *map(str, arguments), "--quiet"])
 
 
+def test_rows_and_notes_name_the_path_where_names_are_equal(
+    tmp_path: Path,
+    played: list[str],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for folder in ("left", "right"):
+        write_spec(tmp_path / folder, "slow")
+    write_spec(tmp_path / "right", "other")
+    monkeypatch.chdir(tmp_path)
+    assert call("left", "right", "-o", "out", "--junit-xml", "junit.xml") == 1
+    shown = capsys.readouterr().out
+    rows = [line for line in shown.splitlines() if line.startswith(("slow", "other"))]
+    left, right = (f"slow ({folder}/slow.r2b.yaml)" for folder in ("left", "right"))
+    assert [row.partition("  ")[0] for row in rows] == [left, "other", right]
+    assert f"start of {left}: " in shown
+    assert f"start of {right}: " in shown
+    summary = suite(tmp_path / "out")
+    assert [run.name for run in summary.runs] == ["slow", "other", "slow"]
+    for text in (SUITE_FORMATS["html"](summary, {}).decode(), Path("junit.xml").read_text()):
+        assert left in text
+        assert right in text
+
+
 def test_a_folder_is_run_to_its_end_with_the_worst_status(
     tmp_path: Path, played: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
