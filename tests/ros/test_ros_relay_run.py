@@ -82,6 +82,7 @@ def test_the_run_is_complete(done: Finished) -> None:
 
 def test_the_folder_has_everything_and_nothing_else(done: Finished) -> None:
     assert sorted(each.name for each in done.folder.iterdir()) == [
+        "interference.npy",
         "loaded_files.json",
         "logs",
         "plan.json",
@@ -90,7 +91,6 @@ def test_the_folder_has_everything_and_nothing_else(done: Finished) -> None:
         "result.json",
         "samples",
         "spec.yaml",
-        "interference.npy",
     ]
     logs = sorted(each.name for each in (done.folder / "logs").iterdir())
     assert logs == ["harness.observer.log", "monitor.log", "player.log", "relay.log"]
