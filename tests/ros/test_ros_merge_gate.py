@@ -327,7 +327,7 @@ def test_a_shallow_clone_is_told_what_to_fetch(workspace: Workspace) -> None:
 
 @SAMPLED
 def test_a_side_that_loads_files_of_the_other_is_an_error(workspace: Workspace) -> None:
-    absolute = f"import sys\nsys.path.insert(0, {str(workspace.head / 'src/blur')!r})\n"
+    absolute = f"import sys\nsys.path.insert(0, {str(workspace.head / PACKAGE)!r})\nimport cost\n"
     source = (workspace.top / PACKAGE / "node.py").read_text()
     workspace.change({f"{PACKAGE}/node.py": absolute + source}, on_main=True)
     workspace.set_cost(21.0)
