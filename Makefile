@@ -69,10 +69,10 @@ unit: install-dev
 coverage: install-dev
 	$(BIN)/pytest tests --ignore=tests/ros --ignore=tests/fault --ignore=tests/fleet --cov --cov-report=term:skip-covered
 
-# Two files of tests at a time: they assert what is true on a busy machine, too. Faults one by one:
-# they fill disks and shared memory, and end processes.
+# Two files of tests at a time, the longest first (tests/conftest.py): they assert what is true on a
+# busy machine, too. Faults one by one: they fill disks and shared memory, and end processes.
 ros: install-dev
-	$(BIN)/pytest -n 2 --dist loadfile tests/ros
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder tests/ros
 	$(BIN)/pytest tests/fault tests/fleet
 
 # Every test at its full size: whole simulations, every kind of pull request through every recipe,

@@ -11,6 +11,7 @@ pytest.importorskip("rclpy")
 
 from git_repositories import git
 from machine_load import skip_for_load
+from nightly import only_nightly
 from page_blocks import ROOT
 from pipelines import Workplace
 from pull_requests import Workspace
@@ -68,7 +69,7 @@ def test_an_objective_that_cannot_be_met_fails(place: Workplace) -> None:
 
 
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize("recipe", ["shell", "gitlab"])
+@pytest.mark.parametrize("recipe", [pytest.param("shell", marks=only_nightly()), "gitlab"])
 def test_a_slower_node_is_found_by_the_scripts(recipe: str, tmp_path: Path) -> None:
     """The scripts as they are copied, on a repository as colcon has it, with a base."""
     workspace = Workspace.create(tmp_path)

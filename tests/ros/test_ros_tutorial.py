@@ -14,6 +14,7 @@ pytest.importorskip("rclpy")
 from git_repositories import commit, git
 from github_runner import Event, Runner
 from machine_load import skip_for_load
+from nightly import only_nightly
 from page_blocks import page_blocks, page_file
 from review_services import review_service
 
@@ -83,6 +84,7 @@ def test_every_block_of_the_tutorial_works(place: Path) -> None:
     assert {path.name for path in (robot / "neutral").iterdir()} >= {"suite.json"}
 
 
+@only_nightly()
 @pytest.mark.timeout(600)
 def test_the_workflow_of_the_tutorial_gates_a_pull_request(place: Path, tmp_path: Path) -> None:
     """The steps of the action, from the checkout to the comment, on real ROS 2."""
