@@ -70,10 +70,14 @@ coverage: install-dev
 	$(BIN)/pytest tests --ignore=tests/ros --ignore=tests/fault --ignore=tests/fleet --cov --cov-report=term:skip-covered
 
 # Two files of tests at a time, the longest first (tests/conftest.py): they assert what is true on a
-# busy machine, too. Faults one by one: they fill disks and shared memory, and end processes.
+# busy machine, too. Faults one by one: they fill disks and shared memory, and end processes. A shared
+# machine can stop for seconds, so a test that fails is run once more; the summary names it, and it is
+# a defect to look for.
+RERUN := --reruns 1 -rfER
+
 ros: install-dev
-	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder tests/ros
-	$(BIN)/pytest tests/fault tests/fleet
+	$(BIN)/pytest $(RERUN) -n 2 --dist loadfile --no-loadscope-reorder tests/ros
+	$(BIN)/pytest $(RERUN) tests/fault tests/fleet
 
 # Every test at its full size: whole simulations, every kind of pull request through every recipe,
 # fleets under kills. Hours; before a release, and where a pipeline asks for it.
