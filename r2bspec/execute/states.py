@@ -94,11 +94,14 @@ NEXT: Final[Mapping[RunState, frozenset[RunState]]] = MappingProxyType(
         RunState.SETUP: frozenset({RunState.LOAD, RunState.START}),
         RunState.LOAD: frozenset({RunState.PREPROCESS, RunState.START}),
         RunState.PREPROCESS: frozenset({RunState.START}),
-        RunState.START: frozenset({RunState.OVERHEAD, RunState.GRAPH}),
+        # A start with a profiler that fails costs no verdict: the run is collected.
+        RunState.START: frozenset({RunState.OVERHEAD, RunState.GRAPH, RunState.COLLECT}),
         RunState.OVERHEAD: frozenset({RunState.GRAPH}),
-        RunState.GRAPH: frozenset({RunState.READY, RunState.AFTER_READY, RunState.WARM_UP}),
-        RunState.READY: frozenset({RunState.AFTER_READY, RunState.WARM_UP}),
-        RunState.AFTER_READY: frozenset({RunState.WARM_UP}),
+        RunState.GRAPH: frozenset(
+            {RunState.READY, RunState.AFTER_READY, RunState.WARM_UP, RunState.COLLECT}
+        ),
+        RunState.READY: frozenset({RunState.AFTER_READY, RunState.WARM_UP, RunState.COLLECT}),
+        RunState.AFTER_READY: frozenset({RunState.WARM_UP, RunState.COLLECT}),
         # A start with a profiler has none of these three, nor one with nothing left to measure.
         RunState.WARM_UP: frozenset({RunState.SEARCH, RunState.SUSTAINED, RunState.PLAY})
         | _AFTERWARDS,
