@@ -130,6 +130,7 @@ def test_no_run_is_lost_or_counted_twice_while_workers_are_killed(
     assert client.events("lost")
 
 
+@only_nightly()
 def test_a_client_that_was_killed_is_resumed(hosts: Fleet, bench: Bench, tmp_path: Path) -> None:
     spec = bench.write(quick(), "relay")
     words = (spec, "--scan", "title=run1,run2,run3", "--hosts", "any")

@@ -7,6 +7,8 @@ from typing import Any
 
 import pytest
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 pytest.importorskip("distributed")
 
@@ -49,6 +51,7 @@ def doubling(bench: Bench, *, once: bool) -> Path:
     return bench.write(spec, "doubling")
 
 
+@only_nightly()
 def test_an_invalid_run_is_made_again_on_its_host_and_no_oftener(tmp_path: Path) -> None:
     bench = Bench(tmp_path / "bench")
     with fleet(tmp_path / "fleet") as hosts:
@@ -81,6 +84,7 @@ def cached_bytes(hosts: Fleet) -> int:
     return sum({status.st_ino: status.st_size for status in files}.values())
 
 
+@only_nightly()
 def test_a_host_keeps_no_more_than_its_limit_and_is_sent_again_what_it_removed(
     tmp_path: Path,
 ) -> None:

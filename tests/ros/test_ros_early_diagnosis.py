@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from nightly import only_nightly
 from r2bspec.report.findings_text import code_with_slug
 
 pytest.importorskip("rclpy")
@@ -112,6 +113,7 @@ def test_a_remapping_of_a_program_that_matches_nothing(bench: Bench) -> None:
     assert (found.code, found.part, found.name) == ("R2B204", "remapping", "imgae")
 
 
+@only_nightly()
 def test_a_program_outside_of_the_namespace(bench: Bench) -> None:
     spec = relay_spec(graph={"nodes": {"plain": program()}})
     spec["playback"]["inputs"] = {"image": spec["playback"]["inputs"].pop("input")}
@@ -126,6 +128,7 @@ def test_incompatible_profiles(bench: Bench) -> None:
     assert_certain(bench.run(spec), "R2B216", "requests a QoS on /r2b/input")
 
 
+@only_nightly()
 def test_incompatible_profiles_between_two_nodes(bench: Bench) -> None:
     spec = relay_spec(
         graph={
@@ -174,6 +177,7 @@ def test_an_idle_program_without_the_topics_is_not_waited_for(bench: Bench) -> N
     assert re.search(r"is not ready and has not changed for \d+ s, with all nodes idle", late)
 
 
+@only_nightly()
 def test_a_misspelt_parameter_of_a_preprocessor(bench: Bench) -> None:
     remapped = {"image": "loaded", "out": "made"}
     node = program(remappings=remapped, parameters={"gian": 2.0})
@@ -199,6 +203,7 @@ def test_a_misspelt_parameter_of_a_program(bench: Bench) -> None:
     assert "warm-up" not in done.stderr
 
 
+@only_nightly()
 def test_a_parameter_of_a_program_that_resembles_no_other_is_a_warning(bench: Bench) -> None:
     node = program(remappings={"image": "input", "out": "output"}, parameters={"speed": 2.0})
     done = run(bench, node)

@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
@@ -119,6 +121,7 @@ def test_a_publisher_that_is_not_of_the_run_makes_it_invalid_and_is_named(
     assert "/elsewhere/intruder" in done.stdout
 
 
+@only_nightly()
 def test_one_that_has_left_before_the_end_is_named_too(bench: Bench) -> None:
     with bench.start(long_spec()) as running:
         running.wait_for("iteration 2 of")

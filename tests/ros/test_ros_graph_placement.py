@@ -108,6 +108,7 @@ def test_every_start_joins_fresh_processes(bench: Bench) -> None:
     assert "Process first contains the player of the harness" in done.stdout
 
 
+@only_nightly()
 def test_a_wrapper_hands_the_harness_on_to_the_node(bench: Bench) -> None:
     wrapped = [sys.executable, "-c", WRAPPER, str(c_node("relay"))]
     done = bench.run(relay_spec(harness=GRAPH, graph=c_relay(command=wrapped)))
@@ -185,6 +186,7 @@ def test_a_crash_of_the_graph_is_named_and_loses_nothing(bench: Bench) -> None:
     assert run.monitor(segment, "out").size in {further - 1, further}
 
 
+@only_nightly()
 def test_a_static_program_is_refused_before_anything_is_measured(bench: Bench) -> None:
     source, program = bench.folder / "static.c", bench.folder / "static"
     source.write_text("int main(void) { return 0; }\n")
@@ -209,6 +211,7 @@ def test_a_setuid_program_is_refused_before_anything_is_measured(bench: Bench) -
     assert_refused(done, f"{program} runs as another user (setuid or setgid)")
 
 
+@only_nightly()
 def test_a_program_that_is_no_node_is_refused_at_the_deadline(bench: Bench) -> None:
     idle = [sys.executable, "-c", "import signal; signal.pause()"]
     spec = relay_spec(harness=GRAPH, graph=c_relay(command=idle))

@@ -107,6 +107,7 @@ def test_perf_shows_the_functions_of_a_program_in_c(bench: Bench, placement: str
     assert "compute_ms" in functions(done)
 
 
+@only_nightly()
 def test_nsys_starts_the_named_node_anew(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -146,6 +147,7 @@ def test_a_program_that_writes_no_file_costs_no_verdict(bench: Bench) -> None:
     assert "Profile of node at 20 Hz, with env, is missing" in done.stdout
 
 
+@only_nightly()
 def test_a_node_that_crashes_with_the_profiler_costs_no_verdict(bench: Bench) -> None:
     require("perf")
     node = c_node_spec("crash", parameters={"messages": WARM_UP + STEPS + 2})
