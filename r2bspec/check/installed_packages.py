@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import msgspec
 
-from r2bspec.safe_io.git import find_work_tree
 from r2bspec.safe_io.looked_up_files import shared_lookup
 from r2bspec.safe_io.safe_file import (
     is_folder,
@@ -25,6 +24,7 @@ from r2bspec.safe_io.safe_file import (
     read_bytes,
     real_path,
 )
+from r2bspec.wiring.companion_files import source_folder
 from r2bspec.wiring.python_package import module_of
 
 _MAX_SOURCE_BYTES = 1_000_000
@@ -56,12 +56,6 @@ def _unseen_folders() -> list[str]:
         return []
     entries = (os.environ.get("PYTHONPATH") or "").split(os.pathsep)
     return [str(Path(entry).absolute()) for entry in entries if entry]
-
-
-@shared_lookup
-def source_folder(base_dir: Path) -> Path:
-    """Where the sources of nodes may be read: the work tree of a spec, or else its folder."""
-    return find_work_tree(base_dir) or base_dir
 
 
 @shared_lookup

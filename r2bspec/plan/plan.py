@@ -433,16 +433,3 @@ def iterations_by_look(looks: Sequence[int], starts: int) -> tuple[tuple[range, 
             )
         )
     return tuple(groups)
-
-
-def starts_of_iterations(looks: Sequence[int], starts: int) -> tuple[int, ...]:
-    """The start, counted from 1, in which each iteration is played.
-
-    Args:
-        looks: as for `iterations_by_look`.
-        starts: up to the first look, at least 1.
-    """
-    ranges = [each for group in iterations_by_look(looks, starts) for each in group]
-    return tuple(
-        1 if starts == 1 else number for number, each in enumerate(ranges, start=1) for _ in each
-    )

@@ -20,6 +20,7 @@ import msgspec
 from r2bspec.language.spec import Node, Spec
 from r2bspec.safe_io import safe_file
 from r2bspec.safe_io.git import find_work_tree
+from r2bspec.safe_io.looked_up_files import shared_lookup
 from r2bspec.safe_io.safe_yaml import load_values
 from r2bspec.wiring.ast_reader import read_node_class, read_python_file
 from r2bspec.wiring.node_interface import InterfaceEntry, origin_difference, parse_interface_entry
@@ -68,6 +69,12 @@ def interface_file(base_dir: Path, node: str) -> Path:
     return base_dir / INTERFACES_FOLDER / f"{node}.yaml"
 
 
+@shared_lookup
+def source_folder(base_dir: Path) -> Path:
+    """Where the sources of nodes may be read: the work tree of a spec, or else its folder."""
+    return find_work_tree(base_dir) or base_dir
+
+
 def read_companion_files(spec: Spec, base_dir: Path) -> CompanionFiles:
     """Read the companion files of a spec.
 
@@ -87,7 +94,7 @@ class CompanionReader:
 
     def __init__(self, base_dir: Path) -> None:
         self._base_dir = base_dir
-        self._source_folder = find_work_tree(base_dir) or base_dir
+        self._source_folder = source_folder(base_dir)
         self._recorded = safe_file.is_folder(base_dir / INTERFACES_FOLDER)
         self._yaml = safe_file.ByteBudget(MAX_YAML_BYTES)
         self._python = safe_file.ByteBudget(MAX_SOURCE_BYTES)

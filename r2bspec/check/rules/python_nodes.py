@@ -18,13 +18,13 @@ from r2bspec.check.installed_packages import (
     find_module,
     missing_imports,
     python_target,
-    source_folder,
     top_level_names,
 )
 from r2bspec.check.rule import Finding, Findings, quoted_list, rule, suggestion, value_key
 from r2bspec.diagnostics.diagnostic import Path as DocumentPath
 from r2bspec.diagnostics.quote import quote
 from r2bspec.safe_io.safe_file import is_regular
+from r2bspec.wiring.companion_files import source_folder
 from r2bspec.wiring.node_interface import reference_node_interfaces
 from r2bspec.wiring.wiring import NodeWiring
 
