@@ -10,10 +10,10 @@ import msgspec
 
 from r2bspec.check.check_context import Context
 from r2bspec.check.rule import Finding, Findings, rule
-from r2bspec.check.this_machine import ARCHITECTURES, ROS_DISTROS, this_machine, unmet
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.spec import Requires
+from r2bspec.plan.this_machine import ARCHITECTURES, ROS_DISTROS, this_machine, unmet
 
 
 @rule("R2B617")

@@ -6,12 +6,12 @@ import os
 
 from r2bspec.check.check_context import Context
 from r2bspec.check.rule import Finding, Findings, Pointer, rule
-from r2bspec.check.this_machine import SHARED_MEMORY, shared_memory_bytes
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language.located_tree import ListNode
 from r2bspec.language.quantities import Size
 from r2bspec.middleware.middleware import RMW_VARIABLE, refuse_transport, selected_rmw
+from r2bspec.plan.this_machine import SHARED_MEMORY, shared_memory_bytes
 from r2bspec.plan.topic_plans import direct_bag_topic
 
 _CAPACITY_BYTES_PER_S = {"udp": 250e6, "shared_memory": 3e9}
