@@ -60,6 +60,7 @@ def test_an_interpreter_that_ignores_its_environment_finds_what_processes_will_f
 ) -> None:
     (tmp_path / "my_package_of_nodes.py").write_text("")
     code = (
+        f"import sys; sys.path.insert(0, {str(Path(__file__).parents[3])!r})\n"
         "from r2bspec.plan.this_machine import find_module\n"
         "print(find_module('my_package_of_nodes').origin, find_module('json').name)"
     )
