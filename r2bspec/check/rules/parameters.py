@@ -41,9 +41,7 @@ def parameter_undeclared(context: Context) -> Findings:
                 key=True,
                 help=suggestion(override.name, declared, "its parameters"),
             )
-            source = node.interface.parameters_from
-            finding = with_record(context, finding, (node, source))
-            yield as_version_warning(node.interface, finding) if source == "catalogue" else finding
+            yield _with_source(context, node, finding)
 
 
 def _is_common_parameter(name: str) -> bool:
@@ -59,12 +57,15 @@ def parameter_type_mismatch(context: Context) -> Findings:
             given = parameter_type(override.value)
             if declared is None or given is None or declared.type in {"", given}:
                 continue
-            source = node.interface.parameters_from
             finding = _type_finding(node.key, override, given, declared)
-            finding = with_record(context, finding, (node, source))
-            if source == "catalogue":
-                finding = as_version_warning(node.interface, finding)
-            yield finding
+            yield _with_source(context, node, finding)
+
+
+def _with_source(context: Context, node: NodeWiring, finding: Finding) -> Finding:
+    """The finding, as certain as what is known of the parameters of the node."""
+    source = node.interface.parameters_from
+    finding = with_record(context, finding, (node, source))
+    return as_version_warning(node.interface, finding) if source == "catalogue" else finding
 
 
 def _type_finding(
@@ -125,9 +126,8 @@ def _representation_problem(value: ParameterValue) -> tuple[str, str] | None:
 def parameter_file_unusable(context: Context) -> Findings:
     """Parameter files that do not exist or that ROS cannot load."""
     for _, node in context.nodes:
-        for path, name in parameter_file_paths(context, node):
-            file = context.companion_files.parameter_files.get(name)
-            if file is None or not file.problem:
+        for path, name, file in parameter_files(context, node):
+            if not file.problem:
                 continue
             yield Finding(
                 message=f"parameter file {quote(name)} not found"
@@ -148,10 +148,9 @@ def parameter_file_node_mismatch(context: Context) -> Findings:
         if node.node.kind.any_program:
             # It may contain several nodes with any names.
             continue
-        for path, name in parameter_file_paths(context, node):
-            file = context.companion_files.parameter_files.get(name)
-            keys = [] if file is None or file.problem else [key for key, _ in file.nodes]
-            if file is not None and keys and not file.matching(node.name):
+        for path, name, file in parameter_files(context, node):
+            keys = [] if file.problem else [key for key, _ in file.nodes]
+            if keys and not file.matching(node.name):
                 yield Finding(
                     message=f"parameter file {quote(name)} has no parameters of {quote(node.name)}",
                     path=path,
@@ -203,27 +202,28 @@ class ParameterOverride(msgspec.Struct, frozen=True):
 def parameter_overrides(context: Context, node: NodeWiring) -> Iterator[ParameterOverride]:
     """The effective parameters of a node, each with the place that sets it."""
     files = [
-        context.companion_files.parameter_files.get(source.file, ParameterFile()).names
-        for source in node.node.parameter_sources
+        (path, name, file.names)
+        for path, name, file in parameter_files(context, node)
+        if file.names
     ]
     for name, value in node.parameters.items():
         path = context.parameter_path(node, name)
         if path is not None and name in node.node.parameters:
             yield ParameterOverride(name, value, path)
             continue
-        for index, source in enumerate(node.node.parameter_sources):
-            if name in files[index]:
-                place: Path = (*node.path, "parameters")
-                listed = isinstance(context.value_at(place), ListNode)
-                path = (*place, index) if listed else place
-                yield ParameterOverride(name, value, path, source.file)
+        for place, file, names in files:
+            if name in names:
+                yield ParameterOverride(name, value, place, file)
                 break
 
 
-def parameter_file_paths(context: Context, node: NodeWiring) -> Iterator[tuple[Path, str]]:
-    """The parameter files of a node, each with its path in the spec."""
+def parameter_files(
+    context: Context, node: NodeWiring
+) -> Iterator[tuple[Path, str, ParameterFile]]:
+    """The parameter files of a node, each with its path in the spec and its name there."""
     place: Path = (*node.path, "parameters")
     listed = isinstance(context.value_at(place), ListNode)
     for index, source in enumerate(node.node.parameter_sources):
-        if source.file:
-            yield ((*place, index) if listed else place), source.file
+        file = context.companion_files.parameter_files.get(source.file)
+        if file is not None:
+            yield ((*place, index) if listed else place), source.file, file
