@@ -10,8 +10,7 @@ from pathlib import Path as FilePath
 
 from r2bspec.bags import message_types
 from r2bspec.check.check_context import Context
-from r2bspec.check.installation_advice import ros_package_advice
-from r2bspec.check.installed_packages import top_level_names
+from r2bspec.check.installed_packages import ros_package_advice, top_level_names
 from r2bspec.check.rule import (
     Finding,
     Findings,

@@ -12,8 +12,11 @@ import pytest
 from check_specs import codes, findings
 
 from example_spec import example
-from r2bspec.check.installation_advice import ros_package_advice
-from r2bspec.check.installed_packages import package_executables, top_level_names
+from r2bspec.check.installed_packages import (
+    package_executables,
+    ros_package_advice,
+    top_level_names,
+)
 from r2bspec.diagnostics import Certainty
 from r2bspec.plan.this_machine import find_module
 
