@@ -161,7 +161,7 @@ def run_with_error(
         spec=spec,
         folder=folder,
         outcome="error",
-        reason=f"{error.code}: {error}",
+        reason=" ".join(filter(None, (f"{error.code}: {error}", error.hint))),
         exit_status=error.exit_code,
         host=host,
         report=report,
