@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import ast
 import contextlib
-import importlib.util
 import os
 import re
-import sys
 from collections.abc import Iterable, Iterator
-from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
 
+from r2bspec.plan.this_machine import find_module
 from r2bspec.safe_io.looked_up_files import shared_lookup
 from r2bspec.safe_io.safe_file import (
     is_folder,
@@ -31,31 +29,6 @@ _MAX_SOURCE_BYTES = 1_000_000
 _VERSION = re.compile(r"<version[^>]*>([^<]{1,100})</version>")
 _INDEX = "share/ament_index/resource_index"
 _PACKAGE_INDEX = f"{_INDEX}/packages"
-
-
-@shared_lookup
-def find_module(name: str) -> ModuleSpec | None:
-    """Find a module by its dotted name, without importing its parent packages."""
-    top, *below = name.split(".")
-    try:
-        module = PathFinder.find_spec(top, _unseen_folders()) or importlib.util.find_spec(top)
-    except (ImportError, ValueError):
-        module = None
-    path = top
-    for part in below:
-        if module is None or module.submodule_search_locations is None:
-            return None
-        path = f"{path}.{part}"
-        module = PathFinder.find_spec(path, list(module.submodule_search_locations))
-    return module
-
-
-def _unseen_folders() -> list[str]:
-    """The folders of PYTHONPATH, where this interpreter ignores it (``-I``): processes do not."""
-    if not sys.flags.ignore_environment:
-        return []
-    entries = (os.environ.get("PYTHONPATH") or "").split(os.pathsep)
-    return [str(Path(entry).absolute()) for entry in entries if entry]
 
 
 @shared_lookup

@@ -74,7 +74,7 @@ def _of_topics(known: Context, owner: Path, topics: Iterator[str]) -> Iterator[s
 
 @cache
 def _common_types() -> tuple[str, ...]:
-    from r2bspec.check.message_types import common_types
+    from r2bspec.bags.message_types import common_types
 
     return tuple(sorted(common_types()))
 

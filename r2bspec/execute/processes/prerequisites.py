@@ -302,14 +302,8 @@ def check_loaded_rmw(kind: TransportKind, rmw: str) -> None:
 def _refuse(kind: TransportKind, rmw: str, selected_by: str) -> None:
     refusal = refuse_transport(kind, rmw)
     if refusal is not None:
-        from r2bspec.check.rules.transport import transport_unsupported_by_middleware
-
         way_out = f"{refusal.help[0].upper()}{refusal.help[1:]}."
-        raise MiddlewareError(
-            f"{refusal.message}, which {selected_by} selects",
-            hint=way_out,
-            code=transport_unsupported_by_middleware.code,
-        )
+        raise MiddlewareError(f"{refusal.message}, which {selected_by} selects", hint=way_out)
 
 
 @contextlib.contextmanager
