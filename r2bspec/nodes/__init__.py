@@ -11,12 +11,21 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from r2bspec.nodes.apriltag import AprilTagNode as AprilTagNode
-    from r2bspec.nodes.disparity import DisparityNode as DisparityNode
-    from r2bspec.nodes.point_cloud import PointCloudNode as PointCloudNode
-    from r2bspec.nodes.rectify import RectifyNode as RectifyNode
-    from r2bspec.nodes.relay import RelayNode as RelayNode
-    from r2bspec.nodes.resize import ResizeNode as ResizeNode
+    from r2bspec.nodes.apriltag import AprilTagNode
+    from r2bspec.nodes.disparity import DisparityNode
+    from r2bspec.nodes.point_cloud import PointCloudNode
+    from r2bspec.nodes.rectify import RectifyNode
+    from r2bspec.nodes.relay import RelayNode
+    from r2bspec.nodes.resize import ResizeNode
+
+__all__ = [
+    "AprilTagNode",
+    "DisparityNode",
+    "PointCloudNode",
+    "RectifyNode",
+    "RelayNode",
+    "ResizeNode",
+]
 
 _MODULES = {
     "AprilTagNode": "apriltag",
@@ -35,4 +44,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_MODULES})
+    return sorted({*globals(), *__all__})
