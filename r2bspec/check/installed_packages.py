@@ -27,8 +27,8 @@ from r2bspec.wiring.python_package import module_of
 
 _MAX_SOURCE_BYTES = 1_000_000
 _VERSION = re.compile(r"<version[^>]*>([^<]{1,100})</version>")
-_INDEX = "share/ament_index/resource_index"
-_PACKAGE_INDEX = f"{_INDEX}/packages"
+AMENT_INDEX = "share/ament_index/resource_index"
+PACKAGE_INDEX = f"{AMENT_INDEX}/packages"
 
 
 @shared_lookup
@@ -93,7 +93,7 @@ def ament_packages() -> frozenset[str]:
     packages: set[str] = set()
     for prefix in ament_prefixes():
         with contextlib.suppress(OSError):
-            packages.update(names_in(prefix / _PACKAGE_INDEX))
+            packages.update(names_in(prefix / PACKAGE_INDEX))
     return frozenset(packages)
 
 
@@ -114,7 +114,7 @@ def package_plugins(package: str) -> set[str]:
     """The composable nodes that a ROS package registers."""
     plugins: set[str] = set()
     for prefix in ament_prefixes():
-        entries = _index_text(prefix / _INDEX / "rclcpp_components" / package).splitlines()
+        entries = _index_text(prefix / AMENT_INDEX / "rclcpp_components" / package).splitlines()
         plugins.update(entry.partition(";")[0].strip() for entry in entries)
     return plugins - {""}
 
@@ -124,7 +124,7 @@ def installed_message_types() -> set[str]:
     types: set[str] = set()
     for prefix in ament_prefixes():
         try:
-            packages = list((prefix / _INDEX / "rosidl_interfaces").iterdir())
+            packages = list((prefix / AMENT_INDEX / "rosidl_interfaces").iterdir())
         except OSError:
             continue
         for package in packages:
@@ -146,7 +146,7 @@ def _index_text(entry: Path) -> str:
 def package_share(package: str) -> Path | None:
     """The share folder of a ROS package, or None if it is not installed."""
     for prefix in ament_prefixes():
-        if is_there(prefix / _PACKAGE_INDEX / package):
+        if is_there(prefix / PACKAGE_INDEX / package):
             return prefix / "share" / package
     return None
 
