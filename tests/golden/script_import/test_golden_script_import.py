@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-import construct_table
 import pytest
 
 from r2bspec.check import check
@@ -60,8 +59,3 @@ def test_its_spec_and_plan(script: Path) -> None:
 def test_the_corpus_has_every_mistake() -> None:
     found = {one.code for each in SCRIPTS for one in find_mistakes(read_benchmark_script(each))}
     assert found == {code for code in all_pages() if code >= "R2B720"}
-
-
-def test_the_table_of_calls_is_up_to_date() -> None:
-    table = Path(__file__).with_name("constructs.md").read_text(encoding="utf-8")
-    assert construct_table.markdown() in table
