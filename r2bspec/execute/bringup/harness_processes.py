@@ -218,7 +218,7 @@ class GraphJoins:
         Raises:
             NotJoinableError: it answers that it cannot, or does not answer.
         """
-        command = ",".join(parts).encode() + b" " + os.fsencode(self._files.library)
+        command = ",".join(parts).encode() + b" " + os.fsencode(self._files.library) + b"\n"
         with contextlib.suppress(OSError):
             asking.connection.sendall(command)
         asking.connection.setblocking(False)
