@@ -231,8 +231,11 @@ class SuiteEntry:
     """One run of the suite.
 
     Attributes:
+        prepared: None if the spec has errors; the first of them is `error` then.
         host: of a fleet, if the run is made on that host; empty if any may make it, and here.
+        hosts: of a fleet, those that may make it.
         folder: of the run.
+        run: its row in the summary, once it has ended or is skipped.
     """
 
     item: RunItem
@@ -242,6 +245,14 @@ class SuiteEntry:
     estimate: TimeEstimate | None = None
     folder: Path = field(default_factory=Path)
     host: str = ""
+    hosts: frozenset[str] = frozenset()
+    run: SuiteRun | None = None
+
+    @property
+    def benchmark(self) -> PreparedBenchmark:
+        """What is played of an entry without an error."""
+        assert self.prepared is not None  # noqa: S101 - it has an error otherwise
+        return self.prepared
 
     @property
     def seconds(self) -> float:
