@@ -216,7 +216,10 @@ def _prepare(item: RunItem, options: RunOptions) -> SuiteEntry:
 
     try:
         prepared = prepare_and_report(
-            item.selection, smoke=options.smoke, require_slos=options.require_slos
+            item.selection,
+            smoke=options.smoke,
+            require_slos=options.require_slos,
+            infos=options.verbose,
         )
     except R2bspecError as error:
         show_error(error)

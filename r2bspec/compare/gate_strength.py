@@ -253,7 +253,8 @@ def missing_objectives(file: str, cases: Sequence[str] = ()) -> Diagnostic:
         Severity.ERROR,
         f"no active objective of level error{of_cases}: nothing can fail",
         Span.of_file(file),
-        help="add a requirement under 'slos', or leave out --require-slos",
+        help="add a requirement under 'slos', or restore the one that was deleted; without a gate, "
+        "leave out --require-slos",
     )
 
 

@@ -162,7 +162,7 @@ class MergeGate:
         """
         found = self.base_spec(selection.spec, head)
         if found is None:
-            return self.alone(head, f"New spec: {self.tree.name} has nothing to compare it with.")
+            return self.alone(head, self._new_spec(selection.spec))
         base_selection = self._base_selection(selection, found)
         if head.loaded is not None and head.loaded.case:
             cases = replace(base_selection, case="").load_cases()
@@ -263,6 +263,19 @@ class MergeGate:
             if loaded.spec is not None and loaded.spec.name == name:
                 return path
         return None
+
+    def _new_spec(self, spec: Path) -> str:
+        """Why there is nothing to compare a spec with, and what to do if it was renamed."""
+        text = f"New spec: {self.tree.name} has nothing to compare it with."
+        folder = self.tree.in_base(spec.parent)
+        gone = [
+            str(path.relative_to(self.tree.top))
+            for path in (sorted(folder.glob(f"*{_SPEC_SUFFIX}")) if folder is not None else ())
+            if not (self.tree.head_top / path.relative_to(self.tree.top)).exists()
+        ]
+        if gone:
+            text += f" If it was {clip(gone[0])}, keep its 'name': then the two are compared."
+        return text
 
     def _place_of_name(self, gone: SpecName) -> str:
         """Where the head has a spec of the same name; empty for nowhere."""
