@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from r2bspec.compare.merge_gate import MergeGate
     from r2bspec.judge.result import Result
     from r2bspec.record.graph_identity import GraphIdentity
-    from r2bspec.report.suite_summary import SuiteRun, SuiteSummary
+    from r2bspec.report.suite import SuiteRun, SuiteSummary
     from r2bspec.report.write_reports import ReportRequest
 
 SUMMARY_FILE = "suite.json"
@@ -192,14 +192,14 @@ def _compare_spec_sets(
 
 def _with_summaries_only(options: RunOptions) -> RunOptions:
     """The options without reports that only a run could have: there is none."""
-    from r2bspec.report.suite_formats import SUITE_FORMATS
+    from r2bspec.report.suite import SUITE_FORMATS
 
     reports = (request for request in options.reports if request.format in SUITE_FORMATS)
     return replace(options, reports=tuple(reports))
 
 
 def _check_reports(options: RunOptions) -> None:
-    from r2bspec.report.suite_formats import SUITE_FORMATS
+    from r2bspec.report.suite import SUITE_FORMATS
 
     for each in options.reports:
         if each.format not in SUITE_FORMATS and _NAME_FIELD not in each.path:
@@ -319,7 +319,7 @@ class Suite:
 
     def settled(self, entry: SuiteEntry) -> SuiteRun | None:
         """An entry that need not be played: one with an error, or with an earlier run."""
-        from r2bspec.report.suite_summary import run_with_error
+        from r2bspec.report.suite import run_with_error
 
         if entry.prepared is None or entry.error is not None:
             assert entry.error is not None  # noqa: S101 - it is one or the other
@@ -335,7 +335,7 @@ class Suite:
 
     def failed(self, entry: SuiteEntry, error: R2bspecError, host: str = "") -> SuiteRun:
         """A run that failed, as a row of the summary."""
-        from r2bspec.report.suite_summary import run_with_error
+        from r2bspec.report.suite import run_with_error
 
         return run_with_error(
             error,
@@ -349,7 +349,7 @@ class Suite:
     def keep(self, entry: SuiteEntry, result: Result, *, resumed: bool, host: str = "") -> SuiteRun:
         """A run that has a result, as a row of the summary; its reports are written."""
         from r2bspec.cli.run_single import write_reports_of
-        from r2bspec.report.suite_summary import run_with_result
+        from r2bspec.report.suite import run_with_result
 
         spec = entry.item.selection.spec
         self._results[str(entry.folder)] = result
@@ -446,7 +446,7 @@ class Suite:
         return not changes
 
     def _summary(self) -> SuiteSummary:
-        from r2bspec.report.suite_summary import SuiteSummary, worst_status
+        from r2bspec.report.suite import SuiteSummary, worst_status
 
         runs = tuple(run for _, run in sorted(self._runs.items()))
         return SuiteSummary(
@@ -459,13 +459,13 @@ class Suite:
 
     def _write_summary(self) -> None:
         from r2bspec.record.files import write_atomically
-        from r2bspec.report.suite_formats import to_json
+        from r2bspec.report.suite import to_json
 
         write_atomically(self.root / SUMMARY_FILE, to_json(self._summary(), self._results))
 
     def _finish(self) -> None:
         """Write the summary to its file, to the requested reports, and to standard output."""
-        from r2bspec.report.suite_formats import SUITE_FORMATS
+        from r2bspec.report.suite import SUITE_FORMATS
         from r2bspec.report.write_reports import STDOUT, takes_stdout, write_report
 
         self._write_summary()
@@ -543,7 +543,7 @@ class LocalExecutor:
 
 
 def _skipped(entry: SuiteEntry, reason: str) -> SuiteRun:
-    from r2bspec.report.suite_summary import SuiteRun
+    from r2bspec.report.suite import SuiteRun
 
     return SuiteRun(
         name=entry.name,
