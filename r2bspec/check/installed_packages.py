@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import ast
 import contextlib
-import importlib.util
 import os
 import re
-import sys
 from collections.abc import Iterable, Iterator
-from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
 
+from r2bspec.plan.this_machine import find_module
 from r2bspec.safe_io.looked_up_files import shared_lookup
 from r2bspec.safe_io.safe_file import (
     is_folder,
@@ -29,33 +27,8 @@ from r2bspec.wiring.python_package import module_of
 
 _MAX_SOURCE_BYTES = 1_000_000
 _VERSION = re.compile(r"<version[^>]*>([^<]{1,100})</version>")
-_INDEX = "share/ament_index/resource_index"
-_PACKAGE_INDEX = f"{_INDEX}/packages"
-
-
-@shared_lookup
-def find_module(name: str) -> ModuleSpec | None:
-    """Find a module by its dotted name, without importing its parent packages."""
-    top, *below = name.split(".")
-    try:
-        module = PathFinder.find_spec(top, _unseen_folders()) or importlib.util.find_spec(top)
-    except (ImportError, ValueError):
-        module = None
-    path = top
-    for part in below:
-        if module is None or module.submodule_search_locations is None:
-            return None
-        path = f"{path}.{part}"
-        module = PathFinder.find_spec(path, list(module.submodule_search_locations))
-    return module
-
-
-def _unseen_folders() -> list[str]:
-    """The folders of PYTHONPATH, where this interpreter ignores it (``-I``): processes do not."""
-    if not sys.flags.ignore_environment:
-        return []
-    entries = (os.environ.get("PYTHONPATH") or "").split(os.pathsep)
-    return [str(Path(entry).absolute()) for entry in entries if entry]
+AMENT_INDEX = "share/ament_index/resource_index"
+PACKAGE_INDEX = f"{AMENT_INDEX}/packages"
 
 
 @shared_lookup
@@ -120,7 +93,7 @@ def ament_packages() -> frozenset[str]:
     packages: set[str] = set()
     for prefix in ament_prefixes():
         with contextlib.suppress(OSError):
-            packages.update(names_in(prefix / _PACKAGE_INDEX))
+            packages.update(names_in(prefix / PACKAGE_INDEX))
     return frozenset(packages)
 
 
@@ -141,7 +114,7 @@ def package_plugins(package: str) -> set[str]:
     """The composable nodes that a ROS package registers."""
     plugins: set[str] = set()
     for prefix in ament_prefixes():
-        entries = _index_text(prefix / _INDEX / "rclcpp_components" / package).splitlines()
+        entries = _index_text(prefix / AMENT_INDEX / "rclcpp_components" / package).splitlines()
         plugins.update(entry.partition(";")[0].strip() for entry in entries)
     return plugins - {""}
 
@@ -151,7 +124,7 @@ def installed_message_types() -> set[str]:
     types: set[str] = set()
     for prefix in ament_prefixes():
         try:
-            packages = list((prefix / _INDEX / "rosidl_interfaces").iterdir())
+            packages = list((prefix / AMENT_INDEX / "rosidl_interfaces").iterdir())
         except OSError:
             continue
         for package in packages:
@@ -173,7 +146,7 @@ def _index_text(entry: Path) -> str:
 def package_share(package: str) -> Path | None:
     """The share folder of a ROS package, or None if it is not installed."""
     for prefix in ament_prefixes():
-        if is_there(prefix / _PACKAGE_INDEX / package):
+        if is_there(prefix / PACKAGE_INDEX / package):
             return prefix / "share" / package
     return None
 

@@ -7,11 +7,11 @@ in another way, and the mistakes of the script, and ``NAME.mmd`` the plan as a d
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import pytest
 
+from golden import compare
 from r2bspec.check import check
 from r2bspec.datasets.catalogue import SEQUENCES, describe
 from r2bspec.diagnostics.code_pages import all_pages
@@ -26,12 +26,6 @@ from r2bspec.report.findings_text import render_text
 HERE = Path(__file__).parent / "scripts"
 SCRIPTS = sorted(HERE.glob("*.py"))
 ENVIRON = {"CELL_CAMERA": "/dev/video0"}
-
-
-def compare(written: str, file: Path) -> None:
-    if os.environ.get("R2BSPEC_REWRITE"):
-        file.write_text(written, encoding="utf-8")
-    assert written == file.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda each: each.stem)
