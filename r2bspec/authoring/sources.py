@@ -38,7 +38,7 @@ from r2bspec.interop.script_import.source_files import (
     UnusableScriptError,
     read_comments,
 )
-from r2bspec.interop.script_import.spec_nodes import NodeWriter
+from r2bspec.interop.script_import.spec_entries import NodeWriter
 from r2bspec.interop.script_import.spec_text import (
     Block,
     SpecValues,

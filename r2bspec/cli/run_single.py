@@ -277,11 +277,12 @@ def _ways(prepared: PreparedBenchmark, options: RunOptions) -> dict[str, Any]:
 
 def show_differences(result: Result, prepared: PreparedBenchmark) -> None:
     """Print differences between graph and spec that did not end the run."""
-    from r2bspec import api
-    from r2bspec.report.findings_text import print_findings as show
+    from r2bspec.check.finding_location import differences_to_diagnostics
+    from r2bspec.report.findings_text import print_findings
 
-    if prepared.loaded is not None:
-        show(api.differences_to_diagnostics(result, prepared.loaded), prepared.loaded.texts)
+    loaded = prepared.loaded
+    if loaded is not None:
+        print_findings(differences_to_diagnostics(result.differences, loaded), loaded.texts)
 
 
 def write_reports_of(options: RunOptions, folder: Path, spec: Path) -> None:
