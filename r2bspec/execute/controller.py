@@ -37,6 +37,7 @@ from r2bspec.execute.fill_buffers import ResolvedDataset, buffer_bags, obtain_da
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.execute.identity.loaded_files import LoadedFiles
 from r2bspec.execute.measurement.measurement import Measurement
+from r2bspec.execute.processes.elf import require_joinable
 from r2bspec.execute.processes.environment import (
     MODULES_FOLDER,
     RunEnvironment,
@@ -46,7 +47,6 @@ from r2bspec.execute.processes.environment import (
 from r2bspec.execute.processes.machine import describe_machine, describe_versions, unwritable_log
 from r2bspec.execute.processes.prerequisites import (
     check_middleware,
-    require_joinable,
     reserved_domain,
     resolve_argv,
 )

@@ -168,27 +168,6 @@ def read_bytes(
     return b"".join(blocks)
 
 
-def read_listed(path: str, *, max_bytes: int) -> bytes:
-    """The beginning of a file that the listing of a folder has just shown to be a regular one.
-
-    For hundreds of small files, of which `read_bytes` would take five times as long. Nobody is
-    told of the look-up, and a link is not followed.
-
-    Raises:
-        OSError: it is no regular file any more, or the system refuses.
-    """
-    flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
-    file = os.open(path, flags)
-    try:
-        status = os.fstat(file)
-        if not stat.S_ISREG(status.st_mode):
-            raise RefusedFileError("it is not a regular file")
-        # Files of the kernel have no size.
-        return os.read(file, min(status.st_size, max_bytes))
-    finally:
-        os.close(file)
-
-
 def read_text(
     path: Path,
     *,

@@ -14,7 +14,11 @@ from pathlib import Path as FilePath
 from msgspec.structs import replace
 
 from r2bspec.check.check_context import Context
-from r2bspec.check.installed_packages import (
+from r2bspec.check.rule import Finding, Findings, Pointer, rule, value_key
+from r2bspec.diagnostics.diagnostic import Path
+from r2bspec.diagnostics.quote import did_you_mean, pluralize, quote, quoted_list, suggestion
+from r2bspec.language.node_kinds import EXECUTABLE, PLUGIN
+from r2bspec.plan.installed_packages import (
     PythonTarget,
     ament_packages,
     ament_prefixes,
@@ -27,10 +31,6 @@ from r2bspec.check.installed_packages import (
     ros_package_advice,
     top_level_names,
 )
-from r2bspec.check.rule import Finding, Findings, Pointer, rule, value_key
-from r2bspec.diagnostics.diagnostic import Path
-from r2bspec.diagnostics.quote import did_you_mean, pluralize, quote, quoted_list, suggestion
-from r2bspec.language.node_kinds import EXECUTABLE, PLUGIN
 from r2bspec.plan.this_machine import find_module
 from r2bspec.safe_io.safe_file import is_regular, names_if_any
 from r2bspec.wiring.companion_files import source_folder

@@ -31,9 +31,9 @@ from r2bspec.wiring.python_package import module_of
 
 _MAX_SOURCE_BYTES = 1_000_000
 _VERSION = re.compile(r"<version[^>]*>([^<]{1,100})</version>")
+AMENT_INDEX = "share/ament_index/resource_index"
+PACKAGE_INDEX = f"{AMENT_INDEX}/packages"
 _STAR_IMPORT = re.compile(rb"\bimport\s*\*")
-_INDEX = "share/ament_index/resource_index"
-_PACKAGE_INDEX = f"{_INDEX}/packages"
 
 
 @shared_lookup
@@ -69,7 +69,7 @@ def ament_prefixes() -> list[Path]:
 @shared_lookup
 def ament_packages() -> frozenset[str]:
     """The names of all installed ROS packages."""
-    folders = (prefix / _PACKAGE_INDEX for prefix in ament_prefixes())
+    folders = (prefix / PACKAGE_INDEX for prefix in ament_prefixes())
     return frozenset(name for folder in folders for name in names_if_any(folder))
 
 
@@ -89,7 +89,7 @@ def package_plugins(package: str) -> set[str]:
     """The composable nodes that a ROS package registers."""
     plugins: set[str] = set()
     for prefix in ament_prefixes():
-        entries = _text(prefix / _INDEX / "rclcpp_components" / package).splitlines()
+        entries = _text(prefix / AMENT_INDEX / "rclcpp_components" / package).splitlines()
         plugins.update(entry.partition(";")[0].strip() for entry in entries)
     return plugins - {""}
 
@@ -97,7 +97,7 @@ def package_plugins(package: str) -> set[str]:
 def installed_message_types() -> set[str]:
     """The message types of the installed ROS packages."""
     types: set[str] = set()
-    for folder in (prefix / _INDEX / "rosidl_interfaces" for prefix in ament_prefixes()):
+    for folder in (prefix / AMENT_INDEX / "rosidl_interfaces" for prefix in ament_prefixes()):
         for package in names_if_any(folder):
             entries = _text(folder / package).splitlines()
             names = (entry.removesuffix(".msg") for entry in entries if entry.endswith(".msg"))
@@ -117,7 +117,7 @@ def _text(file: Path) -> str:
 def package_share(package: str) -> Path | None:
     """The share folder of a ROS package, or None if it is not installed."""
     for prefix in ament_prefixes():
-        if is_there(prefix / _PACKAGE_INDEX / package):
+        if is_there(prefix / PACKAGE_INDEX / package):
             return prefix / "share" / package
     return None
 
