@@ -33,7 +33,7 @@ _MAX_SOURCE_BYTES = 1_000_000
 _VERSION = re.compile(r"<version[^>]*>([^<]{1,100})</version>")
 AMENT_INDEX = "share/ament_index/resource_index"
 PACKAGE_INDEX = f"{AMENT_INDEX}/packages"
-_STAR_IMPORT = re.compile(rb"\bimport\s*\*")
+_STAR_IMPORT = re.compile(r"\bimport\s*\*")
 
 
 @shared_lookup
@@ -44,12 +44,12 @@ def top_level_names(source: Path) -> frozenset[str] | None:
         SyntaxError: this interpreter cannot parse the file.
     """
     try:
-        content = read_bytes(source, max_bytes=_MAX_SOURCE_BYTES)
-        symbols = symtable.symtable(content, source.name, "exec").get_symbols()
+        text = read_bytes(source, max_bytes=_MAX_SOURCE_BYTES).decode("utf-8-sig")
+        symbols = symtable.symtable(text, source.name, "exec").get_symbols()
     except (OSError, ValueError, RecursionError, MemoryError):
         return None
     names = {name.get_name() for name in symbols if name.is_assigned() or name.is_imported()}
-    return None if "__getattr__" in names or _STAR_IMPORT.search(content) else frozenset(names)
+    return None if "__getattr__" in names or _STAR_IMPORT.search(text) else frozenset(names)
 
 
 @shared_lookup
