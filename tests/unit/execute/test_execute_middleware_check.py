@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 import pytest
@@ -104,47 +104,43 @@ def test_a_comparison_is_refused_before_its_first_run(tmp_path: Path) -> None:
     assert prepare_comparison(inherits[0], inherits[1], against="env:").base.environment == CYCLONE
 
 
-class _Answers:
+class _Loaded:
     """Stands for processes: each that is asked says which middleware it has loaded, or nothing."""
 
     def __init__(self, *rmw: str) -> None:
         self._rmw = iter(rmw)
 
-    def request(self, *_: object) -> protocol.Ready:
+    def send(self, _: object) -> None:
+        pass
+
+    def answer(self, *_: object) -> protocol.Ready:
         return protocol.Ready(rmw=next(self._rmw))
 
 
-def launcher(tmp_path: Path, transport: str, *loaded: str) -> Launcher:
+def configured(tmp_path: Path, transport: str, *loaded: str) -> list[str]:
+    """The middleware that a launcher knows of after each process that it has configured."""
     environment = RunEnvironment(
         plan(transport), run_id="r", domain=1, scratch=tmp_path, largest_message_bytes=1
     )
-    answers: Any = _Answers(*loaded)
-    folder: Any = None
-    return Launcher(answers, environment, folder, tmp_path)
+    processes: Any = _Loaded(*loaded)
+    launcher = Launcher(processes, environment, cast("Any", None), tmp_path)
+    known = []
+    for _ in loaded:
+        launcher.configure(processes, None)
+        known.append(launcher.rmw)
+    return known
 
 
 def test_an_installation_that_loads_another_one_than_ros_usually_does_is_refused(
     tmp_path: Path,
 ) -> None:
-    child: Any = None
-    refused = launcher(tmp_path, "udp", "rmw_cyclonedds_cpp")
-    with pytest.raises(
-        MiddlewareError, match="rmw_cyclonedds_cpp, which this installation selects"
-    ):
-        refused.configure(child, None)
-    left = launcher(tmp_path, "inherit", "rmw_cyclonedds_cpp")
-    left.configure(child, None)
-    assert left.rmw == "rmw_cyclonedds_cpp"
-
-
-def test_processes_that_do_not_say_it_change_nothing(tmp_path: Path) -> None:
-    child: Any = None
-    made = launcher(tmp_path, "udp", "", "rmw_fastrtps_cpp", "")
-    found = []
-    for _ in range(3):
-        made.configure(child, None)
-        found.append(made.rmw)
-    assert found == ["", "rmw_fastrtps_cpp", "rmw_fastrtps_cpp"]
+    refused = "rmw_cyclonedds_cpp, which this installation selects"
+    with pytest.raises(MiddlewareError, match=refused):
+        configured(tmp_path, "udp", "rmw_cyclonedds_cpp")
+    assert configured(tmp_path, "inherit", "rmw_cyclonedds_cpp") == ["rmw_cyclonedds_cpp"]
+    # Processes that do not say it change nothing.
+    said = configured(tmp_path, "udp", "", "rmw_fastrtps_cpp", "")
+    assert said == ["", "rmw_fastrtps_cpp", "rmw_fastrtps_cpp"]
 
 
 @pytest.mark.parametrize(
