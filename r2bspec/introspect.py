@@ -17,7 +17,6 @@ from typing import Any
 
 import msgspec
 
-from r2bspec.check.installed_packages import package_version
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.errors import NotReadyError
 from r2bspec.execute.processes.environment import RunEnvironment, make_redactor, replaced_texts
@@ -38,6 +37,7 @@ from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
 from r2bspec.wiring.build_wiring import build_wiring
 from r2bspec.wiring.companion_files import read_companion_files
 from r2bspec.wiring.node_interface import RecordOrigin, files_digest, node_target
+from r2bspec.wiring.ros_packages import package_version
 from r2bspec.wiring.wiring import NodeWiring
 
 NAMESPACE = "/r2bspec_interfaces"

@@ -21,12 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from r2bspec.authoring.draft_spec import DraftNodes, Recording, draft_text
-from r2bspec.check.installed_packages import (
-    ament_prefixes,
-    package_share,
-    python_target,
-    top_level_names,
-)
+from r2bspec.check.installed_packages import python_target, top_level_names
 from r2bspec.datasets.catalogue import index, locate
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.interop.script_import.benchmark_script import launch_file_actions
@@ -57,6 +52,7 @@ from r2bspec.interop.script_import.values import Note, ScriptLimitError
 from r2bspec.language.templates import node_key
 from r2bspec.safe_io.safe_file import is_folder, is_regular
 from r2bspec.wiring.ast_reader import read_node_class, read_python_file
+from r2bspec.wiring.ros_packages import ament_prefixes, package_share
 
 _SUFFIXES = (".launch.py", ".launch.xml", ".launch.yaml", ".launch.yml", "_launch.py", ".launch")
 

@@ -3,24 +3,17 @@
 from __future__ import annotations
 
 import ast
-import contextlib
-import importlib.util
-import os
-import re
-import sys
 from collections.abc import Iterable, Iterator
-from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
 
+from r2bspec.plan.this_machine import find_module
 from r2bspec.safe_io.looked_up_files import shared_lookup
 from r2bspec.safe_io.safe_file import (
     is_folder,
     is_regular,
-    is_there,
-    names_in,
     read_bytes,
     real_path,
 )
@@ -28,34 +21,6 @@ from r2bspec.wiring.companion_files import source_folder
 from r2bspec.wiring.python_package import module_of
 
 _MAX_SOURCE_BYTES = 1_000_000
-_VERSION = re.compile(r"<version[^>]*>([^<]{1,100})</version>")
-AMENT_INDEX = "share/ament_index/resource_index"
-PACKAGE_INDEX = f"{AMENT_INDEX}/packages"
-
-
-@shared_lookup
-def find_module(name: str) -> ModuleSpec | None:
-    """Find a module by its dotted name, without importing its parent packages."""
-    top, *below = name.split(".")
-    try:
-        module = PathFinder.find_spec(top, _unseen_folders()) or importlib.util.find_spec(top)
-    except (ImportError, ValueError):
-        module = None
-    path = top
-    for part in below:
-        if module is None or module.submodule_search_locations is None:
-            return None
-        path = f"{path}.{part}"
-        module = PathFinder.find_spec(path, list(module.submodule_search_locations))
-    return module
-
-
-def _unseen_folders() -> list[str]:
-    """The folders of PYTHONPATH, where this interpreter ignores it (``-I``): processes do not."""
-    if not sys.flags.ignore_environment:
-        return []
-    entries = (os.environ.get("PYTHONPATH") or "").split(os.pathsep)
-    return [str(Path(entry).absolute()) for entry in entries if entry]
 
 
 @shared_lookup
@@ -106,90 +71,6 @@ def is_on_path(program: str) -> bool:
     import shutil
 
     return shutil.which(program) is not None
-
-
-def ament_prefixes() -> list[Path]:
-    """The folders in which ROS packages are installed."""
-    prefixes = os.environ.get("AMENT_PREFIX_PATH") or ""
-    return [Path(prefix) for prefix in prefixes.split(":") if prefix]
-
-
-@shared_lookup
-def ament_packages() -> frozenset[str]:
-    """The names of all installed ROS packages."""
-    packages: set[str] = set()
-    for prefix in ament_prefixes():
-        with contextlib.suppress(OSError):
-            packages.update(names_in(prefix / PACKAGE_INDEX))
-    return frozenset(packages)
-
-
-@shared_lookup
-def package_executables(package: str) -> frozenset[str]:
-    """The names of the executables of a ROS package."""
-    executables: set[str] = set()
-    for prefix in ament_prefixes():
-        folder = prefix / "lib" / package
-        with contextlib.suppress(OSError):
-            executables.update(
-                name for name in names_in(folder) if os.access(folder / name, os.X_OK)
-            )
-    return frozenset(executables)
-
-
-def package_plugins(package: str) -> set[str]:
-    """The composable nodes that a ROS package registers."""
-    plugins: set[str] = set()
-    for prefix in ament_prefixes():
-        entries = _index_text(prefix / AMENT_INDEX / "rclcpp_components" / package).splitlines()
-        plugins.update(entry.partition(";")[0].strip() for entry in entries)
-    return plugins - {""}
-
-
-def installed_message_types() -> set[str]:
-    """The message types of the installed ROS packages."""
-    types: set[str] = set()
-    for prefix in ament_prefixes():
-        try:
-            packages = list((prefix / AMENT_INDEX / "rosidl_interfaces").iterdir())
-        except OSError:
-            continue
-        for package in packages:
-            entries = _index_text(package).splitlines()
-            names = (entry.removesuffix(".msg") for entry in entries if entry.endswith(".msg"))
-            types.update(f"{package.name}/{entry}" for entry in names if entry.startswith("msg/"))
-    return types
-
-
-def _index_text(entry: Path) -> str:
-    """The text of an entry of the index; empty without one."""
-    try:
-        return read_bytes(entry, max_bytes=_MAX_SOURCE_BYTES).decode("utf-8")
-    except (OSError, ValueError):
-        return ""
-
-
-@shared_lookup
-def package_share(package: str) -> Path | None:
-    """The share folder of a ROS package, or None if it is not installed."""
-    for prefix in ament_prefixes():
-        if is_there(prefix / PACKAGE_INDEX / package):
-            return prefix / "share" / package
-    return None
-
-
-@shared_lookup
-def package_version(package: str) -> str:
-    """The version of an installed ROS package, from its package.xml; empty if unknown."""
-    share = package_share(package) if package else None
-    if share is None:
-        return ""
-    try:
-        text = read_bytes(share / "package.xml", max_bytes=_MAX_SOURCE_BYTES).decode("utf-8")
-    except (OSError, ValueError):
-        return ""
-    version = _VERSION.search(text)
-    return version[1].strip() if version is not None else ""
 
 
 class PythonTarget(msgspec.Struct, frozen=True):

@@ -38,7 +38,9 @@ def _run(selection: SpecSelection, options: RunOptions, folder: OutputFolder) ->
     from r2bspec.report.terminal import show_result
     from r2bspec.report.write_reports import takes_stdout
 
-    prepared = prepare_and_report(selection, smoke=options.smoke, require_slos=options.require_slos)
+    prepared = prepare_and_report(
+        selection, smoke=options.smoke, require_slos=options.require_slos, infos=options.verbose
+    )
     name = prepared.plan.name
     name += "-pairs" if options.compares else "-smoke" if options.smoke else ""
     folder.path = options.output or api.default_run_folder(name)

@@ -29,7 +29,11 @@ ALL_CASES = "all"
 
 
 def prepare_and_report(
-    selection: SpecSelection, *, smoke: bool = False, require_slos: bool = False
+    selection: SpecSelection,
+    *,
+    smoke: bool = False,
+    require_slos: bool = False,
+    infos: bool = True,
 ) -> PreparedBenchmark:
     """Prepare a spec, or a smoke run of it; findings are printed to standard error.
 
@@ -37,6 +41,7 @@ def prepare_and_report(
         selection: the spec.
         smoke: prepare a smoke run.
         require_slos: refuse a spec that nothing can fail.
+        infos: print findings of severity info, too.
 
     Raises:
         InvalidSpecError: it has errors.
@@ -45,6 +50,7 @@ def prepare_and_report(
         DataError: the bag does not exist or is not readable.
     """
     from r2bspec import api
+    from r2bspec.diagnostics import Severity
     from r2bspec.report.findings_text import print_findings as show
 
     try:
@@ -53,7 +59,8 @@ def prepare_and_report(
         show(error.diagnostics, error.loaded.texts)
         raise
     if prepared.loaded is not None:
-        show(prepared.diagnostics, prepared.loaded.texts)
+        shown = [each for each in prepared.diagnostics if infos or each.severity != Severity.INFO]
+        show(shown, prepared.loaded.texts)
     if require_slos:
         _require_objectives(prepared, selection)
     return prepared
@@ -224,8 +231,11 @@ class SuiteEntry:
     """One run of the suite.
 
     Attributes:
+        prepared: None if the spec has errors; the first of them is `error` then.
         host: of a fleet, if the run is made on that host; empty if any may make it, and here.
+        hosts: of a fleet, those that may make it.
         folder: of the run.
+        run: its row in the summary, once it has ended or is skipped.
     """
 
     item: RunItem
@@ -235,6 +245,14 @@ class SuiteEntry:
     estimate: TimeEstimate | None = None
     folder: Path = field(default_factory=Path)
     host: str = ""
+    hosts: frozenset[str] = frozenset()
+    run: SuiteRun | None = None
+
+    @property
+    def benchmark(self) -> PreparedBenchmark:
+        """What is played of an entry without an error."""
+        assert self.prepared is not None  # noqa: S101 - it has an error otherwise
+        return self.prepared
 
     @property
     def seconds(self) -> float:

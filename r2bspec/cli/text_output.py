@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from r2bspec.diagnostics.plain_text import plain
 from r2bspec.report.output import echo, echo_document
 
 if TYPE_CHECKING:
@@ -44,6 +45,16 @@ def aligned_lines(rows: Sequence[Sequence[str]], right_columns: Collection[int] 
             cells.append(padding + cell if column in right_columns else cell + padding)
         lines.append("  ".join(cells).rstrip())
     return lines
+
+
+def print_table(
+    header: Sequence[str], rows: Sequence[Sequence[str]], right_columns: Collection[int] = ()
+) -> None:
+    """Print rows below a header. Nothing is cut: a narrow terminal wraps the lines."""
+    first, *lines = aligned_lines([header, *rows], right_columns)
+    echo(styled(plain(first), bold=True), styled=True)
+    for line in lines:
+        echo(line)
 
 
 def print_findings(

@@ -24,7 +24,6 @@ from r2bspec.bags.bag_writer import write_bag
 from r2bspec.bags.integrity import ContentHash
 from r2bspec.bags.recording import (
     RECORD_NAME,
-    TOPIC_NOT_IN_BAG,
     DataError,
     DatasetRecord,
     Message,
@@ -125,7 +124,7 @@ def make(
     if not sources:
         raise DataError(
             f"no topic of dataset {dataset} is selected",
-            code=TOPIC_NOT_IN_BAG,
+            code="R2B308",
             hint="select at least one topic",
         )
     cache_key = _CacheKey(

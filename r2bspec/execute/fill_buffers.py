@@ -18,8 +18,8 @@ from typing import Any, Final, NamedTuple
 
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.bag_writer import begins_with_header
 from r2bspec.bags.integrity import hash_files
+from r2bspec.bags.message_types import begins_with_header
 from r2bspec.bags.recording import Message, Window
 from r2bspec.datasets.catalogue import locate
 from r2bspec.datasets.synthesis import make

@@ -161,7 +161,7 @@ def run_with_error(
         spec=spec,
         folder=folder,
         outcome="error",
-        reason=f"{error.code}: {error}",
+        reason=f"{error.code}: {error}" + (f". {error.hint}" if error.hint else ""),
         exit_status=error.exit_code,
         host=host,
         report=report,

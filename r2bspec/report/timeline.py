@@ -48,6 +48,11 @@ class ExpectedAnswer:
     published_ns: int
     received_ns: int | None
 
+    @property
+    def latency_ns(self) -> int | None:
+        """From publication to reception."""
+        return None if self.received_ns is None else self.received_ns - self.published_ns
+
 
 @dataclass(frozen=True, slots=True)
 class LoadSample:

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from simulated_gates import heads
 from simulated_runs import RATE_HZ, run_of
 
-from r2bspec.judge.affected_iterations import InterferencePolicy
 from r2bspec.judge.confirmation import confirm_run, needs_confirmation
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.pair_comparison import (
@@ -28,6 +27,7 @@ from r2bspec.judge.pair_comparison import (
     confirmation_terms,
     judge_pair_set,
 )
+from r2bspec.judge.verdict import InterferencePolicy
 from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.samples import RunSamples
 from r2bspec.record.comparison_folder import Side

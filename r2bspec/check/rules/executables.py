@@ -10,20 +10,19 @@ from pathlib import Path as FilePath
 
 from r2bspec.check.check_context import Context
 from r2bspec.check.installation_advice import ros_package_advice
-from r2bspec.check.installed_packages import (
-    ament_packages,
-    ament_prefixes,
-    is_on_path,
-    package_executables,
-    package_share,
-)
-from r2bspec.check.rule import Finding, Findings, Pointer, pluralize, rule, suggestion, value_key
-from r2bspec.diagnostics import did_you_mean
+from r2bspec.check.installed_packages import is_on_path
+from r2bspec.check.rule import Finding, Findings, Pointer, rule, value_key
 from r2bspec.diagnostics.diagnostic import Path
-from r2bspec.diagnostics.quote import quote
+from r2bspec.diagnostics.quote import did_you_mean, pluralize, quote, suggestion
 from r2bspec.language.node_kinds import EXECUTABLE, PLUGIN
 from r2bspec.safe_io.safe_file import is_regular, names_in
 from r2bspec.wiring.node_interface import ROS_DISTRIBUTION, catalogue_nodes, catalogue_packages
+from r2bspec.wiring.ros_packages import (
+    ament_packages,
+    ament_prefixes,
+    package_executables,
+    package_share,
+)
 
 
 @rule("R2B613")

@@ -220,7 +220,7 @@ class GraphJoins:
         Raises:
             NotJoinableError: it answers that it cannot, or does not answer.
         """
-        command = ",".join(parts).encode() + b" " + os.fsencode(self._files.library)
+        command = ",".join(parts).encode() + b" " + os.fsencode(self._files.library) + b"\n"
         with contextlib.suppress(OSError):
             connection.sendall(command)
         connection.setblocking(False)

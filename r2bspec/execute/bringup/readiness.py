@@ -334,7 +334,7 @@ class LogSearch:
         lines = (self._last_line + chunk).split(b"\n")
         self._last_line = lines[-1][-_MAX_LINE_BYTES:]
         return any(
-            self._pattern.is_in(part)
+            self._pattern(part)
             for line in lines
             for part in line.decode(errors="replace").splitlines()
         )

@@ -22,13 +22,6 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.check.installed_packages import (
-    AMENT_INDEX,
-    ament_packages,
-    ament_prefixes,
-    package_share,
-    package_version,
-)
 from r2bspec.execute.identity.file_digests import (
     FileDigests,
     WorkspacePackages,
@@ -53,6 +46,13 @@ from r2bspec.record.graph_identity import (
 )
 from r2bspec.safe_io.git import find_work_tree, inspect_work_tree
 from r2bspec.safe_io.safe_file import is_regular, read_bytes
+from r2bspec.wiring.ros_packages import (
+    AMENT_INDEX,
+    ament_packages,
+    ament_prefixes,
+    package_share,
+    package_version,
+)
 
 _MAX_TEXT_BYTES: Final = 4_000_000
 _MAX_NAME_LENGTH: Final = 1_000

@@ -24,7 +24,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from r2bspec import harness
-from r2bspec.check.installed_packages import PACKAGE_INDEX, ament_prefixes
 from r2bspec.execute.errors import (
     MiddlewareError,
     NotInstalledError,
@@ -45,6 +44,7 @@ from r2bspec.middleware.middleware import (
 from r2bspec.native.build import BuildError
 from r2bspec.native.harness_objects import harness_library, harness_program
 from r2bspec.plan.plan import Plan, ProcessPlan
+from r2bspec.wiring.ros_packages import PACKAGE_INDEX, ament_prefixes
 
 _EXECUTABLE = re.compile(r"\$\(executable (?P<package>\S+) (?P<name>\S+)\)")
 
@@ -185,13 +185,8 @@ def require_configurable(kind: TransportKind, rmw: str, selected_by: str) -> Non
     """
     refusal = refuse_transport(kind, rmw)
     if refusal is not None:
-        from r2bspec.check.rules.transport import transport_unsupported_by_middleware
-
-        raise MiddlewareError(
-            f"{refusal.message}, which {selected_by} selects",
-            hint=f"{refusal.help[0].upper()}{refusal.help[1:]}.",
-            code=transport_unsupported_by_middleware.code,
-        )
+        hint = f"{refusal.help[0].upper()}{refusal.help[1:]}."
+        raise MiddlewareError(f"{refusal.message}, which {selected_by} selects", hint=hint)
 
 
 @contextlib.contextmanager

@@ -13,8 +13,10 @@ from check_specs import codes, findings
 
 from example_spec import example
 from r2bspec.check.installation_advice import ros_package_advice
-from r2bspec.check.installed_packages import find_module, package_executables, top_level_names
+from r2bspec.check.installed_packages import top_level_names
 from r2bspec.diagnostics import Certainty
+from r2bspec.plan.this_machine import find_module
+from r2bspec.wiring.ros_packages import package_executables
 
 KNOWN = "subscribes: {image: sensor_msgs/msg/Image}, publishes: {output: sensor_msgs/msg/Image}"
 
@@ -59,7 +61,8 @@ def test_an_interpreter_that_ignores_its_environment_finds_what_processes_will_f
 ) -> None:
     (tmp_path / "my_package_of_nodes.py").write_text("")
     code = (
-        "from r2bspec.check.installed_packages import find_module\n"
+        f"import sys; sys.path.insert(0, {str(Path(__file__).parents[3])!r})\n"
+        "from r2bspec.plan.this_machine import find_module\n"
         "print(find_module('my_package_of_nodes').origin, find_module('json').name)"
     )
     done = subprocess.run(

@@ -55,15 +55,6 @@ def test_the_inverse_is_one_up_to_the_corners(camera: Camera) -> None:
             assert project(camera, point) == pytest.approx((place, line), abs=0.001)
 
 
-def test_the_lens_moves_points_by_more_than_a_matcher_tolerates() -> None:
-    """Unrectified, corresponding points would lie in rows pixels apart."""
-    left = project(rig.LEFT_HAWK, (1.8, 1.1, 2.0))
-    right = project(rig.RIGHT_HAWK, (1.8 - rig.RIGHT_HAWK.baseline_m, 1.1, 2.0))
-    ideal = project(replace(rig.LEFT_HAWK, lens=None), (1.8, 1.1, 2.0))
-    assert ideal[0] - left[0] > 50
-    assert abs(left[1] - right[1]) > 1.5
-
-
 @pytest.mark.parametrize("camera", HAWK)
 def test_what_the_camera_shows_becomes_the_ideal_image_by_rectification(
     camera: Camera,

@@ -9,10 +9,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.judge.affected_iterations import InterferencePolicy
 from r2bspec.judge.decision_policy import DecisionPolicy, decision_policy
 from r2bspec.judge.pipeline import judge
-from r2bspec.judge.verdict import Outcome, RequirementVerdict, Verdict
+from r2bspec.judge.verdict import InterferencePolicy, Outcome, RequirementVerdict, Verdict
 from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples

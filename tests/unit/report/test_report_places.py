@@ -31,17 +31,6 @@ def annotated(tmp_path: Path, spec: Path | None) -> list[str]:
     return render(ReportInput(result=result_of(run), run=run, spec_file=spec)).decode().splitlines()
 
 
-def test_the_line_and_the_columns_of_the_requirement(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("a.r2b.yaml").write_text(SPEC)
-    found = annotated(tmp_path, Path("a.r2b.yaml"))
-    assert found[0].startswith("::error file=a.r2b.yaml,title=simulated%3A fail of this start::")
-    (drops,) = (each for each in found if "title=camera%3A drop_rate <= 1 %25" in each)
-    assert "file=a.r2b.yaml,line=9,endLine=9,col=9,endColumn=25," in drops
-
-
 @pytest.mark.parametrize("content", [None, "", "a: [", "r2bspec: 1\nslos: {camera: {at: 3}}"])
 def test_without_a_line_there_is_still_an_annotation(tmp_path: Path, content: str | None) -> None:
     spec = tmp_path / "a.r2b.yaml"

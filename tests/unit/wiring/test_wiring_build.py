@@ -8,13 +8,12 @@ import msgspec
 import pytest
 
 from r2bspec.language.declaration import decode_text
-from r2bspec.language.spec import Node, Spec
+from r2bspec.language.spec import Spec
 from r2bspec.wiring.build_wiring import build_wiring
 from r2bspec.wiring.node_interface import (
     Interface,
     InterfaceEntry,
     ParameterInfo,
-    interface_of,
     reference_node_interfaces,
 )
 from r2bspec.wiring.wiring import Endpoint
@@ -48,6 +47,10 @@ def spec(**sections: Any) -> Spec:
         **sections,
     }
     return msgspec.convert(document, Spec, dec_hook=decode_text)
+
+
+def interface(node: dict[str, Any]) -> Interface:
+    return build_wiring(spec(graph={"nodes": {"n": node}}), table=TABLE).measure.nodes[0].interface
 
 
 def owners(endpoints: tuple[Endpoint, ...]) -> list[str]:
@@ -145,21 +148,18 @@ def test_a_command_of_which_nothing_ros_is_said_may_be_anything(
 
 
 def test_the_spec_knows_a_side_better_than_the_table() -> None:
-    node = Node(python="nodes.Filter", publishes={"result": POSES})
-    interface = interface_of(node, TABLE)
-    assert interface.publishes == {"result": POSES}
-    assert interface.publishes_from == "spec"
-    assert interface.subscribes == {"in": IMAGE}
-    assert interface.subscribes_from == "table"
-    assert interface.topics == ("in", "result")
+    known = interface({"python": "nodes.Filter", "publishes": {"result": POSES}})
+    assert (known.publishes, known.publishes_from) == ({"result": POSES}, "spec")
+    assert (known.subscribes, known.subscribes_from) == ({"in": IMAGE}, "table")
+    assert known.topics == ("in", "result")
 
 
 def test_parameters_decide_types_and_names() -> None:
-    interface = interface_of(Node(python="nodes.Any", parameters={"format": POSES}), TABLE)
-    assert interface.subscribes == {"in": POSES}
-    assert interface.publishes == {"any/out": POSES}
-    assert interface.type_parameters == {"in": "format", "any/out": "format"}
-    assert interface_of(Node(python="nodes.Any"), TABLE).subscribes == {"in": IMAGE}
+    known = interface({"python": "nodes.Any", "parameters": {"format": POSES}})
+    assert known.subscribes == {"in": POSES}
+    assert known.publishes == {"any/out": POSES}
+    assert known.type_parameters == {"in": "format", "any/out": "format"}
+    assert interface({"python": "nodes.Any"}).subscribes == {"in": IMAGE}
 
 
 def test_a_type_that_a_parameter_decides_is_stated_where_the_parameter_is() -> None:
@@ -171,15 +171,15 @@ def test_a_type_that_a_parameter_decides_is_stated_where_the_parameter_is() -> N
 
 
 def test_nothing_is_known_of_a_node_that_no_one_describes() -> None:
-    assert interface_of(Node(python="elsewhere.Node"), TABLE) == Interface()
-    assert interface_of(Node(command=("x",)), TABLE).topics is None
+    assert interface({"python": "elsewhere.Node"}) == Interface()
+    assert interface({"command": ["x"]}).topics is None
 
 
 def test_the_table_of_the_reference_nodes_is_well_formed() -> None:
     table = reference_node_interfaces()
     assert "r2bspec.nodes.RelayNode" in table
     for name, entry in table.items():
-        node = Node(python=name)
         for kind in {**(entry.subscribes or {}), **(entry.publishes or {})}.values():
             assert "/msg/" in kind or kind.startswith("$(parameter "), name
-        assert "$(" not in str(interface_of(node, table).subscribes)
+        nodes = build_wiring(spec(graph={"nodes": {"n": {"python": name}}})).measure.nodes
+        assert "$(" not in str(nodes[0].interface.subscribes)

@@ -1,13 +1,18 @@
-"""What specs can require of a machine, and what this one has, read without any library."""
+"""What specs can require of a machine, and what this one has.
+
+It is read without any library, and without importing or starting anything.
+"""
 
 from __future__ import annotations
 
 import fnmatch
+import importlib.util
 import os
 import re
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import Final
 
@@ -99,6 +104,31 @@ def _names_in(folder: str) -> list[str]:
         return names_in(Path(folder or "."))
     except OSError:
         return []
+
+
+@shared_lookup
+def find_module(name: str) -> ModuleSpec | None:
+    """Find a module by its dotted name, without importing its parent packages."""
+    top, *below = name.split(".")
+    try:
+        module = PathFinder.find_spec(top, _unseen_folders()) or importlib.util.find_spec(top)
+    except (ImportError, ValueError):
+        module = None
+    path = top
+    for part in below:
+        if module is None or module.submodule_search_locations is None:
+            return None
+        path = f"{path}.{part}"
+        module = PathFinder.find_spec(path, list(module.submodule_search_locations))
+    return module
+
+
+def _unseen_folders() -> list[str]:
+    """The folders of PYTHONPATH, where this interpreter ignores it (``-I``): processes do not."""
+    if not sys.flags.ignore_environment:
+        return []
+    entries = (os.environ.get("PYTHONPATH") or "").split(os.pathsep)
+    return [str(Path(entry).absolute()) for entry in entries if entry]
 
 
 def labels_of(text: str) -> dict[str, str]:
