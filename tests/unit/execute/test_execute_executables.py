@@ -52,29 +52,21 @@ def test_the_first_prefix_that_has_it_wins(
 
 
 @pytest.mark.parametrize(
-    ("command", "sourced", "message", "code"),
+    ("command", "message", "code"),
     [
-        ("$(executable apriltag_ros node)", True, "'apriltag_ros' is not installed", "R2B622"),
-        ("$(executable demo_nodes_cpp talker)", False, "in 0 ament prefixes", "R2B622"),
-        ("$(executable demo_nodes_cpp speaker)", True, "no executable 'speaker'", "R2B623"),
+        ("$(executable apriltag_ros node)", "'apriltag_ros' is not installed in 1", "R2B622"),
+        ("$(executable demo_nodes_cpp speaker)", "no executable 'speaker'", "R2B623"),
         # A file that may not be executed, and a folder.
-        ("$(executable demo_nodes_cpp readme)", True, "no executable 'readme'", "R2B623"),
-        ("$(executable demo_nodes_cpp plugins)", True, "no executable 'plugins'", "R2B623"),
-        ("no-such-program", True, "program 'no-such-program' is not on PATH", "R2B621"),
+        ("$(executable demo_nodes_cpp readme)", "no executable 'readme'", "R2B623"),
+        ("$(executable demo_nodes_cpp plugins)", "no executable 'plugins'", "R2B623"),
+        ("no-such-program", "program 'no-such-program' is not on PATH", "R2B621"),
     ],
 )
 def test_what_is_not_installed_is_named(
-    prefix: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    command: str,
-    sourced: bool,
-    message: str,
-    code: str,
+    prefix: Path, command: str, message: str, code: str
 ) -> None:
     (prefix / "lib/demo_nodes_cpp/readme").write_text("text")
     (prefix / "lib/demo_nodes_cpp/plugins").mkdir()
-    if not sourced:
-        monkeypatch.delenv("AMENT_PREFIX_PATH")
     with pytest.raises(NotInstalledError, match=message) as raised:
         resolve_argv(process(command))
     assert (raised.value.code, raised.value.exit_code) == (code, 2)

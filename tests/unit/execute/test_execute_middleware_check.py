@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any, cast
 
@@ -14,6 +11,7 @@ import pytest
 from example_spec import example
 from r2bspec import api
 from r2bspec.check.rules.machine import transport_unsupported_by_middleware
+from r2bspec.cli.main import main
 from r2bspec.compare.interleaved_comparison import prepare_comparison
 from r2bspec.compare.interleaved_runs import ComparisonSide
 from r2bspec.execute.bringup.launcher import Launcher
@@ -73,21 +71,18 @@ def test_what_can_be_configured_is_not_refused(
     check_middleware(plan(transport, env), environ)
 
 
-def test_a_plan_file_is_refused_before_anything_is_started(tmp_path: Path) -> None:
+def test_a_plan_file_is_refused_before_anything_is_started(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     spec = tmp_path / "relay.r2b.yaml"
     spec.write_text(example())
     (tmp_path / "plan.json").write_bytes(canonical_json(api.compile_plan(spec)))
-    done = subprocess.run(
-        [sys.executable, "-m", "r2bspec", "run", "plan.json", "--output", "run"],
-        cwd=tmp_path,
-        env=os.environ | CYCLONE,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 2
-    assert f"{transport_unsupported_by_middleware.code}" in done.stderr
-    assert "cannot be configured with rmw_cyclonedds_cpp" in done.stderr
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("RMW_IMPLEMENTATION", CYCLONE["RMW_IMPLEMENTATION"])
+    assert main(["run", "plan.json", "--output", "run"]) == 2
+    said = capsys.readouterr().err
+    assert transport_unsupported_by_middleware.code in said
+    assert "cannot be configured with rmw_cyclonedds_cpp" in said
     record = open_run(tmp_path / "run").record
     assert record.processes == ()
     assert record.versions["rmw"] == "rmw_cyclonedds_cpp"
