@@ -33,11 +33,11 @@ from r2bspec.language.environment_access import quoted_secret_references
 from r2bspec.language.spec import Spec
 from r2bspec.plan.command_lines import HARNESS_ARGV, node_argv
 from r2bspec.plan.compile_plan import compile_plan
+from r2bspec.plan.installed_packages import package_version
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
 from r2bspec.wiring.build_wiring import build_wiring
 from r2bspec.wiring.companion_files import read_companion_files
 from r2bspec.wiring.node_interface import RecordOrigin, files_digest, node_target
-from r2bspec.wiring.ros_packages import package_version
 from r2bspec.wiring.wiring import NodeWiring
 
 NAMESPACE = "/r2bspec_interfaces"

@@ -123,13 +123,17 @@ def parse_report(content: bytes, file: str = "<report>") -> ReferenceReport:
             return msgspec.convert(report, ReferenceReport)
         except msgspec.ValidationError as error:
             raise NotAReportError(f"{file} is damaged: {error}") from error
-    metadata = report.get("metadata") if isinstance(report, dict) else None
-    if not isinstance(report, dict) or not _is_ros2_benchmark_report(report):
+    levels = [report, *report.values()] if isinstance(report, dict) else []
+    if not any(_has_figures(level) for level in levels):
         raise NotAReportError(
             f"{file} is not a report of ros2_benchmark: it has no {BASIC_PREFIX}",
             hint="Give the JSON file written by the tool at the end of a benchmark.",
         )
-    plain = _without_prefix(metadata) if isinstance(metadata, dict) else {}
+    metadata = report.get("metadata")
+    plain = {
+        key.removeprefix(f"{METADATA_PREFIX}."): value
+        for key, value in (metadata.items() if isinstance(metadata, dict) else ())
+    }
     # r2bspec writes these reports, too, and divides by the number of intervals.
     exact = str(plain.get("GENERATOR", "")).startswith("r2bspec")
     custom = report.get("custom")
@@ -194,25 +198,21 @@ def _compared_values(figures: MonitorFigures) -> Iterator[tuple[str, str, float]
             yield metric, unit, value
 
 
-def _is_ros2_benchmark_report(report: dict[str, Any]) -> bool:
-    levels = [report, *(value for value in report.values() if isinstance(value, dict))]
-    return any(str(key).startswith(f"{BASIC_PREFIX}.") for level in levels for key in level)
-
-
-def _without_prefix(metadata: dict[str, Any]) -> dict[str, Any]:
-    return {key.removeprefix(f"{METADATA_PREFIX}."): value for key, value in metadata.items()}
+def _has_figures(level: object) -> bool:
+    is_level = isinstance(level, dict)
+    return is_level and any(str(key).startswith(f"{BASIC_PREFIX}.") for key in level)
 
 
 def _by_monitor(level: dict[str, Any], *, exact: bool) -> dict[str, MonitorFigures]:
     """The figures of one level: those without a prefix, and one object for each prefix."""
     found: dict[str, MonitorFigures] = {}
-    if any(key.startswith(f"{BASIC_PREFIX}.") for key in level):
+    if _has_figures(level):
         found[""] = _figures(level, exact=exact)
     for key, value in level.items():
         if isinstance(value, dict) and not _RATE_KEY.fullmatch(key):
             # The processor time belongs to the machine, not to a monitor: it is one level up.
             shared = {each: level[each] for each in level if each.startswith(_KNOWN_PREFIXES[1:])}
-            if any(str(each).startswith(f"{BASIC_PREFIX}.") for each in value):
+            if _has_figures(value):
                 found[key] = _figures({**shared, **value}, exact=exact)
     return found
 

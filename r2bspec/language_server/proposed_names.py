@@ -34,8 +34,8 @@ from r2bspec.language_server.proposed_values import (
     yaml_files,
 )
 from r2bspec.language_server.symbols import names_of
+from r2bspec.plan.installed_packages import installed_message_types
 from r2bspec.wiring.name_resolution import expand
-from r2bspec.wiring.ros_packages import installed_message_types
 from r2bspec.wiring.wiring import NodeWiring
 
 

@@ -21,7 +21,7 @@ from r2bspec.language.quantities import QUANTITIES, Duration, Quantity
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.positions import CursorContext, Proposal
 from r2bspec.language_server.symbols import definitions_in, names_of
-from r2bspec.wiring.ros_packages import (
+from r2bspec.plan.installed_packages import (
     ament_packages,
     package_executables,
     package_plugins,

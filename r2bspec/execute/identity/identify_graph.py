@@ -35,6 +35,13 @@ from r2bspec.execute.identity.python_sources import (
     sources_of_module,
 )
 from r2bspec.plan.command_lines import INCLUDED_LAUNCH
+from r2bspec.plan.installed_packages import (
+    AMENT_INDEX,
+    ament_packages,
+    ament_prefixes,
+    package_share,
+    package_version,
+)
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
 from r2bspec.record.graph_identity import (
     FileDigest,
@@ -46,13 +53,6 @@ from r2bspec.record.graph_identity import (
 )
 from r2bspec.safe_io.git import find_work_tree, inspect_work_tree
 from r2bspec.safe_io.safe_file import is_regular, read_bytes
-from r2bspec.wiring.ros_packages import (
-    AMENT_INDEX,
-    ament_packages,
-    ament_prefixes,
-    package_share,
-    package_version,
-)
 
 _MAX_TEXT_BYTES: Final = 4_000_000
 _MAX_NAME_LENGTH: Final = 1_000
