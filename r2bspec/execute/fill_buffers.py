@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import heapq
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
@@ -40,8 +40,9 @@ from r2bspec.execute.bringup.observe_graph import (
 from r2bspec.execute.bringup.readiness import StartDeadline
 from r2bspec.execute.bringup.spec_mismatches import check_parameters, related_differences
 from r2bspec.execute.errors import DatasetMismatchError, NoOutputError
-from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
+from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.progress import Progress
+from r2bspec.execute.run_context import RunContext
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import (
     TF,
@@ -133,7 +134,9 @@ def buffer_bags(
             writer = BufferWriter(folder, topic, type_name, has_header=stamped[topic])
             stack.callback(writer.close)
             writers[topic] = writer
-        for done, (topic, message) in enumerate(_merge_bags(parts)):
+        # In order of time, each with its topic in the graph.
+        merged = heapq.merge(*map(_read_bag, parts), key=itemgetter(0))
+        for done, (_, topic, message) in enumerate(merged):
             stamp_ns = read_stamp(message.data) if stamped[topic] else message.time_ns
             writers[topic].append(stamp_ns, message.data, message.time_ns)
             if done % 16 == 0:
@@ -148,13 +151,6 @@ def _graph_topics(dataset: DatasetPlan, bag: Path) -> dict[str, str]:
     if dataset.publish_tf and index_bag(bag).find(TF) is not None:
         targets[TF] = TF
     return targets
-
-
-def _merge_bags(parts: Sequence[_BagSource]) -> Iterator[tuple[str, Message]]:
-    """The messages of all bags in order of time, each with its topic in the graph."""
-    streams = [_read_bag(part) for part in parts]
-    for _, topic, message in heapq.merge(*streams, key=itemgetter(0)):
-        yield topic, message
 
 
 def _read_bag(part: _BagSource) -> Iterator[tuple[int, str, Message]]:
@@ -223,142 +219,137 @@ _LOAD_TIMEOUT_S = 3600.0
 _PLAY_TIMEOUT_S = 60.0
 
 
-def preprocess(
-    plan: Plan,
-    supervisor: ProcessSupervisor,
-    launcher: Launcher,
-    buffer_dir: Path,
-    note: Callable[[str], None],
-) -> None:
-    """Run the preprocessors on all messages that were buffered from the bag.
+@dataclass(frozen=True)
+class Preprocessing:
+    """The preprocessors of a plan, run on all messages that were buffered from the bags."""
 
-    Raises:
-        NoOutputError: a recorded topic has no messages.
-        RunError: a process exited, failed, or was not ready in time.
-    """
-    processes = [each for each in plan.processes if each.phase == _PHASE]
-    recorded = {each.source: each.type for each in plan.inputs if not each.bag_topic}
-    read = {
-        each.name: set(each.readers) - {"loader"}
-        for each in plan.topics
-        if each.phase == _PHASE and "loader" in each.writers
-    }
-    datasets = plan.datasets or (plan.dataset,)
-    types = {each.topic: each.type for dataset in datasets for each in dataset.topics}
-    sources = {topic: kind for topic, kind in types.items() if topic in read}
-    played = {each.source for each in plan.inputs if each.bag_topic}
-    transforms = buffered_transforms(buffer_dir)
-    if TF in transforms:
-        sources[TF] = TF_TYPE
-    launcher.check_shared_memory(plan, _PHASE)
-    launcher.start_early(processes, message_packages(plan), observer=False)
-    loader = launcher.start(next(each for each in processes if each.role == "loader"))
-    launcher.configure(
-        loader,
-        protocol.ConfigureLoader(
-            sources=sources,
-            recorded=recorded,
-            buffer_dir=str(buffer_dir),
-            buffer_only=tuple(sorted(played - sources.keys())),
-            retime=plan.timeline is not None and plan.timeline.recorded,
-            static=TF_STATIC in transforms,
-            clock=plan.clock,
-        ),
-    )
-    others = [each for each in processes if each.role != "loader"]
-    deadline = StartDeadline(plan.start_timeout_ns)
-    nodes = launcher.start_nodes(others, deadline)
-    supervisor.request(loader, protocol.Subscribe(), protocol.Matched, 10.0)
-    # An input that is also played as recorded may have no subscription here.
-    wanted = {
-        topic: expected_subscriptions(plan, topic, _PHASE)
-        for topic in sources
-        if read.get(topic) or topic not in {*played, TF}
-    }
-    wanted |= dict.fromkeys(recorded, 1) | subscription_counts(launcher, transforms)
-    between = _expected_subscriptions_by_host(zip(nodes, others, strict=True), launcher, recorded)
-    wait_until_matched(
-        supervisor, launcher, {loader: wanted} | between, plan, _PHASE, deadline, note
-    )
-    check_parameters(plan, _PHASE, supervisor, loader, launcher.differences, note)
-    load = protocol.Load(
-        max_output_gap_ns=plan.drain_timeout_ns,
-        real_time=any(dataset.real_time for dataset in datasets),
-    )
-    loaded = supervisor.request(loader, load, protocol.Loaded, _LOAD_TIMEOUT_S)
-    _check_outputs(plan, supervisor, launcher, loader, loaded, buffer_dir, note)
-    supervisor.end([loader, *nodes])
+    plan: Plan
+    context: RunContext
+    launcher: Launcher
 
+    def run(self) -> None:
+        """Start the preprocessors and the loader, let them process all messages, and end them.
 
-def _expected_subscriptions_by_host(
-    nodes: Iterable[tuple[ManagedProcess, ProcessPlan]], launcher: Launcher, recorded: Iterable[str]
-) -> dict[ManagedProcess, dict[str, int]]:
-    """For each host, how many subscriptions of preprocessors and loader its topics must match.
-
-    The loader counts its own endpoints only. Messages that the first preprocessor of a chain
-    publishes before the second one is matched would be lost.
-    """
-    subscriptions = Counter(list(recorded))
-    subscriptions.update(topic for _, topic, _, does in launcher.endpoints if does == "subscribes")
-    return {
-        child: {
-            topic: subscriptions[topic]
-            for node, topic, _, does in launcher.endpoints
-            if does == "publishes" and node in {each.name for each in process.nodes}
+        Raises:
+            NoOutputError: a recorded topic has no messages.
+            RunError: a process exited, failed, or was not ready in time.
+        """
+        plan, launcher, supervisor = self.plan, self.launcher, self.context.supervisor
+        processes = [process for process in plan.processes if process.phase == _PHASE]
+        recorded = {source.source: source.type for source in plan.inputs if not source.bag_topic}
+        read = {
+            topic.name: set(topic.readers) - {"loader"}
+            for topic in plan.topics
+            if topic.phase == _PHASE and "loader" in topic.writers
         }
-        for child, process in nodes
-        if process.role == "host"
-    }
-
-
-def _check_outputs(
-    plan: Plan,
-    supervisor: ProcessSupervisor,
-    launcher: Launcher,
-    loader: ManagedProcess,
-    loaded: protocol.Loaded,
-    buffer_dir: Path,
-    note: Callable[[str], None],
-) -> None:
-    """Compare the number of output messages with the number of input messages."""
-    silent = [topic for topic, count in loaded.recorded.items() if count == 0]
-    published = ", ".join(f"{topic}: {count} messages" for topic, count in loaded.published.items())
-    if silent:
-        facts = _trace_messages(plan, supervisor, launcher, loader, buffer_dir)
-        faults = find_faults(facts, silent)
-        also = related_differences(faults, launcher.differences)
-        raise graph_error(
-            launcher,
-            faults,
-            f"no messages on {', '.join(silent)}",
-            fault_report(facts, silent, faults, also),
-            otherwise=NoOutputError,
-            hint=f"The loader published the input of the preprocessors ({published}).",
+        datasets = plan.datasets or (plan.dataset,)
+        types = {topic.topic: topic.type for dataset in datasets for topic in dataset.topics}
+        sources = {topic: kind for topic, kind in types.items() if topic in read}
+        played = {source.source for source in plan.inputs if source.bag_topic}
+        transforms = buffered_transforms(self.context.buffer_dir)
+        if TF in transforms:
+            sources[TF] = TF_TYPE
+        launcher.check_shared_memory(plan, _PHASE)
+        launcher.start_early(processes, message_packages(plan), observer=False)
+        loader = launcher.start(next(each for each in processes if each.role == "loader"))
+        launcher.configure(
+            loader,
+            protocol.ConfigureLoader(
+                sources=sources,
+                recorded=recorded,
+                buffer_dir=str(self.context.buffer_dir),
+                buffer_only=tuple(sorted(played - sources.keys())),
+                retime=plan.timeline is not None and plan.timeline.recorded,
+                static=TF_STATIC in transforms,
+                clock=plan.clock,
+            ),
         )
-    # An output made from several inputs has at most as many messages as the shortest one.
-    sent = min(
-        (count for topic, count in loaded.published.items() if count and topic != TF), default=0
-    )
-    for topic, count in loaded.recorded.items():
-        if count < sent:
-            note(f"{topic}: the preprocessors published {count} messages for {sent} inputs")
+        others = [process for process in processes if process.role != "loader"]
+        deadline = StartDeadline(plan.start_timeout_ns)
+        nodes = launcher.start_nodes(others, deadline)
+        supervisor.request(loader, protocol.Subscribe(), protocol.Matched, 10.0)
+        # An input that is also played as recorded may have no subscription here.
+        expected = {
+            topic: expected_subscriptions(plan, topic, _PHASE)
+            for topic in sources
+            if read.get(topic) or topic not in {*played, TF}
+        }
+        expected |= dict.fromkeys(recorded, 1) | subscription_counts(launcher, transforms)
+        between = self._expected_by_host(zip(nodes, others, strict=True), recorded)
+        note = self.context.note
+        wait_until_matched(
+            supervisor, launcher, {loader: expected} | between, plan, _PHASE, deadline, note
+        )
+        check_parameters(plan, _PHASE, supervisor, loader, launcher.differences, note)
+        load = protocol.Load(
+            max_output_gap_ns=plan.drain_timeout_ns,
+            real_time=any(dataset.real_time for dataset in datasets),
+        )
+        self._check_outputs(
+            loader, supervisor.request(loader, load, protocol.Loaded, _LOAD_TIMEOUT_S)
+        )
+        supervisor.end([loader, *nodes])
 
+    def _expected_by_host(
+        self, nodes: Iterable[tuple[ManagedProcess, ProcessPlan]], recorded: Iterable[str]
+    ) -> dict[ManagedProcess, dict[str, int]]:
+        """For each host, how many subscriptions of preprocessors and loader its topics must match.
 
-def _trace_messages(
-    plan: Plan,
-    supervisor: ProcessSupervisor,
-    launcher: Launcher,
-    loader: ManagedProcess,
-    rows_dir: Path,
-) -> GraphFacts:
-    """Publish some messages again, and count the messages on each topic."""
-    monitor = launcher.start(
-        ProcessPlan(name="monitor", role="monitor", phase=_PHASE, argv=NATIVE_ARGV, env={})
-    )
-    launcher.configure(monitor, protocol.ConfigureMonitor(monitors=(), rows_dir=str(rows_dir)))
+        The loader counts its own endpoints only. Messages that the first preprocessor of a chain
+        publishes before the second one is matched would be lost.
+        """
+        endpoints = self.launcher.endpoints
+        subscriptions = Counter(recorded)
+        subscriptions.update(topic for _, topic, _, does in endpoints if does == "subscribes")
+        return {
+            child: {
+                topic: subscriptions[topic]
+                for node, topic, _, does in endpoints
+                if does == "publishes" and node in {each.name for each in process.nodes}
+            }
+            for child, process in nodes
+            if process.role == "host"
+        }
 
-    def play() -> None:
-        command = protocol.Play(rate_hz=TRACE_RATE_HZ, steps=TRACE_STEPS)
-        supervisor.request(loader, command, protocol.Played, _PLAY_TIMEOUT_S)
+    def _check_outputs(self, loader: ManagedProcess, loaded: protocol.Loaded) -> None:
+        """Compare the number of output messages with the number of input messages."""
+        silent = [topic for topic, count in loaded.recorded.items() if count == 0]
+        if silent:
+            counts = loaded.published.items()
+            published = ", ".join(f"{topic}: {count} messages" for topic, count in counts)
+            facts = self._trace_messages(loader)
+            faults = find_faults(facts, silent)
+            also = related_differences(faults, self.launcher.differences)
+            raise graph_error(
+                self.launcher,
+                faults,
+                f"no messages on {', '.join(silent)}",
+                fault_report(facts, silent, faults, also),
+                otherwise=NoOutputError,
+                hint=f"The loader published the input of the preprocessors ({published}).",
+            )
+        # An output made from several inputs has at most as many messages as the shortest one.
+        sent = min(
+            (count for topic, count in loaded.published.items() if count and topic != TF), default=0
+        )
+        for topic, count in loaded.recorded.items():
+            if count < sent:
+                self.context.note(
+                    f"{topic}: the preprocessors published {count} messages for {sent} inputs"
+                )
 
-    return graph_observer(supervisor, launcher, plan, _PHASE, monitor).trace(rows_dir, play)
+    def _trace_messages(self, loader: ManagedProcess) -> GraphFacts:
+        """Publish some messages again, and count the messages on each topic."""
+        supervisor, rows_dir = self.context.supervisor, self.context.buffer_dir
+        monitor = self.launcher.start(
+            ProcessPlan(name="monitor", role="monitor", phase=_PHASE, argv=NATIVE_ARGV, env={})
+        )
+        settings = protocol.ConfigureMonitor(monitors=(), rows_dir=str(rows_dir))
+        self.launcher.configure(monitor, settings)
+
+        def play() -> None:
+            command = protocol.Play(rate_hz=TRACE_RATE_HZ, steps=TRACE_STEPS)
+            supervisor.request(loader, command, protocol.Played, _PLAY_TIMEOUT_S)
+
+        observer = graph_observer(supervisor, self.launcher, self.plan, _PHASE, monitor)
+        return observer.trace(rows_dir, play)

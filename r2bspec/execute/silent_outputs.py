@@ -25,7 +25,7 @@ from r2bspec.execute.bringup.spec_mismatches import related_differences
 from r2bspec.execute.errors import NoOutputError
 from r2bspec.execute.measurement.segments import SegmentPlayer
 from r2bspec.execute.processes.supervisor import ManagedProcess
-from r2bspec.execute.run_context import RunContext
+from r2bspec.execute.run_context import MEASURE_PHASE, RunContext
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.record.run_record import OutputGapRecord, Segment
 
@@ -41,7 +41,6 @@ class SilentOutputs:
     """
 
     plan: Plan
-    phase: str
     context: RunContext
     launcher: Launcher
     rows_dir: Path
@@ -69,7 +68,7 @@ class SilentOutputs:
         facts = self._trace()
         faults = find_faults(facts, topics)
         lacking = {fault.topic for fault in faults}
-        remapped = [*remapped_topics(plan, self.phase)]
+        remapped = [*remapped_topics(plan, MEASURE_PHASE)]
         certain = certain_topics(facts, [fault.topic for fault in faults], remapped)
         certain |= {fault.topic for fault in faults if fault.kind in {"types", "qos"}}
         if not final and not certain:
@@ -120,7 +119,7 @@ class SilentOutputs:
     def _trace(self) -> GraphFacts:
         """Play some steps and count the messages on each topic."""
         supervisor = self.context.supervisor
-        observer = graph_observer(supervisor, self.launcher, self.plan, self.phase, self.monitor)
+        observer = graph_observer(supervisor, self.launcher, self.plan, MEASURE_PHASE, self.monitor)
 
         def play() -> None:
             if self.plan.inputs:

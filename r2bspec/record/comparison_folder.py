@@ -18,24 +18,22 @@ with pauses. Each iteration keeps its samples; the indices are renumbered.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 import msgspec
 import numpy as np
 
-from r2bspec.plan.canonical_json import PlanError, canonical_json, parse_plan, plan_hash
+from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import Plan
-from r2bspec.record.files import RecordError, write_atomically
+from r2bspec.record.files import FolderReader, to_json, write_atomically
 from r2bspec.record.graph_identity import common_identity
 from r2bspec.record.run_folder import Run, RunFolder, open_run, read_spec_text
 from r2bspec.record.run_record import RunRecord, SearchRecord, Segment
 from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
-from r2bspec.safe_io.safe_file import is_regular, read_bytes
-from r2bspec.safe_io.safe_json import MAX_JSON_BYTES, decode_json
+from r2bspec.safe_io.safe_file import is_regular
 
 Limit = Literal["graph", "player", "range", "interrupted", "interference"]
 
@@ -190,7 +188,9 @@ def _search(records: Sequence[RunRecord]) -> SearchRecord | None:
 PAIRS_FILE = "pairs.json"
 BASE_PLAN_FILE = "base.plan.json"
 
-FORMAT_VERSION = 1
+COMPARISON_FILES: Final = FolderReader(
+    "comparison", "The folder is incomplete; repeat the comparison."
+)
 
 Side = Literal["base", "head"]
 
@@ -261,8 +261,7 @@ class ComparisonFolder(RunFolder):
 
     def write_pairs(self, record: PairsRecord) -> None:
         """Write ``pairs.json``; it is written again after each run."""
-        text = msgspec.json.format(msgspec.json.encode(record), indent=1)
-        write_atomically(self.path / PAIRS_FILE, text + b"\n")
+        write_atomically(self.path / PAIRS_FILE, to_json(record))
 
 
 @dataclass(frozen=True)
@@ -372,52 +371,15 @@ def open_comparison(path: Path) -> PairedComparison:
         RecordError: a file is missing or damaged, or has an unknown format version.
     """
     folder = path.absolute()
-    try:
-        content = read_bytes(folder / PAIRS_FILE, max_bytes=MAX_JSON_BYTES)
-        version = decode_json(content, _VersionHeader).r2bspec_pairs
-        if version != FORMAT_VERSION:
-            raise RecordError(
-                f"{folder / PAIRS_FILE} has format version {version}; this r2bspec reads version "
-                f"{FORMAT_VERSION}",
-                hint="Use the version of r2bspec that wrote the comparison, or a newer one.",
-            )
-        record = decode_json(content, PairsRecord)
-    except OSError as error:
-        raise RecordError(
-            f"{folder / PAIRS_FILE} cannot be read: {error.strerror or error}",
-            hint="Give the folder of a comparison, which contains pairs.json.",
-        ) from error
-    except msgspec.DecodeError as error:
-        raise RecordError(
-            f"{folder / PAIRS_FILE} is damaged: {error}", hint=_CHANGED_HINT
-        ) from error
+    record = COMPARISON_FILES.versioned(
+        folder / PAIRS_FILE,
+        PairsRecord,
+        "r2bspec_pairs",
+        missing="Give the folder of a comparison, which contains pairs.json.",
+    )
     return PairedComparison(
         folder=folder,
         record=record,
-        plan=_open_plan(folder / "plan.json", record.head_plan),
-        base_plan=_open_plan(folder / BASE_PLAN_FILE, record.base_plan),
+        plan=COMPARISON_FILES.plan(folder / "plan.json", record.head_plan),
+        base_plan=COMPARISON_FILES.plan(folder / BASE_PLAN_FILE, record.base_plan),
     )
-
-
-_CHANGED_HINT = "The folder was changed after the comparison, or was not written by r2bspec."
-
-
-class _VersionHeader(msgspec.Struct):
-    r2bspec_pairs: int
-
-
-def _open_plan(path: Path, expected: str) -> Plan:
-    try:
-        content = read_bytes(path, max_bytes=MAX_JSON_BYTES)
-        plan = parse_plan(content, str(path))
-    except OSError as error:
-        raise RecordError(
-            f"{path} cannot be read: {error.strerror or error}",
-            hint="The folder is incomplete; repeat the comparison.",
-        ) from error
-    except PlanError as error:
-        raise RecordError(str(error), hint=_CHANGED_HINT) from error
-    # Of the file: a plan of an older version is encoded anew with the fields of this one.
-    if expected != f"sha256:{hashlib.sha256(content).hexdigest()}":
-        raise RecordError(f"{path} is not the plan of this comparison", hint=_CHANGED_HINT)
-    return plan

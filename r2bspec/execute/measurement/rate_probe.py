@@ -51,7 +51,7 @@ from r2bspec.language.benchmark_defaults import (
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.measure.metric_catalogue import resolve
 from r2bspec.measure.metric_values import metric_value
-from r2bspec.plan.plan import Plan
+from r2bspec.plan.plan import Plan, SearchPlan
 from r2bspec.record.run_record import Probe, Segment
 
 DEFAULT_PRECISION = 0.02
@@ -135,15 +135,13 @@ class RateProber:
         )
         return self._disturbed(lambda: self._play(play, rate_hz))
 
-    def long_plays(self, allows: Callable[[float], bool]) -> LongPlays | None:
-        """What the search plays besides short probes; None without a search.
+    def long_plays(self, search: SearchPlan, allows: Callable[[float], bool]) -> LongPlays:
+        """What the search plays besides short probes.
 
         Args:
+            search: of the plan.
             allows: whether there is time to play one more rate whole.
         """
-        search = self._plan.search
-        if search is None:
-            return None
         confirm_s = search.confirm_ns / 1e9
 
         def overload(rate_hz: float) -> ProbeOutcome:
@@ -370,30 +368,30 @@ class AffectedProbes:
         return replace(again, probe=rerun)
 
     def _wants_replay(self, outcome: ProbeOutcome) -> bool:
-        found = outcome.probe
-        if not found.explained or self._futile >= MAX_FUTILE_REPLAYS:
+        if not outcome.probe.explained or self._futile >= MAX_FUTILE_REPLAYS:
             return False
         segment = self.last_segment()
-        seconds = (segment.ended_ns - segment.began_ns) / 1e9
         return self.budget.allows(
-            f"no rerun of {found.segment}, which host interference affected", seconds
+            f"no rerun of {outcome.probe.segment}, which host interference affected",
+            (segment.ended_ns - segment.began_ns) / 1e9,
         )
 
     def _with_interference(self, outcome: ProbeOutcome) -> ProbeOutcome:
         """An outcome whose probe says what others did meanwhile, and whether that explains it."""
         segment = self.last_segment()
-        found = self.interference(segment.began_ns, segment.ended_ns)
-        one = msgspec.structs.replace(outcome.probe, by_player=outcome.limited_by_player)
-        if found.reasons:
-            one = msgspec.structs.replace(
-                one,
-                disturbed=found.reasons,
-                taken=0.0 if self.policy == "tolerate" else found.taken,
-                explained=self.policy != "tolerate"
-                and one.holds is not True
-                and self._can_explain(one, found.taken),
+        interference = self.interference(segment.began_ns, segment.ended_ns)
+        probe = msgspec.structs.replace(
+            outcome.probe,
+            by_player=outcome.limited_by_player,
+            disturbed=interference.reasons,
+        )
+        if interference.reasons and self.policy != "tolerate":
+            probe = msgspec.structs.replace(
+                probe,
+                taken=interference.taken,
+                explained=probe.holds is not True and self._can_explain(probe, interference.taken),
             )
-        return replace(outcome, probe=one)
+        return replace(outcome, probe=probe)
 
     def _can_explain(self, probe: Probe, taken: float) -> bool:
         if probe.purpose == "saturation":

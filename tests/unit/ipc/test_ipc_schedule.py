@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from r2bspec.ipc.schedule import (
     NO_STEP,
+    BetweenMessage,
     CyclicSchedule,
-    CyclicTransform,
     TimelineMessage,
     TimelineSchedule,
     TimelineStep,
@@ -60,10 +60,10 @@ def test_rounding_does_not_add_up(rate_hz: float, steps: int) -> None:
 def test_transforms_lie_between_the_steps_in_every_round() -> None:
     schedule = CyclicSchedule(
         steps=((0,), (1,)),
-        transforms=(
-            CyclicTransform(0.25, 4, 100),
-            CyclicTransform(0.5, 5, 200),
-            CyclicTransform(1.5, 6, 300),
+        between=(
+            BetweenMessage(0.25, 1, 4, 100),
+            BetweenMessage(0.5, 1, 5, 200),
+            BetweenMessage(1.5, 1, 6, 300),
         ),
     )
     events = played_events(schedule, 10.0, 4)
