@@ -31,11 +31,9 @@ from r2bspec.plan.plan import Plan
 from r2bspec.record.files import FolderReader, to_json, write_atomically
 from r2bspec.record.graph_identity import common_identity
 from r2bspec.record.run_folder import Run, RunFolder, open_run, read_spec_text
-from r2bspec.record.run_record import RunRecord, SearchRecord, Segment
+from r2bspec.record.run_record import Limit, RunRecord, SearchRecord, Segment
 from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
 from r2bspec.safe_io.safe_file import is_regular
-
-Limit = Literal["graph", "player", "range", "interrupted", "interference"]
 
 _SEPARATOR = "."
 

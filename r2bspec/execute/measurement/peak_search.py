@@ -23,7 +23,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
 
 from r2bspec.judge.stationarity import (
     Capacity,
@@ -34,7 +33,7 @@ from r2bspec.judge.stationarity import (
     find_start,
 )
 from r2bspec.language.benchmark_defaults import CONFIDENCE
-from r2bspec.record.run_record import CapacityRecord, Probe, SearchRecord
+from r2bspec.record.run_record import CapacityRecord, Limit, Probe, Proof, SearchRecord
 
 _FACTORS = (1.3, 1.1)
 """The offered rates, in turn, as multiples of what comes out: clearly too much, and not much more,
@@ -200,8 +199,6 @@ bad guess is corrected after two or three."""
 _MAX_STEP = 0.5
 """The maximum relative distance of the next probe from an undecided one."""
 
-Proof = Literal["", "confirmed", "probes", "open"]
-Limit = Literal["graph", "player", "range", "interrupted", "interference"]
 
 _MAX_OPEN_PROBES = 8
 """Undecided probes are the longest ones; after this number the search ends."""
