@@ -10,11 +10,11 @@ from __future__ import annotations
 import contextlib
 import heapq
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
@@ -94,14 +94,6 @@ def obtain_dataset(plan: DatasetPlan, base_dir: Path, progress: Progress) -> Res
     return ResolvedDataset(path, provenance | {"path": str(path), "sha256": digest})
 
 
-class _BagSource(NamedTuple):
-    """The topics to read from one bag, with their names in the graph."""
-
-    bag: Path
-    targets: Mapping[str, str]
-    window: Window
-
-
 def buffer_bags(
     bags: Sequence[Path], datasets: Sequence[DatasetPlan], folder: Path, progress: Progress
 ) -> dict[str, int]:
@@ -123,8 +115,8 @@ def buffer_bags(
     if any(dataset.publish_tf for dataset in datasets):
         types[TF] = TF_TYPE
     stamped = {topic: begins_with_header(type_name) for topic, type_name in types.items()}
-    parts = [
-        _BagSource(bag, _graph_topics(dataset, bag), window)
+    streams = [
+        _read_bag(dataset, bag, window)
         for bag, dataset, window in zip(bags, datasets, _windows(bags, datasets), strict=True)
     ]
     expected = sum(each.count for dataset in datasets for each in dataset.topics)
@@ -135,7 +127,7 @@ def buffer_bags(
             stack.callback(writer.close)
             writers[topic] = writer
         # In order of time, each with its topic in the graph.
-        merged = heapq.merge(*map(_read_bag, parts), key=itemgetter(0))
+        merged = heapq.merge(*streams, key=itemgetter(0))
         for done, (_, topic, message) in enumerate(merged):
             stamp_ns = read_stamp(message.data) if stamped[topic] else message.time_ns
             writers[topic].append(stamp_ns, message.data, message.time_ns)
@@ -145,17 +137,15 @@ def buffer_bags(
     return counts | _buffer_static(bags, datasets, folder)
 
 
-def _graph_topics(dataset: DatasetPlan, bag: Path) -> dict[str, str]:
-    """The topics of a bag that are read, with their names in the graph."""
+def _read_bag(
+    dataset: DatasetPlan, bag: Path, window: Window
+) -> Iterator[tuple[int, str, Message]]:
+    """The messages of a bag that are read, each after its time and its topic in the graph."""
     targets = {each.bag_topic: each.topic for each in dataset.topics}
     if dataset.publish_tf and index_bag(bag).find(TF) is not None:
         targets[TF] = TF
-    return targets
-
-
-def _read_bag(part: _BagSource) -> Iterator[tuple[int, str, Message]]:
-    by_name = {name.lstrip("/"): topic for name, topic in part.targets.items()}
-    for message in read_messages(part.bag, list(part.targets), part.window):
+    by_name = {name.lstrip("/"): topic for name, topic in targets.items()}
+    for message in read_messages(bag, list(targets), window):
         yield message.time_ns, by_name[message.topic.lstrip("/")], message
 
 

@@ -21,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import msgspec
 import numpy as np
@@ -50,20 +50,11 @@ class MergedRun(Run):
     runs: tuple[Run, ...] = ()
     spec: str = ""
 
-    def playback(self, segment: Segment) -> Rows:
-        """See `Run.playback`."""
-        run, own = self._source_run(segment)
-        return run.playback(own)
-
-    def monitor(self, segment: Segment, name: str) -> Rows:
-        """See `Run.monitor`."""
-        run, own = self._source_run(segment)
-        return run.monitor(own, name)
-
-    def tap(self, segment: Segment, topic: str) -> Rows:
-        """See `Run.tap`."""
-        run, own = self._source_run(segment)
-        return run.tap(own, topic)
+    def segment_rows(self, segment: Segment, file: str, dtype: np.dtype[np.void]) -> Rows:
+        """See `Run.segment_rows`."""
+        number, _, own = segment.id.partition(_SEPARATOR)
+        source = msgspec.structs.replace(segment, id=own)
+        return self.runs[int(number) - 1].segment_rows(source, file, dtype)
 
     def resources(self) -> Rows:
         """See `Run.resources`; the processes of each run follow those of the previous one."""
@@ -85,10 +76,6 @@ class MergedRun(Run):
     def spec_text(self) -> str:
         """See `Run.spec_text`."""
         return self.spec
-
-    def _source_run(self, segment: Segment) -> tuple[Run, Segment]:
-        number, _, own = segment.id.partition(_SEPARATOR)
-        return self.runs[int(number) - 1], msgspec.structs.replace(segment, id=own)
 
 
 def merge_runs(
@@ -336,7 +323,9 @@ class PairedComparison:
 
     def _merged_record(self, plan: Plan, runs: Sequence[Run]) -> RunRecord:
         record = self.record
-        one = runs[0].record if runs else None
+        facts: dict[str, Any] = {"dataset": {}, "machine": {}, "versions": {}, "identity": None}
+        if runs:
+            facts = {name: getattr(runs[0].record, name) for name in facts}
         return RunRecord(
             run_id=record.run_id,
             plan_hash=plan_hash(plan),
@@ -344,16 +333,13 @@ class PairedComparison:
             ended_at=record.ended_at,
             status=record.status,
             reason=record.reason,
-            dataset=one.dataset if one else {},
-            machine=one.machine if one else {},
-            versions=one.versions if one else {},
             processes=(),
             segments=(),
             search=None,
             sustained=(),
             events=(),
-            identity=one.identity if one else None,
             gate=record.gate,
+            **facts,
         )
 
 

@@ -218,7 +218,7 @@ class Run:
         Raises:
             RecordError: the file is missing or damaged.
         """
-        return read_rows(_segment_folder(self.folder, segment.id) / "playback.npy", PLAYBACK_DTYPE)
+        return self.segment_rows(segment, "playback.npy", PLAYBACK_DTYPE)
 
     def monitor(self, segment: Segment, name: str) -> Rows:
         """The messages of a monitor, one row each in order of arrival (type `MONITOR_DTYPE`).
@@ -226,9 +226,7 @@ class Run:
         Raises:
             RecordError: the file is missing or damaged.
         """
-        return read_rows(
-            _segment_folder(self.folder, segment.id) / _monitor_file(name), MONITOR_DTYPE
-        )
+        return self.segment_rows(segment, _monitor_file(name), MONITOR_DTYPE)
 
     def tap(self, segment: Segment, topic: str) -> Rows:
         """The messages of a tap, one row each in order of arrival (type `MONITOR_DTYPE`).
@@ -236,7 +234,15 @@ class Run:
         Raises:
             RecordError: the file is missing or damaged.
         """
-        return read_rows(_segment_folder(self.folder, segment.id) / _tap_file(topic), MONITOR_DTYPE)
+        return self.segment_rows(segment, _tap_file(topic), MONITOR_DTYPE)
+
+    def segment_rows(self, segment: Segment, file: str, dtype: np.dtype[np.void]) -> Rows:
+        """The rows of one file of a segment.
+
+        Raises:
+            RecordError: the file is missing or damaged.
+        """
+        return read_rows(_segment_folder(self.folder, segment.id) / file, dtype)
 
     def resources(self) -> Rows:
         """CPU and memory samples (type `RESOURCE_DTYPE`); no rows if none were taken.

@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import msgspec
 
 from r2bspec.execute.measurement.peak_search import PeakSearch
-from r2bspec.execute.measurement.rate_probe import DEFAULT_PRECISION, AffectedProbes, RateProber
+from r2bspec.execute.measurement.rate_probe import RateProber
 from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
 from r2bspec.execute.run_context import RunContext, TimeBudget
 from r2bspec.execute.states import RunState
@@ -71,15 +71,7 @@ class Measurement:
         self._plan = plan
         self.segment_player = segment_player
         self._context = context
-        disturbed = AffectedProbes(
-            plan.gate.interference,
-            plan.search.precision if plan.search else DEFAULT_PRECISION,
-            lambda: segment_player.segments[-1],
-            context.host.between,
-            budget,
-            context.note,
-        )
-        self._prober = RateProber(plan, segment_player, context.note, disturbed.play)
+        self._prober = RateProber(plan, segment_player, context, budget)
         self._judge_so_far = judge_so_far
         self._budget = budget
         self._next_start = next_start
