@@ -21,7 +21,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from r2bspec.check.installed_packages import find_module
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.bringup.harness_processes import build_join_files
 from r2bspec.execute.bringup.launcher import Launcher, message_packages
@@ -35,10 +34,11 @@ from r2bspec.execute.errors import (
     UnsupportedError,
     UnwritableRunError,
 )
-from r2bspec.execute.fill_buffers import Preprocessing, ResolvedDataset, buffer_bags, obtain_dataset
+from r2bspec.execute.fill_buffers import ResolvedDataset, buffer_bags, obtain_dataset, preprocess
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.execute.identity.loaded_files import LoadedFiles
 from r2bspec.execute.measurement.measurement import Measurement
+from r2bspec.execute.processes.elf import require_joinable
 from r2bspec.execute.processes.environment import (
     MODULES_FOLDER,
     RunEnvironment,
@@ -48,7 +48,6 @@ from r2bspec.execute.processes.environment import (
 from r2bspec.execute.processes.machine import describe_machine, describe_versions, unwritable_log
 from r2bspec.execute.processes.prerequisites import (
     check_middleware,
-    require_joinable,
     reserved_domain,
     resolve_argv,
 )
@@ -75,6 +74,7 @@ from r2bspec.measure.run_samples import HostSamples, run_samples
 from r2bspec.measure.samples import RunSamples
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import Plan
+from r2bspec.plan.this_machine import find_module
 from r2bspec.record.files import RecordError
 from r2bspec.record.graph_identity import GraphIdentity, write_loaded_files
 from r2bspec.record.run_folder import RunFolder
@@ -310,7 +310,7 @@ class _Run:
         if "preprocess" not in self._plan.phases:
             return
         self._states.enter(RunState.PREPROCESS, "running the preprocessors")
-        Preprocessing(self._plan, self._context, self._launcher()).run()
+        preprocess(self._plan, self._context, self._launcher())
 
     def _measure(self) -> None:
         """Measure in the starts of the plan and, if the run fails, in as many that confirm it."""

@@ -18,19 +18,13 @@ from typing import Any, Final
 
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.bag_writer import begins_with_header
 from r2bspec.bags.integrity import hash_files
+from r2bspec.bags.message_types import begins_with_header
 from r2bspec.bags.recording import Message, Window
 from r2bspec.datasets.catalogue import locate
 from r2bspec.datasets.synthesis import make
-from r2bspec.execute.bringup.find_fault import fault_report, find_faults
-from r2bspec.execute.bringup.graph_matching import (
-    expected_subscriptions,
-    graph_error,
-    graph_observer,
-    subscription_counts,
-    wait_until_matched,
-)
+from r2bspec.execute.bringup.find_fault import find_faults
+from r2bspec.execute.bringup.graph_matching import PhaseGraph
 from r2bspec.execute.bringup.launcher import Launcher, message_packages
 from r2bspec.execute.bringup.observe_graph import (
     TRACE_RATE_HZ,
@@ -38,7 +32,6 @@ from r2bspec.execute.bringup.observe_graph import (
     GraphFacts,
 )
 from r2bspec.execute.bringup.readiness import StartDeadline
-from r2bspec.execute.bringup.spec_mismatches import check_parameters, related_differences
 from r2bspec.execute.errors import DatasetMismatchError, NoOutputError
 from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.progress import Progress
@@ -209,137 +202,123 @@ _LOAD_TIMEOUT_S = 3600.0
 _PLAY_TIMEOUT_S = 60.0
 
 
-@dataclass(frozen=True)
-class Preprocessing:
-    """The preprocessors of a plan, run on all messages that were buffered from the bags."""
+def preprocess(plan: Plan, context: RunContext, launcher: Launcher) -> None:
+    """Run the preprocessors on all messages that were buffered from the bag.
 
-    plan: Plan
-    context: RunContext
-    launcher: Launcher
+    Raises:
+        NoOutputError: a recorded topic has no messages.
+        RunError: a process exited, failed, or was not ready in time.
+    """
+    supervisor, buffer_dir = context.supervisor, context.buffer_dir
+    graph = PhaseGraph(plan, _PHASE, supervisor, launcher, context.note)
+    processes = [each for each in plan.processes if each.phase == _PHASE]
+    recorded = {each.source: each.type for each in plan.inputs if not each.bag_topic}
+    read = {
+        each.name: set(each.readers) - {"loader"}
+        for each in plan.topics
+        if each.phase == _PHASE and "loader" in each.writers
+    }
+    datasets = plan.datasets or (plan.dataset,)
+    types = {each.topic: each.type for dataset in datasets for each in dataset.topics}
+    sources = {topic: kind for topic, kind in types.items() if topic in read}
+    played = {each.source for each in plan.inputs if each.bag_topic}
+    transforms = buffered_transforms(buffer_dir)
+    if TF in transforms:
+        sources[TF] = TF_TYPE
+    launcher.check_shared_memory(plan, _PHASE)
+    launcher.start_early(processes, message_packages(plan), observer=False)
+    loader = launcher.start(next(each for each in processes if each.role == "loader"))
+    launcher.configure(
+        loader,
+        protocol.ConfigureLoader(
+            sources=sources,
+            recorded=recorded,
+            buffer_dir=str(buffer_dir),
+            buffer_only=tuple(sorted(played - sources.keys())),
+            retime=plan.timeline is not None and plan.timeline.recorded,
+            static=TF_STATIC in transforms,
+            clock=plan.clock,
+        ),
+    )
+    others = [each for each in processes if each.role != "loader"]
+    deadline = StartDeadline(plan.start_timeout_ns)
+    nodes = launcher.start_nodes(others, deadline)
+    supervisor.request(loader, protocol.Subscribe(), protocol.Matched, 10.0)
+    # An input that is also played as recorded may have no subscription here.
+    wanted = {
+        topic: graph.expected_subscriptions(topic)
+        for topic in sources
+        if read.get(topic) or topic not in {*played, TF}
+    }
+    wanted |= dict.fromkeys(recorded, 1) | graph.subscription_counts(transforms)
+    between = _expected_subscriptions_by_host(zip(nodes, others, strict=True), launcher, recorded)
+    graph.wait_until_matched({loader: wanted} | between, deadline)
+    graph.check_parameters(loader)
+    load = protocol.Load(
+        max_output_gap_ns=plan.drain_timeout_ns,
+        real_time=any(dataset.real_time for dataset in datasets),
+    )
+    loaded = supervisor.request(loader, load, protocol.Loaded, _LOAD_TIMEOUT_S)
+    _check_outputs(graph, loader, loaded, buffer_dir)
+    supervisor.end([loader, *nodes])
 
-    def run(self) -> None:
-        """Start the preprocessors and the loader, let them process all messages, and end them.
 
-        Raises:
-            NoOutputError: a recorded topic has no messages.
-            RunError: a process exited, failed, or was not ready in time.
-        """
-        plan, launcher, supervisor = self.plan, self.launcher, self.context.supervisor
-        processes = [process for process in plan.processes if process.phase == _PHASE]
-        recorded = {source.source: source.type for source in plan.inputs if not source.bag_topic}
-        read = {
-            topic.name: set(topic.readers) - {"loader"}
-            for topic in plan.topics
-            if topic.phase == _PHASE and "loader" in topic.writers
+def _expected_subscriptions_by_host(
+    nodes: Iterable[tuple[ManagedProcess, ProcessPlan]], launcher: Launcher, recorded: Iterable[str]
+) -> dict[ManagedProcess, dict[str, int]]:
+    """For each host, how many subscriptions of preprocessors and loader its topics must match.
+
+    The loader counts its own endpoints only. Messages that the first preprocessor of a chain
+    publishes before the second one is matched would be lost.
+    """
+    subscriptions = Counter(recorded)
+    subscriptions.update(topic for _, topic, _, does in launcher.endpoints if does == "subscribes")
+    return {
+        child: {
+            topic: subscriptions[topic]
+            for node, topic, _, does in launcher.endpoints
+            if does == "publishes" and node in {each.name for each in process.nodes}
         }
-        datasets = plan.datasets or (plan.dataset,)
-        types = {topic.topic: topic.type for dataset in datasets for topic in dataset.topics}
-        sources = {topic: kind for topic, kind in types.items() if topic in read}
-        played = {source.source for source in plan.inputs if source.bag_topic}
-        transforms = buffered_transforms(self.context.buffer_dir)
-        if TF in transforms:
-            sources[TF] = TF_TYPE
-        launcher.check_shared_memory(plan, _PHASE)
-        launcher.start_early(processes, message_packages(plan), observer=False)
-        loader = launcher.start(next(each for each in processes if each.role == "loader"))
-        launcher.configure(
-            loader,
-            protocol.ConfigureLoader(
-                sources=sources,
-                recorded=recorded,
-                buffer_dir=str(self.context.buffer_dir),
-                buffer_only=tuple(sorted(played - sources.keys())),
-                retime=plan.timeline is not None and plan.timeline.recorded,
-                static=TF_STATIC in transforms,
-                clock=plan.clock,
-            ),
-        )
-        others = [process for process in processes if process.role != "loader"]
-        deadline = StartDeadline(plan.start_timeout_ns)
-        nodes = launcher.start_nodes(others, deadline)
-        supervisor.request(loader, protocol.Subscribe(), protocol.Matched, 10.0)
-        # An input that is also played as recorded may have no subscription here.
-        expected = {
-            topic: expected_subscriptions(plan, topic, _PHASE)
-            for topic in sources
-            if read.get(topic) or topic not in {*played, TF}
-        }
-        expected |= dict.fromkeys(recorded, 1) | subscription_counts(launcher, transforms)
-        between = self._expected_by_host(zip(nodes, others, strict=True), recorded)
-        note = self.context.note
-        wait_until_matched(
-            supervisor, launcher, {loader: expected} | between, plan, _PHASE, deadline, note
-        )
-        check_parameters(plan, _PHASE, supervisor, loader, launcher.differences, note)
-        load = protocol.Load(
-            max_output_gap_ns=plan.drain_timeout_ns,
-            real_time=any(dataset.real_time for dataset in datasets),
-        )
-        self._check_outputs(
-            loader, supervisor.request(loader, load, protocol.Loaded, _LOAD_TIMEOUT_S)
-        )
-        supervisor.end([loader, *nodes])
+        for child, process in nodes
+        if process.role == "host"
+    }
 
-    def _expected_by_host(
-        self, nodes: Iterable[tuple[ManagedProcess, ProcessPlan]], recorded: Iterable[str]
-    ) -> dict[ManagedProcess, dict[str, int]]:
-        """For each host, how many subscriptions of preprocessors and loader its topics must match.
 
-        The loader counts its own endpoints only. Messages that the first preprocessor of a chain
-        publishes before the second one is matched would be lost.
-        """
-        endpoints = self.launcher.endpoints
-        subscriptions = Counter(recorded)
-        subscriptions.update(topic for _, topic, _, does in endpoints if does == "subscribes")
-        return {
-            child: {
-                topic: subscriptions[topic]
-                for node, topic, _, does in endpoints
-                if does == "publishes" and node in {each.name for each in process.nodes}
-            }
-            for child, process in nodes
-            if process.role == "host"
-        }
-
-    def _check_outputs(self, loader: ManagedProcess, loaded: protocol.Loaded) -> None:
-        """Compare the number of output messages with the number of input messages."""
-        silent = [topic for topic, count in loaded.recorded.items() if count == 0]
-        if silent:
-            counts = loaded.published.items()
-            published = ", ".join(f"{topic}: {count} messages" for topic, count in counts)
-            facts = self._trace_messages(loader)
-            faults = find_faults(facts, silent)
-            also = related_differences(faults, self.launcher.differences)
-            raise graph_error(
-                self.launcher,
-                faults,
-                f"no messages on {', '.join(silent)}",
-                fault_report(facts, silent, faults, also),
-                otherwise=NoOutputError,
-                hint=f"The loader published the input of the preprocessors ({published}).",
-            )
-        # An output made from several inputs has at most as many messages as the shortest one.
-        sent = min(
-            (count for topic, count in loaded.published.items() if count and topic != TF), default=0
+def _check_outputs(
+    graph: PhaseGraph, loader: ManagedProcess, loaded: protocol.Loaded, buffer_dir: Path
+) -> None:
+    """Compare the number of output messages with the number of input messages."""
+    silent = [topic for topic, count in loaded.recorded.items() if count == 0]
+    published = ", ".join(f"{topic}: {count} messages" for topic, count in loaded.published.items())
+    if silent:
+        facts = _trace_messages(graph, loader, buffer_dir)
+        raise graph.error(
+            facts,
+            find_faults(facts, silent),
+            silent,
+            f"no messages on {', '.join(silent)}",
+            f"The loader published the input of the preprocessors ({published}).",
+            otherwise=NoOutputError,
         )
-        for topic, count in loaded.recorded.items():
-            if count < sent:
-                self.context.note(
-                    f"{topic}: the preprocessors published {count} messages for {sent} inputs"
-                )
+    # An output made from several inputs has at most as many messages as the shortest one.
+    sent = min(
+        (count for topic, count in loaded.published.items() if count and topic != TF), default=0
+    )
+    for topic, count in loaded.recorded.items():
+        if count < sent:
+            graph.note(f"{topic}: the preprocessors published {count} messages for {sent} inputs")
 
-    def _trace_messages(self, loader: ManagedProcess) -> GraphFacts:
-        """Publish some messages again, and count the messages on each topic."""
-        supervisor, rows_dir = self.context.supervisor, self.context.buffer_dir
-        monitor = self.launcher.start(
-            ProcessPlan(name="monitor", role="monitor", phase=_PHASE, argv=NATIVE_ARGV, env={})
-        )
-        settings = protocol.ConfigureMonitor(monitors=(), rows_dir=str(rows_dir))
-        self.launcher.configure(monitor, settings)
 
-        def play() -> None:
-            command = protocol.Play(rate_hz=TRACE_RATE_HZ, steps=TRACE_STEPS)
-            supervisor.request(loader, command, protocol.Played, _PLAY_TIMEOUT_S)
+def _trace_messages(graph: PhaseGraph, loader: ManagedProcess, rows_dir: Path) -> GraphFacts:
+    """Publish some messages again, and count the messages on each topic."""
+    launcher = graph.launcher
+    monitor = launcher.start(
+        ProcessPlan(name="monitor", role="monitor", phase=_PHASE, argv=NATIVE_ARGV, env={})
+    )
+    launcher.configure(monitor, protocol.ConfigureMonitor(monitors=(), rows_dir=str(rows_dir)))
 
-        observer = graph_observer(supervisor, self.launcher, self.plan, _PHASE, monitor)
-        return observer.trace(rows_dir, play)
+    def play() -> None:
+        command = protocol.Play(rate_hz=TRACE_RATE_HZ, steps=TRACE_STEPS)
+        graph.supervisor.request(loader, command, protocol.Played, _PLAY_TIMEOUT_S)
+
+    return graph.observer(monitor).trace(rows_dir, play)
