@@ -271,7 +271,7 @@ def _expected_subscriptions_by_host(
     The loader counts its own endpoints only. Messages that the first preprocessor of a chain
     publishes before the second one is matched would be lost.
     """
-    subscriptions = Counter(recorded)
+    subscriptions = Counter(list(recorded))
     subscriptions.update(topic for _, topic, _, does in launcher.endpoints if does == "subscribes")
     return {
         child: {
