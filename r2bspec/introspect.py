@@ -17,7 +17,6 @@ from typing import Any
 
 import msgspec
 
-from r2bspec.check.installed_packages import package_version
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.errors import NotReadyError
 from r2bspec.execute.processes.environment import RunEnvironment, make_redactor, replaced_texts
@@ -34,6 +33,7 @@ from r2bspec.language.environment_access import quoted_secret_references
 from r2bspec.language.spec import Spec
 from r2bspec.plan.command_lines import HARNESS_ARGV, node_argv
 from r2bspec.plan.compile_plan import compile_plan
+from r2bspec.plan.installed_packages import package_version
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
 from r2bspec.wiring.build_wiring import build_wiring
 from r2bspec.wiring.companion_files import read_companion_files

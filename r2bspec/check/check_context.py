@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from r2bspec.bags.recording import merge_indexes
 from r2bspec.check.bag_facts import cached_index
-from r2bspec.check.installed_packages import package_version
 from r2bspec.check.requirement_metrics import (
     KnownMetric,
     LocatedRequirement,
@@ -21,6 +20,7 @@ from r2bspec.language.located_tree import ListNode, MapNode, TreeNode, child, lo
 from r2bspec.language.spec import Spec
 from r2bspec.measure.metric_catalogue import MetricError, resolve
 from r2bspec.plan.compile_plan import bag_types, has_own_rate
+from r2bspec.plan.installed_packages import package_version
 from r2bspec.plan.process_plans import process_names
 from r2bspec.record.calibration_file import CalibrationFile, calibration_path, read_calibration_file
 from r2bspec.record.files import RecordError

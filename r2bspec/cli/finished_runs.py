@@ -20,7 +20,7 @@ from r2bspec.cli.shared_options import (
     share,
     verbose_option,
 )
-from r2bspec.cli.text_output import counted, print_table
+from r2bspec.cli.text_output import counted, print_table, show_findings
 from r2bspec.diagnostics.quote import clip
 from r2bspec.exit_status import ExitStatus
 from r2bspec.language.quantities import Share
@@ -118,19 +118,18 @@ def _load_objectives(path: Path) -> Spec:
     from r2bspec.api import InvalidSpecError
     from r2bspec.check import check
     from r2bspec.language.load_spec import load_spec
-    from r2bspec.report.findings_text import print_findings as show
 
     loaded = load_spec(path)
-    found = [
-        each
-        for each in check(loaded, offline=True)
+    findings = [
+        finding
+        for finding in check(loaded, offline=True)
         if loaded.spec is None
-        or each.path[:1] == ("slos",)
-        or each.path[:2] == ("benchmark", "gate")
+        or finding.path[:1] == ("slos",)
+        or finding.path[:2] == ("benchmark", "gate")
     ]
-    show(found, loaded.texts)
-    if loaded.spec is None or any(each.severity == "error" for each in found):
-        raise InvalidSpecError(loaded, found)
+    show_findings(findings, loaded)
+    if loaded.spec is None or any(finding.severity == "error" for finding in findings):
+        raise InvalidSpecError(loaded, findings)
     return loaded.spec
 
 

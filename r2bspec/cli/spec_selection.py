@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import click
 
+from r2bspec.cli.text_output import show_findings
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.language.selected_spec import SpecSelection as SpecSelection
 
@@ -51,16 +52,15 @@ def prepare_and_report(
     """
     from r2bspec import api
     from r2bspec.diagnostics import Severity
-    from r2bspec.report.findings_text import print_findings as show
 
     try:
         prepared = api.prepare(selection, smoke=smoke)
     except api.InvalidSpecError as error:
-        show(error.diagnostics, error.loaded.texts)
+        show_findings(error.diagnostics, error.loaded)
         raise
     if prepared.loaded is not None:
         shown = [each for each in prepared.diagnostics if infos or each.severity != Severity.INFO]
-        show(shown, prepared.loaded.texts)
+        show_findings(shown, prepared.loaded)
     if require_slos:
         _require_objectives(prepared, selection)
     return prepared
@@ -68,13 +68,12 @@ def prepare_and_report(
 
 def _require_objectives(prepared: PreparedBenchmark, selection: SpecSelection) -> None:
     from r2bspec.compare.gate_strength import MissingObjectivesError, require_objectives
-    from r2bspec.report.findings_text import print_findings as show
 
     loaded = prepared.loaded
     try:
         require_objectives(prepared.plan, loaded.file if loaded else str(selection.spec))
     except MissingObjectivesError as error:
-        show([error.diagnostic], loaded.texts if loaded else {})
+        show_findings([error.diagnostic], loaded)
         error.remainder = ""
         raise
 

@@ -13,6 +13,7 @@ from r2bspec.report.output import echo, echo_document
 
 if TYPE_CHECKING:
     from r2bspec.diagnostics import Diagnostic
+    from r2bspec.language.load_spec import LoadedSpec
 
 
 def counted(number: int, noun: str) -> str:
@@ -55,6 +56,13 @@ def print_table(
     echo(styled(plain(first), bold=True), styled=True)
     for line in lines:
         echo(line)
+
+
+def show_findings(findings: Sequence[Diagnostic], loaded: LoadedSpec | None) -> None:
+    """Print findings about a document to standard error, with the lines that they are about."""
+    from r2bspec.report.findings_text import print_findings as show
+
+    show(findings, loaded.texts if loaded is not None else {})
 
 
 def print_findings(

@@ -60,7 +60,7 @@ def did_you_mean(wrong: str, known: Iterable[str]) -> str:
     return _closest(wrong, tuple(islice(known, _MAX_CANDIDATES)))
 
 
-def suggestion(wrong: str, known: Iterable[str], otherwise: str) -> str:
+def unknown_name_help(wrong: str, known: Iterable[str], otherwise: str) -> str:
     """Help for an unknown name: the most similar known one, if any, and what is said otherwise."""
     close = did_you_mean(wrong, known)
     return f"did you mean '{close}'? {otherwise}" if close else otherwise

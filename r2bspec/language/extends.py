@@ -19,7 +19,7 @@ import msgspec
 from msgspec.structs import replace
 
 from r2bspec.diagnostics import Path, Related, Span, did_you_mean, format_path
-from r2bspec.diagnostics.quote import quote, suggestion
+from r2bspec.diagnostics.quote import quote, unknown_name_help
 from r2bspec.language.declaration import Rule, language
 from r2bspec.language.document import MAX_DOCUMENT_BYTES, Document, read_file
 from r2bspec.language.located_tree import (
@@ -342,7 +342,7 @@ class _Section:
                 "R2B136",
                 f"{quote(format_path(self._section))} has no entry {quote(base)} to extend",
                 span,
-                suggestion(base, others, known),
+                unknown_name_help(base, others, known),
             )
             return None
         origin = Related(f"'{name}' extends '{base}' here", span)

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from r2bspec.diagnostics import Diagnostic, Path, Related, Span, format_path
-from r2bspec.diagnostics.quote import suggestion
+from r2bspec.diagnostics.quote import unknown_name_help
 from r2bspec.language.located_tree import (
     ListNode,
     MapNode,
@@ -309,7 +309,7 @@ def _translations(document: _Document) -> Iterator[Diagnostic]:
     for topic, entry in translations.entries.items():
         if topic not in inputs.entries and entry.key_resolved:
             known = "inputs: " + ", ".join(list(inputs.entries)[:10])
-            help_text = suggestion(topic, inputs.entries, known)
+            help_text = unknown_name_help(topic, inputs.entries, known)
             yield document.error((*path, topic), f"unknown playback input '{topic}'", help_text)
 
 

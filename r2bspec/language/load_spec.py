@@ -16,7 +16,7 @@ from pathlib import Path as FilePath
 from typing import Unpack
 
 from r2bspec.diagnostics import Diagnostic, Path, Severity, Span
-from r2bspec.diagnostics.quote import quote, suggestion
+from r2bspec.diagnostics.quote import quote, unknown_name_help
 from r2bspec.language.declaration import Rule, language
 from r2bspec.language.document import (
     MAX_PROBLEMS,
@@ -283,7 +283,7 @@ def _select_cases(document: Document, case: str) -> tuple[Matrix | None, tuple[M
             "R2B140",
             f"unknown case {quote(selected)}",
             matrix.span if matrix is not None else Span.of_file(document.file),
-            suggestion(selected, names, known),
+            unknown_name_help(selected, names, known),
         )
     return matrix, matching
 

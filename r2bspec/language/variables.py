@@ -24,7 +24,7 @@ import msgspec
 from msgspec.structs import replace
 
 from r2bspec.diagnostics import Path, Related, Span, did_you_mean, format_path
-from r2bspec.diagnostics.quote import quote, suggestion
+from r2bspec.diagnostics.quote import quote, unknown_name_help
 from r2bspec.language.declaration import rule_at
 from r2bspec.language.document import (
     DiagnosticCollector,
@@ -175,7 +175,7 @@ def with_variables(root: TreeNode, values: Mapping[str, TreeNode]) -> TreeNode:
 def declared_variables_help(name: str, declared: Collection[str], if_none: str) -> str:
     """Help for a variable that is not declared."""
     known = "declared variables: " + ", ".join(sorted(declared)[:10])
-    return suggestion(name, declared, known if declared else if_none)
+    return unknown_name_help(name, declared, known if declared else if_none)
 
 
 def is_declared_text(declared: TreeNode) -> bool:
@@ -510,5 +510,5 @@ def _path_suggestion(node: TreeNode | None, path: Path) -> str:
     of_language = parent.keys or () if parent is not None and (node is None or written) else ()
     keys = list(dict.fromkeys([*written, *of_language]))
     if keys:
-        return suggestion(str(path[-1]), keys, "known keys: " + ", ".join(keys[:12]))
+        return unknown_name_help(str(path[-1]), keys, "known keys: " + ", ".join(keys[:12]))
     return "--set can only replace values that the document has, or set keys of the language"

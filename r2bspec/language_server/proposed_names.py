@@ -14,7 +14,6 @@ from typing import Any, Final
 from lsprotocol import types
 
 from r2bspec.check.check_context import Context
-from r2bspec.check.installed_packages import installed_message_types
 from r2bspec.diagnostics import Path
 from r2bspec.language.declaration import Rule, rule_at
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode, lookup
@@ -35,6 +34,7 @@ from r2bspec.language_server.proposed_values import (
     yaml_files,
 )
 from r2bspec.language_server.symbols import names_of
+from r2bspec.plan.installed_packages import installed_message_types
 from r2bspec.wiring.name_resolution import expand
 from r2bspec.wiring.wiring import NodeWiring
 

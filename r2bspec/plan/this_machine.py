@@ -18,7 +18,7 @@ from typing import Final
 
 from r2bspec.language.spec import Requires, Scalar
 from r2bspec.safe_io.looked_up_files import shared_lookup
-from r2bspec.safe_io.safe_file import names_in
+from r2bspec.safe_io.safe_file import names_if_any
 
 LABELS_VARIABLE: Final = "R2BSPEC_LABELS"
 """The labels of this machine, as ``robot=carter,floor=2``."""
@@ -93,17 +93,9 @@ def ros_distro() -> str:
     """The ROS distribution: a sourced one, or that of the wheels; empty if there is none."""
     if distribution := os.environ.get("ROS_DISTRO"):
         return distribution
-    installed = {
-        match[1] for folder in sys.path for match in map(_RCLPY.match, _names_in(folder)) if match
-    }
+    names = (name for folder in sys.path for name in names_if_any(Path(folder or ".")))
+    installed = {match[1] for match in map(_RCLPY.match, names) if match}
     return next((distro for distro in ROS_DISTROS if distro in installed), "")
-
-
-def _names_in(folder: str) -> list[str]:
-    try:
-        return names_in(Path(folder or "."))
-    except OSError:
-        return []
 
 
 @shared_lookup

@@ -223,6 +223,14 @@ def names_in(folder: Path) -> list[str]:
     return sorted(os.listdir(folder))  # noqa: PTH208 - names alone are asked for
 
 
+def names_if_any(folder: Path) -> list[str]:
+    """The same; none if there is no such folder, or it cannot be read."""
+    try:
+        return names_in(folder)
+    except OSError:
+        return []
+
+
 def _open_place(path: Path) -> int:
     note_lookup(path)
     try:

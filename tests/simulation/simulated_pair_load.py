@@ -183,7 +183,6 @@ class Outcomes:
 def _run(random: np.random.Generator, level: float, slower: float, taken: float) -> RunSamples:
     """One run: 2 s at 30 Hz."""
     noise = np.exp(random.normal(0, 0.05, (1, MESSAGES)))
-    samples = run_of(LATENCY_S * level * slower / (1 - taken) * noise)
     around = HostInterference(
         seconds=MESSAGES / RATE_HZ,
         cores=_CORES,
@@ -192,8 +191,8 @@ def _run(random: np.random.Generator, level: float, slower: float, taken: float)
         own_cores=_OWN_CORES * slower,
         own_waited=taken * slower,
     )
-    (one,) = samples.iterations[RATE_HZ]
-    return replace(samples, iterations={RATE_HZ: (replace(one, interference=around),)})
+    latency = LATENCY_S * level * slower / (1 - taken) * noise
+    return run_of(latency, interference=[around])
 
 
 def _is_affected(run: RunSamples) -> bool:

@@ -22,13 +22,6 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.check.installed_packages import (
-    AMENT_INDEX,
-    ament_packages,
-    ament_prefixes,
-    package_share,
-    package_version,
-)
 from r2bspec.execute.identity.file_digests import (
     FileDigests,
     WorkspacePackages,
@@ -42,6 +35,13 @@ from r2bspec.execute.identity.python_sources import (
     sources_of_module,
 )
 from r2bspec.plan.command_lines import INCLUDED_LAUNCH
+from r2bspec.plan.installed_packages import (
+    AMENT_INDEX,
+    ament_packages,
+    ament_prefixes,
+    package_share,
+    package_version,
+)
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
 from r2bspec.record.graph_identity import (
     FileDigest,

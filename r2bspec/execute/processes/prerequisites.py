@@ -24,7 +24,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from r2bspec import harness
-from r2bspec.check.installed_packages import PACKAGE_INDEX, ament_prefixes
 from r2bspec.execute.errors import (
     MiddlewareError,
     NotInstalledError,
@@ -44,6 +43,7 @@ from r2bspec.middleware.middleware import (
 )
 from r2bspec.native.build import BuildError
 from r2bspec.native.harness_objects import harness_library, harness_program
+from r2bspec.plan.installed_packages import PACKAGE_INDEX, ament_prefixes
 from r2bspec.plan.plan import Plan, ProcessPlan
 
 _EXECUTABLE = re.compile(r"\$\(executable (?P<package>\S+) (?P<name>\S+)\)")

@@ -9,7 +9,7 @@ from rosbags.interfaces import Nodetype
 
 from r2bspec.bags import message_types
 from r2bspec.check.rules.parameters import parameter_type
-from r2bspec.diagnostics.quote import pluralize, quoted_list, suggestion
+from r2bspec.diagnostics.quote import quoted_list, suggestion
 
 
 def test_the_frequent_types_are_what_rosbags_says() -> None:
@@ -61,8 +61,3 @@ def test_suggestions() -> None:
     assert suggestion("imgae", ["image", "depth"], "topics") == "did you mean 'image'?"
     assert suggestion("x", ["image", "depth"], "topics") == "topics: 'depth' and 'image'"
     assert suggestion("x", [], "topics") == ""
-
-
-def test_counts() -> None:
-    assert pluralize(1, "message") == "1 message"
-    assert pluralize(3000, "message") == "3,000 messages"
