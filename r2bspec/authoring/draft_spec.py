@@ -11,7 +11,7 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from r2bspec.bags.bag_writer import begins_with_header
+from r2bspec.bags.message_types import begins_with_header
 from r2bspec.bags.recording import BagIndex, TopicInfo
 from r2bspec.interop.script_import.spec_text import Block, document, identifier, unique_name
 from r2bspec.judge.statistics.rule_of_three import min_sample_size

@@ -20,12 +20,6 @@ from pathlib import Path
 from typing import Any
 
 from r2bspec.authoring.draft_spec import DraftNodes, Recording, draft_text
-from r2bspec.check.installed_packages import (
-    ament_prefixes,
-    package_share,
-    python_target,
-    top_level_names,
-)
 from r2bspec.datasets.catalogue import index, locate
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.interop.script_import.benchmark_script import launch_file_actions
@@ -43,7 +37,7 @@ from r2bspec.interop.script_import.source_files import (
     UnusableScriptError,
     read_comments,
 )
-from r2bspec.interop.script_import.spec_nodes import NodeWriter
+from r2bspec.interop.script_import.spec_entries import NodeWriter
 from r2bspec.interop.script_import.spec_text import (
     Block,
     SpecValues,
@@ -54,6 +48,12 @@ from r2bspec.interop.script_import.spec_text import (
 )
 from r2bspec.interop.script_import.values import Note, ScriptLimitError
 from r2bspec.language.templates import node_key
+from r2bspec.plan.installed_packages import (
+    ament_prefixes,
+    package_share,
+    python_target,
+    top_level_names,
+)
 from r2bspec.safe_io.safe_file import is_folder, is_regular
 from r2bspec.wiring.ast_reader import read_node_class, read_python_file
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from r2bspec.fleet.fleet_runs import Ended, FleetRun, RunStatus
     from r2bspec.fleet.hosts import Host
     from r2bspec.fleet.journal import Journal
-    from r2bspec.report.suite_summary import SuiteRun
+    from r2bspec.report.suite import SuiteRun
 
 _JOIN_S: Final = 30.0
 """For so long the first hosts are waited for: workers start with their scheduler."""

@@ -276,10 +276,12 @@ def _ways(prepared: PreparedBenchmark, options: RunOptions) -> dict[str, Any]:
 
 def show_differences(result: Result, prepared: PreparedBenchmark) -> None:
     """Print differences between graph and spec that did not end the run."""
-    from r2bspec import api
+    from r2bspec.check.finding_location import differences_to_diagnostics
 
     if prepared.loaded is not None:
-        show_findings(api.differences_to_diagnostics(result, prepared.loaded), prepared.loaded)
+        show_findings(
+            differences_to_diagnostics(result.differences, prepared.loaded), prepared.loaded
+        )
 
 
 def write_reports_of(options: RunOptions, folder: Path, spec: Path) -> None:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from r2bspec.compare.merge_gate import MergeGate
     from r2bspec.judge.result import Result
     from r2bspec.record.graph_identity import GraphIdentity
-    from r2bspec.report.suite_summary import SuiteRun, SuiteSummary
+    from r2bspec.report.suite import SuiteRun, SuiteSummary
     from r2bspec.report.write_reports import ReportRequest
 
 SUMMARY_FILE = "suite.json"
@@ -190,14 +190,14 @@ def _compare_spec_sets(
 
 def _with_summaries_only(options: RunOptions) -> RunOptions:
     """The options without reports that only a run could have: there is none."""
-    from r2bspec.report.suite_formats import SUITE_FORMATS
+    from r2bspec.report.suite import SUITE_FORMATS
 
     reports = (request for request in options.reports if request.format in SUITE_FORMATS)
     return replace(options, reports=tuple(reports))
 
 
 def _check_reports(options: RunOptions) -> None:
-    from r2bspec.report.suite_formats import SUITE_FORMATS
+    from r2bspec.report.suite import SUITE_FORMATS
 
     for each in options.reports:
         if each.format not in SUITE_FORMATS and _NAME_FIELD not in each.path:
@@ -306,7 +306,7 @@ class Suite:
 
     def _skip_rest(self, reason: str) -> None:
         """Say of the runs that have not been made why."""
-        from r2bspec.report.suite_summary import SuiteRun
+        from r2bspec.report.suite import SuiteRun
 
         for entry in self._entries:
             entry.run = entry.run or SuiteRun(
@@ -339,7 +339,7 @@ class Suite:
 
     def failed(self, entry: SuiteEntry, error: R2bspecError, host: str = "") -> SuiteRun:
         """A run that failed, as a row of the summary."""
-        from r2bspec.report.suite_summary import run_with_error
+        from r2bspec.report.suite import run_with_error
 
         # What is in the folder of a run that was not begun is of an earlier one.
         was_begun = entry.error is None
@@ -355,7 +355,7 @@ class Suite:
     def keep(self, entry: SuiteEntry, result: Result, *, resumed: bool, host: str = "") -> SuiteRun:
         """A run that has a result, as a row of the summary; its reports are written."""
         from r2bspec.cli.run_single import write_reports_of
-        from r2bspec.report.suite_summary import run_with_result
+        from r2bspec.report.suite import run_with_result
 
         spec = entry.item.selection.spec
         self._results[str(entry.folder)] = result
@@ -450,7 +450,7 @@ class Suite:
         return not changes
 
     def _summary(self) -> SuiteSummary:
-        from r2bspec.report.suite_summary import SuiteSummary, worst_status
+        from r2bspec.report.suite import SuiteSummary, worst_status
 
         runs = tuple(entry.run for entry in self._entries if entry.run is not None)
         return SuiteSummary(
@@ -463,13 +463,13 @@ class Suite:
 
     def _write_summary(self) -> None:
         from r2bspec.record.files import write_atomically
-        from r2bspec.report.suite_formats import to_json
+        from r2bspec.report.suite import to_json
 
         write_atomically(self.root / SUMMARY_FILE, to_json(self._summary(), self._results))
 
     def _finish(self) -> None:
         """Write the summary to its file, to the requested reports, and to standard output."""
-        from r2bspec.report.suite_formats import SUITE_FORMATS
+        from r2bspec.report.suite import SUITE_FORMATS
         from r2bspec.report.write_reports import STDOUT, takes_stdout, write_report
 
         self._write_summary()

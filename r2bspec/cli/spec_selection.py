@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from r2bspec.compare.base_reference import BaseReference
     from r2bspec.language.load_spec import LoadedSpec
     from r2bspec.plan.time_estimate import TimeEstimate
-    from r2bspec.report.suite_summary import SuiteRun
+    from r2bspec.report.suite import SuiteRun
 
 ALL_CASES = "all"
 """The value of ``--case`` that selects every case of a matrix."""

@@ -28,6 +28,7 @@ import msgspec
 from r2bspec.compare.base_environment import BaseBuildError, BaseBuilds, is_code_of
 from r2bspec.compare.base_reference import BaseReference
 from r2bspec.compare.base_tree import BaseRevisionError, BaseTree
+from r2bspec.compare.gate_change import GateSide
 from r2bspec.compare.gate_strength import (
     GateComparison,
     WeakerGateError,
@@ -36,7 +37,7 @@ from r2bspec.compare.gate_strength import (
     weakening_diagnostics,
 )
 from r2bspec.compare.interleaved_runs import BaseFailsError, ComparisonSide
-from r2bspec.compare.spec_sets import SpecName, compare_spec_sets, spec_name
+from r2bspec.compare.spec_sets import SpecName, missing_specs, spec_name
 from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import R2bspecError, without_output
 from r2bspec.execute.errors import InterruptedRunError
@@ -63,12 +64,8 @@ _PLAYED_FIELDS = (
 """The fields of a plan that say how long and at which rates is played, and what is asked of it."""
 
 
-class Prepared(Protocol):
+class Prepared(GateSide, Protocol):
     """A spec that is ready to run: `r2bspec.api.PreparedBenchmark`."""
-
-    @property
-    def plan(self) -> Plan:
-        """The compiled plan."""
 
     @property
     def base_dir(self) -> Path:
@@ -77,10 +74,6 @@ class Prepared(Protocol):
     @property
     def spec_text(self) -> str:
         """The resolved spec."""
-
-    @property
-    def loaded(self) -> LoadedSpec | None:
-        """The document; None for a plan from a file."""
 
 
 Prepare = Callable[[SpecSelection], Prepared]
@@ -305,20 +298,19 @@ class MergeGate:
             WeakerGateError: some are gone.
         """
         base_names = _spec_names(base, self.tree.top)
-        compared = compare_spec_sets(base_names, _spec_names(head, self.tree.head_top))
-        refused = [weaker for weaker in compared.weaker if weaker.name not in self.settings.allow]
+        missing = (*missing_specs(base_names, _spec_names(head, self.tree.head_top)),)
+        refused = [change for change in missing if change.name not in self.settings.allow]
         if refused:
             diagnostics = weakening_diagnostics(refused, None, self.tree.name)
             error = WeakerGateError(refused, diagnostics, None, self.tree.name)
-            allowed = self.settings.allow
-            gone = [path for path in compared.deleted if f"spec {path}" not in allowed]
-            places = list(filter(None, (self._place_of_name(base_names[path]) for path in gone)))
-            if places:
+            names = {change.name for change in refused}
+            gone = [spec for path, spec in sorted(base_names.items()) if f"spec {path}" in names]
+            if places := [*filter(None, map(self._place_of_name, gone))]:
                 has = "has its name" if len(places) == 1 else "have their names"
                 where = ", ".join(map(clip, places))
                 error.hint = f"{where} {has}: let the pipeline run that. {error.hint}"
             raise error
-        return GateComparison(compared.weaker).sentences
+        return GateComparison(missing).sentences
 
     def alone(self, head: Prepared, *sentences: str) -> GateSides:
         """The head without a base: what only a comparison can tell is not asked of it."""

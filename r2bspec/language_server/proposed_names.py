@@ -14,7 +14,6 @@ from typing import Any, Final
 from lsprotocol import types
 
 from r2bspec.check.check_context import Context
-from r2bspec.check.installed_packages import installed_message_types
 from r2bspec.diagnostics import Path
 from r2bspec.language.declaration import Rule, rule_at
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode, lookup
@@ -35,6 +34,7 @@ from r2bspec.language_server.proposed_values import (
     yaml_files,
 )
 from r2bspec.language_server.symbols import names_of
+from r2bspec.plan.installed_packages import installed_message_types
 from r2bspec.wiring.name_resolution import expand
 from r2bspec.wiring.wiring import NodeWiring
 
@@ -85,7 +85,7 @@ def _of_topics(known: Context, owner: Path, topics: Iterator[str]) -> Iterator[s
 
 @cache
 def _common_types() -> tuple[str, ...]:
-    from r2bspec.check.message_types import common_types
+    from r2bspec.bags.message_types import common_types
 
     return tuple(sorted(common_types()))
 

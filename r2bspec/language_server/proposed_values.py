@@ -15,18 +15,18 @@ from typing import Final
 from lsprotocol import types
 
 from r2bspec.bags.recording import BAG_FORMATS
-from r2bspec.check.installed_packages import (
-    ament_packages,
-    package_executables,
-    package_plugins,
-    package_share,
-)
 from r2bspec.language.declaration import Rule
 from r2bspec.language.located_tree import ScalarNode, lookup
 from r2bspec.language.quantities import QUANTITIES, Duration, Quantity
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.positions import CursorContext, Proposal
 from r2bspec.language_server.symbols import definitions_in, names_of
+from r2bspec.plan.installed_packages import (
+    ament_packages,
+    package_executables,
+    package_plugins,
+    package_share,
+)
 
 _MAX_FILES: Final = 200
 

@@ -26,8 +26,7 @@ from r2bspec.judge.result import Result
 from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.plan.time_estimate import estimate_pairs, estimate_time, time_text
 from r2bspec.report.notes import notes
-from r2bspec.report.suite_formats import SUITE_FORMATS
-from r2bspec.report.suite_summary import SuiteSummary
+from r2bspec.report.suite import SUITE_FORMATS, SuiteSummary
 from r2bspec.safe_io.git import commit_of
 
 NOISE = np.exp([0.004, -0.006, 0.003, -0.002, 0.005, -0.004])
