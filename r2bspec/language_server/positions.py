@@ -263,9 +263,11 @@ def _marked(tree: TreeNode) -> tuple[Path, bool, str, frozenset[str]] | None:
     for path, node in itertools.chain([((), tree)], nodes):
         if isinstance(node, ScalarNode) and _MARKER in node.text:
             return path, False, node.text.partition(_MARKER)[0], frozenset()
-        for key in node.entries if isinstance(node, MapNode) else ():
-            if _MARKER in key:
-                return path, True, key.partition(_MARKER)[0], frozenset(node.entries) - {key}
+        if isinstance(node, MapNode):
+            for key in node.entries:
+                if _MARKER in key:
+                    others = frozenset(node.entries) - {key}
+                    return path, True, key.partition(_MARKER)[0], others
     return None
 
 
