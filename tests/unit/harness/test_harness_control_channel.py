@@ -14,8 +14,8 @@ import pytest
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
 from r2bspec.ipc import protocol
 from r2bspec.ipc.schedule import (
+    BetweenMessage,
     CyclicSchedule,
-    CyclicTransform,
     TimelineMessage,
     TimelineSchedule,
     TimelineStep,
@@ -51,7 +51,7 @@ COMMANDS: list[protocol.Command] = [
         inputs=(INPUT, INPUT), buffer_dir="/b", rows="/rows", transforms=("/tf",)
     ),
     protocol.LoadSchedule(
-        schedule=CyclicSchedule(steps=((0, 1), (2, 3)), transforms=(CyclicTransform(0.5, 7, -1),))
+        schedule=CyclicSchedule(steps=((0, 1), (2, 3)), between=(BetweenMessage(0.5, 2, 7, -1),))
     ),
     protocol.LoadSchedule(
         schedule=TimelineSchedule(
