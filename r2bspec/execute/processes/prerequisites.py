@@ -1,7 +1,5 @@
 """What has to be there before processes start: their programs, their middleware, shared memory.
 
-Programs are looked for on this machine.
-
 `r2bspec validate` says the same of the transport of a spec; a plan from a file was not validated
 here, and the RMW that is loaded where none is named depends on the installation.
 
