@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from nightly import size
 from r2bspec.ipc.sample_files import RowReader, RowWriter
 
 FIELDS = (("a", "<i8"), ("b", "<i8"), ("c", "<i8"))
@@ -87,7 +88,7 @@ def test_a_reader_sees_only_whole_rows_of_a_writer_that_is_killed(tmp_path: Path
         assert process.stdout is not None
         assert process.stdout.readline() == b"writing\n"
         seen = 0
-        while seen < 20_000:
+        while seen < size(5_000, 20_000):
             rows = reader.read(seen)
             # Whole, in order, and none twice or left out, while the file grows under the reader.
             assert np.array_equal(rows["a"], np.arange(seen, seen + rows.size))
