@@ -141,7 +141,6 @@ def baseline_from_stored_run(
         plan_hash=plan_hash(plan),
         dataset=plan.dataset.sha256 or stored.dataset,
         machine=dict(machine),
-        versions={},
     )
     differences = tuple(differences_of(stored, coming))
     if not force and any(blocking_differences(stored, coming)):

@@ -140,20 +140,17 @@ def run_pairs(comparison: ComparisonSpec, folder: ComparisonFolder, progress: Pr
         _PairRunner(comparison, folder, progress, interrupts).play_all()
 
 
+@dataclass
 class _PairRunner:
     """The state of one comparison."""
 
-    def __init__(
-        self,
-        comparison: ComparisonSpec,
-        folder: ComparisonFolder,
-        progress: Progress,
-        interrupts: Interrupts,
-    ) -> None:
-        self._comparison = comparison
-        self._folder = folder
-        self._progress = progress
-        self._interrupts = interrupts
+    _comparison: ComparisonSpec
+    _folder: ComparisonFolder
+    _progress: Progress
+    _interrupts: Interrupts
+
+    def __post_init__(self) -> None:
+        comparison = self._comparison
         self._began_s = time.monotonic()
         self._plans: dict[Side, Plan] = {
             "base": single_run_plan(comparison.base.plan),

@@ -472,7 +472,9 @@ class Session:
                 return
             waited_s = time.monotonic() - began_s
             final = deadline.over or (
-                attempt > _DIAGNOSED_ATTEMPT and waited_s > patience_s(plan) and self._is_idle()
+                attempt > _DIAGNOSED_ATTEMPT
+                and waited_s > patience_s(plan.start_timeout_ns / 1e9)
+                and self._is_idle()
             )
             if final or attempt == _DIAGNOSED_ATTEMPT:
                 silent_outputs.explain_start(silent, final=final)
