@@ -44,9 +44,8 @@ from r2bspec.record.baseline_file import (
     CONFIRMATION_FOLDER,
     BaselineRecord,
     BaselineSeries,
-    to_json,
 )
-from r2bspec.record.files import write_atomically
+from r2bspec.record.files import to_json, write_atomically
 from r2bspec.record.graph_identity import (
     decode_identity,
     describe_machine,

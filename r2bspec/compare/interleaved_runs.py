@@ -19,7 +19,7 @@ from pathlib import Path
 
 from r2bspec.compare.judge_pairs import read_pair_set
 from r2bspec.errors import R2bspecError, without_output
-from r2bspec.execute.controller import run_plan
+from r2bspec.execute.controller import RunOptions, run_plan
 from r2bspec.execute.errors import InterruptedRunError, RunError, UnwritableRunError
 from r2bspec.execute.processes.environment import applied_environment
 from r2bspec.execute.progress import Progress
@@ -288,7 +288,7 @@ class _PairRunner:
                 run_id=secrets.token_hex(8),
                 spec_text=one.spec_text,
                 progress=self._progress,
-                identity=one.identity,
+                options=RunOptions(identity=one.identity),
             )
         if self._comparison.check_run is not None:
             self._comparison.check_run(side, folder.path)

@@ -123,8 +123,7 @@ def parse_report(content: bytes, file: str = "<report>") -> ReferenceReport:
             return msgspec.convert(report, ReferenceReport)
         except msgspec.ValidationError as error:
             raise NotAReportError(f"{file} is damaged: {error}") from error
-    levels = [report, *report.values()] if isinstance(report, dict) else []
-    if not any(_has_figures(level) for level in levels):
+    if not isinstance(report, dict) or not any(map(_has_figures, [report, *report.values()])):
         raise NotAReportError(
             f"{file} is not a report of ros2_benchmark: it has no {BASIC_PREFIX}",
             hint="Give the JSON file written by the tool at the end of a benchmark.",
@@ -195,8 +194,7 @@ def _compared_values(figures: MonitorFigures) -> Iterator[tuple[str, str, float]
 
 
 def _has_figures(level: object) -> bool:
-    is_level = isinstance(level, dict)
-    return is_level and any(str(key).startswith(f"{BASIC_PREFIX}.") for key in level)
+    return isinstance(level, dict) and any(str(key).startswith(f"{BASIC_PREFIX}.") for key in level)
 
 
 def _by_monitor(level: dict[str, Any], *, exact: bool) -> dict[str, MonitorFigures]:
