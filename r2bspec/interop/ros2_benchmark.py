@@ -166,9 +166,9 @@ def read_compared(content: bytes, source: str) -> ComparedResult:
     for rate, monitors in report.rates.items():
         for monitor, figures in monitors.items():
             for metric, unit, value in _compared_values(figures):
-                series[float(rate), monitor, metric] = MetricSeries((value,), unit, single=True)
+                series[float(rate), monitor, metric] = MetricSeries((value,), unit)
     if report.peak_hz is not None:
-        series[None, "", "peak.rate"] = MetricSeries((report.peak_hz,), "Hz", single=True)
+        series[None, "", "peak.rate"] = MetricSeries((report.peak_hz,), "Hz")
     return ComparedResult(
         side=ComparedSource(
             source=source,
@@ -177,11 +177,7 @@ def read_compared(content: bytes, source: str) -> ComparedResult:
             started_at=str(report.metadata.get("TEST_DATETIME", "")),
         ),
         series=series,
-        plan=None,
-        plan_hash=None,
-        dataset=None,
         machine={"architecture": report.metadata.get("DEVICE_ARCH")},
-        versions={},
         tool="ros2_benchmark",
     )
 
