@@ -261,9 +261,10 @@ def _marked(tree: TreeNode) -> tuple[Path, bool, str, frozenset[str]] | None:
     for path, _, node in ((), None, tree), *walk(tree):
         if isinstance(node, ScalarNode) and _MARKER in node.text:
             return path, False, node.text.partition(_MARKER)[0], frozenset()
-        for key in node.entries if isinstance(node, MapNode) else ():
-            if _MARKER in key:
-                return path, True, key.partition(_MARKER)[0], frozenset(node.entries) - {key}
+        if isinstance(node, MapNode):
+            for key in node.entries:
+                if _MARKER in key:
+                    return path, True, key.partition(_MARKER)[0], frozenset(node.entries) - {key}
     return None
 
 

@@ -277,8 +277,9 @@ def _from_sources(
     analysis: Analysis | None,
     context: CursorContext,
 ) -> Iterator[Proposal]:
-    for source, patterns in table.items() if analysis is not None else ():
-        if any(_matches(context.path, pattern.split(".")) for pattern in patterns):
+    for source, patterns in table.items():
+        fits = any(_matches(context.path, pattern.split(".")) for pattern in patterns)
+        if analysis is not None and fits:
             yield from source(analysis, context)
 
 
