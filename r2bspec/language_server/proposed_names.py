@@ -277,9 +277,10 @@ def _from_sources(
     analysis: Analysis | None,
     context: CursorContext,
 ) -> Iterator[Proposal]:
+    if analysis is None:
+        return
     for source, patterns in table.items():
-        fits = any(_matches(context.path, pattern.split(".")) for pattern in patterns)
-        if analysis is not None and fits:
+        if any(_matches(context.path, pattern.split(".")) for pattern in patterns):
             yield from source(analysis, context)
 
 
