@@ -34,7 +34,6 @@ import psutil
 from r2bspec.compare.report_input import read_folder
 from r2bspec.fleet.bundle import SentFile
 from r2bspec.fleet.client import FleetClient
-from r2bspec.fleet.host_service import HostService
 from r2bspec.fleet.hosts import Host
 from r2bspec.fleet.security import fleet_address
 from r2bspec.fleet.transfer import PIECE_BYTES
@@ -100,11 +99,11 @@ def _fleet_costs(folder: Path, number: int) -> tuple[Costs, Costs, float, float]
     with _processes(folder) as (address, scheduler, worker):
         with FleetClient(fleet_address(address)) as client:
             host = client.hosts["model"]
-            client.submit(host, HostService.drop, "none").result()
+            client.submit(host, "drop", "none").result()
 
             def ask_often() -> None:
                 for _ in range(number):
-                    client.submit(host, HostService.drop, "none").result()
+                    client.submit(host, "drop", "none").result()
 
             request = _cpu(scheduler, worker, ask_often) / number
             pieces = 8
@@ -121,7 +120,7 @@ def _send(client: FleetClient, host: Host, pieces: int) -> None:
     content = bytes(PIECE_BYTES)
     file = SentFile(path="model", size=2 * pieces * PIECE_BYTES, sha256="0" * 64)
     for number in range(pieces):
-        client.submit(host, HostService.put, file, number * PIECE_BYTES, content).result()
+        client.submit(host, "put", file, number * PIECE_BYTES, content).result()
 
 
 def _cpu(scheduler: psutil.Process, worker: psutil.Process, work: Callable[[], object]) -> Costs:

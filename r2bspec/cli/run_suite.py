@@ -19,12 +19,11 @@ from r2bspec.cli.run_single import (
     execute,
     folder_line,
     gate_of,
-    locked_host,
     reported_failures,
     show_differences,
 )
 from r2bspec.cli.spec_selection import Playing, RunItem, SuiteEntry, prepare_and_report
-from r2bspec.cli.text_output import counted
+from r2bspec.cli.text_output import counted, locked_host
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo, echo_document
@@ -116,7 +115,13 @@ def _run_here(
         }
         for needs_lock in (False, True):
             if needs_lock and unplayed:
-                stack.enter_context(locked_host(f"{len(entries)} benchmarks", options))
+                stack.enter_context(
+                    locked_host(
+                        f"{len(entries)} benchmarks",
+                        lock=not options.no_lock,
+                        wait=not options.no_wait,
+                    )
+                )
             if gate is None:
                 continue
             for entry in unplayed:
