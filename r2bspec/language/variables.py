@@ -217,7 +217,7 @@ def check_declaration(
         problems.error("R2B132", message, span, help_text)
         return True
     kind = child(declared, "type")
-    known = kind.value if isinstance(kind, ScalarNode) else None
+    known = kind.value if isinstance(kind, ScalarNode) and isinstance(kind.value, str) else ""
     choices = child(declared, "choices")
     items = choices.items if isinstance(choices, ListNode) else ()
     # A list, a map or null: reported by the schema.
@@ -225,7 +225,7 @@ def check_declaration(
         node for node in (value, *items) if isinstance(node, ScalarNode) and node.value is not None
     ]
     ok = True
-    for scalar in scalars if isinstance(known, str) else ():
+    for scalar in scalars:
         ok &= _check_type(name, scalar, known, kind, problems)
     if ok and len(scalars) > 1 and scalars[0] is value:
         _check_choice(name, scalars[0], scalars[1:], problems)
