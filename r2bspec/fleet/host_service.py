@@ -6,6 +6,7 @@ It is a plugin of the Dask worker of the host. Clients submit its methods as tas
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import subprocess
 import sys
@@ -27,7 +28,7 @@ from r2bspec.fleet.errors import (
     NoHostError,
     TransferError,
 )
-from r2bspec.fleet.host_store import HostStore, full_disk, pack_run, remove
+from r2bspec.fleet.host_store import HostStore, pack_run, remove
 from r2bspec.fleet.hosts import HostFacts
 from r2bspec.fleet.permissions import check_allowed
 from r2bspec.fleet.play_run import (
@@ -49,6 +50,7 @@ PLUGIN: Final = "r2bspec"
 _PLAYED_FILE: Final = "played.json"
 _ARCHIVE: Final = "run.tar.gz"
 _ANNOUNCE_S: Final = 0.5
+_FULL: Final = frozenset({errno.ENOSPC, errno.EDQUOT})
 _NO_ROOM: Final = frozenset({"R2B651", "R2B664"})
 """A run that could not be written, and shared memory that is too small: another host may do."""
 
@@ -97,15 +99,20 @@ class HostService(WorkerPlugin):
         Raises:
             R2bspecError: the method did, the disk is full, or the system refuses.
         """
+        name = self.facts.name
         try:
-            with full_disk(self.facts.name):
-                return method(self, *args)
-        except HostFullError:
-            with contextlib.suppress(OSError):
-                self.store.trim({self._playing})
-            raise
-        except (OSError, ValueError, msgspec.MsgspecError) as error:
-            raise FleetError(f"the host {self.facts.name} failed: {error}") from error
+            return method(self, *args)
+        except (HostFullError, OSError, ValueError, msgspec.MsgspecError) as error:
+            is_disk_full = isinstance(error, OSError) and error.errno in _FULL
+            if is_disk_full or isinstance(error, HostFullError):
+                with contextlib.suppress(OSError):
+                    self.store.trim({self._playing})
+            if isinstance(error, HostFullError):
+                raise
+            if is_disk_full:
+                hint = "Free space there, or start its worker with a smaller --cache-limit."
+                raise HostFullError(f"the disk of the host {name} is full", hint=hint) from error
+            raise FleetError(f"the host {name} failed: {error}") from error
 
     def state(self) -> dict[str, Any]:
         """What the host does, for the heartbeats of its worker."""

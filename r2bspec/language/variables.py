@@ -225,7 +225,7 @@ def check_declaration(
         node for node in (value, *items) if isinstance(node, ScalarNode) and node.value is not None
     ]
     ok = True
-    for scalar in scalars:
+    for scalar in scalars if known else ():
         ok &= _check_type(name, scalar, known, kind, problems)
     if ok and len(scalars) > 1 and scalars[0] is value:
         _check_choice(name, scalars[0], scalars[1:], problems)

@@ -91,10 +91,8 @@ TEXTS: dict[str, tuple[str | bytes, str]] = {
 
 def validate(file: Path, *options: str, stdin: bytes = b"") -> str:
     """What validate prints in little memory; anything but an answer is a failure."""
-    here, limit = Path.cwd(), MEMORY_BYTES
-    status, said = r2bspec(
-        "validate", "--offline", *options, file, cwd=here, memory_bytes=limit, stdin=stdin
-    )
+    words: tuple[str | Path, ...] = ("validate", "--offline", *options, file)
+    status, said = r2bspec(*words, cwd=Path.cwd(), memory_bytes=MEMORY_BYTES, stdin=stdin)
     assert status in (0, 1), said
     return said
 

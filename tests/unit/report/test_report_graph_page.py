@@ -8,8 +8,8 @@ import re
 from pathlib import Path
 
 import pytest
-from html_elements import Page
 
+from html_elements import Page
 from r2bspec.cli.main import main
 
 RELAY = Path(__file__).parents[3] / "specs" / "relay.r2b.yaml"

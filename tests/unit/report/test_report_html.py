@@ -12,8 +12,8 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from html_elements import Page
 
+from html_elements import Page
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
 from r2bspec.measure.units import show
