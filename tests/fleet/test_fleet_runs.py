@@ -21,7 +21,6 @@ pytest.importorskip("distributed")
 
 from fleet_hosts import HANG_S, RUNS, Fleet, fleet, overlapping, wait_until
 from ros_runs import Bench, relay_spec
-from ros_runs import nothing_left as nothing_left
 
 pytestmark = pytest.mark.timeout(HANG_S)
 

@@ -18,6 +18,8 @@ from typing import Any
 import msgspec
 import pytest
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 
 from c_nodes import c_node
@@ -45,7 +47,6 @@ from r2bspec.native.harness_objects import (
 from r2bspec.plan.plan import InputPlan, JoinPlan, MonitorPlan, ProcessPlan
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS
 from ros_runs import Bench, relay_spec
-from ros_runs import nothing_left as nothing_left
 
 IMAGE = "sensor_msgs/msg/Image"
 TOPIC = "/r2b/image"
@@ -177,7 +178,7 @@ def harness(tmp_path: Path) -> Iterator[Harness]:
         assert made.children.close() == []
 
 
-@pytest.fixture(params=["two processes", "one process"])
+@pytest.fixture(params=["two processes", pytest.param("one process", marks=only_nightly())])
 def ends(harness: Harness, request: pytest.FixtureRequest) -> tuple[ManagedProcess, ManagedProcess]:
     if request.param == "two processes":
         player, monitor = harness.start("player"), harness.start("monitor")
@@ -302,6 +303,7 @@ def test_sanitizers_find_nothing(harness: Harness) -> None:
         assert (harness.folder / f"{name}.log").read_text() == ""
 
 
+@only_nightly()
 @pytest.mark.parametrize("kind", ["C", "Python"])
 def test_sanitizers_find_nothing_in_a_process_that_is_joined(harness: Harness, kind: str) -> None:
     try:

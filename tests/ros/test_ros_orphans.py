@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 pytest.importorskip("rclpy")
 
 from ros_runs import IMAGE, Bench, relay_spec
-from ros_runs import nothing_left as nothing_left
 
 NODES = '''
 import subprocess
@@ -46,7 +45,7 @@ def test_the_processor_time_of_an_orphaned_grandchild_is_the_runs_own(
     bench.write_node("nodes.py", NODES)
     endpoints = {"publishes": {"output": IMAGE}, "subscribes": {"input": IMAGE}}
     spec = relay_spec(graph={"nodes": {"relay": {"python": "./nodes.py:Relay", **endpoints}}})
-    spec["benchmark"] |= {"duration": "3 s", "iterations": 1}
+    spec["benchmark"] |= {"duration": "2 s", "iterations": 1}
     done = bench.run(spec)
     done.assert_complete()
     run = done.run()

@@ -14,7 +14,6 @@ pytest.importorskip("rclpy")
 
 from r2bspec.measure.matching import match
 from ros_runs import IMAGE, Bench, Finished, quick_input, relay_node, relay_spec
-from ros_runs import nothing_left as nothing_left
 
 STRING = "std_msgs/msg/String"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"

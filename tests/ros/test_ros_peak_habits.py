@@ -11,7 +11,8 @@ from nightly import only_nightly
 pytest.importorskip("rclpy")
 
 from ros_runs import Bench, Finished, relay_spec
-from ros_runs import nothing_left as nothing_left
+
+pytestmark = only_nightly()
 
 NODES = """
 import random
@@ -68,10 +69,6 @@ def outcomes(done: Finished) -> dict[str, str]:
     return {one["objective"]: one["outcome"] for one in done.result()["verdict"]["requirements"]}
 
 
-def words(done: Finished) -> str:
-    return " ".join(done.stdout.split())
-
-
 @pytest.fixture(scope="module")
 def losing(tmp_path_factory: pytest.TempPathFactory) -> Finished:
     """Of a node that loses one message in ten, where none may be lost."""
@@ -88,7 +85,6 @@ def sleeping(tmp_path_factory: pytest.TempPathFactory) -> Finished:
 
 
 def test_a_node_that_loses_messages_passes_nothing(losing: Finished) -> None:
-    losing.run()
     found = outcomes(losing)
     assert found["peak"] != "pass"
     assert found["rate"] != "pass"
@@ -98,22 +94,20 @@ def test_and_no_peak_of_it_is_proved(losing: Finished) -> None:
     search = losing.run().record.search
     assert search is not None
     assert search.holds_hz is None or search.proof == "open"
-    assert "confidence" not in words(losing).split("peak ")[1].split("probes")[0]
+    assert "confidence" not in losing.words.split("peak ")[1].split("probes")[0]
     played = [each for each in search.probes if not each.holds]
     assert any("dropped" in each.reason for each in played)
 
 
-@only_nightly()
 def test_stops_are_seen_as_what_they_are(sleeping: Finished) -> None:
     search = sleeping.run().record.search
     assert search is not None
     assert search.unsteady
     assert not search.shown
-    assert "not steady: " in words(sleeping)
-    assert "stops for" in words(sleeping)
+    assert "not steady: " in sleeping.words
+    assert "stops for" in sleeping.words
 
 
-@only_nightly()
 def test_a_graph_that_stops_is_not_promised_to_sustain_what_it_reaches_in_between(
     sleeping: Finished,
 ) -> None:

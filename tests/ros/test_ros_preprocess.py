@@ -10,18 +10,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from ros_runs import (
-    IMAGE,
-    STRING,
-    Bench,
-    Finished,
-    quick_input,
-    relay_node,
-    relay_spec,
-)
-from ros_runs import (
-    nothing_left as nothing_left,
-)
+from ros_runs import IMAGE, STRING, Bench, Finished, quick_input, relay_node, relay_spec
 
 COUNT = 40
 
