@@ -339,13 +339,6 @@ def _run_in_folder(
     return _write_result(folder)
 
 
-def differences_to_diagnostics(result: Result, loaded: LoadedSpec) -> tuple[Diagnostic, ...]:
-    """Harmless differences between the running graph and the spec, at their places."""
-    from r2bspec.check.finding_location import differences_to_diagnostics
-
-    return differences_to_diagnostics(result.differences, loaded)
-
-
 def _write_result(folder: RunFolder) -> Result:
     from r2bspec.judge.judge_run import result_of, to_json
     from r2bspec.record.run_folder import open_run

@@ -17,12 +17,15 @@ from typing import Any
 
 import msgspec
 
-from r2bspec.check.installed_packages import package_version
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.errors import NotReadyError
-from r2bspec.execute.processes.environment import RunEnvironment, make_redactor
-from r2bspec.execute.processes.prerequisites import reserved_domain, resolve_argv
-from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
+from r2bspec.execute.processes.environment import RunEnvironment, make_redactor, replaced_texts
+from r2bspec.execute.processes.prerequisites import (
+    reserved_domain,
+    resolve_argv,
+    resolve_command,
+)
+from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.execute.states import Interrupts
 from r2bspec.exit_status import ExitStatus
 from r2bspec.ipc import protocol
@@ -30,6 +33,7 @@ from r2bspec.language.environment_access import quoted_secret_references
 from r2bspec.language.spec import Spec
 from r2bspec.plan.command_lines import HARNESS_ARGV, node_argv
 from r2bspec.plan.compile_plan import compile_plan
+from r2bspec.plan.installed_packages import package_version
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
 from r2bspec.wiring.build_wiring import build_wiring
 from r2bspec.wiring.companion_files import read_companion_files
@@ -41,6 +45,8 @@ NAMESPACE = "/r2bspec_interfaces"
 _INSPECTED_NAME = "r2bspec_inspected"
 """The temporary name of the node. None of its topics begins with it, so that ``~/x`` and ``x`` can
 be distinguished."""
+
+_LISTS = ("subscribes", "publishes", "services", "qos")
 
 _CREATE_TIMEOUT_S = 60.0
 _REPLY_SLACK_S = 60.0
@@ -124,7 +130,6 @@ def _inspect(
                 plan, run_id=run_id, domain=domain, scratch=scratch, largest_message_bytes=1 << 20
             )
             process = _isolated_process(node)
-            host = process.role == "host"
             running = supervisor.start(
                 process.name,
                 process.role,
@@ -133,64 +138,45 @@ def _inspect(
                 cwd=base_dir,
                 log=scratch / "node.log",
             )
-            if host:
+            if process.role == "host":
                 nodes = environment.secrets.in_nodes(process.nodes)
-                _create_nodes(supervisor, running, nodes, base_dir)
-            target = scratch / "interface.json"
-            argv = ("$(python)", "-P", "-m", "r2bspec.harness.inspect_nodes")
+                host = protocol.ConfigureHost(nodes=nodes, base_dir=str(base_dir))
+                supervisor.request(running, host, protocol.Ready, _CREATE_TIMEOUT_S)
             inspector = supervisor.start(
                 "inspector",
                 "monitor",
-                [
-                    *resolve_argv(_process("inspector", argv)),
-                    *(NAMESPACE, f"{timeout_s}", str(target)),
-                ],
+                resolve_command(HARNESS_ARGV, "inspector"),
                 environment.for_node({}),
                 cwd=base_dir,
                 log=scratch / "inspector.log",
             )
-            supervisor.answer(inspector, protocol.Ready, timeout_s + _REPLY_SLACK_S)
+            target = scratch / "interface.json"
+            inspect = protocol.ConfigureInspector(
+                namespace=NAMESPACE, timeout_s=timeout_s, file=str(target)
+            )
+            supervisor.request(inspector, inspect, protocol.Ready, timeout_s + _REPLY_SLACK_S)
             # A default value may come from the environment.
-            found: dict[str, Any] = _redacted(json.loads(target.read_text("utf-8")), redact)
-            if not found["nodes"]:
+            found = replaced_texts(json.loads(target.read_text("utf-8")), redact)
+            if not found:
                 raise NotReadyError(
                     f"{node.key} did not appear within {timeout_s:g} s",
                     hint="It may not be a ROS node, or not ready yet; --timeout allows more time.",
                 )
             supervisor.end(list(supervisor))
-            return found
+            return {
+                key: {name: value for entry in found for name, value in entry[key].items()}
+                for key in (*_LISTS, "parameters")
+            }
     finally:
         supervisor.close()
-
-
-def _redacted(value: Any, redact: Callable[[str], str]) -> Any:
-    """A value as JSON has it, with its texts redacted."""
-    if isinstance(value, str):
-        return redact(value)
-    if isinstance(value, dict):
-        return {key: _redacted(each, redact) for key, each in value.items()}
-    return [_redacted(each, redact) for each in value] if isinstance(value, list) else value
-
-
-def _create_nodes(
-    supervisor: ProcessSupervisor,
-    child: ManagedProcess,
-    nodes: tuple[NodePlan, ...],
-    base_dir: Path,
-) -> None:
-    child.send(protocol.ConfigureHost(nodes=nodes, base_dir=str(base_dir)))
-    supervisor.answer(child, protocol.Ready, _CREATE_TIMEOUT_S)
-
-
-def _process(name: str, argv: tuple[str, ...], **more: Any) -> ProcessPlan:
-    return ProcessPlan(
-        name=name, phase="measure", argv=argv, **{"role": "monitor", "env": {}} | more
-    )
 
 
 def _isolated_process(wired: NodeWiring) -> ProcessPlan:
     """The process of a node that runs alone."""
     node = wired.node
+    process = ProcessPlan(
+        name=wired.key, phase="measure", role="command", argv=HARNESS_ARGV, env=node.env
+    )
     bare = msgspec.structs.replace(
         wired,
         key=_INSPECTED_NAME,
@@ -208,9 +194,9 @@ def _isolated_process(wired: NodeWiring) -> ProcessPlan:
             parameters=dict(wired.parameters),
             remappings={},
         )
-        return _process(wired.key, HARNESS_ARGV, role="host", env=node.env, nodes=(plan,))
+        return msgspec.structs.replace(process, role="host", nodes=(plan,))
     argv = _standalone(bare) if node.kind.role == "container" else node_argv(bare)
-    return _process(wired.key, argv, role="command", env=node.env)
+    return msgspec.structs.replace(process, argv=argv)
 
 
 def _standalone(wired: NodeWiring) -> tuple[str, ...]:
@@ -236,9 +222,8 @@ def _interface_entry(found: dict[str, Any], node: NodeWiring, base_dir: Path) ->
         else each
         for name, each in found["parameters"].items()
     }
-    row = {key: found[key] for key in ("subscribes", "publishes", "services", "qos")}
-    row["parameters"] = parameters
+    rows = {key: found[key] for key in _LISTS} | {"parameters": parameters}
     return {
         "recorded_from": msgspec.to_builtins(origin),
-        **{key: dict(sorted(value.items())) for key, value in row.items() if value},
+        **{key: dict(sorted(row.items())) for key, row in rows.items() if row},
     }

@@ -296,12 +296,11 @@ class _Requirement(_SpecTest):
             section = harmless("\n".join(_verdict_lines(one)))
             self.add_report_section("call", "verdict", section)
         self.add_report_section("call", "run", harmless(result.verdict.reason))
-        failed = [one for one in found if one.outcome == "fail" and one.level == "error"]
-        undecided = [one for one in found if one.outcome == "inconclusive" and one.level == "error"]
-        if failed or undecided:
-            explanation = "\n".join(
-                line for one in failed or undecided for line in _verdict_lines(one)
-            )
+        counted = [one for one in found if one.level == "error"]
+        failed = [one for one in counted if one.outcome == "fail"]
+        shown = failed or [one for one in counted if one.outcome == "inconclusive"]
+        if shown:
+            explanation = "\n".join(line for one in shown for line in _verdict_lines(one))
             if not failed and self.config.getoption("--r2bspec-inconclusive") == "skip":
                 pytest.skip(harmless(explanation))
             raise BenchmarkError(explanation)

@@ -11,7 +11,7 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from r2bspec.bags.bag_writer import begins_with_header
+from r2bspec.bags.message_types import begins_with_header
 from r2bspec.bags.recording import BagIndex, TopicInfo
 from r2bspec.interop.script_import.spec_text import Block, document, identifier, unique_name
 from r2bspec.judge.statistics.rule_of_three import min_sample_size
@@ -120,8 +120,7 @@ def draft_text(
 def _add_placeholder(draft: _Draft) -> None:
     """Without nodes, a relay of the largest topic shows the recording in use."""
     draft.has_placeholder = True
-    entry = Block()
-    entry.add("python", "r2bspec.nodes.RelayNode")
+    entry = Block.of({"python": "r2bspec.nodes.RelayNode"})
     topics = _data_topics(draft.recording)
     if topics:
         main = max(topics, key=lambda each: (each.max_message_bytes or 0, each.count))
@@ -138,12 +137,7 @@ def _add_missing_source(draft: _Draft, measured: PhaseWiring | None) -> None:
     missing = {topic: kind for topic, kind in wanted.items() if kind and topic not in draft.inputs}
     if not missing or (measured is not None and measured.possible_publishers):
         return
-    entry = Block()
-    entry.add("external", True)
-    topics = Block()
-    for topic, kind in sorted(missing.items()):
-        topics.add(topic, kind)
-    entry.add("publishes", topics)
+    entry = Block.of({"external": True, "publishes": Block.of(dict(sorted(missing.items())))})
     above = [
         "What publishes these topics must already run. A recording of them replaces it:",
         "'r2bspec init --from-bag BAG' with the same sources.",
@@ -157,7 +151,7 @@ def _wiring(draft: _Draft) -> PhaseWiring | None:
     top = _head(draft)
     top.add("containers", draft.nodes.containers)
     top.add("playback", {"mode": "live"})
-    top.add("graph", _graph(draft))
+    top.add("graph", Block.of({"nodes": draft.nodes.nodes}))
     top.add("monitors", {"any": {"topic": "/rosout", "format": "rcl_interfaces/msg/Log"}})
     loaded = load_spec(document(top, []), file=str(draft.base_dir / f"{draft.name}.r2b.yaml"))
     if loaded.spec is None:
@@ -266,23 +260,12 @@ def _select_outputs(draft: _Draft, measured: PhaseWiring | None) -> None:
 
 
 def _head(draft: _Draft) -> Block:
-    top = Block()
-    top.add("r2bspec", 1)
-    top.add("name", draft.name)
+    top = Block.of({"r2bspec": 1, "name": draft.name})
     if draft.nodes.is_absolute:
         top.add("namespace", "/", ["Names of topics and nodes are those of the running system."])
     top.add("environment", draft.nodes.environment)
-    variables = Block()
-    for name, value in draft.nodes.variables.items():
-        variables.add(name, value)
-    top.add("variables", variables)
+    top.add("variables", Block.of(draft.nodes.variables))
     return top
-
-
-def _graph(draft: _Draft) -> Block:
-    block = Block()
-    block.add("nodes", draft.nodes.nodes)
-    return block
 
 
 def _own(draft: _Draft, topic: str) -> str:
@@ -297,13 +280,11 @@ def _text(draft: _Draft, sources: list[str]) -> str:
         top.add("data_loader", _data_loader(draft, draft.recording))
     top.add("containers", draft.nodes.containers)
     top.add("playback", _playback(draft))
-    top.add("graph", _graph(draft))
+    top.add("graph", Block.of({"nodes": draft.nodes.nodes}))
     names: set[str] = set()
     monitors = Block()
     for topic, kind in draft.outputs.items():
-        entry = Block()
-        entry.add("topic", _own(draft, topic))
-        entry.add("format", kind)
+        entry = Block.of({"topic": _own(draft, topic), "format": kind})
         if begins_with_header(kind) is False:
             entry.add("match", "order", after="its messages have no header")
         name = unique_name(identifier(_own(draft, topic).strip("/~")), names)
@@ -320,8 +301,7 @@ def _text(draft: _Draft, sources: list[str]) -> str:
 
 
 def _data_loader(draft: _Draft, recording: Recording) -> Block:
-    block = Block()
-    block.add("bag", recording.written)
+    block = Block.of({"bag": recording.written})
     seconds = recording.index.duration_ns / 1e9
     if seconds > _LONGEST_WINDOW_S:
         above = [f"The recording has {seconds:.1f} s; messages of the window are in memory."]
@@ -357,13 +337,13 @@ def _playback(draft: _Draft) -> Block:
     if draft.recording is None:
         above = ["Without a recording, the graph has a source of its own (or use --from-bag)."]
         block.add("mode", "live", above)
-        return block
-    if _is_timeline(draft):
+    elif _is_timeline(draft):
         block.add("mode", "timeline", ["The inputs have rates of their own."])
-    inputs = Block()
-    for topic, each in draft.inputs.items():
-        inputs.add(_own(draft, topic), {"from": _loaded(each), "format": each.type})
-    block.add("inputs", inputs)
+    inputs = {
+        _own(draft, topic): {"from": _loaded(recorded), "format": recorded.type}
+        for topic, recorded in draft.inputs.items()
+    }
+    block.add("inputs", Block.of(inputs))
     return block
 
 
@@ -411,11 +391,7 @@ def _objectives(draft: _Draft, monitors: list[str]) -> Block | None:
     _, percent = _effort(draft)
     if draft.recording is None or percent is None or "/rosout" in draft.outputs:
         return None
-    entry = Block()
-    if not _is_timeline(draft):
-        entry.add("at", f"{_rate_hz(draft):g} Hz")
+    rate = None if _is_timeline(draft) else f"{_rate_hz(draft):g} Hz"
     prefix = f"{monitors[0]}." if len(monitors) > 1 else ""
-    entry.add("require", [f"{prefix}drop_rate <= {percent} %"])
-    block = Block()
-    block.add("keeps_up", entry)
-    return block
+    requirement = f"{prefix}drop_rate <= {percent} %"
+    return Block.of({"keeps_up": Block.of({"at": rate, "require": [requirement]})})

@@ -15,18 +15,11 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from r2bspec.authoring.draft_spec import DraftNodes, Recording, draft_text
-from r2bspec.check.installed_packages import (
-    ament_prefixes,
-    package_share,
-    python_target,
-    top_level_names,
-)
 from r2bspec.datasets.catalogue import index, locate
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.interop.script_import.benchmark_script import launch_file_actions
@@ -44,7 +37,7 @@ from r2bspec.interop.script_import.source_files import (
     UnusableScriptError,
     read_comments,
 )
-from r2bspec.interop.script_import.spec_nodes import NodeWriter
+from r2bspec.interop.script_import.spec_entries import NodeWriter
 from r2bspec.interop.script_import.spec_text import (
     Block,
     SpecValues,
@@ -55,6 +48,12 @@ from r2bspec.interop.script_import.spec_text import (
 )
 from r2bspec.interop.script_import.values import Note, ScriptLimitError
 from r2bspec.language.templates import node_key
+from r2bspec.plan.installed_packages import (
+    ament_prefixes,
+    package_share,
+    python_target,
+    top_level_names,
+)
 from r2bspec.safe_io.safe_file import is_folder, is_regular
 from r2bspec.wiring.ast_reader import read_node_class, read_python_file
 
@@ -145,8 +144,8 @@ def _add_interface(block: Block, node: NodeAction, folder: Path) -> None:
     classes = [each.name for each in tree.body if isinstance(each, ast.ClassDef)]
     known = [each for name in classes if (each := read_node_class(tree, name)) is not None]
     if len(known) == 1:
-        block.add("subscribes", _topic_types(known[0].subscribes))
-        block.add("publishes", _topic_types(known[0].publishes))
+        block.add("subscribes", Block.of(known[0].subscribes or {}))
+        block.add("publishes", Block.of(known[0].publishes or {}))
 
 
 def _program(node: NodeAction, folder: Path) -> Path | None:
@@ -157,13 +156,6 @@ def _program(node: NodeAction, folder: Path) -> Path | None:
         words = [each.replace("$(script)", str(folder)) for each in node.command[:2]]
         files = [Path(each) for each in words if each.endswith(".py")]
     return next((each for each in files if is_regular(each)), None)
-
-
-def _topic_types(topics: Mapping[str, str] | None) -> Block:
-    block = Block()
-    for name, kind in (topics or {}).items():
-        block.add(name, kind)
-    return block
 
 
 def _actions(
@@ -236,9 +228,7 @@ def spec_from_sources(name: str, folder: Path, sources: InitSources) -> str:
     """
     draft, shown = DraftNodes(), []
     if sources.node:
-        entry = Block()
-        entry.add("python", sources.node)
-        draft.nodes.add(node_key(sources.node), entry)
+        draft.nodes.add(node_key(sources.node), Block.of({"python": sources.node}))
         shown.append(f"the node {sources.node}")
     if sources.launch:
         file = find_launch_file(sources.launch)
@@ -363,27 +353,25 @@ def add_graph_nodes(draft: DraftNodes, nodes: list[dict[str, Any]]) -> None:
 
 
 def _entry(node: dict[str, Any]) -> Block:
-    block = Block()
-    block.add("external", True)
-    if node["namespace"] != "/":
-        block.add("namespace", node["namespace"])
-    for side in ("subscribes", "publishes"):
-        topics = Block()
-        for topic, kind in sorted(node[side].items()):
-            if topic not in _COMMON_TOPICS:
-                topics.add(topic, kind)
-        block.add(side, topics)
-    profiles = Block()
-    for topic, profile in sorted(node["qos"].items()):
-        different = {
-            key: value
-            for key, value in profile.items()
-            if (key, value) not in {("reliability", "reliable"), ("durability", "volatile")}
+    def listed(side: str) -> dict[str, Any]:
+        """The topics of one side that are the node's own."""
+        topics = sorted(node[side].items())
+        return {topic: value for topic, value in topics if topic not in _COMMON_TOPICS}
+
+    usual = {("reliability", "reliable"), ("durability", "volatile")}
+    profiles = {
+        topic: {key: value for key, value in profile.items() if (key, value) not in usual}
+        for topic, profile in listed("qos").items()
+    }
+    return Block.of(
+        {
+            "external": True,
+            "namespace": None if node["namespace"] == "/" else node["namespace"],
+            "subscribes": Block.of(listed("subscribes")),
+            "publishes": Block.of(listed("publishes")),
+            "qos": Block.of(profiles),
         }
-        if topic not in _COMMON_TOPICS:
-            profiles.add(topic, different)
-    block.add("qos", profiles)
-    return block
+    )
 
 
 def _comments(node: dict[str, Any]) -> list[str]:

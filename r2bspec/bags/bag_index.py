@@ -9,23 +9,16 @@ from typing import Literal, cast
 
 import msgspec
 
-from r2bspec.bags.metadata import (
-    BagMetadata,
-    TopicMetadata,
-    read_metadata,
-)
+from r2bspec.bags.metadata import BagMetadata, read_metadata
 from r2bspec.bags.recording import (
-    BAG_NOT_FOUND,
-    METADATA_DISAGREES,
-    METADATA_UNREADABLE,
-    STORAGE_UNREADABLE,
+    BAG_FORMATS,
     SUFFIXES_TEXT,
     BagFormat,
     BagIndex,
     DataError,
     TopicInfo,
-    folder_format_names,
     format_of_suffix,
+    merge_topics,
     read_provenance,
 )
 from r2bspec.bags.storage.storage import Storage, open_storages, storage_paths
@@ -34,9 +27,7 @@ from r2bspec.bags.storage.storage import Storage, open_storages, storage_paths
 class _StorageSummary(msgspec.Struct):
     """The content of all storage files, summed up."""
 
-    types: dict[str, str]
-    serializations: dict[str, str]
-    counts: Counter[str]
+    topics: dict[str, TopicInfo]
     start_ns: int
     end_ns: int
     notes: list[str]
@@ -59,23 +50,18 @@ def index_bag(path: Path) -> BagIndex:
     if not os.path.exists(path):  # noqa: PTH110
         raise DataError(
             f"{path} does not exist",
-            code=BAG_NOT_FOUND,
+            code="R2B301",
             hint=f"give a bag folder, a {SUFFIXES_TEXT} file, or a dataset",
         )
     bag_format = format_of_suffix(path.suffix)
     if bag_format is None:
         raise DataError(
             f"{path} is neither a bag folder nor a {SUFFIXES_TEXT} file",
-            code=STORAGE_UNREADABLE,
-            hint=_unsupported_hint(path),
+            code="R2B304",
+            hint="give the folder that contains metadata.yaml"
+            + (", or unpack the file with 'zstd -d'" if path.suffix in {".zstd", ".zst"} else ""),
         )
     return _index_file(path, bag_format)
-
-
-def _unsupported_hint(path: Path) -> str:
-    if path.suffix in {".zstd", ".zst"}:
-        return "give the folder that contains metadata.yaml, or unpack the file with 'zstd -d'"
-    return "give the folder that contains metadata.yaml"
 
 
 def _index_folder(path: Path) -> BagIndex:
@@ -97,7 +83,7 @@ def _index_folder(path: Path) -> BagIndex:
     index = BagIndex(
         name=path.resolve().name,
         storage=storage,
-        topics=_topics(metadata.topics, end_ns - start_ns),
+        topics=merge_topics(metadata.topics, end_ns - start_ns),
         start_ns=start_ns,
         end_ns=end_ns,
         message_count=metadata.message_count,
@@ -110,38 +96,27 @@ def _index_folder(path: Path) -> BagIndex:
 
 
 def _index_file(path: Path, bag_format: BagFormat) -> BagIndex:
-    paths = storage_paths(path, ())
-    with open_storages(paths, compressed_files=False) as storages:
+    with open_storages(storage_paths(path, ()), compressed_files=False) as storages:
         summary = _summarize(storages)
-    topics = tuple(
-        TopicMetadata(
-            name=name,
-            type=summary.types[name],
-            serialization=summary.serializations[name],
-            qos="",
-            count=count,
-        )
-        for name, count in summary.counts.items()
-    )
     return BagIndex(
         name=path.name,
         storage=bag_format.name,
-        topics=_topics(topics, summary.end_ns - summary.start_ns),
+        topics=summary.topics,
         start_ns=summary.start_ns,
         end_ns=summary.end_ns,
-        message_count=summary.counts.total(),
+        message_count=sum(topic.count for topic in summary.topics.values()),
         files=(path.name,),
         notes=(*([bag_format.note] if bag_format.note else []), *summary.notes),
     )
 
 
 def _storage_name(path: Path, metadata: BagMetadata) -> str:
-    known = folder_format_names()
+    known = sorted(bag_format.name for bag_format in BAG_FORMATS if bag_format.folders)
     if metadata.storage not in known:
         raise DataError(
             f"{path} has the storage format {metadata.storage!r}; supported are "
             f"{' and '.join(known)}",
-            code=METADATA_UNREADABLE,
+            code="R2B302",
             hint="convert it with 'ros2 bag convert'",
         )
     return metadata.storage
@@ -155,7 +130,7 @@ def _compression(path: Path, metadata: BagMetadata) -> Literal["none", "message"
         raise DataError(
             f"{path} is compressed with {metadata.compression_format!r} by {mode!r};"
             " supported is zstd by message or by file",
-            code=METADATA_UNREADABLE,
+            code="R2B302",
             hint="convert it with 'ros2 bag convert'",
         )
     return cast("Literal['none', 'message', 'file']", mode)
@@ -163,35 +138,34 @@ def _compression(path: Path, metadata: BagMetadata) -> Literal["none", "message"
 
 def _summarize(storages: list[Storage]) -> _StorageSummary:
     """Sum topics, counts and extents over storage files."""
-    summary = _StorageSummary({}, {}, Counter(), 0, 0, [])
-    filled = [each for each in storages if each.message_count]
-    if filled:
-        summary.start_ns = min(each.start_ns for each in filled)
-        summary.end_ns = max(each.end_ns for each in filled)
-    for storage in storages:
-        for topic in storage.topics:
-            known = summary.types.setdefault(topic.name, topic.type)
-            if known != topic.type:
-                summary.notes.append(f"{topic.name} was recorded as {known} and as {topic.type}")
-            summary.serializations.setdefault(topic.name, topic.serialization)
-            summary.counts[topic.name] += topic.count
-    return summary
+    filled = [storage for storage in storages if storage.message_count]
+    start_ns = min((storage.start_ns for storage in filled), default=0)
+    end_ns = max((storage.end_ns for storage in filled), default=0)
+    entries = [topic for storage in storages for topic in storage.topics]
+    topics = merge_topics(entries, end_ns - start_ns)
+    notes = [
+        f"{entry.name} was recorded as {topics[entry.name].type} and as {entry.type}"
+        for entry in entries
+        if entry.type != topics[entry.name].type
+    ]
+    return _StorageSummary(topics, start_ns, end_ns, notes)
 
 
 def _check_metadata(path: Path, metadata: BagMetadata, summary: _StorageSummary) -> None:
     """Raise DataError if the metadata differs from the content of the storage."""
-    stated = Counter({topic.name: 0 for topic in metadata.topics})
-    for topic in metadata.topics:
-        stated[topic.name] += topic.count
+    stated = Counter(
+        {name: topic.count for name, topic in merge_topics(metadata.topics, 0).items()}
+    )
+    stored = Counter({name: topic.count for name, topic in summary.topics.items()})
     wrong = [
-        f"{name}: {stated[name]:,} stated, {summary.counts[name]:,} stored"
-        for name in sorted(stated.keys() | summary.counts.keys())
-        if stated[name] != summary.counts[name]
+        f"{name}: {stated[name]:,} stated, {stored[name]:,} stored"
+        for name in sorted(stated.keys() | stored.keys())
+        if stated[name] != stored[name]
     ]
     wrong += [
-        f"{topic.name}: {topic.type} stated, {summary.types[topic.name]} stored"
+        f"{topic.name}: {topic.type} stated, {summary.topics[topic.name].type} stored"
         for topic in metadata.topics
-        if summary.types.get(topic.name, topic.type) != topic.type
+        if topic.name in summary.topics and summary.topics[topic.name].type != topic.type
     ]
     if stated.total() != metadata.message_count:
         wrong.append(f"total: {metadata.message_count:,} stated, {stated.total():,} by topic")
@@ -199,7 +173,7 @@ def _check_metadata(path: Path, metadata: BagMetadata, summary: _StorageSummary)
         shown = "; ".join(wrong[:3]) + (f"; and {len(wrong) - 3} more" if len(wrong) > 3 else "")
         raise DataError(
             f"{path / 'metadata.yaml'} does not match the storage: {shown}",
-            code=METADATA_DISAGREES,
+            code="R2B310",
             hint=f"if the recording was interrupted, run 'ros2 bag reindex {path}'",
         )
 
@@ -210,25 +184,5 @@ def _time_notes(metadata: BagMetadata, summary: _StorageSummary) -> list[str]:
     stated = (metadata.start_ns, metadata.start_ns + metadata.duration_ns)
     if stated == (summary.start_ns, summary.end_ns):
         return []
-    note = (
-        f"metadata.yaml states {stated[0]} to {stated[1]} ns, the storage has"
-        f" {summary.start_ns} to {summary.end_ns} ns"
-    )
-    return [note]
-
-
-def _topics(topics: tuple[TopicMetadata, ...], duration_ns: int) -> dict[str, TopicInfo]:
-    """Merge the entries of a topic that was recorded from several publishers, and sort."""
-    merged: dict[str, TopicInfo] = {}
-    for topic in sorted(topics, key=lambda topic: topic.name):
-        before = merged.get(topic.name)
-        count = topic.count + (before.count if before else 0)
-        merged[topic.name] = TopicInfo(
-            name=topic.name,
-            type=before.type if before else topic.type,
-            count=count,
-            rate_hz=(count - 1) * 1e9 / duration_ns if count > 1 and duration_ns > 0 else 0.0,
-            serialization=topic.serialization,
-            qos=before.qos if before else topic.qos,
-        )
-    return merged
+    stored = f"the storage has {summary.start_ns} to {summary.end_ns} ns"
+    return [f"metadata.yaml states {stated[0]} to {stated[1]} ns, {stored}"]

@@ -3,27 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from r2bspec.bags.message_types import typestore
 from r2bspec.bags.recording import Message, WritableStorage
-
-if TYPE_CHECKING:
-    from rosbags.interfaces import Qos
-    from rosbags.typesys.store import Typestore
-
 
 LATENCY_TYPE: Final = "std_msgs/msg/Float64"
 """The type of the messages with a latency, in milliseconds."""
-
-
-@cache
-def typestore() -> Typestore:
-    """The message definitions that bags are written with: those of ROS 2 Jazzy."""
-    from rosbags.typesys import Stores, get_typestore
-
-    return get_typestore(Stores.ROS2_JAZZY)
 
 
 def write_output_bag(
@@ -62,9 +49,21 @@ def latency_message(latency_ns: int) -> bytes:
     return bytes(typestore().serialize_cdr(kind(data=latency_ns / 1e6), LATENCY_TYPE))
 
 
+OFFERED_QOS: Final = (
+    "- avoid_ros_namespace_conventions: false\n"
+    "  deadline: {nsec: 0, sec: 0}\n"
+    "  depth: 10\n"
+    "  durability: 2\n"
+    "  history: 1\n"
+    "  lifespan: {nsec: 0, sec: 0}\n"
+    "  liveliness: 1\n"
+    "  liveliness_lease_duration: {nsec: 0, sec: 0}\n"
+    "  reliability: 1"
+)
+"""As metadata.yaml of version 8 writes reliable, keep last 10, volatile."""
+
 # Version 8 is the newest that keeps QoS profiles as text, which older tools read too.
 _DATASET_VERSION: Final = 8
-_QUEUE_DEPTH = 10
 
 
 def write_bag(
@@ -82,6 +81,7 @@ def write_bag(
         OSError, sqlite3.Error: the disk is full or not writable.
     """
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+    from rosbags.rosbag2.metadata import parse_qos
 
     plugin, mode = {
         "sqlite3": (StoragePlugin.SQLITE3, CompressionMode.MESSAGE),
@@ -92,53 +92,9 @@ def write_bag(
     with writer:
         connections = {
             topic: writer.add_connection(
-                topic, kind, typestore=typestore(), offered_qos_profiles=[_offered_qos()]
+                topic, kind, typestore=typestore(), offered_qos_profiles=parse_qos(OFFERED_QOS)
             )
             for topic, kind in types.items()
         }
         for message in messages:
             writer.write(connections[message.topic], message.time_ns, message.data)
-
-
-def _offered_qos() -> Qos:
-    from rosbags.interfaces import (
-        Qos,
-        QosDurability,
-        QosHistory,
-        QosLiveliness,
-        QosReliability,
-        QosTime,
-    )
-
-    return Qos(
-        history=QosHistory.KEEP_LAST,
-        depth=_QUEUE_DEPTH,
-        reliability=QosReliability.RELIABLE,
-        durability=QosDurability.VOLATILE,
-        deadline=QosTime(0, 0),
-        lifespan=QosTime(0, 0),
-        liveliness=QosLiveliness.AUTOMATIC,
-        liveliness_lease_duration=QosTime(0, 0),
-        avoid_ros_namespace_conventions=False,
-    )
-
-
-@cache
-def begins_with_header(type_name: str) -> bool | None:
-    """Whether the first field of a type is a std_msgs/Header.
-
-    Known for every message of the ROS 2 Jazzy common interfaces, which `rosbags` ships.
-
-    Returns:
-        None for a type that is not among them.
-    """
-    from rosbags.interfaces import Nodetype
-
-    fields = typestore().fielddefs.get(type_name)
-    if fields is None:
-        return None
-    entries = fields[1]
-    if not entries:
-        return False
-    kind, detail = entries[0][1]
-    return bool(kind == Nodetype.NAME and detail == "std_msgs/msg/Header")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 from r2bspec.bags.bag_index import index_bag
@@ -18,7 +18,6 @@ from r2bspec.bags.recording import (
     DataError,
     DatasetRecord,
     Message,
-    Window,
     read_provenance,
 )
 from r2bspec.bags.storage.storage import storage_errors, storage_paths
@@ -83,26 +82,13 @@ def _encode_int(value: int) -> bytes:
     return value.to_bytes(8, "little", signed=True)
 
 
-def hash_content(
-    path: Path, topics: Collection[str] | None = None, window: Window | None = None
-) -> str:
+def hash_content(path: Path) -> str:
     """Hash the content of a bag: independent of storage format, compression, splitting and date.
-
-    Args:
-        path: bag folder or storage file.
-        topics: None for all.
-        window: None for all; times are relative to the start of the bag either way.
 
     Raises:
         DataError: as `read_messages`.
     """
-    index = index_bag(path)
-    wanted = list(index.topics) if topics is None else topics
-    infos = [info for name in wanted if (info := index.find(name)) is not None]
-    content = ContentHash({info.name: info.type for info in infos}, index.start_ns)
-    for message in read_messages(path, wanted, window):
-        content.add(message)
-    return content.hexdigest()
+    return _read(path, index_bag(path))[0]
 
 
 def verify(path: Path) -> list[str]:

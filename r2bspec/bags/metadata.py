@@ -11,10 +11,9 @@ import msgspec
 import yaml
 
 from r2bspec.bags.recording import (
-    LFS_POINTER,
-    METADATA_UNREADABLE,
     SUFFIXES_TEXT,
     DataError,
+    TopicInfo,
     error_hint,
     error_text,
 )
@@ -34,16 +33,6 @@ _MAX_METADATA_BYTES = 16_000_000
 _MAX_YAML_VALUES = 250_000
 _MAX_DIGITS = 30
 _OLD_TYPE = re.compile(r"(?P<package>[^/]+)/(?P<name>[^/]+)")
-
-
-class TopicMetadata(msgspec.Struct, frozen=True, kw_only=True):
-    """A topic as metadata.yaml states it; the type is normalised."""
-
-    name: str
-    type: str
-    serialization: str
-    qos: str
-    count: int
 
 
 class FileSpan(msgspec.Struct, frozen=True, kw_only=True):
@@ -67,7 +56,7 @@ class BagMetadata(msgspec.Struct, frozen=True, kw_only=True):
     start_ns: int
     duration_ns: int
     message_count: int
-    topics: tuple[TopicMetadata, ...]
+    topics: tuple[TopicInfo, ...]
     compression_format: str
     compression_mode: str
     spans: tuple[FileSpan, ...]
@@ -90,7 +79,7 @@ def check_not_lfs_pointer(path: Path) -> None:
     if head == _LFS_MAGIC:
         raise DataError(
             f"{path} is a Git LFS pointer, not the recording itself",
-            code=LFS_POINTER,
+            code="R2B305",
             hint="fetch the file with 'git lfs install && git lfs pull' in its repository",
         )
 
@@ -107,41 +96,34 @@ def read_metadata(folder: Path) -> BagMetadata:
         check_not_lfs_pointer(path)
         text = read_text(path, max_bytes=_MAX_METADATA_BYTES)
     except FileNotFoundError:
-        raise DataError(
+        raise _unusable(
             f"{folder} has no {METADATA_NAME}, so it is not a complete rosbag",
-            code=METADATA_UNREADABLE,
-            hint=f"{reindex}, or give the {SUFFIXES_TEXT} file itself",
+            f"{reindex}, or give the {SUFFIXES_TEXT} file itself",
         ) from None
     except OSError as error:
-        raise DataError(
-            f"{path} cannot be read: {error_text(error)}",
-            code=METADATA_UNREADABLE,
-            hint=error_hint(error, reindex),
-        ) from error
+        hint = error_hint(error, reindex)
+        raise _unusable(f"{path} cannot be read: {error_text(error)}", hint) from error
     try:
         # Every scalar is a string, so a topic 'on' or '010' is not converted.
         document: Any = load_texts(text, max_values=_MAX_YAML_VALUES)
         return _from_document(document["rosbag2_bagfile_information"])
     except yaml.YAMLError as error:
-        raise DataError(
-            f"{path} is not valid YAML: {error_text(error)}", code=METADATA_UNREADABLE, hint=reindex
-        ) from error
+        raise _unusable(f"{path} is not valid YAML: {error_text(error)}", reindex) from error
     except KeyError as error:
-        raise DataError(
-            f"{path} has no key {error}", code=METADATA_UNREADABLE, hint=reindex
-        ) from error
+        raise _unusable(f"{path} has no key {error}", reindex) from error
     except (TypeError, ValueError, AttributeError, IndexError, RecursionError) as error:
-        raise DataError(
-            f"{path} was not written by rosbag2: {error}", code=METADATA_UNREADABLE, hint=reindex
-        ) from error
+        raise _unusable(f"{path} was not written by rosbag2: {error}", reindex) from error
+
+
+def _unusable(message: str, hint: str) -> DataError:
+    return DataError(message, code="R2B302", hint=hint)
 
 
 def _from_document(info: Any) -> BagMetadata:
     """Build the value; missing keys and wrong kinds raise what Python raises for them."""
     version = _int(info["version"])
     if version > _MAX_VERSION:
-        msg = f"its version is {version}, the newest supported one is {_MAX_VERSION}"
-        raise ValueError(msg)
+        raise ValueError(f"its version is {version}, the newest supported one is {_MAX_VERSION}")
     _check_numbers(info)
     compression_mode = info.get("compression_mode", "").lower()
     return BagMetadata(
@@ -155,7 +137,9 @@ def _from_document(info: Any) -> BagMetadata:
         topics=tuple(_topic(entry) for entry in info["topics_with_message_count"] or ()),
         compression_format=info.get("compression_format", ""),
         compression_mode="" if compression_mode == "none" else compression_mode,
-        spans=tuple(_span(entry) for entry in info.get("files") or () if _has_messages(entry)),
+        spans=tuple(
+            _span(entry) for entry in info.get("files") or () if _int(entry["message_count"]) > 0
+        ),
     )
 
 
@@ -182,17 +166,11 @@ def _check_numbers(info: Any) -> None:
 def _int(text: str) -> int:
     """A number of 64 bits, as rosbag2 has them."""
     if len(text) > _MAX_DIGITS:
-        msg = f"a number in it has {len(text):,} digits"
-        raise ValueError(msg)
+        raise ValueError(f"a number in it has {len(text):,} digits")
     number = int(text)
     if not -(2**63) <= number < 2**63:
-        msg = f"the number {number} in it has more than 64 bits"
-        raise ValueError(msg)
+        raise ValueError(f"the number {number} in it has more than 64 bits")
     return number
-
-
-def _has_messages(entry: Any) -> bool:
-    return _int(entry["message_count"]) > 0
 
 
 def _span(entry: Any) -> FileSpan:
@@ -204,10 +182,10 @@ def _span(entry: Any) -> FileSpan:
     )
 
 
-def _topic(entry: Any) -> TopicMetadata:
+def _topic(entry: Any) -> TopicInfo:
     topic = entry["topic_metadata"]
     qos = topic.get("offered_qos_profiles", "")
-    return TopicMetadata(
+    return TopicInfo(
         name=topic["name"],
         type=normalise_type(topic["type"]),
         serialization=topic["serialization_format"],

@@ -15,23 +15,10 @@ from typing import Final, Literal
 
 import msgspec
 
-from r2bspec.diagnostics.quote import printable
+from r2bspec.diagnostics.quote import did_you_mean, printable
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.safe_io.safe_json import read_json
-
-BAG_NOT_FOUND: Final = "R2B301"
-METADATA_UNREADABLE: Final = "R2B302"
-STORAGE_MISSING: Final = "R2B303"
-STORAGE_UNREADABLE: Final = "R2B304"
-LFS_POINTER: Final = "R2B305"
-SERIALIZATION_UNSUPPORTED: Final = "R2B306"
-DATASET_UNKNOWN: Final = "R2B307"
-TOPIC_NOT_IN_BAG: Final = "R2B308"
-WINDOW_OUTSIDE_BAG: Final = "R2B309"
-METADATA_DISAGREES: Final = "R2B310"
-DATASET_NOT_WRITTEN: Final = "R2B311"
-RECORDING_NOT_CLOSED: Final = "R2B313"
 
 
 class DataError(R2bspecError):
@@ -40,7 +27,7 @@ class DataError(R2bspecError):
     The message names the file or the dataset; `hint` is the remedy.
     """
 
-    code = BAG_NOT_FOUND
+    code = "R2B301"
     exit_code = ExitStatus.USAGE
 
     def __init__(self, message: str, *, hint: str = "", code: str | None = None) -> None:
@@ -53,21 +40,17 @@ _DAMAGED_HINT: Final = "the file is damaged or incomplete; copy or record it aga
 
 def unreadable(path: Path, reason: str, hint: str = _DAMAGED_HINT) -> DataError:
     """The error for a storage file that cannot be read (R2B304)."""
-    return DataError(f"{path} cannot be read: {reason}", code=STORAGE_UNREADABLE, hint=hint)
+    return DataError(f"{path} cannot be read: {reason}", code="R2B304", hint=hint)
 
 
 def topic_not_found(owner: str, topic: str, topics: Iterable[str]) -> DataError:
     """The error for a topic that a recording does not have (R2B308)."""
-    import difflib
-
-    names = list(topics)
-    close = difflib.get_close_matches(topic, names, n=1, cutoff=0.5)
+    names = sorted(topics)
+    close = did_you_mean(topic, names)
     return DataError(
         f"{owner} has no topic {topic}",
-        code=TOPIC_NOT_IN_BAG,
-        hint=f"did you mean {close[0]}?"
-        if close
-        else f"its topics: {', '.join(sorted(names)) or 'none'}",
+        code="R2B308",
+        hint=f"did you mean {close}?" if close else f"its topics: {', '.join(names) or 'none'}",
     )
 
 
@@ -113,12 +96,7 @@ class BagFormat(msgspec.Struct, frozen=True):
 
 
 BAG_FORMATS: Final = (
-    BagFormat(
-        name="sqlite3",
-        title="sqlite3",
-        suffix=".db3",
-        reader="sqlite:SqliteStorage",
-    ),
+    BagFormat(name="sqlite3", title="sqlite3", suffix=".db3", reader="sqlite:SqliteStorage"),
     BagFormat(name="mcap", title="MCAP", suffix=".mcap", reader="mcap:McapStorage"),
     BagFormat(
         name="ros1",
@@ -133,19 +111,11 @@ BAG_FORMATS: Final = (
 
 def format_of_suffix(suffix: str) -> BagFormat | None:
     """The format of the files with a suffix, or None."""
-    return next((each for each in BAG_FORMATS if each.suffix == suffix), None)
+    return next((known for known in BAG_FORMATS if known.suffix == suffix), None)
 
 
-def folder_format_names() -> list[str]:
-    """The names of the formats of which rosbag2 records folders, sorted."""
-    return sorted(each.name for each in BAG_FORMATS if each.folders)
-
-
-def _one_of(words: list[str]) -> str:
-    return f"{', '.join(words[:-1])} or {words[-1]}"
-
-
-SUFFIXES_TEXT: Final = _one_of([each.suffix for each in BAG_FORMATS])
+_SUFFIXES: Final = [known.suffix for known in BAG_FORMATS]
+SUFFIXES_TEXT: Final = f"{', '.join(_SUFFIXES[:-1])} or {_SUFFIXES[-1]}"
 """The suffixes in words, such as ``.a, .b or .c``."""
 
 
@@ -171,7 +141,7 @@ class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
     name: str
     type: str
     count: int
-    rate_hz: float
+    rate_hz: float = 0.0
     serialization: str = "cdr"
     qos: str = ""
     max_message_bytes: int | None = None
@@ -367,17 +337,11 @@ def merge_indexes(indexes: Sequence[BagIndex]) -> BagIndex | None:
     filled = [index for index in indexes if index.message_count] or list(indexes)
     start_ns = min(index.start_ns for index in filled)
     end_ns = max(index.end_ns for index in filled)
-    topics: dict[str, TopicInfo] = {}
-    for index in indexes:
-        for name, info in index.topics.items():
-            before = topics.get(name)
-            topics[name] = (
-                info if before is None else _merge_topic_info(before, info, end_ns - start_ns)
-            )
+    infos = [info for index in indexes for info in index.topics.values()]
     return msgspec.structs.replace(
         indexes[0],
         name=" + ".join(index.name for index in indexes),
-        topics=dict(sorted(topics.items())),
+        topics=merge_topics(infos, end_ns - start_ns),
         start_ns=start_ns,
         end_ns=end_ns,
         message_count=sum(index.message_count for index in indexes),
@@ -387,12 +351,22 @@ def merge_indexes(indexes: Sequence[BagIndex]) -> BagIndex | None:
     )
 
 
-def _merge_topic_info(one: TopicInfo, other: TopicInfo, duration_ns: int) -> TopicInfo:
-    count = one.count + other.count
-    sizes = (one.max_message_bytes, other.max_message_bytes)
-    return msgspec.structs.replace(
-        one,
-        count=count,
-        rate_hz=(count - 1) * 1e9 / duration_ns if count > 1 and duration_ns else 0.0,
-        max_message_bytes=None if None in sizes else max(size for size in sizes if size),
-    )
+def merge_topics(infos: Iterable[TopicInfo], duration_ns: int) -> dict[str, TopicInfo]:
+    """The topics by name, sorted; the message counts of several entries of one are added.
+
+    Everything else is that of the first entry. A rate that is not known is the mean over the
+    duration.
+    """
+    merged: dict[str, TopicInfo] = {}
+    for info in infos:
+        before = merged.get(info.name)
+        count = info.count + (before.count if before else 0)
+        sizes = (info.max_message_bytes, before.max_message_bytes if before else 0)
+        mean_hz = (count - 1) * 1e9 / duration_ns if count > 1 and duration_ns > 0 else 0.0
+        merged[info.name] = msgspec.structs.replace(
+            before or info,
+            count=count,
+            rate_hz=mean_hz if before else info.rate_hz or mean_hz,
+            max_message_bytes=None if None in sizes else max(size for size in sizes if size),
+        )
+    return dict(sorted(merged.items()))

@@ -122,18 +122,14 @@ def window_message_counts(context: Context) -> dict[str, MessageCount]:
             continue
         if start_ns == 0 and end_ns > bag.duration_ns:
             counts[name] = MessageCount(info.count, exact=True)
-        elif context.bag_location is not None and context.bag_location.path is None:
-            counts[name] = MessageCount(
-                _count_rendered(bag.name, info.name, start_ns, end_ns), exact=True
-            )
+        elif context.is_rendered:
+            rendered = _count_rendered(bag.name, info.name, start_ns, end_ns)
+            counts[name] = MessageCount(rendered, exact=True)
         else:
             length_s = (min(end_ns, bag.duration_ns) - start_ns) / 1e9
-            estimate = round(info.rate_hz * max(length_s, 0))
-            counts[name] = (
-                _count_by_reading(context, info.name)
-                if estimate < _MIN_ESTIMATED_MESSAGES
-                else MessageCount(estimate, exact=False)
-            )
+            counts[name] = MessageCount(round(info.rate_hz * max(length_s, 0)), exact=False)
+            if counts[name].messages < _MIN_ESTIMATED_MESSAGES:
+                counts[name] = _count_by_reading(context, info.name)
     return counts
 
 

@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, NamedTuple
 
 from r2bspec.bags.recording import merge_indexes
 from r2bspec.check.bag_facts import cached_index
-from r2bspec.check.installed_packages import package_version
 from r2bspec.check.requirement_metrics import (
     KnownMetric,
     LocatedRequirement,
-    UnknownMetric,
     located_requirements,
-    resolved_metrics,
 )
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.located_tree import ListNode, MapNode, TreeNode, child, lookup
-from r2bspec.language.spec import BagSource, Spec
+from r2bspec.language.spec import Spec
+from r2bspec.measure.metric_catalogue import MetricError, resolve
 from r2bspec.plan.compile_plan import bag_types, has_own_rate
+from r2bspec.plan.installed_packages import package_version
 from r2bspec.plan.process_plans import process_names
 from r2bspec.record.calibration_file import CalibrationFile, calibration_path, read_calibration_file
 from r2bspec.record.files import RecordError
@@ -52,23 +52,20 @@ class DocumentFiles:
 
     def __init__(self, base_dir: FilePath) -> None:
         self._base_dir = base_dir
-        self._bags: dict[str, tuple[BagLocation | None, BagIndex | None, DataError | None]] = {}
+        self._bags: dict[str, Recording] = {}
 
     @cached_property
-    def _companions(self) -> CompanionReader:
+    def companions(self) -> CompanionReader:
+        """Reads the companion files of every case."""
         return CompanionReader(self._base_dir)
 
-    def companion_files(self, spec: Spec) -> CompanionFiles:
-        """The companion files of one case."""
-        return self._companions.read(spec)
-
-    def bag(self, bag: str) -> tuple[BagLocation | None, BagIndex | None, DataError | None]:
-        """The location of a bag, and its index or its error."""
+    def recording(self, bag: str, path: Path) -> Recording:
+        """The bag that a path of the spec names."""
         if bag not in self._bags:
-            self._bags[bag] = self._located(bag)
-        return self._bags[bag]
+            self._bags[bag] = self._recording(bag)
+        return self._bags[bag]._replace(path=path)
 
-    def _located(self, bag: str) -> tuple[BagLocation | None, BagIndex | None, DataError | None]:
+    def _recording(self, bag: str) -> Recording:
         from r2bspec.bags.recording import DataError
         from r2bspec.datasets.catalogue import locate
 
@@ -77,9 +74,9 @@ class DocumentFiles:
             location = locate(bag, self._base_dir)
             if location.path is not None:
                 note_folder(location.path)
-            return location, cached_index(location), None
+            return Recording((), location, cached_index(location), None)
         except DataError as error:
-            return location, None, error
+            return Recording((), location, None, error)
 
 
 class Context:
@@ -107,20 +104,11 @@ class Context:
     @cached_property
     def companion_files(self) -> CompanionFiles:
         """The companion files of the spec: interfaces, parameter files, Python files."""
-        return self._files.companion_files(self.spec)
-
-    @property
-    def noise(self) -> CalibrationFile | None:
-        """The calibrated noise; None if there is no calibration file, or it cannot be used."""
-        return self._noise[0]
-
-    @property
-    def noise_problem(self) -> str:
-        """Why the calibration file cannot be used; empty if it can, or does not exist."""
-        return self._noise[1]
+        return self._files.companions.read(self.spec)
 
     @cached_property
-    def _noise(self) -> tuple[CalibrationFile | None, str]:
+    def noise(self) -> tuple[CalibrationFile | None, str]:
+        """The calibrated noise, if there is a file of it; and why that cannot be used, or empty."""
         path = calibration_path(self.loaded.base_dir / FilePath(self.loaded.file).name)
         try:
             return read_calibration_file(path), ""
@@ -140,6 +128,11 @@ class Context:
         return merge_indexes(indexes) if len(indexes) == len(self.recordings) else None
 
     @property
+    def is_rendered(self) -> bool:
+        """Whether the bag is a synthetic dataset."""
+        return self.bag_location is not None and self.bag_location.path is None
+
+    @property
     def bag_location(self) -> BagLocation | None:
         """The location of the bag; None offline, if it is not found, or if there are several."""
         return self.recordings[0].location if len(self.recordings) == 1 else None
@@ -149,15 +142,14 @@ class Context:
         """Every bag of the spec; none offline, or if the spec has no bag."""
         if self.offline:
             return ()
-        sources = self.spec.data_loader.sources
         several = bool(self.spec.data_loader.bags)
-        return tuple(
-            self._recording(
-                source,
-                ("data_loader", "bags", position) if several else ("data_loader", "bag"),
-            )
-            for position, source in enumerate(sources)
-        )
+        recordings = []
+        for position, source in enumerate(self.spec.data_loader.sources):
+            place: Path = ("data_loader", "bags", position) if several else ("data_loader", "bag")
+            # A path without a '/' is still a path if the spec gives it as one.
+            path = source.path if "/" in source.path or not source.path else f"./{source.path}"
+            recordings.append(self._files.recording(path or source.dataset, self._name_path(place)))
+        return tuple(recordings)
 
     def require_bags(self) -> list[BagIndex]:
         """The index of every bag.
@@ -172,11 +164,6 @@ class Context:
                 raise bag.error
             indexes.append(bag.content)
         return indexes
-
-    def _recording(self, source: BagSource, place: Path) -> Recording:
-        # A path without a '/' is still a path if the spec gives it as one.
-        path = source.path if "/" in source.path or not source.path else f"./{source.path}"
-        return Recording(self._name_path(place), *self._files.bag(path or source.dataset))
 
     def _name_path(self, place: Path) -> Path:
         """The path of the bag's name: its own value, or a key of it."""
@@ -227,19 +214,23 @@ class Context:
         """Every requirement with its path."""
         return tuple(located_requirements(self.spec))
 
-    @property
-    def known_metrics(self) -> list[KnownMetric]:
-        """The requirements whose metric and monitor exist."""
-        return self._metrics[0]
+    def resolve(self, located: LocatedRequirement) -> KnownMetric:
+        """A requirement with its metric.
 
-    @property
-    def unknown_metrics(self) -> list[UnknownMetric]:
-        """The requirements whose metric or monitor does not exist."""
-        return self._metrics[1]
+        Raises:
+            MetricError: the metric or the monitor does not exist.
+        """
+        metric = located.requirement.metric
+        return KnownMetric(located, *resolve(metric, self.spec.monitors, self.processes))
 
     @cached_property
-    def _metrics(self) -> tuple[list[KnownMetric], list[UnknownMetric]]:
-        return resolved_metrics(self.requirements, self.spec.monitors, self.processes)
+    def known_metrics(self) -> list[KnownMetric]:
+        """The requirements whose metric and monitor exist."""
+        known = []
+        for located in self.requirements:
+            with suppress(MetricError):
+                known.append(self.resolve(located))
+        return known
 
     @cached_property
     def processes(self) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterator
 from typing import Literal
 
 import msgspec
@@ -12,7 +12,7 @@ from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.quantities import Rate
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Spec
-from r2bspec.measure.metric_catalogue import MetricError, MetricInfo, resolve
+from r2bspec.measure.metric_catalogue import MetricInfo
 
 
 class LocatedRequirement(msgspec.Struct, frozen=True):
@@ -74,31 +74,6 @@ class KnownMetric(msgspec.Struct, frozen=True):
     located: LocatedRequirement
     monitor: str | None
     info: MetricInfo
-
-
-class UnknownMetric(msgspec.Struct, frozen=True):
-    """A requirement whose metric or monitor does not exist."""
-
-    located: LocatedRequirement
-    error: MetricError
-
-
-def resolved_metrics(
-    requirements: Iterable[LocatedRequirement],
-    monitors: Collection[str],
-    processes: Collection[str],
-) -> tuple[list[KnownMetric], list[UnknownMetric]]:
-    """The requirements whose metric and monitor exist, and the others."""
-    known: list[KnownMetric] = []
-    unknown: list[UnknownMetric] = []
-    for located in requirements:
-        try:
-            monitor, info = resolve(located.requirement.metric, monitors, processes)
-        except MetricError as error:
-            unknown.append(UnknownMetric(located, error))
-        else:
-            known.append(KnownMetric(located, monitor, info))
-    return known, unknown
 
 
 def max_wrong_share(metric: KnownMetric) -> float | None:

@@ -17,6 +17,7 @@ from r2bspec.cli.shared_options import (
     spec_argument,
     spec_options,
 )
+from r2bspec.cli.text_output import show_findings
 from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.language.quantities import Duration
@@ -256,12 +257,11 @@ def interfaces_command(
     from r2bspec.api import InvalidSpecError, load
     from r2bspec.diagnostics import did_you_mean
     from r2bspec.introspect import record_interfaces
-    from r2bspec.report.findings_text import print_findings as show
 
     try:
         loaded = load(spec, **values._asdict())
     except InvalidSpecError as error:
-        show(error.diagnostics, error.loaded.texts)
+        show_findings(error.diagnostics, error.loaded)
         raise
     known = {**loaded.preprocessors, **loaded.graph.nodes}
     for each in only:

@@ -137,43 +137,25 @@ def check_files(files: Sequence[str], options: CheckOptions) -> Iterator[FileRep
     """
     # Documents are trees: frequent collection of cycles takes time and frees nothing.
     gc.set_threshold(50_000, 20, 20)
+    from r2bspec.cli.internal_error import InternalError, UncheckedFiles
+
     check = partial(check_file, options=options)
+    failures = UncheckedFiles()
     workers = min(len(os.sched_getaffinity(0)), len(files) // _MIN_FILES_PER_WORKER)
+    in_processes = len(files) >= MIN_PARALLEL_FILES and workers > 1 and "-" not in files
     with shared_lookups():
-        if len(files) < MIN_PARALLEL_FILES or workers < 2 or "-" in files:
-            yield from _one_after_another(check, files)
-        else:
-            yield from _in_processes(check, files, workers)
+        # The first file imports all modules, which forked processes then share.
+        for file in files[:1] if in_processes else files:
+            try:
+                report = naming_the_file(check, file)
+            except InternalError as error:
+                failures.add(file, error)
+            else:
+                yield report
+        if in_processes:
+            from r2bspec.cli.worker_processes import map_in_processes
 
-
-def _in_processes(
-    check: Callable[[str], FileReport], files: Sequence[str], workers: int
-) -> Iterator[FileReport]:
-    from r2bspec.cli.internal_error import InternalError, UncheckedFiles
-    from r2bspec.cli.worker_processes import map_in_processes
-
-    # The first file imports all modules, which the forked processes then share.
-    failures = UncheckedFiles()
-    try:
-        yield naming_the_file(check, files[0])
-    except InternalError as error:
-        failures.add(files[0], error)
-    yield from map_in_processes(check, files[1:], workers, failures)
-
-
-def _one_after_another(
-    check: Callable[[str], FileReport], files: Sequence[str]
-) -> Iterator[FileReport]:
-    from r2bspec.cli.internal_error import InternalError, UncheckedFiles
-
-    failures = UncheckedFiles()
-    for file in files:
-        try:
-            report = naming_the_file(check, file)
-        except InternalError as error:
-            failures.add(file, error)
-        else:
-            yield report
+            yield from map_in_processes(check, files[1:], workers, failures)
     failures.raise_first()
 
 

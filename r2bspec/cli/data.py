@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
@@ -14,21 +14,14 @@ import click
 from r2bspec.bags.recording import WritableStorage
 from r2bspec.cli.completion import complete_dataset
 from r2bspec.cli.shared_options import format_option, max_bytes_option
-from r2bspec.cli.text_output import aligned_lines
+from r2bspec.cli.text_output import print_table
 from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import console, echo, echo_json
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from r2bspec.bags.recording import BagIndex, BagLocation, Window
     from r2bspec.datasets.synthesis import Progress
-
-# Without a terminal, lines are not wrapped, for grep.
-_PIPED_WIDTH = 240
-
-_MAX_WRAPPED_ROWS = 1000
 
 
 def _duration_ns(
@@ -85,7 +78,7 @@ def list_datasets(output_format: str) -> None:
         )
         for name, location in found.items()
     ]
-    _print_table(("dataset", "source", "content"), rows)
+    print_table(("dataset", "source", "content"), rows)
 
 
 @command.command()
@@ -240,37 +233,6 @@ def _progress_bar(title: str) -> Iterator[Progress | None]:
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
-def _console() -> Console:
-    return console(
-        width=None if sys.stdout.isatty() else _PIPED_WIDTH, highlight=False, soft_wrap=False
-    )
-
-
-def _print_table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]], right: str = "") -> None:
-    """Columns with a title in `right` are right-aligned."""
-    if len(rows) > _MAX_WRAPPED_ROWS:
-        # Wrapping takes a millisecond for each row.
-        right_columns = [number for number, title in enumerate(header) if title in right.split()]
-        for line in aligned_lines([header, *rows], right_columns):
-            echo(line)
-        return
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-    for title in header:
-        justify: Any = "right" if title in right.split() else "left"
-        table.add_column(title, justify=justify, overflow="fold")
-    for row in rows:
-        table.add_row(*(Text(cell) for cell in row))
-    console = _console()
-    with console.capture() as captured:
-        console.print(table)
-    # Without the padding of the last column, for diffs.
-    for line in captured.get().splitlines():
-        echo(line.rstrip())
-
-
 def _print_index(index: BagIndex, origin: str, sha256: str) -> None:
     from datetime import UTC, datetime
 
@@ -305,9 +267,7 @@ def _print_index(index: BagIndex, origin: str, sha256: str) -> None:
         )
         for topic in index.topics.values()
     ]
-    _print_table(
-        ("topic", "type", "messages", "rate", "largest"), rows, right="messages rate largest"
-    )
+    print_table(("topic", "type", "messages", "rate", "largest"), rows, right_columns=(2, 3, 4))
 
 
 def _storage_text(index: BagIndex) -> str:

@@ -20,7 +20,7 @@ from r2bspec.cli.shared_options import (
     share,
     verbose_option,
 )
-from r2bspec.cli.text_output import aligned_lines, counted
+from r2bspec.cli.text_output import counted, print_table, show_findings
 from r2bspec.diagnostics.quote import clip
 from r2bspec.exit_status import ExitStatus
 from r2bspec.language.quantities import Share
@@ -118,19 +118,18 @@ def _load_objectives(path: Path) -> Spec:
     from r2bspec.api import InvalidSpecError
     from r2bspec.check import check
     from r2bspec.language.load_spec import load_spec
-    from r2bspec.report.findings_text import print_findings as show
 
     loaded = load_spec(path)
-    found = [
-        each
-        for each in check(loaded, offline=True)
+    findings = [
+        finding
+        for finding in check(loaded, offline=True)
         if loaded.spec is None
-        or each.path[:1] == ("slos",)
-        or each.path[:2] == ("benchmark", "gate")
+        or finding.path[:1] == ("slos",)
+        or finding.path[:2] == ("benchmark", "gate")
     ]
-    show(found, loaded.texts)
-    if loaded.spec is None or any(each.severity == "error" for each in found):
-        raise InvalidSpecError(loaded, found)
+    show_findings(findings, loaded)
+    if loaded.spec is None or any(finding.severity == "error" for finding in findings):
+        raise InvalidSpecError(loaded, findings)
     return loaded.spec
 
 
@@ -278,27 +277,23 @@ def list_runs(file: str, name: str, output_format: str) -> int:
     if output_format == "json":
         echo_json(runs)
         return ExitStatus.OK
-    for line in _history_table(runs):
-        echo(line)
-    return ExitStatus.OK
-
-
-def _history_table(runs: tuple[HistoryEntry, ...]) -> list[str]:
-    if not runs:
-        return ["no runs"]
-    rows = [("run", "started", "benchmark", "plan", "machine", "outcome")]
-    rows += [
+    rows = [
         (
-            clip(one.run_id, _MAX_CELL),
-            clip(one.started_at, _MAX_CELL),
-            clip(one.name, _MAX_CELL),
-            one.plan.removeprefix("sha256:")[:12],
-            clip(f"{one.host} ({one.machine})", _MAX_CELL),
-            clip(f"{one.outcome}, accepted" if one.accepted else one.outcome, _MAX_CELL),
+            run.run_id,
+            run.started_at,
+            run.name,
+            run.plan.removeprefix("sha256:")[:12],
+            f"{run.host} ({run.machine})",
+            f"{run.outcome}, accepted" if run.accepted else run.outcome,
         )
-        for one in runs
+        for run in runs
     ]
-    return aligned_lines(rows)
+    if rows:
+        cells = [[clip(cell, _MAX_CELL) for cell in row] for row in rows]
+        print_table(("run", "started", "benchmark", "plan", "machine", "outcome"), cells)
+    else:
+        echo("no runs")
+    return ExitStatus.OK
 
 
 @history_command.command("accept")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,13 +15,12 @@ from r2bspec.cli.shared_options import (
     parse_pairs,
     repeatable_option,
 )
+from r2bspec.cli.text_output import print_table
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo, echo_json
 
 if TYPE_CHECKING:
     from r2bspec.fleet.hosts import Host
-
-_UNLIMITED_WIDTH = 10_000
 
 _EARLIER_RUN_S = 30.0
 """For so long the run of a worker that was killed may take to end."""
@@ -165,7 +163,7 @@ def hosts(scheduler: str, output_format: str, connection: dict[str, Any]) -> int
         for each in found
     ]
     header = ("host", "arch", "CPU", "memory", "GPU", "ROS", "r2bspec", "labels", "allows")
-    _print_table(header, rows)
+    print_table(header, rows, right_columns=range(1, len(header)))
     for each in found:
         for name, what in each.facts.doctor.items():
             echo(f"{each.name}: {name}: {what}")
@@ -200,7 +198,8 @@ def status(scheduler: str, output_format: str, connection: dict[str, Any]) -> in
                 f"{each.seen_s:.0f} s ago",
             )
         )
-    _print_table(("host", "state", "benchmark", "phase", "left", "p99", "heard of"), rows)
+    header = ("host", "state", "benchmark", "phase", "left", "p99", "heard of")
+    print_table(header, rows, right_columns=range(1, len(header)))
     return ExitStatus.OK
 
 
@@ -226,20 +225,6 @@ def _hosts_of(scheduler: str, connection: dict[str, Any]) -> list[Host]:
 
     with FleetClient(fleet_address(scheduler, **connection)) as client:
         return [each for _, each in sorted(client.hosts.items())]
-
-
-def _print_table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
-    from rich.text import Text
-
-    from r2bspec.diagnostics.plain_text import plain
-    from r2bspec.report.output import console
-    from r2bspec.report.terminal_tables import table
-
-    made = table(header)
-    for row in rows:
-        made.add_row(*(Text(plain(cell)) for cell in row))
-    # A column that is cut tells nothing: a narrow terminal wraps the lines, and a pipe has none.
-    console(width=_UNLIMITED_WIDTH).print(made)
 
 
 def _default_folder() -> Path:

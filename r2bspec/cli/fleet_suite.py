@@ -10,7 +10,7 @@ import os
 import sys
 import time
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -26,12 +26,11 @@ if TYPE_CHECKING:
 
     from r2bspec.cli.run import RunOptions
     from r2bspec.cli.run_suite import Suite
-    from r2bspec.fleet.bundle import SentSide
     from r2bspec.fleet.client import FleetClient
     from r2bspec.fleet.fleet_runs import Ended, FleetRun, RunStatus
     from r2bspec.fleet.hosts import Host
     from r2bspec.fleet.journal import Journal
-    from r2bspec.report.suite_summary import SuiteRun
+    from r2bspec.report.suite import SuiteRun
 
 _JOIN_S: Final = 30.0
 """For so long the first hosts are waited for: workers start with their scheduler."""
@@ -64,8 +63,6 @@ class FleetExecutor:
     options: RunOptions
     client: FleetClient
     journal: Journal
-    _allowed: dict[int, frozenset[str]] = field(default_factory=dict)
-    _heads: dict[int, SentSide] = field(default_factory=dict)
 
     def place(self, entries: Sequence[SuiteEntry]) -> list[SuiteEntry]:
         """An entry for each run: with ``--hosts all`` one on every host that fits."""
@@ -81,11 +78,9 @@ class FleetExecutor:
                 continue
             expected = self.journal.hosts if self.options.resume else ()
             for found in place(entry.prepared.plan, facts, self.options.hosts, expected):
-                one = replace(entry, host=found.host, error=found.error)
                 if found.error is not None:
                     show_error(found.error)
-                self._allowed[id(one)] = found.hosts
-                placed.append(one)
+                placed.append(replace(entry, **found._asdict()))
         return placed
 
     def _wait_for_hosts(self) -> None:
@@ -163,51 +158,35 @@ class FleetExecutor:
         return self.suite.keep(entry, result, resumed=False, host=ended.host)
 
     def _fleet_run(self, entry: SuiteEntry) -> FleetRun:
-        from r2bspec.fleet.bundle import SentSide
+        from r2bspec.compare.base_reference import parse_base_reference
         from r2bspec.fleet.fleet_runs import FleetRun
 
-        prepared = entry.prepared
-        assert prepared is not None  # noqa: S101 - others are settled
+        base = None
         fields: dict[str, Any] = {
             "smoke": self.options.smoke,
             "abort_on_fail": self.options.abort_on_fail,
             "record_outputs": self.options.record_outputs,
         }
-        base = None
         if self.options.compares:
-            base, more = self._base(entry)
-            fields |= more
-        # One for all hosts: its files are read once.
-        head = self._heads.setdefault(
-            id(prepared), SentSide(prepared.plan, prepared.base_dir, prepared.spec_text)
-        )
+            reference = parse_base_reference(self.options.against)
+            fields |= {
+                "compares": True,
+                "against": reference.text,
+                "environments": reference.environments,
+                "pairs": self.options.pairs,
+                "control": self.options.control,
+                "force": self.options.force,
+            }
+            if reference.changes_spec:
+                base = prepare_and_report(base_selection(entry.item.selection, reference))
         return FleetRun(
             name=entry.name,
             folder=entry.folder,
-            head=head,
+            head=entry.benchmark,
             base=base,
-            hosts=self._allowed[id(entry)],
+            hosts=entry.hosts,
             options=fields,
         )
-
-    def _base(self, entry: SuiteEntry) -> tuple[Any, dict[str, Any]]:
-        """The base of a comparison, if it is another spec, and what the host must know of it."""
-        from r2bspec.compare.base_reference import parse_base_reference
-        from r2bspec.fleet.bundle import SentSide
-
-        reference = parse_base_reference(self.options.against)
-        base = None
-        if reference.changes_spec:
-            prepared = prepare_and_report(base_selection(entry.item.selection, reference))
-            base = SentSide(prepared.plan, prepared.base_dir, prepared.spec_text)
-        return base, {
-            "compares": True,
-            "against": reference.text,
-            "environments": reference.environments,
-            "pairs": self.options.pairs,
-            "control": self.options.control,
-            "force": self.options.force,
-        }
 
 
 _LINE_S: Final = 60.0

@@ -15,6 +15,7 @@ from r2bspec.cli.shared_options import (
     spec_options,
 )
 from r2bspec.cli.spec_selection import SpecSelection, prepare_and_report
+from r2bspec.cli.text_output import show_findings
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo, echo_document
 
@@ -98,10 +99,9 @@ def _provenance(loaded: LoadedSpec, path: str) -> str:
     """
     from r2bspec.errors import UsageError
     from r2bspec.language.value_trace import UnknownPathError, provenance
-    from r2bspec.report.findings_text import print_findings as show
 
     if loaded.spec is None:
-        show(loaded.diagnostics, loaded.texts)
+        show_findings(loaded.diagnostics, loaded)
     try:
         return provenance(loaded, path).text()
     except UnknownPathError as error:
@@ -109,14 +109,10 @@ def _provenance(loaded: LoadedSpec, path: str) -> str:
 
 
 def _render(plan: Plan, graph: str | None) -> bytes:
-    if graph == "mermaid":
-        from r2bspec.plan.drawing import to_mermaid
+    if graph in {"mermaid", "dot"}:
+        from r2bspec.plan.drawing import to_dot, to_mermaid
 
-        return to_mermaid(plan).encode()
-    if graph == "dot":
-        from r2bspec.plan.drawing import to_dot
-
-        return to_dot(plan).encode()
+        return (to_dot if graph == "dot" else to_mermaid)(plan).encode()
     if graph == "html":
         from r2bspec.report.format_registry import GRAPH_PAGE, check_installed, load
 

@@ -18,7 +18,7 @@ from r2bspec.cli.shared_options import (
     spec_options,
 )
 from r2bspec.cli.spec_selection import SpecSelection, prepare_and_report
-from r2bspec.cli.text_output import aligned_lines
+from r2bspec.cli.text_output import print_table
 from r2bspec.errors import UsageError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo
@@ -145,7 +145,8 @@ def _show_noise(found: Calibration, name: str, pairs: PairedComparison) -> None:
         "smallest change detected with 90 % probability, by the number of pairs"
     )
     numbers = list(found.metrics[0].margins) if found.metrics else []
-    rows = [("metric", "noise", "at most", *(f"{n} pairs" for n in numbers))]
+    header = ("metric", "noise", "at most", *(f"{n} pairs" for n in numbers))
+    rows = []
     for one in found.metrics:
         metric = f"{one.monitor}.{one.metric}" if one.monitor else one.metric
         at = f" at {show(one.at_hz, 'Hz')}" if one.at_hz is not None else ""
@@ -157,8 +158,7 @@ def _show_noise(found: Calibration, name: str, pairs: PairedComparison) -> None:
                 *(_change_text(one.margins[n]) for n in numbers),
             )
         )
-    for line in aligned_lines(rows, right_columns=range(1, len(rows[0]))):
-        echo(line)
+    print_table(header, rows, right_columns=range(1, len(header)))
     if any(one.biased for one in found.metrics):
         echo(
             "biased: the second run of a pair differs from the first; noise alone causes this in "

@@ -108,17 +108,12 @@ class RunOptions:
         Raises:
             click.UsageError: there are some.
         """
-        if self.against and self.control:
-            raise click.UsageError(
-                "--control cannot be combined with --against: it compares SPEC with itself"
-            )
-        for_fleet = {
-            "--hosts": self.hosts != ("all",),
-            **{f"--{name}": bool(value) for name, value in self.connection.items()},
-        }
-        for name, given in for_fleet.items():
-            if given and self.on is None:
-                raise click.UsageError(f"{name} needs --on")
+        if self.against:
+            why = "cannot be combined with --against: it compares SPEC with itself"
+            _refuse({"--control": self.control}, why)
+        if self.on is None:
+            connection = {f"--{name}": value for name, value in self.connection.items()}
+            _refuse({"--hosts": self.hosts != ("all",), **connection}, "needs --on")
         comparisons = {
             "--against": bool(self.against),
             "--control": self.control,
@@ -140,27 +135,25 @@ class RunOptions:
             "--record-outputs": self.record_outputs,
             "--profile": self.profile is not None,
         }
-        for name, given in of_one_run.items():
-            if given and self.compares:
-                raise click.UsageError(f"{name} cannot be combined with --against or --control")
+        if self.compares:
+            _refuse(of_one_run, "cannot be combined with --against or --control")
         if self.timings and (self.compares or self.needs_suite or self.on is not None):
             raise click.UsageError(
                 "--timings is of one run on this host; 'phases' in each record.json has the times"
             )
-        if self.profile_node is not None and self.profile is None:
-            raise click.UsageError("--profile-node needs --profile")
+        if self.profile is None:
+            _refuse({"--profile-node": self.profile_node is not None}, "needs --profile")
         of_gate = {
             "--allow": self.allow,
             "--base-build": self.base_build,
             "--base-setup": self.base_setup,
         }
-        for name, value in of_gate.items():
-            if value and not self.has_base_tree:
-                raise click.UsageError(f"{name} needs --against with a revision or a work tree")
-        if self.force and not (self.against or self.baseline is not None):
-            raise click.UsageError("--force needs --against or --baseline")
-        if self.resume and self.output is None:
-            raise click.UsageError("--resume needs the --output of the earlier call")
+        if any(of_gate.values()) and not self.has_base_tree:
+            _refuse(of_gate, "needs --against with a revision or a work tree")
+        if not (self.against or self.baseline is not None):
+            _refuse({"--force": self.force}, "needs --against or --baseline")
+        if self.output is None:
+            _refuse({"--resume": self.resume}, "needs the --output of the earlier call")
 
     def check_pairs(self) -> None:
         """Report ``--pairs`` without a comparison.
@@ -168,8 +161,8 @@ class RunOptions:
         Raises:
             click.UsageError: there is none.
         """
-        if self.pairs is not None and not self.compares:
-            raise click.UsageError("--pairs needs --against or --control")
+        if not self.compares:
+            _refuse({"--pairs": self.pairs is not None}, "needs --against or --control")
 
     def check_fleet(self) -> None:
         """Report options that do not go with ``--on``.
@@ -183,9 +176,7 @@ class RunOptions:
             "--no-wait": self.no_wait,
             "--against with a revision or a work tree": self.has_base_tree,
         }
-        for name, given in without.items():
-            if given:
-                raise click.UsageError(f"{name} cannot be combined with --on")
+        _refuse(without, "cannot be combined with --on")
 
     def check_suite(self) -> None:
         """Report options that are for a single run.
@@ -200,6 +191,17 @@ class RunOptions:
             )
         if self.compares and (self.resume or self.scan):
             raise click.UsageError("--against cannot be combined with --resume and --scan")
+
+
+def _refuse(options: Mapping[str, object], why: str) -> None:
+    """Report the first of some options that is given, if one is.
+
+    Raises:
+        click.UsageError: with its name and `why`.
+    """
+    for name, value in options.items():
+        if value:
+            raise click.UsageError(f"{name} {why}")
 
 
 @click.command("run")

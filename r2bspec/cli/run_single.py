@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from r2bspec.cli.spec_selection import SpecSelection, base_selection, prepare_and_report
+from r2bspec.cli.text_output import show_findings
 from r2bspec.errors import R2bspecError
 from r2bspec.report.output import echo, echo_json
 
@@ -38,7 +39,9 @@ def _run(selection: SpecSelection, options: RunOptions, folder: OutputFolder) ->
     from r2bspec.report.terminal import show_result
     from r2bspec.report.write_reports import takes_stdout
 
-    prepared = prepare_and_report(selection, smoke=options.smoke, require_slos=options.require_slos)
+    prepared = prepare_and_report(
+        selection, smoke=options.smoke, require_slos=options.require_slos, infos=options.verbose
+    )
     name = prepared.plan.name
     name += "-pairs" if options.compares else "-smoke" if options.smoke else ""
     folder.path = options.output or api.default_run_folder(name)
@@ -181,10 +184,9 @@ def compare_with_base(
 
 
 def _show_weakening(error: WeakerGateError, prepared: PreparedBenchmark) -> None:
-    from r2bspec.report.findings_text import print_findings as show
 
     if prepared.loaded is not None:
-        show(error.diagnostics, prepared.loaded.texts)
+        show_findings(error.diagnostics, prepared.loaded)
         error.remainder = str(error)
 
 
@@ -213,7 +215,6 @@ def execute(
     from r2bspec import api
     from r2bspec.compare.gate_strength import WeakerGateError
     from r2bspec.record.files import FolderTakenError
-    from r2bspec.report.findings_text import print_findings as show
     from r2bspec.report.progress import shown_progress
 
     # Before the run: what is stored may be unreadable.
@@ -243,7 +244,7 @@ def execute(
         if isinstance(error, WeakerGateError):
             _show_weakening(error, prepared)
         if isinstance(error, api.GraphMismatchError):
-            show(error.diagnostics, error.loaded.texts)
+            show_findings(error.diagnostics, error.loaded)
             error.remainder = error.details
         # A folder that was refused has the files of another run.
         if not isinstance(error, FolderTakenError) and folder.exists():
@@ -275,11 +276,12 @@ def _ways(prepared: PreparedBenchmark, options: RunOptions) -> dict[str, Any]:
 
 def show_differences(result: Result, prepared: PreparedBenchmark) -> None:
     """Print differences between graph and spec that did not end the run."""
-    from r2bspec import api
-    from r2bspec.report.findings_text import print_findings as show
+    from r2bspec.check.finding_location import differences_to_diagnostics
 
     if prepared.loaded is not None:
-        show(api.differences_to_diagnostics(result, prepared.loaded), prepared.loaded.texts)
+        show_findings(
+            differences_to_diagnostics(result.differences, prepared.loaded), prepared.loaded
+        )
 
 
 def write_reports_of(options: RunOptions, folder: Path, spec: Path) -> None:

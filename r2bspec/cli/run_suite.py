@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from r2bspec.compare.merge_gate import MergeGate
     from r2bspec.judge.result import Result
     from r2bspec.record.graph_identity import GraphIdentity
-    from r2bspec.report.suite_summary import SuiteRun, SuiteSummary
+    from r2bspec.report.suite import SuiteRun, SuiteSummary
     from r2bspec.report.write_reports import ReportRequest
 
 SUMMARY_FILE = "suite.json"
@@ -106,7 +106,11 @@ def _run_here(
                 suite.gate = _compare_spec_sets(gate, paths, entries, options.select)
         unplayed = [entry for entry in entries if entry.error is None]
         # A build would disturb who has the host.
-        built = {id(entry) for entry in unplayed if gate is not None and _builds_base(gate, entry)}
+        built = {
+            id(entry)
+            for entry in unplayed
+            if gate is not None and gate.builds_base(entry.item.selection, entry.benchmark)
+        }
         for needs_lock in (False, True):
             if needs_lock and unplayed:
                 stack.enter_context(locked_host(f"{len(entries)} benchmarks", options))
@@ -123,15 +127,10 @@ def _run_here(
                 suite.enter(entries)
                 return suite.refuse()
         for entry in unplayed:
-            if entry.prepared is not None:
-                entry.estimate = estimate_of(entry.prepared, entry.item.selection, options, gate)
+            entry.estimate = estimate_of(entry.benchmark, entry.item.selection, options, gate)
         suite.create_folder()
         suite.enter(entries)
         return suite.run(LocalExecutor(suite, options, gate))
-
-
-def _builds_base(gate: MergeGate, entry: SuiteEntry) -> bool:
-    return entry.prepared is not None and gate.builds_base(entry.item.selection, entry.prepared)
 
 
 def _compare_with_base(gate: MergeGate, entry: SuiteEntry, options: RunOptions) -> None:
@@ -139,9 +138,8 @@ def _compare_with_base(gate: MergeGate, entry: SuiteEntry, options: RunOptions) 
     from r2bspec.cli.main import show_error
     from r2bspec.execute.errors import InterruptedRunError
 
-    assert entry.prepared is not None  # noqa: S101 - others have an error
     try:
-        compare_with_base(gate, entry.item.selection, entry.prepared, options)
+        compare_with_base(gate, entry.item.selection, entry.benchmark, options)
     except InterruptedRunError:
         raise
     except R2bspecError as error:
@@ -192,14 +190,14 @@ def _compare_spec_sets(
 
 def _with_summaries_only(options: RunOptions) -> RunOptions:
     """The options without reports that only a run could have: there is none."""
-    from r2bspec.report.suite_formats import SUITE_FORMATS
+    from r2bspec.report.suite import SUITE_FORMATS
 
     reports = (request for request in options.reports if request.format in SUITE_FORMATS)
     return replace(options, reports=tuple(reports))
 
 
 def _check_reports(options: RunOptions) -> None:
-    from r2bspec.report.suite_formats import SUITE_FORMATS
+    from r2bspec.report.suite import SUITE_FORMATS
 
     for each in options.reports:
         if each.format not in SUITE_FORMATS and _NAME_FIELD not in each.path:
@@ -216,7 +214,10 @@ def _prepare(item: RunItem, options: RunOptions) -> SuiteEntry:
 
     try:
         prepared = prepare_and_report(
-            item.selection, smoke=options.smoke, require_slos=options.require_slos
+            item.selection,
+            smoke=options.smoke,
+            require_slos=options.require_slos,
+            infos=options.verbose,
         )
     except R2bspecError as error:
         show_error(error)
@@ -257,7 +258,6 @@ class Suite:
         self._options = options
         self._entries: Sequence[SuiteEntry] = ()
         self._started_at = _now()
-        self._runs: dict[int, SuiteRun] = {}
         self._results: dict[str, Result] = {}
         self._written = self._writing = 0.0
 
@@ -277,17 +277,13 @@ class Suite:
         """Make the runs, then print the summary; returns the worst exit status."""
         if self._entries and not self._options.quiet:
             echo(executor.announce(self._entries), err=True)
-        numbers = {id(entry): number for number, entry in enumerate(self._entries)}
         try:
             with contextlib.closing(executor.play(self._entries)) as playing:
                 for entry, run in playing:
-                    self.add(numbers[id(entry)], run)
+                    self.add(entry, run)
                     if self._options.fail_fast and run.exit_status:
                         break
-            for number, entry in enumerate(self._entries):
-                if number not in self._runs:
-                    reason = "an earlier run did not pass (--fail-fast)"
-                    self._runs[number] = _skipped(entry, reason)
+            self._skip_rest("an earlier run did not pass (--fail-fast)")
         except BaseException as error:
             # The folder of the suite is named below, and in place of that of the run.
             getattr(error, "__notes__", []).clear()
@@ -300,16 +296,32 @@ class Suite:
 
     def refuse(self) -> int:
         """Play nothing, because some runs have an error; returns the worst exit status."""
-        for number, entry in enumerate(self._entries):
-            refused = self.settled(entry) if entry.error is not None else None
-            self._runs[number] = refused or _skipped(entry, "the gate refuses another spec")
+        for entry in self._entries:
+            if entry.error is not None:
+                entry.run = self.failed(entry, entry.error)
+        self._skip_rest("the gate refuses another spec")
         self._finish()
         echo(folder_line(self.root), err=True)
         return self._summary().exit_status
 
-    def add(self, number: int, run: SuiteRun) -> None:
+    def _skip_rest(self, reason: str) -> None:
+        """Say of the runs that have not been made why."""
+        from r2bspec.report.suite import SuiteRun
+
+        for entry in self._entries:
+            entry.run = entry.run or SuiteRun(
+                name=entry.name,
+                spec=str(entry.item.selection.spec),
+                folder="",
+                outcome="skipped",
+                reason=f"not run, because {reason}",
+                exit_status=ExitStatus.OK,
+                host=entry.host,
+            )
+
+    def add(self, entry: SuiteEntry, run: SuiteRun) -> None:
         """Take a run into the summary, and write it."""
-        self._runs[number] = run
+        entry.run = run
         began = time.monotonic()
         if began - self._written < _SUMMARY_SHARE * self._writing:
             return
@@ -319,37 +331,31 @@ class Suite:
 
     def settled(self, entry: SuiteEntry) -> SuiteRun | None:
         """An entry that need not be played: one with an error, or with an earlier run."""
-        from r2bspec.report.suite_summary import run_with_error
-
-        if entry.prepared is None or entry.error is not None:
-            assert entry.error is not None  # noqa: S101 - it is one or the other
-            return run_with_error(
-                entry.error,
-                name=entry.name,
-                spec=str(entry.item.selection.spec),
-                host=entry.host,
-            )
+        if entry.error is not None:
+            return self.failed(entry, entry.error)
         if self._options.resume and (earlier := self._earlier(entry)) is not None:
             return self.keep(entry, earlier, resumed=True)
         return None
 
     def failed(self, entry: SuiteEntry, error: R2bspecError, host: str = "") -> SuiteRun:
         """A run that failed, as a row of the summary."""
-        from r2bspec.report.suite_summary import run_with_error
+        from r2bspec.report.suite import run_with_error
 
+        # What is in the folder of a run that was not begun is of an earlier one.
+        was_begun = entry.error is None
         return run_with_error(
             error,
             name=entry.name,
             spec=str(entry.item.selection.spec),
-            folder=str(entry.folder) if entry.folder.exists() else "",
+            folder=str(entry.folder) if was_begun and entry.folder.exists() else "",
             host=host or entry.host,
-            report=self._page_of(entry),
+            report=self._page_of(entry) if was_begun else "",
         )
 
     def keep(self, entry: SuiteEntry, result: Result, *, resumed: bool, host: str = "") -> SuiteRun:
         """A run that has a result, as a row of the summary; its reports are written."""
         from r2bspec.cli.run_single import write_reports_of
-        from r2bspec.report.suite_summary import run_with_result
+        from r2bspec.report.suite import run_with_result
 
         spec = entry.item.selection.spec
         self._results[str(entry.folder)] = result
@@ -410,18 +416,16 @@ class Suite:
 
         if not entry.folder.exists():
             return None
-        assert entry.prepared is not None  # noqa: S101 - nothing is played otherwise
+        benchmark = entry.benchmark
         result: Result | None = None
         with contextlib.suppress(R2bspecError):
             result = read_folder(entry.folder).result
         if (
             result is not None
             and result.status == "complete"
-            and result.plan_hash == plan_hash(entry.prepared.plan)
+            and result.plan_hash == plan_hash(benchmark.plan)
             and self._is_same_code(
-                entry,
-                result.identity,
-                graph_identity(entry.prepared.plan, entry.prepared.base_dir),
+                entry, result.identity, graph_identity(benchmark.plan, benchmark.base_dir)
             )
         ):
             return result
@@ -446,35 +450,35 @@ class Suite:
         return not changes
 
     def _summary(self) -> SuiteSummary:
-        from r2bspec.report.suite_summary import SuiteSummary, worst_status
+        from r2bspec.report.suite import SuiteSummary, worst_status
 
-        runs = tuple(run for _, run in sorted(self._runs.items()))
+        runs = tuple(entry.run for entry in self._entries if entry.run is not None)
         return SuiteSummary(
             started_at=self._started_at,
             ended_at=_now(),
-            exit_status=worst_status(one.exit_status for one in runs),
+            exit_status=worst_status(run.exit_status for run in runs),
             gate=self.gate,
             runs=runs,
         )
 
     def _write_summary(self) -> None:
         from r2bspec.record.files import write_atomically
-        from r2bspec.report.suite_formats import to_json
+        from r2bspec.report.suite import to_json
 
         write_atomically(self.root / SUMMARY_FILE, to_json(self._summary(), self._results))
 
     def _finish(self) -> None:
         """Write the summary to its file, to the requested reports, and to standard output."""
-        from r2bspec.report.suite_formats import SUITE_FORMATS
+        from r2bspec.report.suite import SUITE_FORMATS
         from r2bspec.report.write_reports import STDOUT, takes_stdout, write_report
 
         self._write_summary()
         summary = self._summary()
-        wanted = [each for each in self._options.reports if _NAME_FIELD not in each.path]
-        for each in wanted:
-            content = SUITE_FORMATS[each.format](summary, self._results, each.path)
-            write_report(each.path, content)
-        if not takes_stdout(wanted):
+        requests = [each for each in self._options.reports if _NAME_FIELD not in each.path]
+        for request in requests:
+            content = SUITE_FORMATS[request.format](summary, self._results, request.path)
+            write_report(request.path, content)
+        if not takes_stdout(requests):
             shown = SUITE_FORMATS[self._options.output_format](summary, self._results, STDOUT)
             echo_document(shown, nl=False)
 
@@ -507,13 +511,12 @@ class LocalExecutor:
         from r2bspec.execute.errors import InterruptedRunError
 
         entry = entries[number]
-        assert entry.prepared is not None  # noqa: S101 - others are settled
         try:
             result = self._play(number, entries)
-            show_differences(result, entry.prepared)
+            show_differences(result, entry.benchmark)
             return self.suite.keep(entry, result, resumed=False)
         except InterruptedRunError as error:
-            self.suite.add(number, self.suite.failed(entry, error))
+            self.suite.add(entry, self.suite.failed(entry, error))
             raise
         except R2bspecError as error:
             show_error(error)
@@ -525,7 +528,6 @@ class LocalExecutor:
         from r2bspec.report.progress import RemainingTime
 
         entry = entries[number]
-        assert entry.prepared is not None  # noqa: S101 - see the caller
         assert entry.estimate is not None  # noqa: S101 - prepared specs have one
         if not self.options.quiet:
             echo(f"[{number + 1}/{len(entries)}] {entry.name}: {entry.estimate.text()}", err=True)
@@ -533,27 +535,13 @@ class LocalExecutor:
         remaining = RemainingTime(entry.estimate, after_s=later_s)
         of_run = self.suite.options_of(entry)
         result = execute(
-            entry.prepared, entry.item.selection, of_run, entry.folder, remaining, self.gate
+            entry.benchmark, entry.item.selection, of_run, entry.folder, remaining, self.gate
         )
         if not self.options.quiet:
             echo(f"  {headline(result)}", err=True)
             for sentence in (*notes_of_an_open_run(result), *result.gate):
                 echo(f"  {sentence}", err=True)
         return result
-
-
-def _skipped(entry: SuiteEntry, reason: str) -> SuiteRun:
-    from r2bspec.report.suite_summary import SuiteRun
-
-    return SuiteRun(
-        name=entry.name,
-        spec=str(entry.item.selection.spec),
-        folder="",
-        outcome="skipped",
-        reason=f"not run, because {reason}",
-        exit_status=ExitStatus.OK,
-        host=entry.host,
-    )
 
 
 def _move_away(folder: Path) -> None:

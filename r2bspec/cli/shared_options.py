@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
@@ -52,7 +53,27 @@ class QuantityType(click.ParamType):  # type: ignore[type-arg, unused-ignore]
 FILE = click.Path(path_type=Path, dir_okay=False)
 FOLDER = click.Path(path_type=Path, file_okay=False)
 
-spec_argument = click.argument("spec", type=FILE)
+
+_MAX_LISTED_SPECS = 5
+
+
+class _SpecFile(click.Path):
+    """A path to one spec; a folder is answered with the specs in it."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The path."""
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
+        if path.is_dir():
+            specs = sorted(path.glob("*.r2b.yaml"))[:_MAX_LISTED_SPECS]
+            others = f", such as {', '.join(map(str, specs))}" if specs else ""
+            self.fail(f"{str(path)!r} is a folder: name one spec{others}", param, ctx)
+        return path
+
+
+spec_argument = click.argument("spec", type=_SpecFile())
 
 quiet_option = click.option("--quiet", "-q", is_flag=True, help="Show no progress.")
 

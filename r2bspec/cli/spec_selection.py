@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import click
 
+from r2bspec.cli.text_output import show_findings
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.language.selected_spec import SpecSelection as SpecSelection
 
@@ -22,14 +23,18 @@ if TYPE_CHECKING:
     from r2bspec.compare.base_reference import BaseReference
     from r2bspec.language.load_spec import LoadedSpec
     from r2bspec.plan.time_estimate import TimeEstimate
-    from r2bspec.report.suite_summary import SuiteRun
+    from r2bspec.report.suite import SuiteRun
 
 ALL_CASES = "all"
 """The value of ``--case`` that selects every case of a matrix."""
 
 
 def prepare_and_report(
-    selection: SpecSelection, *, smoke: bool = False, require_slos: bool = False
+    selection: SpecSelection,
+    *,
+    smoke: bool = False,
+    require_slos: bool = False,
+    infos: bool = True,
 ) -> PreparedBenchmark:
     """Prepare a spec, or a smoke run of it; findings are printed to standard error.
 
@@ -37,6 +42,7 @@ def prepare_and_report(
         selection: the spec.
         smoke: prepare a smoke run.
         require_slos: refuse a spec that nothing can fail.
+        infos: print findings of severity info, too.
 
     Raises:
         InvalidSpecError: it has errors.
@@ -45,15 +51,16 @@ def prepare_and_report(
         DataError: the bag does not exist or is not readable.
     """
     from r2bspec import api
-    from r2bspec.report.findings_text import print_findings as show
+    from r2bspec.diagnostics import Severity
 
     try:
         prepared = api.prepare(selection, smoke=smoke)
     except api.InvalidSpecError as error:
-        show(error.diagnostics, error.loaded.texts)
+        show_findings(error.diagnostics, error.loaded)
         raise
     if prepared.loaded is not None:
-        show(prepared.diagnostics, prepared.loaded.texts)
+        shown = [each for each in prepared.diagnostics if infos or each.severity != Severity.INFO]
+        show_findings(shown, prepared.loaded)
     if require_slos:
         _require_objectives(prepared, selection)
     return prepared
@@ -61,13 +68,12 @@ def prepare_and_report(
 
 def _require_objectives(prepared: PreparedBenchmark, selection: SpecSelection) -> None:
     from r2bspec.compare.gate_strength import MissingObjectivesError, require_objectives
-    from r2bspec.report.findings_text import print_findings as show
 
     loaded = prepared.loaded
     try:
         require_objectives(prepared.plan, loaded.file if loaded else str(selection.spec))
     except MissingObjectivesError as error:
-        show([error.diagnostic], loaded.texts if loaded else {})
+        show_findings([error.diagnostic], loaded)
         error.remainder = ""
         raise
 
@@ -224,8 +230,11 @@ class SuiteEntry:
     """One run of the suite.
 
     Attributes:
+        prepared: None if the spec has errors; the first of them is `error` then.
         host: of a fleet, if the run is made on that host; empty if any may make it, and here.
+        hosts: of a fleet, those that may make it.
         folder: of the run.
+        run: its row in the summary, once it has ended or is skipped.
     """
 
     item: RunItem
@@ -235,6 +244,14 @@ class SuiteEntry:
     estimate: TimeEstimate | None = None
     folder: Path = field(default_factory=Path)
     host: str = ""
+    hosts: frozenset[str] = frozenset()
+    run: SuiteRun | None = None
+
+    @property
+    def benchmark(self) -> PreparedBenchmark:
+        """What is played of an entry without an error."""
+        assert self.prepared is not None  # noqa: S101 - it has an error otherwise
+        return self.prepared
 
     @property
     def seconds(self) -> float:

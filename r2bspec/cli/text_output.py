@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from r2bspec.diagnostics.plain_text import plain
 from r2bspec.report.output import echo, echo_document
 
 if TYPE_CHECKING:
     from r2bspec.diagnostics import Diagnostic
+    from r2bspec.language.load_spec import LoadedSpec
 
 
 def counted(number: int, noun: str) -> str:
@@ -44,6 +46,23 @@ def aligned_lines(rows: Sequence[Sequence[str]], right_columns: Collection[int] 
             cells.append(padding + cell if column in right_columns else cell + padding)
         lines.append("  ".join(cells).rstrip())
     return lines
+
+
+def print_table(
+    header: Sequence[str], rows: Sequence[Sequence[str]], right_columns: Collection[int] = ()
+) -> None:
+    """Print rows below a header. Nothing is cut: a narrow terminal wraps the lines."""
+    first, *lines = aligned_lines([header, *rows], right_columns)
+    echo(styled(plain(first), bold=True), styled=True)
+    for line in lines:
+        echo(line)
+
+
+def show_findings(findings: Sequence[Diagnostic], loaded: LoadedSpec | None) -> None:
+    """Print findings about a document to standard error, with the lines that they are about."""
+    from r2bspec.report.findings_text import print_findings as show
+
+    show(findings, loaded.texts if loaded is not None else {})
 
 
 def print_findings(

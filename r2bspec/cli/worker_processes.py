@@ -30,7 +30,6 @@ from r2bspec.exit_status import ExitStatus
 
 T = TypeVar("T")
 
-_NO_RESULT = object()
 
 _INTERRUPTS = frozenset({signal.SIGINT, signal.SIGTERM})
 
@@ -47,19 +46,13 @@ class _Worker:
 
 @dataclass(slots=True)
 class _Answer:
-    """What a worker says of a task: its result, a foreseen error, or a crash.
-
-    Attributes:
-        failure: what the crash is for the user.
-        ended: whether the worker has ended instead of answering.
-    """
+    """What a worker says of a task: its result, a foreseen error, a crash, or that it has ended."""
 
     task: int
     result: Any = None
     error: R2bspecError | None = None
     crash: Crash | None = None
-    failure: R2bspecError | None = None
-    ended: bool = False
+    ended: WorkerEndedError | None = None
 
 
 def map_in_processes(
@@ -120,28 +113,28 @@ class _Shift:
 
     def results(self) -> Iterator[Any]:
         """Every result, in the order of the names; then the failures are raised."""
-        done: dict[int, Any] = {}
+        done: dict[int, _Answer] = {}
         following = 0
         while following < len(self._names):
             for ready in connection.wait(list(self._by_pipe)):
                 worker = self._by_pipe[ready]
                 answer = _receive(worker, self._names)
-                done[answer.task] = answer.result
+                done[answer.task] = answer
                 worker.tasks.remove(answer.task)
                 if answer.error is not None:
                     raise answer.error
-                if answer.failure is not None:
-                    self._failures.add(self._names[answer.task], answer.failure)
-                    done[answer.task] = _NO_RESULT
-                if answer.ended:
+                if answer.crash is not None:
+                    self._failures.add(self._names[answer.task], InternalError(answer.crash))
+                if answer.ended is not None:
+                    self._failures.add(self._names[answer.task], answer.ended)
                     self._replace(worker)
                 else:
                     _assign(worker, self._waiting)
             while following in done:
-                result = done.pop(following)
+                answer = done.pop(following)
                 following += 1
-                if result is not _NO_RESULT:
-                    yield result
+                if answer.crash is None and answer.ended is None:
+                    yield answer.result
         self._failures.raise_first()
 
     def _replace(self, ended: _Worker) -> None:
@@ -181,23 +174,18 @@ def _assign(worker: _Worker, waiting: Iterator[int]) -> None:
 
 def _receive(worker: _Worker, names: Sequence[str]) -> _Answer:
     try:
-        found: _Answer = worker.pipe.recv()
+        answer: _Answer = worker.pipe.recv()
     except (EOFError, OSError):
         worker.process.join()
+        checked = repr(names[worker.tasks[0]]) if worker.tasks else "nothing yet"
         ended = WorkerEndedError(
-            f"the process that checked {_first(worker, names)} ended {_how(worker)}",
+            f"the process that checked {checked} ended {_how(worker)}",
             hint="Check that file by itself. SIGKILL often means that memory was short.",
         )
         if not worker.tasks:
             raise ended from None
-        return _Answer(worker.tasks[0], failure=ended, ended=True)
-    if found.crash is not None:
-        found.failure = InternalError(found.crash)
-    return found
-
-
-def _first(worker: _Worker, names: Sequence[str]) -> str:
-    return repr(names[worker.tasks[0]]) if worker.tasks else "nothing yet"
+        return _Answer(worker.tasks[0], ended=ended)
+    return answer
 
 
 def _how(worker: _Worker) -> str:

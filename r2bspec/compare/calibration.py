@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from r2bspec.compare.errors import IncomparableError
-from r2bspec.compare.history_gate import TrackedMetric, tracked_metrics
-from r2bspec.judge.baseline_comparison import run_value
+from r2bspec.judge.baseline_comparison import TrackedMetric, run_value, tracked_metrics
 from r2bspec.judge.statistics.t_interval import noise_floor, smallest_detectable
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples

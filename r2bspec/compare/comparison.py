@@ -29,7 +29,7 @@ from typing import Any, Final, Literal
 import msgspec
 
 from r2bspec.compare.errors import IncomparableError, UnreadableResultError
-from r2bspec.compare.report_input import read_folder
+from r2bspec.compare.report_input import read_content, read_folder
 from r2bspec.errors import R2bspecError
 from r2bspec.judge.judge_run import from_json
 from r2bspec.judge.result import Result
@@ -42,9 +42,7 @@ from r2bspec.measure.units import show
 from r2bspec.plan.comparability import brief_difference, graph_differences, load_differences
 from r2bspec.plan.plan import Plan
 from r2bspec.record.graph_identity import MACHINE_FACTS, GraphIdentity, identity_differences
-from r2bspec.record.run_record import SearchRecord
-from r2bspec.safe_io.safe_file import is_folder, read_bytes
-from r2bspec.safe_io.safe_json import MAX_JSON_BYTES
+from r2bspec.safe_io.safe_file import is_folder
 
 Outcome = Literal["improved", "worse", "same", "can't tell"]
 
@@ -164,10 +162,7 @@ def read_compared_result(path: Path) -> ComparedResult:
     if is_folder(path):
         found = read_folder(path)
         return _of_result(str(path), found.result, found.run.plan if found.run else None)
-    try:
-        content = read_bytes(path, max_bytes=MAX_JSON_BYTES)
-    except OSError as error:
-        raise UnreadableResultError(f"{path} cannot be read: {error.strerror or error}") from error
+    content = read_content(path)
     try:
         return _of_result(str(path), from_json(content), None)
     except ValueError as not_a_result:  # msgspec's errors are such
@@ -194,8 +189,9 @@ def _of_result(source: str, result: Result, plan: Plan | None) -> ComparedResult
     }
     for rate in result.metrics.rates:
         series |= _of_rate(rate, graph)
-    if result.metrics.search is not None:
-        series[None, "", "peak.rate"] = _peak(result.metrics.search)
+    if (search := result.metrics.search) is not None:
+        bracket = search.holds_hz, search.upper_hz
+        series[None, "", "peak.rate"] = MetricSeries(bracket[:1], "Hz", bracket=bracket)
     return ComparedResult(
         side=ComparedSource(
             source=source, name=result.name, run_id=result.run_id, started_at=result.started_at
@@ -245,10 +241,6 @@ def _latency(seen: MonitorMetrics, part: str) -> float | None:
     if q is not None and seen.expected and rank(q, seen.expected) > (seen.answered or 0):
         return None
     return part_value(seen.latency, part)
-
-
-def _peak(search: SearchRecord) -> MetricSeries:
-    return MetricSeries((search.holds_hz,), "Hz", bracket=(search.holds_hz, search.upper_hz))
 
 
 SHARE_MARGIN = 0.005
@@ -332,9 +324,14 @@ def _code_differences(base: ComparedResult, head: ComparedResult) -> Iterator[st
     if base.identity is None or head.identity is None:
         return
     changes = identity_differences(base.identity, head.identity)
-    yield from (f"code: {change}" for change in changes[:_MAX_DIFFERENCES])
-    if len(changes) > _MAX_DIFFERENCES:
-        yield f"code: {len(changes) - _MAX_DIFFERENCES} more changes"
+    yield from _some([f"code: {change}" for change in changes], "code", "changes")
+
+
+def _some(lines: Sequence[str], subject: str, noun: str) -> Iterator[str]:
+    """The first lines, and how many more there are."""
+    yield from lines[:_MAX_DIFFERENCES]
+    if len(lines) > _MAX_DIFFERENCES:
+        yield f"{subject}: {len(lines) - _MAX_DIFFERENCES} more {noun}"
 
 
 def _data_difference(base: ComparedResult, head: ComparedResult) -> Iterator[str]:
@@ -351,12 +348,13 @@ def _machine_differences(base: ComparedResult, head: ComparedResult) -> Iterator
 
 
 def _plan_differences(base: Plan, head: Plan) -> Iterator[str]:
-    found = graph_differences(base, head)
-    # The data have a line of their own.
-    found = [each for each in found if each.path != ("dataset", "sha256")]
-    yield from (f"plan, {brief_difference(each)}" for each in found[:_MAX_DIFFERENCES])
-    if len(found) > _MAX_DIFFERENCES:
-        yield f"plan: {len(found) - _MAX_DIFFERENCES} more differences"
+    lines = [
+        f"plan, {brief_difference(difference)}"
+        for difference in graph_differences(base, head)
+        # The data have a line of their own.
+        if difference.path != ("dataset", "sha256")
+    ]
+    yield from _some(lines, "plan", "differences")
 
 
 def _rates_text(side: ComparedResult) -> str:
@@ -385,14 +383,11 @@ def _line(key: SeriesKey, base: MetricSeries, head: MetricSeries, margin: float)
     rate, monitor, metric = key
     drops = metric == "drop_rate"
     margin = SHARE_MARGIN if drops else margin
-    before, after = (
-        _delivered_share(base) if drops else base,
-        _delivered_share(head) if drops else head,
-    )
-    ratio, lower, upper = _ratio(before, after)
     # A drop rate is compared by the share that arrived: more is better.
+    before, after = (_delivered_share(each) if drops else each for each in (base, head))
+    found = ratio, lower, upper = _ratio(before, after)
     bigger = metric in _BIGGER_IS_BETTER or drops
-    outcome, reason = _decide(before, (ratio, lower, upper), margin, bigger=bigger)
+    outcome, reason = _decide(before, found, margin, bigger=bigger)
     return ComparisonLine(
         offered_hz=rate,
         monitor=monitor,
@@ -409,6 +404,10 @@ def _line(key: SeriesKey, base: MetricSeries, head: MetricSeries, margin: float)
     )
 
 
+_Ratio = tuple[float | None, float | None, float | None]
+"""The ratio of the head to the base, and the bounds on the true one."""
+
+
 def _delivered_share(series: MetricSeries) -> MetricSeries:
     values = tuple(None if value is None else 1 - value for value in series.values)
     return MetricSeries(values, series.unit, series.single, starts=series.starts)
@@ -419,9 +418,7 @@ def _mean(series: MetricSeries) -> float | None:
     return sum(known) / len(known) if len(known) == len(series.values) and known else None
 
 
-def _ratio(
-    base: MetricSeries, head: MetricSeries
-) -> tuple[float | None, float | None, float | None]:
+def _ratio(base: MetricSeries, head: MetricSeries) -> _Ratio:
     if base.bracket is not None and head.bracket is not None:
         return _of_brackets(base.bracket, head.bracket)
     a, b = _usable(base.values), _usable(head.values)
@@ -435,7 +432,7 @@ def _ratio(
 
 def _of_brackets(
     base: tuple[float | None, float | None], head: tuple[float | None, float | None]
-) -> tuple[float | None, float | None, float | None]:
+) -> _Ratio:
     """The peak lies somewhere in its bracket: the ratio's bounds are those of the extremes."""
     (base_holds, base_fails), (head_holds, head_fails) = base, head
     if not base_holds or not head_holds:
@@ -451,11 +448,7 @@ def _usable(values: Sequence[float | None]) -> list[float] | None:
 
 
 def _decide(
-    base: MetricSeries,
-    found: tuple[float | None, float | None, float | None],
-    margin: float,
-    *,
-    bigger: bool,
+    base: MetricSeries, found: _Ratio, margin: float, *, bigger: bool
 ) -> tuple[Outcome, str]:
     ratio, lower, upper = found
     if ratio is None:
@@ -465,21 +458,13 @@ def _decide(
     if lower is None and upper is None:
         return "can't tell", "a single value does not show the variation"
     high, low = 1 + margin, 1 / (1 + margin)
-    if lower is not None and lower > high:
-        return ("improved" if bigger else "worse"), _bounds_text(found, margin)
-    if upper is not None and upper < low:
-        return ("worse" if bigger else "improved"), _bounds_text(found, margin)
     if lower is not None and upper is not None and lower >= low and upper <= high:
         return "same", f"within {show(margin, 'share')}"
-    return "can't tell", _bounds_text(found, margin)
-
-
-def _bounds_text(found: tuple[float | None, float | None, float | None], margin: float) -> str:
-    _, lower, upper = found
-    ends = [f"at least {_percent(lower)}"] if lower is not None else []
-    ends += [f"at most {_percent(upper)}"] if upper is not None else []
-    return f"{' and '.join(ends)} of the base; the margin is {show(margin, 'share')}"
-
-
-def _percent(ratio: float | None) -> str:
-    return show(ratio, "share", 4)
+    ends = [f"at least {show(lower, 'share', 4)}"] if lower is not None else []
+    ends += [f"at most {show(upper, 'share', 4)}"] if upper is not None else []
+    bounds = f"{' and '.join(ends)} of the base; the margin is {show(margin, 'share')}"
+    if lower is not None and lower > high:
+        return ("improved" if bigger else "worse"), bounds
+    if upper is not None and upper < low:
+        return ("worse" if bigger else "improved"), bounds
+    return "can't tell", bounds

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import msgspec
@@ -11,7 +11,7 @@ import msgspec
 from r2bspec.diagnostics.diagnostic import Path, Span
 from r2bspec.diagnostics.quote import clip
 from r2bspec.language.declaration import encode_text
-from r2bspec.language.quantities import Duration, Rate, Share, Size
+from r2bspec.language.quantities import Rate
 from r2bspec.plan.comparability import ABSENT, PlanDifference
 
 if TYPE_CHECKING:
@@ -40,8 +40,9 @@ class GateChange(NamedTuple):
     """A difference that a verdict may depend on.
 
     Attributes:
-        name: of the key or of the object, such as ``duration`` or ``objective fast``.
-        path: of the value in the head's document.
+        name: of the key or of the object, such as ``duration`` or ``objective fast``: what
+            ``--allow`` takes.
+        path: of the value in the head's document; the value may be gone.
         before: the value of the base as text; empty if it has none.
         after: the value of the head as text; empty if it has none.
         weaker: whether the head's gate is weaker because of it, or may be; otherwise it is
@@ -53,8 +54,23 @@ class GateChange(NamedTuple):
     path: Path
     before: str
     after: str
-    weaker: bool
+    weaker: bool = True
     span: Span | None = None
+
+    @classmethod
+    def between(
+        cls, name: str, path: Path, texts: Iterable[str], *, weaker: bool = True
+    ) -> GateChange:
+        """The change from the first of two texts to the second."""
+        before, after = texts
+        return cls(name, path, before, after, weaker)
+
+    @property
+    def text(self) -> str:
+        """Both values, the new one first."""
+        if not self.after:
+            return f"gone, was {self.before}" if self.before else "gone"
+        return f"{self.after}, was {self.before}" if self.before else f"new, {self.after}"
 
 
 def spec_of(side: GateSide) -> Spec | None:
@@ -62,29 +78,9 @@ def spec_of(side: GateSide) -> Spec | None:
     return side.loaded.spec if side.loaded is not None else None
 
 
-def unique(changes: Iterator[GateChange]) -> Iterator[GateChange]:
-    """The changes with each text at each place once."""
-    return iter(dict.fromkeys(changes))
-
-
-def duration_text(ns: int) -> str:
-    """A duration with its unit."""
-    return str(Duration(ns))
-
-
 def rate_text(hz: float) -> str:
     """A rate with its unit; 0 is the rate of the recording, or of the graph itself."""
     return str(Rate(hz)) if hz else "the rate of the source"
-
-
-def share_text(fraction: float) -> str:
-    """A share in percent."""
-    return str(Share(fraction))
-
-
-def size_text(size_bytes: int) -> str:
-    """A size with its unit."""
-    return str(Size(size_bytes))
 
 
 def value_text(value: Any) -> str:
@@ -103,30 +99,20 @@ class Key(NamedTuple):
         name: of the change.
         path: in the document.
         order: gives a number that is smaller where the gate is weaker; None if there is no order.
-        text: the value for people.
+        text: the value for people, such as its quantity.
     """
 
     name: str
     path: Path
     order: Callable[[Any], float] | None = None
-    text: Callable[[Any], str] = value_text
+    text: Callable[[Any], object] = value_text
 
     def changes(self, before: Any, after: Any) -> Iterator[GateChange]:
         """The change from one value to another, if they differ."""
-        if before == after:
-            return
-        weaker = self.order is None or self.order(after) < self.order(before)
-        yield GateChange(self.name, self.path, self.text(before), self.text(after), weaker)
-
-
-def less_is_weaker(value: float) -> float:
-    """The order of a number that a weaker gate has less of."""
-    return value
-
-
-def more_is_weaker(value: float) -> float:
-    """The order of a number that a weaker gate has more of."""
-    return -value
+        if before != after:
+            weaker = self.order is None or self.order(after) < self.order(before)
+            texts = str(self.text(before)), str(self.text(after))
+            yield GateChange(self.name, self.path, *texts, weaker)
 
 
 def rank(*values: Any) -> Callable[[Any], float]:
@@ -134,10 +120,30 @@ def rank(*values: Any) -> Callable[[Any], float]:
     return values.index
 
 
-def difference_texts(difference: PlanDifference) -> tuple[str, str]:
-    """The two values of a difference of plans; empty where there is none."""
-    return _json_text(difference.before), _json_text(difference.after)
+def field_changes(
+    was: msgspec.Struct, now: msgspec.Struct, name: str, path: Path, keys: Mapping[str, str | Key]
+) -> Iterator[GateChange]:
+    """The changes of all fields of two values of one type.
+
+    Args:
+        was: the value of the base.
+        now: the value of the head.
+        name: of the changes, with the name of the field in the place of ``*``.
+        path: in the document.
+        keys: of the fields, below the path, with dots in it; one that is not there has the name of
+            its field. Without an order each change is weaker.
+    """
+    for field in was.__struct_fields__:
+        key = keys.get(field, field)
+        if isinstance(key, str):
+            key = Key(name.replace("*", field), (*path, *key.split(".")))
+        yield from key.changes(getattr(was, field), getattr(now, field))
 
 
-def _json_text(value: Any) -> str:
-    return "" if value is ABSENT else value_text(json.dumps(value, ensure_ascii=False))
+def difference_change(difference: PlanDifference, name: str, path: Path) -> GateChange:
+    """A difference of two plans of which nobody knows that it is harmless."""
+    texts = (
+        "" if value is ABSENT else value_text(json.dumps(value, ensure_ascii=False))
+        for value in (difference.before, difference.after)
+    )
+    return GateChange.between(name, path, texts)

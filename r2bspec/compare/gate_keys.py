@@ -3,8 +3,8 @@
 `GATE_FIELDS` and `FREE_FIELDS` together have every field of a plan. A field that is in neither is
 reported as a weaker gate under its own name, until somebody decides where it belongs.
 
-Numbers and ranks have an order: less is weaker, or more is. Of anything else no change is known to
-be harmless, so each one counts as weaker. Objectives are compared in
+Numbers and ranks have an order: less is weaker (`float`), or more is (`neg`). Of anything else no
+change is known to be harmless, so each one counts as weaker. Objectives are compared in
 `r2bspec.compare.objective_strength`.
 
 Inputs, data, preprocessors and playback decide how hard the graph has to work, monitors what is
@@ -16,37 +16,41 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
+from operator import neg
 from typing import Any, Final
+
+import msgspec
 
 from r2bspec.compare.gate_change import (
     GateChange,
     GateSide,
     Key,
-    difference_texts,
-    duration_text,
-    less_is_weaker,
-    more_is_weaker,
+    difference_change,
+    field_changes,
     rank,
     rate_text,
-    share_text,
-    size_text,
     spec_of,
-    unique,
     value_text,
 )
 from r2bspec.compare.objective_strength import implies, objective_changes, subjects
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.benchmark_defaults import default_starts
+from r2bspec.language.quantities import Duration, Share, Size
 from r2bspec.language.requirement_grammar import Requirement
-from r2bspec.plan.comparability import PlanDifference, diff_plans
-from r2bspec.plan.plan import DatasetPlan, GatePlan, InputPlan, MonitorPlan, Plan, PlayPlan
+from r2bspec.plan.comparability import diff_plans
+from r2bspec.plan.plan import GatePlan, MonitorPlan, Plan, PlayPlan
 
-DATA_KEYS: Final[Mapping[str, str]] = {
+
+def _window_text(end_ns: int | None) -> str:
+    return str(Duration(end_ns)) if end_ns is not None else "the end"
+
+
+DATA_KEYS: Final[Mapping[str, str | Key]] = {
     "source": "bag",
     "kind": "bag",
     "sha256": "bag",
-    "start_ns": "window",
-    "end_ns": "window",
+    "start_ns": Key("data", ("data_loader", "window"), text=_window_text),
+    "end_ns": Key("data", ("data_loader", "window"), text=_window_text),
     "topics": "topics",
     "publish_tf": "publish_tf",
     "publish_tf_static": "publish_tf_static",
@@ -56,6 +60,7 @@ DATA_KEYS: Final[Mapping[str, str]] = {
 
 
 INPUT_KEYS: Final[Mapping[str, str]] = {
+    "topic": "topic",
     "type": "format",
     "source": "from",
     "bag_topic": "from",
@@ -65,7 +70,7 @@ INPUT_KEYS: Final[Mapping[str, str]] = {
     "slop_ns": "pairing",
     "recorded_rate": "rate",
 }
-"""Fields of `InputPlan` other than its topic, with the key that sets each."""
+"""Fields of `InputPlan`, with the key that sets each."""
 
 
 MONITOR_KEYS: Final[Mapping[str, str]] = {
@@ -81,16 +86,17 @@ MONITOR_KEYS: Final[Mapping[str, str]] = {
 """Fields of `MonitorPlan`, with the key that sets each."""
 
 
-FREE_MONITOR_FIELDS: Final = ("name", "label", "taps")
-"""What changes no verdict: words, and the topics on the path, which are those of the graph."""
+FREE_MONITOR_FIELDS: Final[Mapping[str, Any]] = {"name": "", "label": "", "taps": ()}
+"""What changes no verdict, and its value in a comparison: words, and the topics on the path, which
+are those of the graph."""
 
 
-TIMELINE_KEYS: Final[Mapping[str, Path]] = {
-    "speed": ("timeline", "speed"),
-    "recorded": ("record_timeline",),
-    "shift_tf": ("tf",),
+TIMELINE_KEYS: Final[Mapping[str, str]] = {
+    "speed": "timeline.speed",
+    "recorded": "record_timeline",
+    "shift_tf": "tf",
 }
-"""Fields of `TimelinePlan`, with the path below ``playback`` that sets each."""
+"""Fields of `TimelinePlan`, with the key below ``playback`` that sets each."""
 
 
 def monitor_names(base: Plan, head: Plan) -> dict[str, str]:
@@ -98,15 +104,20 @@ def monitor_names(base: Plan, head: Plan) -> dict[str, str]:
 
     A monitor that only has another name is the same one.
     """
-    names = {each.name for each in head.monitors}
-    kept = {each.name: each.name for each in base.monitors if each.name in names}
-    new = [each for each in head.monitors if each.name not in kept]
+    names = {monitor.name for monitor in head.monitors}
+    kept = {monitor.name: monitor.name for monitor in base.monitors if monitor.name in names}
+    new = [monitor for monitor in head.monitors if monitor.name not in kept]
     for monitor in base.monitors:
-        same = [each for each in new if _content(each) == _content(monitor)]
+        same = [other for other in new if _content(other) == _content(monitor)]
         if monitor.name not in kept and same:
             kept[monitor.name] = same[0].name
             new.remove(same[0])
     return kept
+
+
+def _content(monitor: MonitorPlan) -> MonitorPlan:
+    """A monitor without what is free to change."""
+    return msgspec.structs.replace(monitor, **FREE_MONITOR_FIELDS)
 
 
 def input_names(side: GateSide) -> dict[str, str]:
@@ -117,180 +128,142 @@ def input_names(side: GateSide) -> dict[str, str]:
     return dict(zip(topics, names, strict=True))
 
 
-def monitor_changes(base: GateSide, head: GateSide) -> Iterator[GateChange]:
+def _monitors(base: GateSide, head: GateSide) -> Iterator[GateChange]:
     """Monitors that are gone or observe something else, and new ones."""
     names = monitor_names(base.plan, head.plan)
-    of_head = {each.name: each for each in head.plan.monitors}
+    of_head = {monitor.name: monitor for monitor in head.plan.monitors}
     for monitor in base.plan.monitors:
-        name, path = f"monitor {monitor.name}", ("monitors", monitor.name)
+        name = f"monitor {monitor.name}"
         if monitor.name not in names:
-            yield GateChange(name, path, monitor.topic, "", weaker=True)
+            yield GateChange(name, ("monitors", monitor.name), monitor.topic, "")
             continue
         now = of_head[names[monitor.name]]
-        for field in monitor.__struct_fields__:
-            if field not in FREE_MONITOR_FIELDS:
-                place = ("monitors", now.name, MONITOR_KEYS.get(field, field))
-                yield from Key(name, place).changes(getattr(monitor, field), getattr(now, field))
-    for name in of_head:
+        path = ("monitors", now.name)
+        yield from field_changes(_content(monitor), _content(now), name, path, MONITOR_KEYS)
+    for name, monitor in of_head.items():
         if name not in names.values():
-            topic = of_head[name].topic
-            yield GateChange(f"monitor {name}", ("monitors", name), "", topic, weaker=False)
+            path = ("monitors", name)
+            yield GateChange(f"monitor {name}", path, "", monitor.topic, weaker=False)
 
 
-def _content(monitor: MonitorPlan) -> tuple[Any, ...]:
-    fields = [name for name in monitor.__struct_fields__ if name not in FREE_MONITOR_FIELDS]
-    return tuple(getattr(monitor, name) for name in fields)
-
-
-def input_changes(base: GateSide, head: GateSide) -> Iterator[GateChange]:
+def _inputs(base: GateSide, head: GateSide) -> Iterator[GateChange]:
     """Inputs that are gone, new, or have other messages."""
-    before = {each.topic: each for each in base.plan.inputs}
-    after = {each.topic: each for each in head.plan.inputs}
+    before, after = ({each.topic: each for each in side.plan.inputs} for side in (base, head))
     names = input_names(base) | input_names(head)
-    for topic in dict.fromkeys((*before, *after)):
-        key = f"input {names[topic]}"
-        path: Path = ("playback", "inputs", names[topic])
+    for topic in before | after:
+        name, path = f"input {names[topic]}", ("playback", "inputs", names[topic])
         was, now = before.get(topic), after.get(topic)
         if was is None or now is None:
-            before_text, after_text = ("" if each is None else each.source for each in (was, now))
-            yield GateChange(key, path, before_text, after_text, weaker=True)
+            texts = ("" if one is None else one.source for one in (was, now))
+            yield GateChange.between(name, path, texts)
             continue
-        yield from _input_fields(was, now, key, path)
+        later = Key(name, ("playback", "timeline", "translations", names[topic]))
+        yield from field_changes(was, now, name, path, {**INPUT_KEYS, "later_ns": later})
 
 
-def _input_fields(was: InputPlan, now: InputPlan, name: str, path: Path) -> Iterator[GateChange]:
-    for field in was.__struct_fields__:
-        place: Path = (*path, INPUT_KEYS.get(field, field))
-        if field == "later_ns":
-            place = ("playback", "timeline", "translations", path[-1])
-        yield from Key(name, place).changes(getattr(was, field), getattr(now, field))
-
-
-def data_changes(base: GateSide, head: GateSide) -> Iterator[GateChange]:
+def _data(base: GateSide, head: GateSide) -> Iterator[GateChange]:
     """Other recordings, or another part of them."""
     before, after = (each.plan.datasets or (each.plan.dataset,) for each in (base, head))
     if len(before) != len(after):
-        was_text, now_text = (
-            ", ".join(each.source for each in datasets) for datasets in (before, after)
-        )
-        yield GateChange("data", ("data_loader", "bags"), was_text, now_text, weaker=True)
+        sources = (", ".join(each.source for each in datasets) for datasets in (before, after))
+        yield GateChange.between("data", ("data_loader", "bags"), sources)
         return
+    path = ("data_loader",)
     for was, now in zip(before, after, strict=True):
-        yield from _data_fields(was, now)
-
-
-def _data_fields(was: DatasetPlan, now: DatasetPlan) -> Iterator[GateChange]:
-    for field in was.__struct_fields__:
-        text = _window_text if field in {"start_ns", "end_ns"} else value_text
-        path = ("data_loader", DATA_KEYS.get(field, field))
         # A digest that was not there before makes no other recording possible.
-        order = bool if field == "sha256" and not (was.sha256 and now.sha256) else None
-        yield from Key("data", path, order, text).changes(getattr(was, field), getattr(now, field))
+        order = None if was.sha256 and now.sha256 else bool
+        keys = {**DATA_KEYS, "sha256": Key("data", (*path, "bag"), order)}
+        yield from field_changes(was, now, "data", path, keys)
 
 
-def _window_text(end_ns: int | None) -> str:
-    return duration_text(end_ns) if end_ns is not None else "the end"
+def _timeline(base: GateSide, head: GateSide) -> Iterator[GateChange]:
+    was, now = base.plan.timeline, head.plan.timeline
+    if was is not None and now is not None:
+        yield from field_changes(was, now, "playback", ("playback",), TIMELINE_KEYS)
+    elif base.plan.playback_mode == head.plan.playback_mode:
+        yield from _playback_key("timeline").changes(was, now)
 
 
-def playback_changes(base: GateSide, head: GateSide) -> Iterator[GateChange]:
-    """Messages that are played in another way."""
-    was, now = base.plan, head.plan
-    yield from _playback_key("mode").changes(was.playback_mode, now.playback_mode)
-    yield from _playback_key("buffer").changes(was.buffer, now.buffer)
-    unpaired = Key("playback", ("playback", "unpaired"), rank("drop", "refuse"))
-    yield from unpaired.changes(was.unpaired, now.unpaired)
-    yield from _playback_key("clock").changes(was.clock, now.clock)
-    if was.timeline is None or now.timeline is None:
-        if was.timeline != now.timeline and was.playback_mode == now.playback_mode:
-            yield from _playback_key("timeline").changes(was.timeline, now.timeline)
-        return
-    for field in was.timeline.__struct_fields__:
-        key = _playback_key(*TIMELINE_KEYS.get(field, (field,)))
-        yield from key.changes(getattr(was.timeline, field), getattr(now.timeline, field))
+def _playback_key(name: str, order: Callable[[Any], float] | None = None) -> Key:
+    return Key("playback", ("playback", name), order)
 
 
-def _playback_key(*path: str | int) -> Key:
-    return Key("playback", ("playback", *path))
-
-
-def preprocessor_changes(base: GateSide, head: GateSide) -> Iterator[GateChange]:
+def _preprocessors(base: GateSide, head: GateSide) -> Iterator[GateChange]:
     """What prepares the inputs is part of the load, unlike the graph."""
-    preparing = _preprocessors(base.plan) | _preprocessors(head.plan)
+    preparing = {
+        process.name
+        for process in (*base.plan.processes, *head.plan.processes)
+        if process.phase == "preprocess" and process.role != "loader"
+    }
     for difference in diff_plans(base.plan, head.plan):
         if difference.path[0] == "processes" and str(difference.path[1]) in preparing:
             path = ("preprocessors", str(difference.path[1]).removeprefix("preprocess."))
-            yield GateChange("preprocessors", path, *difference_texts(difference), weaker=True)
-    was_external, now_external = (
-        sorted(each.name for each in side.plan.external if each.phase == "preprocess")
+            yield difference_change(difference, "preprocessors", path)
+    external = (
+        sorted(node.name for node in side.plan.external if node.phase == "preprocess")
         for side in (base, head)
     )
-    yield from Key("preprocessors", ("preprocessors",)).changes(was_external, now_external)
+    yield from Key("preprocessors", ("preprocessors",)).changes(*external)
 
 
-def _preprocessors(plan: Plan) -> set[str]:
-    """The names of the processes that prepare the inputs."""
-    return {
-        each.name for each in plan.processes if each.phase == "preprocess" and each.role != "loader"
-    }
-
-
-_Text = Callable[[Any], str]
 _Rule = Callable[[GateSide, GateSide], Iterator[GateChange]]
 
 
-def _budget(budget_ns: int) -> float:
-    """A time budget as a number: none is longer than any."""
-    return budget_ns or math.inf
-
-
 def _budget_text(budget_ns: int) -> str:
-    return duration_text(budget_ns) if budget_ns else "none"
+    return str(Duration(budget_ns)) if budget_ns else "none"
 
 
-def _benchmark_key(name: str, order: Callable[[Any], float], text: _Text, key: str = "") -> Key:
+def _benchmark_key(
+    name: str,
+    order: Callable[[Any], float],
+    text: Callable[[Any], object] = value_text,
+    key: str = "",
+) -> Key:
     return Key(name, ("benchmark", *(key or name).split(".")), order, text)
 
 
 GATE_KEYS: Final[Mapping[str, Key]] = {
-    "confidence": _benchmark_key("confidence", less_is_weaker, share_text, "gate.confidence"),
-    "inconclusive": _benchmark_key("gate.inconclusive", rank("pass", "report", "fail"), value_text),
-    "confirm": _benchmark_key("gate.confirm", rank(True, False), value_text),
-    "time_budget_ns": _benchmark_key("gate.time_budget", _budget, _budget_text, "gate.time_budget"),
-    "interference": _benchmark_key(
-        "gate.interference", rank("tolerate", "note", "strict"), value_text
-    ),
+    "confidence": _benchmark_key("confidence", float, Share, "gate.confidence"),
+    "inconclusive": _benchmark_key("gate.inconclusive", rank("pass", "report", "fail")),
+    "confirm": _benchmark_key("gate.confirm", rank(True, False)),
+    # A budget of none is longer than any.
+    "time_budget_ns": _benchmark_key("gate.time_budget", lambda ns: ns or math.inf, _budget_text),
+    "interference": _benchmark_key("gate.interference", rank("tolerate", "note", "strict")),
 }
-"""Fields of `GatePlan`, and keys of ``gate`` in a document; others are without an order."""
+"""Fields of `GatePlan`; others, and keys of ``gate`` in a document, are without an order."""
 
 PLAY_KEYS: Final[Mapping[str, Key]] = {
-    "duration_ns": _benchmark_key("duration", less_is_weaker, duration_text),
-    "iterations": _benchmark_key("iterations", less_is_weaker, value_text),
-    "max_iterations": _benchmark_key("max_iterations", less_is_weaker, value_text),
+    "duration_ns": _benchmark_key("duration", float, Duration),
+    "iterations": _benchmark_key("iterations", float),
+    "max_iterations": _benchmark_key("max_iterations", float),
 }
 """Fields of `PlayPlan` other than its rate."""
 
 SEARCH_KEYS: Final[Mapping[str, Key]] = {
-    "min_hz": _benchmark_key("search", more_is_weaker, rate_text, "search.min"),
-    "max_hz": _benchmark_key("search", less_is_weaker, rate_text, "search.max"),
-    "precision": _benchmark_key("search", more_is_weaker, share_text, "search.precision"),
-    "probe_ns": _benchmark_key("search", less_is_weaker, duration_text, "search.probe"),
-    "confirm_ns": _benchmark_key("search", less_is_weaker, duration_text, "search.confirm"),
-    "confidence": _benchmark_key("search", less_is_weaker, share_text, "search.confidence"),
+    "min_hz": _benchmark_key("search", neg, rate_text, "search.min"),
+    "max_hz": _benchmark_key("search", float, rate_text, "search.max"),
+    "precision": _benchmark_key("search", neg, Share, "search.precision"),
+    "probe_ns": _benchmark_key("search", float, Duration, "search.probe"),
+    "confirm_ns": _benchmark_key("search", float, Duration, "search.confirm"),
+    "confidence": _benchmark_key("search", float, Share, "search.confidence"),
 }
 """Fields of `SearchPlan` other than its conditions."""
 
 
 def plan_changes(base: GateSide, head: GateSide) -> Iterator[GateChange]:
     """Every difference of two plans that a verdict may depend on, in the order of `GATE_FIELDS`."""
-    for rule in dict.fromkeys(GATE_FIELDS.values()):
-        yield from unique(rule(base, head))
-    decided = GATE_FIELDS.keys() | FREE_FIELDS.keys()
-    unknown: dict[str, PlanDifference] = {}
+    compared: set[_Rule] = set()
+    for field, rule in GATE_FIELDS.items():
+        if isinstance(rule, Key):
+            yield from rule.changes(getattr(base.plan, field), getattr(head.plan, field))
+        elif rule not in compared:
+            compared.add(rule)
+            yield from rule(base, head)
+    unknown: set[str | int] = set(GATE_FIELDS.keys() | FREE_FIELDS.keys())
     for difference in diff_plans(base.plan, head.plan):
-        if difference.path[0] not in decided:
-            unknown.setdefault(str(difference.path[0]), difference)
-    for name, difference in unknown.items():
-        yield GateChange(name, difference.path, *difference_texts(difference), weaker=True)
+        if difference.path[0] not in unknown:
+            unknown.add(difference.path[0])
+            yield difference_change(difference, str(difference.path[0]), difference.path)
 
 
 def _objectives(base: GateSide, head: GateSide) -> Iterator[GateChange]:
@@ -298,13 +271,11 @@ def _objectives(base: GateSide, head: GateSide) -> Iterator[GateChange]:
 
 
 def _plays(base: GateSide, head: GateSide) -> Iterator[GateChange]:
+    path = ("benchmark", "rates")
     before, after = ({each.rate_hz: each for each in side.plan.play} for side in (base, head))
     if before.keys() != after.keys():
-        was_text, now_text = (
-            ", ".join(map(rate_text, sorted(plays))) or "none" for plays in (before, after)
-        )
-        weaker = not before.keys() <= after.keys()
-        yield GateChange("rates", ("benchmark", "rates"), was_text, now_text, weaker)
+        texts = (", ".join(map(rate_text, sorted(plays))) or "none" for plays in (before, after))
+        yield GateChange.between("rates", path, texts, weaker=not before.keys() <= after.keys())
     pairs = [(before[rate_hz], after[rate_hz]) for rate_hz in before if rate_hz in after]
     if not pairs:
         pairs = list(zip(base.plan.play[:1], head.plan.play[:1], strict=False))
@@ -312,31 +283,25 @@ def _plays(base: GateSide, head: GateSide) -> Iterator[GateChange]:
     if was is not None and now is not None:
         pairs.append((was, now))
     elif was != now and base.plan.objectives == head.plan.objectives:
-        was_text, now_text = ("at the peak rate" if each is not None else "" for each in (was, now))
-        path = ("benchmark", "rates")
-        yield GateChange("rates", path, was_text, now_text, weaker=now is None)
+        texts = ("at the peak rate" if each is not None else "" for each in (was, now))
+        yield GateChange.between("rates", path, texts, weaker=now is None)
     for pair in pairs:
-        yield from _play_fields(*pair)
+        # Two that play as many as `iterations` say are compared by these alone.
+        whole = any(play.max_iterations for play in pair)
+        first, second = (_played(play, whole=whole) for play in pair)
+        yield from field_changes(first, second, "*", ("benchmark",), PLAY_KEYS)
 
 
-def _play_fields(was: PlayPlan, now: PlayPlan) -> Iterator[GateChange]:
-    for field in was.__struct_fields__:
-        before, after = getattr(was, field), getattr(now, field)
-        if field == "rate_hz":
-            continue
-        if field == "max_iterations":
-            if before == after == 0:
-                continue  # as many as `iterations`, which are compared as such
-            before, after = (max(each.iterations, each.max_iterations) for each in (was, now))
-        key = PLAY_KEYS.get(field, Key(field, ("benchmark", field)))
-        yield from key.changes(before, after)
+def _played(play: PlayPlan, *, whole: bool) -> PlayPlan:
+    """A play at any rate, with the most iterations that it may have."""
+    most = max(play.iterations, play.max_iterations) if whole else 0
+    return msgspec.structs.replace(play, rate_hz=0.0, max_iterations=most)
 
 
 def _starts(base: GateSide, head: GateSide) -> Iterator[GateChange]:
     if all(_has_default_starts(side.plan) for side in (base, head)):
         return  # they follow from the iterations, which are compared as such
-    key = _benchmark_key("starts", less_is_weaker, value_text)
-    yield from key.changes(base.plan.starts, head.plan.starts)
+    yield from _benchmark_key("starts", float).changes(base.plan.starts, head.plan.starts)
 
 
 def _has_default_starts(plan: Plan) -> bool:
@@ -346,35 +311,29 @@ def _has_default_starts(plan: Plan) -> bool:
 
 def _search(base: GateSide, head: GateSide) -> Iterator[GateChange]:
     was, now = base.plan.search, head.plan.search
-    if was is None or now is None:
-        if was != now:
-            was_text, now_text = (
-                "" if each is None else f"up to {rate_text(each.max_hz)}" for each in (was, now)
-            )
-            path = ("benchmark", "search")
-            yield GateChange("search", path, was_text, now_text, weaker=now is None)
-        return
-    for field in was.__struct_fields__:
-        if field == "holds":
-            yield from _conditions(base, head)
-            continue
-        key = SEARCH_KEYS.get(field, Key("search", ("benchmark", "search", field)))
-        yield from key.changes(getattr(was, field), getattr(now, field))
+    path = ("benchmark", "search")
+    if was is not None and now is not None:
+        yield from _conditions(base, head)
+        alike = msgspec.structs.replace(now, holds=was.holds)
+        yield from field_changes(was, alike, "search", path, SEARCH_KEYS)
+    elif was != now:
+        texts = ("" if one is None else f"up to {rate_text(one.max_hz)}" for one in (was, now))
+        yield GateChange.between("search", path, texts, weaker=now is None)
 
 
 def _conditions(base: GateSide, head: GateSide) -> Iterator[GateChange]:
     """Conditions of a probe that one side has, and the other does not imply."""
-    names = monitor_names(base.plan, head.plan)
-    was = _located(base, names)
-    now = _located(head, {each.name: each.name for each in head.plan.monitors})
+    was = _located(base, monitor_names(base.plan, head.plan))
+    now = _located(head, {monitor.name: monitor.name for monitor in head.plan.monitors})
     for before, after, weaker in ((was, now, True), (now, was, False)):
         for condition, subject in before:
-            same = [each for each, other in after if other == subject]
-            if not any(implies(each, condition) for each in same):
-                own, other_text = condition.text, same[0].text if same else ""
-                texts = (own, other_text) if weaker else (other_text, own)
+            same = [other for other, about in after if about == subject]
+            if not any(implies(other, condition) for other in same):
+                texts = condition.text, same[0].text if same else ""
                 path = ("benchmark", "search", "holds")
-                yield GateChange("search", path, *texts, weaker=weaker)
+                yield GateChange.between(
+                    "search", path, texts if weaker else reversed(texts), weaker=weaker
+                )
 
 
 def _located(
@@ -386,57 +345,32 @@ def _located(
 
 
 def _gate(base: GateSide, head: GateSide) -> Iterator[GateChange]:
-    yield from _gate_fields(base.plan.gate, head.plan.gate)
+    path = ("benchmark", "gate")
+    yield from field_changes(base.plan.gate, head.plan.gate, "gate.*", path, GATE_KEYS)
     # Keys of the document that no plan has.
-    specs = [spec_of(side) for side in (base, head)]
-    if specs[0] is not None and specs[1] is not None:
-        was, now = (each.benchmark.gate for each in specs if each is not None)
-        for field in was.__struct_fields__:
-            if not {field, f"{field}_ns"} & set(GatePlan.__struct_fields__):
-                yield from _gate_key(field).changes(getattr(was, field), getattr(now, field))
+    was, now = (spec.benchmark.gate if (spec := spec_of(side)) else None for side in (base, head))
+    for field in was.__struct_fields__ if was is not None and now is not None else ():
+        if not {field, f"{field}_ns"} & set(GatePlan.__struct_fields__):
+            key = Key(f"gate.{field}", (*path, field))
+            yield from key.changes(getattr(was, field), getattr(now, field))
 
 
-def _gate_fields(was: GatePlan, now: GatePlan) -> Iterator[GateChange]:
-    for field in was.__struct_fields__:
-        yield from _gate_key(field).changes(getattr(was, field), getattr(now, field))
-
-
-def _gate_key(field: str) -> Key:
-    return GATE_KEYS.get(field, Key(f"gate.{field}", ("benchmark", "gate", field)))
-
-
-def _timing(base: GateSide, head: GateSide) -> Iterator[GateChange]:
-    for name in ("warm_up", "start_timeout", "drain_timeout"):
-        key = _benchmark_key(name, more_is_weaker, duration_text)
-        yield from key.changes(*(getattr(side.plan, f"{name}_ns") for side in (base, head)))
-
-
-def _transport(base: GateSide, head: GateSide) -> Iterator[GateChange]:
-    key = Key("transport", ("transport",))
-    yield from key.changes(base.plan.transport, head.plan.transport)
-    segment = Key("transport", ("transport", "segment"), None, _segment_text)
-    yield from segment.changes(base.plan.segment_bytes, head.plan.segment_bytes)
+def _longer_is_weaker(duration: Duration) -> float:
+    return -duration.ns
 
 
 def _segment_text(segment_bytes: int) -> str:
-    return size_text(segment_bytes) if segment_bytes else "the default"
+    return str(Size(segment_bytes)) if segment_bytes else "the default"
 
 
 def _harness(base: GateSide, head: GateSide) -> Iterator[GateChange]:
-    was, now = base.plan.harness, head.plan.harness
-    for field in was.__struct_fields__:
-        key = Key("harness", ("harness", field))
-        yield from key.changes(getattr(was, field), getattr(now, field))
-
-
-def _requires(base: GateSide, head: GateSide) -> Iterator[GateChange]:
-    yield from Key("requires", ("requires",)).changes(base.plan.requires, head.plan.requires)
+    return field_changes(base.plan.harness, head.plan.harness, "harness", ("harness",), {})
 
 
 def _processes(base: GateSide, head: GateSide) -> Iterator[GateChange]:
     """The graph is free to change, but neither its memory limits nor what prepares its inputs."""
     yield from _memory_limits(base.plan, head.plan)
-    yield from preprocessor_changes(base, head)
+    yield from _preprocessors(base, head)
 
 
 def _memory_limits(base: Plan, head: Plan) -> Iterator[GateChange]:
@@ -445,43 +379,41 @@ def _memory_limits(base: Plan, head: Plan) -> Iterator[GateChange]:
         {each.name: each.memory_limit_bytes for each in plan.processes if each.phase == "measure"}
         for plan in (base, head)
     ]
-    for name in dict.fromkeys((*limits[0], *limits[1])):
+    for name in limits[0] | limits[1]:
         was, now = (each.get(name, 0) or math.inf for each in limits)
         if was != now:
-            was_text, now_text = (
-                size_text(int(each)) if each < math.inf else "" for each in (was, now)
-            )
-            path = ("graph", "nodes", name, "memory_limit")
-            yield GateChange(f"memory_limit {name}", path, was_text, now_text, weaker=now > was)
+            texts = (str(Size(int(each))) if each < math.inf else "" for each in (was, now))
+            path: Path = ("graph", "nodes", name, "memory_limit")
+            yield GateChange.between(f"memory_limit {name}", path, texts, weaker=now > was)
 
 
-GATE_FIELDS: Final[Mapping[str, _Rule]] = {
+GATE_FIELDS: Final[Mapping[str, _Rule | Key]] = {
     "objectives": _objectives,
-    "monitors": monitor_changes,
-    "inputs": input_changes,
-    "dataset": data_changes,
-    "datasets": data_changes,
-    "playback_mode": playback_changes,
-    "buffer": playback_changes,
-    "unpaired": playback_changes,
-    "timeline": playback_changes,
-    "clock": playback_changes,
+    "monitors": _monitors,
+    "inputs": _inputs,
+    "dataset": _data,
+    "datasets": _data,
+    "playback_mode": _playback_key("mode"),
+    "buffer": _playback_key("buffer"),
+    "unpaired": _playback_key("unpaired", rank("drop", "refuse")),
+    "clock": _playback_key("clock"),
+    "timeline": _timeline,
     "play": _plays,
     "play_at_peak": _plays,
     "starts": _starts,
     "search": _search,
-    "warm_up": _timing,
-    "start_timeout": _timing,
-    "drain_timeout": _timing,
+    "warm_up": _benchmark_key("warm_up", _longer_is_weaker, str),
+    "start_timeout": _benchmark_key("start_timeout", _longer_is_weaker, str),
+    "drain_timeout": _benchmark_key("drain_timeout", _longer_is_weaker, str),
     "gate": _gate,
-    "transport": _transport,
-    "segment_bytes": _transport,
+    "transport": Key("transport", ("transport",)),
+    "segment_bytes": Key("transport", ("transport", "segment"), text=_segment_text),
     "harness": _harness,
-    "requires": _requires,
+    "requires": Key("requires", ("requires",)),
     "processes": _processes,
     "external": _processes,
 }
-"""The fields of a plan that a verdict depends on, with the rule that compares each."""
+"""The fields of a plan that a verdict depends on, with the key of each, or what compares it."""
 
 FREE_FIELDS: Final[Mapping[str, str]] = {
     "r2bspec_plan": "the version of the format",

@@ -20,7 +20,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from r2bspec.compare.gate_change import GateChange, GateSide, spec_of, unique
+from r2bspec.compare.gate_change import GateChange, GateSide, spec_of
 from r2bspec.compare.gate_keys import input_names, plan_changes
 from r2bspec.diagnostics import Diagnostic, Severity, did_you_mean
 from r2bspec.diagnostics.code_pages import all_pages
@@ -29,7 +29,6 @@ from r2bspec.diagnostics.quote import quote
 from r2bspec.diagnostics.waivers import Waiver, effective_waivers
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.exit_status import ExitStatus
-from r2bspec.language.load_spec import LoadedSpec
 from r2bspec.language.located_tree import ListNode, MapNode, TreeNode
 
 if TYPE_CHECKING:
@@ -54,35 +53,16 @@ _MAX_LISTED: Final = 40
 
 
 @dataclass(frozen=True)
-class Weakening:
-    """One way in which the gate of the head is weaker, or may be.
-
-    Attributes:
-        name: what ``--allow`` takes, such as ``duration`` or ``objective fast``.
-        path: of the value in the head's document; the value may be gone.
-        before: the value of the base as text; empty if it has none.
-        after: the value of the head as text; empty if it has none.
-        span: the place in the head, if it is not at `path`.
-    """
-
-    name: str
-    path: Path
-    before: str
-    after: str
-    span: Span | None = None
-
-
-@dataclass(frozen=True)
 class GateComparison:
     """The gate of a head beside that of its base; `stronger` are sentences."""
 
-    weaker: tuple[Weakening, ...] = ()
+    weaker: tuple[GateChange, ...] = ()
     stronger: tuple[str, ...] = ()
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """What reports say of it, where all that is weaker was allowed."""
-        allowed = (f"allowed: {each.name} ({_change_text(each)})" for each in self.weaker)
+        allowed = (f"allowed: {each.name} ({each.text})" for each in self.weaker)
         return (*allowed, *(f"stronger: {each}" for each in self.stronger))
 
 
@@ -99,7 +79,7 @@ class WeakerGateError(R2bspecError):
 
     def __init__(
         self,
-        weaker: Sequence[Weakening],
+        weaker: Sequence[GateChange],
         diagnostics: Sequence[Diagnostic],
         loaded: LoadedSpec | None,
         base_name: str,
@@ -136,20 +116,13 @@ def compare_gates(base: GateSide, head: GateSide) -> GateComparison:
         base: to compare with, prepared.
         head: to be judged, prepared.
     """
-    changes = list(unique(plan_changes(base, head)))
+    changes = list(dict.fromkeys(plan_changes(base, head)))
     if base.loaded is not None and head.loaded is not None:
         changes += waiver_changes(base.loaded, head.loaded)
     return GateComparison(
-        tuple(weakening(each) for each in changes if each.weaker),
-        tuple(
-            f"{each.name} ({_change_text(weakening(each))})" for each in changes if not each.weaker
-        ),
+        tuple(change for change in changes if change.weaker),
+        tuple(f"{change.name} ({change.text})" for change in changes if not change.weaker),
     )
-
-
-def weakening(change: GateChange) -> Weakening:
-    """A change as a way in which the gate is weaker."""
-    return Weakening(change.name, change.path, change.before, change.after, change.span)
 
 
 def check_gate(
@@ -225,7 +198,7 @@ def check_allowed(allowed: Iterable[str], known: Collection[str]) -> None:
 
 
 def weakening_diagnostics(
-    weaker: Iterable[Weakening], head: LoadedSpec | None, base_name: str
+    weaker: Iterable[GateChange], head: LoadedSpec | None, base_name: str
 ) -> tuple[Diagnostic, ...]:
     """Findings at the place of each value in the head, or of its nearest parent if it is gone.
 
@@ -243,7 +216,7 @@ def weakening_diagnostics(
             Diagnostic(
                 WEAKER_GATE,
                 Severity.ERROR,
-                f"weaker gate than in {base_name}: {each.name}: {_change_text(each)}",
+                f"weaker gate than in {base_name}: {each.name}: {each.text}",
                 span,
                 path=each.path,
                 help="undo the change; the pipeline can allow it: "
@@ -280,14 +253,9 @@ def missing_objectives(file: str, cases: Sequence[str] = ()) -> Diagnostic:
         Severity.ERROR,
         f"no active objective of level error{of_cases}: nothing can fail",
         Span.of_file(file),
-        help="add a requirement under 'slos', or leave out --require-slos",
+        help="add a requirement under 'slos', or restore the one that was deleted; without a gate, "
+        "leave out --require-slos",
     )
-
-
-def _change_text(each: Weakening) -> str:
-    if not each.after:
-        return f"gone, was {each.before}" if each.before else "gone"
-    return f"{each.after}, was {each.before}" if each.before else f"new, {each.after}"
 
 
 _WaiverKey = tuple[str, Path | str]
@@ -298,14 +266,10 @@ def waiver_changes(base: LoadedSpec, head: LoadedSpec) -> Iterator[GateChange]:
     before, after = _waivers(base), _waivers(head)
     for key, waiver in after.items():
         if key not in before:
-            yield _change(waiver, "", waiver.reason, waiver.span)
+            yield GateChange(f"waiver {waiver.code}", (), "", waiver.reason, span=waiver.span)
     for key, waiver in before.items():
         if key not in after:
-            yield _change(waiver, waiver.reason, "", None)
-
-
-def _change(waiver: Waiver, before: str, after: str, span: Span | None) -> GateChange:
-    return GateChange(f"waiver {waiver.code}", (), before, after, weaker=bool(after), span=span)
+            yield GateChange(f"waiver {waiver.code}", (), waiver.reason, "", weaker=False)
 
 
 def _waivers(loaded: LoadedSpec) -> dict[_WaiverKey, Waiver]:

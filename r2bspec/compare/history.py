@@ -116,30 +116,6 @@ _UPGRADES: Final = {2: ("ALTER TABLE runs ADD COLUMN identity TEXT NOT NULL DEFA
 """The statements that turn each older version into the next one."""
 
 
-def schema_version(connection: sqlite3.Connection) -> int:
-    """The version of a file's format; 0 for a file without tables."""
-    return int(connection.execute("PRAGMA user_version").fetchone()[0])
-
-
-def is_upgradable(version: int) -> bool:
-    """Whether a file of an older version can be brought up to date."""
-    return version in _UPGRADES
-
-
-def upgrade(connection: sqlite3.Connection) -> None:
-    """Bring a file of an older version up to date, in the caller's transaction."""
-    while (version := schema_version(connection)) in _UPGRADES:
-        for statement in _UPGRADES[version]:
-            connection.execute(statement)
-        connection.execute(f"PRAGMA user_version = {version + 1}")
-
-
-def create_tables(connection: sqlite3.Connection) -> None:
-    """Create the tables in an empty file, in the caller's transaction."""
-    for statement in _STATEMENTS:
-        connection.execute(statement)
-
-
 T = TypeVar("T")
 
 _MAX_LOCK_WAIT_S: Final = 30.0
@@ -307,44 +283,49 @@ def open_history(path: Path, *, create: bool = False) -> Iterator[History]:
             stack.enter_context(contextlib.closing(connection))
             restrict(connection, _MAX_OPENING_S)
             with _transaction(connection, "DEFERRED"):
-                state = _check(path, connection)
-            if state != "current":
+                version = _check(path, connection)
+            if version != SCHEMA_VERSION:
                 with _transaction(connection):
                     # Unless another program has done it meanwhile.
-                    state = _check(path, connection)
-                    if state == "empty":
-                        create_tables(connection)
-                    elif state == "older":
-                        upgrade(connection)
+                    for statement in _missing_statements(_check(path, connection)):
+                        connection.execute(statement)
             _use_write_ahead_log(connection)
             connection.execute("PRAGMA foreign_keys = ON")
             end_deadline(connection)
         yield History(path, connection)
 
 
-def _check(path: Path, connection: sqlite3.Connection) -> Literal["empty", "older", "current"]:
+def _missing_statements(version: int) -> Iterator[str]:
+    """The statements that bring a file of some version up to date; 0 is an empty one."""
+    if not version:
+        yield from _STATEMENTS
+        return
+    for older in range(version, SCHEMA_VERSION):
+        yield from _UPGRADES[older]
+        yield f"PRAGMA user_version = {older + 1}"
+
+
+def _check(path: Path, connection: sqlite3.Connection) -> int:
     """Check that the file is a history that can be read, or empty, before anything is changed.
 
     Returns:
-        Whether it is empty, or of an older version that can be brought up to date.
+        The version of its format; 0 if it is empty.
     """
     if not connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
-        return "empty"
+        return 0
     if connection.execute("PRAGMA application_id").fetchone()[0] != APPLICATION_ID:
         raise HistoryError(
             f"{path} is a database of another program, not a history of r2bspec",
             hint="Name another file with --history.",
         )
     check_schema(connection, _TABLES)
-    version = schema_version(connection)
-    if is_upgradable(version):
-        return "older"
-    if version != SCHEMA_VERSION:
+    version = int(connection.execute("PRAGMA user_version").fetchone()[0])
+    if version not in {*_UPGRADES, SCHEMA_VERSION}:
         raise HistoryError(
             f"{path} has version {version}; this r2bspec reads version {SCHEMA_VERSION}",
             hint="Use the r2bspec that wrote it, or name another file with --history.",
         )
-    return "current"
+    return version
 
 
 def _use_write_ahead_log(connection: sqlite3.Connection) -> None:

@@ -6,7 +6,7 @@ Such a run is run, judged, confirmed if it fails, and stored.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -24,14 +24,18 @@ from r2bspec.compare.errors import IncomparableError
 from r2bspec.compare.history import HistoryEntry, HistoryMetric, open_history
 from r2bspec.compare.report_input import read_folder
 from r2bspec.judge import judge_run
-from r2bspec.judge.baseline_comparison import fails_by_history, iteration_values, run_value
+from r2bspec.judge.baseline_comparison import (
+    fails_by_history,
+    iteration_values,
+    required_metrics,
+    run_value,
+    tracked_metrics,
+)
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.t_interval import MAX_HISTORY_RUNS
-from r2bspec.measure.distribution import HISTORY_PARTS
-from r2bspec.measure.metric_catalogue import MetricError, MetricInfo, resolve
 from r2bspec.measure.run_samples import read_samples
-from r2bspec.measure.samples import RunSamples, starts_of
+from r2bspec.measure.samples import starts_of
 from r2bspec.plan.canonical_json import plan_hash
 from r2bspec.plan.comparability import measured_hash
 from r2bspec.plan.plan import Plan
@@ -52,56 +56,6 @@ from r2bspec.record.graph_identity import (
 from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.record.run_record import RunRecord
 from r2bspec.safe_io.safe_file import is_folder
-
-_MONITOR_METRICS = (
-    "throughput.mean",
-    *(f"latency.{part}" for part in HISTORY_PARTS),
-    "drop_rate",
-)
-
-TrackedMetric = tuple[float | None, str | None, MetricInfo]
-"""An offered rate, a monitor, and a metric."""
-
-
-def tracked_metrics(run: Run, samples: RunSamples) -> Iterator[TrackedMetric]:
-    """The metrics of a run that a history stores: the usual ones, and those of its objectives."""
-    seen: set[tuple[float | None, str | None, str]] = set()
-    for at_hz, monitor, info in (
-        *_default_metrics(run, samples),
-        *_required_metrics(run.plan, samples),
-    ):
-        key = (at_hz, monitor, info.name)
-        if key not in seen:
-            seen.add(key)
-            yield at_hz, monitor, info
-
-
-def _default_metrics(run: Run, samples: RunSamples) -> Iterator[TrackedMetric]:
-    graph = {
-        each.name for each in run.record.processes if each.role in {"host", "command", "container"}
-    }
-    for rate in samples.iterations:
-        for monitor in samples.monitors:
-            for name in _MONITOR_METRICS:
-                yield rate, monitor, resolve(name, samples.monitors)[1]
-        for process in sorted(graph):
-            yield rate, None, resolve(f"cpu.{process}.mean", (), samples.processes)[1]
-    if samples.record.search is not None:
-        yield None, None, resolve("peak.rate", ())[1]
-
-
-def _required_metrics(plan: Plan, samples: RunSamples) -> Iterator[TrackedMetric]:
-    for objective in plan.objectives.values():
-        rates = [objective.at.hz] if objective.at is not None else []
-        for requirement in objective.require:
-            try:
-                monitor, info = resolve(requirement.metric, samples.monitors, samples.processes)
-            except MetricError:
-                continue
-            if info.scope in {"search", "probe", "truth"}:
-                continue
-            monitors = samples.monitors if info.scope == "monitor" and not monitor else (monitor,)
-            yield from ((rate, each, info) for rate in rates for each in monitors)
 
 
 def history_entry(run: Run, result: Result) -> HistoryEntry:
@@ -231,7 +185,7 @@ def _required_values(
             ),
             starts_of(samples.iterations_at(at_hz)),
         )
-        for at_hz, monitor, info in _required_metrics(plan, samples)
+        for at_hz, monitor, info in required_metrics(plan, samples)
     }
 
 

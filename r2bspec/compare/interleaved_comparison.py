@@ -13,25 +13,17 @@ from r2bspec.compare.interleaved_runs import (
     CheckRun,
     ComparisonSide,
     ComparisonSpec,
-    JudgedSession,
     run_pairs,
 )
-from r2bspec.compare.judge_pairs import judge_comparison_folder, read_pair_set
+from r2bspec.compare.judge_pairs import judge_comparison_folder
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.errors import WorkspaceError
 from r2bspec.execute.processes.environment import inherited_environment
 from r2bspec.execute.processes.machine import check_machine
 from r2bspec.execute.processes.prerequisites import check_middleware
 from r2bspec.execute.progress import NullProgress, Progress
-from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import to_json
-from r2bspec.judge.pair_comparison import (
-    confirmation_terms,
-    judge_pair_set,
-    reruns_can_decide,
-)
 from r2bspec.judge.result import Result
-from r2bspec.language.spec import Objective
 from r2bspec.plan.comparability import (
     difference_lines,
     graph_differences,
@@ -134,12 +126,7 @@ def compare(comparison: ComparisonSpec, output: Path, progress: Progress | None 
     check_machine(comparison.head.plan)
     with private_files(), ComparisonFolder.create(output) as folder:
         try:
-            run_pairs(
-                comparison,
-                folder,
-                progress or NullProgress(),
-                lambda confirms: _judge(folder.path, confirms=confirms),
-            )
+            run_pairs(comparison, folder, progress or NullProgress())
         except R2bspecError:
             # Write a result of what was measured, marked as incomplete; if that fails, too, the
             # first failure is reported.
@@ -147,17 +134,6 @@ def compare(comparison: ComparisonSpec, output: Path, progress: Progress | None 
                 _write_result(folder)
             raise
         return _write_result(folder)
-
-
-def _judge(path: Path, *, confirms: bool) -> JudgedSession:
-    pairs = open_comparison(path)
-    pair_set = read_pair_set(pairs, confirms=confirms)
-    objectives: Mapping[str, Objective] = pairs.plan.objectives
-    policy = decision_policy(pairs.plan)
-    if confirms:
-        objectives, policy = confirmation_terms(objectives, policy)
-    verdict = judge_pair_set(objectives, pair_set, policy)
-    return JudgedSession(verdict, reruns_can_decide(verdict, objectives, pair_set, policy))
 
 
 def _write_result(folder: ComparisonFolder) -> Result:

@@ -17,6 +17,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from r2bspec.compare.judge_pairs import read_pair_set
 from r2bspec.errors import R2bspecError, without_output
 from r2bspec.execute.controller import run_plan
 from r2bspec.execute.errors import InterruptedRunError, RunError, UnwritableRunError
@@ -25,15 +26,29 @@ from r2bspec.execute.progress import Progress
 from r2bspec.execute.states import Interrupts
 from r2bspec.exit_status import ExitStatus
 from r2bspec.judge.confirmation import needs_confirmation
-from r2bspec.judge.pair_comparison import interference_text, why_unusable
+from r2bspec.judge.decision_policy import decision_policy
+from r2bspec.judge.pair_comparison import (
+    confirmation_terms,
+    interference_text,
+    judge_pair_set,
+    reruns_can_decide,
+    why_unusable,
+)
 from r2bspec.judge.statistics.t_interval import PairOrder, pair_orders
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.environment_access import shown_value
+from r2bspec.language.spec import Objective
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.comparability import single_run_plan
 from r2bspec.plan.plan import Plan
-from r2bspec.record.comparison_folder import ComparisonFolder, PairRecord, PairsRecord, Side
+from r2bspec.record.comparison_folder import (
+    ComparisonFolder,
+    PairRecord,
+    PairsRecord,
+    Side,
+    open_comparison,
+)
 from r2bspec.record.graph_identity import GraphIdentity
 from r2bspec.record.run_folder import RunFolder, open_run
 
@@ -100,24 +115,11 @@ class ComparisonSpec:
     check_run: CheckRun | None = None
 
 
-@dataclass(frozen=True)
-class JudgedSession:
-    """The verdict on the pairs of a session, and whether reruns of affected ones can change it."""
-
-    verdict: Verdict
-    reruns_can_decide: bool
-
-
-Judge = Callable[[bool], JudgedSession]
-"""Judges the pairs that have been played; with True, those that confirm a failure."""
-
 _MAX_AFFECTED_RERUNS = 2
 """Reruns that are affected again. After that the machine counts as always busy."""
 
 
-def run_pairs(
-    comparison: ComparisonSpec, folder: ComparisonFolder, progress: Progress, judge: Judge
-) -> PairsRecord:
+def run_pairs(comparison: ComparisonSpec, folder: ComparisonFolder, progress: Progress) -> None:
     """Play all pairs and, if they fail, as many new ones to confirm it.
 
     The folder is complete when this returns or raises: it has every pair that was finished.
@@ -126,7 +128,6 @@ def run_pairs(
         comparison: to be made.
         folder: of the comparison.
         progress: is notified of progress.
-        judge: called once pairs are played, with the folder as it then is.
 
     Raises:
         RunError: a run failed twice, or cannot be made here at all.
@@ -136,7 +137,7 @@ def run_pairs(
     folder.write_base_plan(comparison.base.plan)
     folder.write_spec(comparison.head.spec_text)
     with Interrupts() as interrupts:
-        return _PairRunner(comparison, folder, progress, interrupts, judge).play_all()
+        _PairRunner(comparison, folder, progress, interrupts).play_all()
 
 
 class _PairRunner:
@@ -148,13 +149,11 @@ class _PairRunner:
         folder: ComparisonFolder,
         progress: Progress,
         interrupts: Interrupts,
-        judge: Judge,
     ) -> None:
         self._comparison = comparison
         self._folder = folder
         self._progress = progress
         self._interrupts = interrupts
-        self._judge = judge
         self._began_s = time.monotonic()
         self._plans: dict[Side, Plan] = {
             "base": single_run_plan(comparison.base.plan),
@@ -167,7 +166,7 @@ class _PairRunner:
         self._run_id = secrets.token_hex(8)
         self._seed = secrets.randbits(32)
 
-    def play_all(self) -> PairsRecord:
+    def play_all(self) -> None:
         """Play all pairs, and write the record in any case."""
         reason = ""
         self._write_record("R2B671: the comparison was killed")
@@ -183,8 +182,7 @@ class _PairRunner:
             reason = f"{type(error).__name__}: {error}"
             raise
         finally:
-            record = self._write_record(reason)
-        return record
+            self._write_record(reason)
 
     def _play_pairs(self, *, confirms: bool) -> Verdict:
         """Play all pairs of a session, and again the affected ones that the outcome depends on."""
@@ -205,10 +203,10 @@ class _PairRunner:
 
     def _play_affected_again(self, disturbed: Sequence[PairRecord], *, confirms: bool) -> Verdict:
         """Play affected pairs again while that can change the outcome; the verdict afterwards."""
-        judged = self._judge(confirms)
+        verdict, may_change = self._judge(confirms=confirms)
         affected_reruns = 0
         for pair in disturbed:
-            if not judged.reruns_can_decide:
+            if not may_change:
                 break
             if affected_reruns == _MAX_AFFECTED_RERUNS:
                 self._note(
@@ -219,8 +217,19 @@ class _PairRunner:
             again = self._play_again(pair, f"host interference ({pair.disturbed})")
             affected_reruns += bool(again.disturbed or again.unusable)
             self._write_record("")
-            judged = self._judge(confirms)
-        return judged.verdict
+            verdict, may_change = self._judge(confirms=confirms)
+        return verdict
+
+    def _judge(self, *, confirms: bool) -> tuple[Verdict, bool]:
+        """The verdict on a session, and whether reruns of affected pairs can change its outcome."""
+        pairs = open_comparison(self._folder.path)
+        pair_set = read_pair_set(pairs, confirms=confirms)
+        objectives: Mapping[str, Objective] = pairs.plan.objectives
+        policy = decision_policy(pairs.plan)
+        if confirms:
+            objectives, policy = confirmation_terms(objectives, policy)
+        verdict = judge_pair_set(objectives, pair_set, policy)
+        return verdict, reruns_can_decide(verdict, objectives, pair_set, policy)
 
     def _play_again(self, pair: PairRecord, why: str) -> PairRecord:
         # The record has all of it; a side that fails again is an error that has it, too.
@@ -302,7 +311,7 @@ class _PairRunner:
         self._notes.append(text)
         self._progress.note(text)
 
-    def _write_record(self, reason: str) -> PairsRecord:
+    def _write_record(self, reason: str) -> None:
         comparison = self._comparison
         record = PairsRecord(
             run_id=self._run_id,
@@ -328,7 +337,6 @@ class _PairRunner:
             notes=tuple(self._notes),
         )
         self._folder.write_pairs(record)
-        return record
 
 
 def _now() -> str:

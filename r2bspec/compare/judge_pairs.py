@@ -54,10 +54,9 @@ def judge_comparison_folder(
     objectives = pairs.plan.objectives if objectives is None else objectives
     counted = pairs.usable_pairs()
     base, head = pairs.merged(counted, "base"), pairs.merged(counted, "head")
-    read: dict[str, RunSamples] = {}
-    first = read_pair_set(pairs, read, confirms=False)
-    confirms = any(each.confirms for each in pairs.record.pairs)
-    again = read_pair_set(pairs, read, confirms=True) if confirms else None
+    first = read_pair_set(pairs)
+    confirms = any(pair.confirms for pair in pairs.record.pairs)
+    again = read_pair_set(pairs, confirms=True) if confirms else None
     verdict = judge_comparison(objectives, first, again, decision_policy(pairs.plan, gate))
     result = build_result(
         head,
@@ -71,26 +70,23 @@ def judge_comparison_folder(
     return JudgedComparison(result, base, head)
 
 
-def read_pair_set(
-    pairs: PairedComparison, read: dict[str, RunSamples] | None = None, *, confirms: bool = False
-) -> PairSet:
+def read_pair_set(pairs: PairedComparison, *, confirms: bool = False) -> PairSet:
     """The samples of the pairs of one session.
 
     Args:
         pairs: the comparison.
-        read: the samples of runs by their folder, filled as they are read.
         confirms: read the pairs of the confirmation.
 
     Raises:
         RecordError: a file of one of the runs is missing or damaged.
     """
-    known = {} if read is None else read
+    read: dict[str, RunSamples] = {}
     played, unaffected = pairs.usable_pairs(confirms=confirms), pairs.unaffected(confirms=confirms)
     disturbed = [each for each in played if each.disturbed]
     return PairSet(
-        played=_interleaved(pairs, played, known),
+        played=_interleaved(pairs, played, read),
         planned=pairs.record.planned,
-        unaffected=_interleaved(pairs, unaffected, known) if disturbed else None,
+        unaffected=_interleaved(pairs, unaffected, read) if disturbed else None,
         disturbance_text=_affected_pairs_text(disturbed),
     )
 

@@ -28,6 +28,7 @@ import msgspec
 from r2bspec.compare.base_environment import BaseBuildError, BaseBuilds, is_code_of
 from r2bspec.compare.base_reference import BaseReference
 from r2bspec.compare.base_tree import BaseRevisionError, BaseTree
+from r2bspec.compare.gate_change import GateSide
 from r2bspec.compare.gate_strength import (
     GateComparison,
     WeakerGateError,
@@ -36,7 +37,7 @@ from r2bspec.compare.gate_strength import (
     weakening_diagnostics,
 )
 from r2bspec.compare.interleaved_runs import BaseFailsError, ComparisonSide
-from r2bspec.compare.spec_sets import SpecName, compare_spec_sets, spec_name
+from r2bspec.compare.spec_sets import SpecName, missing_specs, spec_name
 from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import R2bspecError, without_output
 from r2bspec.execute.errors import InterruptedRunError
@@ -63,12 +64,8 @@ _PLAYED_FIELDS = (
 """The fields of a plan that say how long and at which rates is played, and what is asked of it."""
 
 
-class Prepared(Protocol):
+class Prepared(GateSide, Protocol):
     """A spec that is ready to run: `r2bspec.api.PreparedBenchmark`."""
-
-    @property
-    def plan(self) -> Plan:
-        """The compiled plan."""
 
     @property
     def base_dir(self) -> Path:
@@ -77,10 +74,6 @@ class Prepared(Protocol):
     @property
     def spec_text(self) -> str:
         """The resolved spec."""
-
-    @property
-    def loaded(self) -> LoadedSpec | None:
-        """The document; None for a plan from a file."""
 
 
 Prepare = Callable[[SpecSelection], Prepared]
@@ -169,7 +162,7 @@ class MergeGate:
         """
         found = self.base_spec(selection.spec, head)
         if found is None:
-            return self.alone(head, f"New spec: {self.tree.name} has nothing to compare it with.")
+            return self.alone(head, self._new_spec(selection.spec))
         base_selection = self._base_selection(selection, found)
         if head.loaded is not None and head.loaded.case:
             cases = replace(base_selection, case="").load_cases()
@@ -271,6 +264,19 @@ class MergeGate:
                 return path
         return None
 
+    def _new_spec(self, spec: Path) -> str:
+        """Why there is nothing to compare a spec with, and what to do if it was renamed."""
+        text = f"New spec: {self.tree.name} has nothing to compare it with."
+        folder = self.tree.in_base(spec.parent)
+        gone = [
+            str(path.relative_to(self.tree.top))
+            for path in (sorted(folder.glob(f"*{_SPEC_SUFFIX}")) if folder is not None else ())
+            if not (self.tree.head_top / path.relative_to(self.tree.top)).exists()
+        ]
+        if gone:
+            text += f" If it was {clip(gone[0])}, keep its 'name': then the two are compared."
+        return text
+
     def _place_of_name(self, gone: SpecName) -> str:
         """Where the head has a spec of the same name; empty for nowhere."""
         for path in _specs_below(self.tree.head_top) if gone.name else ():
@@ -292,20 +298,19 @@ class MergeGate:
             WeakerGateError: some are gone.
         """
         base_names = _spec_names(base, self.tree.top)
-        compared = compare_spec_sets(base_names, _spec_names(head, self.tree.head_top))
-        refused = [weaker for weaker in compared.weaker if weaker.name not in self.settings.allow]
+        missing = (*missing_specs(base_names, _spec_names(head, self.tree.head_top)),)
+        refused = [change for change in missing if change.name not in self.settings.allow]
         if refused:
             diagnostics = weakening_diagnostics(refused, None, self.tree.name)
             error = WeakerGateError(refused, diagnostics, None, self.tree.name)
-            allowed = self.settings.allow
-            gone = [path for path in compared.deleted if f"spec {path}" not in allowed]
-            places = list(filter(None, (self._place_of_name(base_names[path]) for path in gone)))
-            if places:
+            names = {change.name for change in refused}
+            gone = [spec for path, spec in sorted(base_names.items()) if f"spec {path}" in names]
+            if places := [*filter(None, map(self._place_of_name, gone))]:
                 has = "has its name" if len(places) == 1 else "have their names"
                 where = ", ".join(map(clip, places))
                 error.hint = f"{where} {has}: let the pipeline run that. {error.hint}"
             raise error
-        return GateComparison(compared.weaker).sentences
+        return GateComparison(missing).sentences
 
     def alone(self, head: Prepared, *sentences: str) -> GateSides:
         """The head without a base: what only a comparison can tell is not asked of it."""

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from r2bspec.check.check_context import Context
 from r2bspec.check.finding_location import to_diagnostic
 from r2bspec.check.rule import Finding
-from r2bspec.check.rules.calibrated_noise import (
+from r2bspec.check.rules.metrics import (
     MAX_LOG_MARGIN,
     NarrowMargin,
     limit_text,

@@ -126,16 +126,27 @@ def read_folder(
     return ReportInput(result=result, run=run, spec_file=spec_file, baseline=baseline)
 
 
+def read_content(path: Path) -> bytes:
+    """The bytes of a file that a command names.
+
+    Raises:
+        UnreadableResultError: it cannot be read.
+    """
+    try:
+        return read_bytes(path, max_bytes=MAX_JSON_BYTES)
+    except OSError as error:
+        raise UnreadableResultError(f"{path} cannot be read: {error.strerror or error}") from error
+
+
 def read_result(path: Path) -> Result:
     """Read a ``result.json``.
 
     Raises:
         UnreadableResultError: it does not exist, or is not a result.
     """
+    content = read_content(path)
     try:
-        return from_json(read_bytes(path, max_bytes=MAX_JSON_BYTES))
-    except OSError as error:
-        raise UnreadableResultError(f"{path} cannot be read: {error.strerror or error}") from error
+        return from_json(content)
     except msgspec.DecodeError as error:
         raise UnreadableResultError(
             f"{path} is not a result of this version: {error}",

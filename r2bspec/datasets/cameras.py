@@ -289,7 +289,7 @@ class Camera(msgspec.Struct, frozen=True):
         return _CHANNELS[self.encoding]
 
 
-# What tangential distortion may add to what `_Reach` says, in pixels.
+# What tangential distortion may add to what `_reach` says, in pixels.
 _MARGIN_PX = 4
 
 # Nearer than this, perspective is no longer computed.
@@ -308,20 +308,6 @@ class Bounds(msgspec.Struct, frozen=True):
     def columns(self) -> slice:
         """The columns inside."""
         return slice(self.left, self.right)
-
-
-class _Reach(msgspec.Struct, frozen=True):
-    """How far an ideal camera would see what a lens shows, and how much that lens scales.
-
-    Attributes:
-        across: largest distance from the axis, one focal length away.
-        down: the same.
-        scales: smallest and largest ratio of where a point is shown to where it would be.
-    """
-
-    across: float
-    down: float
-    scales: tuple[float, float]
 
 
 def camera_pose(body: Pose, camera: Camera) -> Pose:
@@ -354,12 +340,19 @@ def undistorted(
     y = ((rows - camera.center_px[1]) / camera.focal_px)[:, None]
     if camera.lens is None:
         return x, y
-    return camera.lens.undistort(*(np.array(each) for each in np.broadcast_arrays(x, y)))
+    return camera.lens.undistort(*(np.array(part) for part in np.broadcast_arrays(x, y)))
 
 
 @lru_cache(maxsize=8)
-def _reach(camera: Camera) -> _Reach:
-    """From the edge of the image, where the distortion is largest."""
+def _reach(camera: Camera) -> tuple[float, float, tuple[float, float]]:
+    """How far an ideal camera would see what a lens shows, and how much that lens scales.
+
+    From the edge of the image, where the distortion is largest.
+
+    Returns:
+        Largest distance from the axis across and down, one focal length away; smallest and largest
+        ratio of where a point is shown to where it would be.
+    """
     import numpy as np
 
     columns = np.arange(camera.width, dtype=np.float64)
@@ -375,7 +368,7 @@ def _reach(camera: Camera) -> _Reach:
         shown_y = (edge_rows - camera.center_px[1])[:, None] / camera.focal_px
         scales = np.sqrt((shown_x**2 + shown_y**2) / (x**2 + y**2))
         low, high = min(low, float(scales.min())), max(high, float(scales.max()))
-    return _Reach(across, down, (low, high))
+    return across, down, (low, high)
 
 
 def image_bounds(camera: Camera, points_m: Sequence[Vector]) -> Bounds | None:
@@ -391,9 +384,9 @@ def image_bounds(camera: Camera, points_m: Sequence[Vector]) -> Bounds | None:
     down = [camera.focal_px * y / z + camera.center_px[1] for _, y, z in points_m]
     margin = 0
     if camera.lens is not None:
-        reach, margin = _reach(camera), _MARGIN_PX
-        across = _shown(across, camera.center_px[0], camera.focal_px * reach.across, reach.scales)
-        down = _shown(down, camera.center_px[1], camera.focal_px * reach.down, reach.scales)
+        (reach_across, reach_down, scales), margin = _reach(camera), _MARGIN_PX
+        across = _shown(across, camera.center_px[0], camera.focal_px * reach_across, scales)
+        down = _shown(down, camera.center_px[1], camera.focal_px * reach_down, scales)
     bounds = Bounds(
         top=max(0, int(min(down)) - 1 - margin),
         bottom=min(camera.height, int(max(down)) + 2 + margin),
@@ -407,6 +400,6 @@ def _shown(
     pixels: Sequence[float], center_px: float, reach_px: float, scales: tuple[float, float]
 ) -> list[float]:
     """The range in which a lens may show what lies between ideal coordinates."""
-    ends = [min(max(each - center_px, -reach_px), reach_px) for each in (min(pixels), max(pixels))]
+    ends = [min(max(end - center_px, -reach_px), reach_px) for end in (min(pixels), max(pixels))]
     places = [center_px + end * scale for end in ends for scale in scales]
     return [min(places), max(places)]

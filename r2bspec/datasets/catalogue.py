@@ -6,16 +6,14 @@ The synthetic sequences are named and shaped like the r2b dataset 2023.
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from functools import cache
 from pathlib import Path
 
 import msgspec
 
+from r2bspec.bags.bag_writer import OFFERED_QOS
 from r2bspec.bags.recording import (
-    BAG_NOT_FOUND,
-    DATASET_UNKNOWN,
-    WINDOW_OUTSIDE_BAG,
     BagIndex,
     BagLocation,
     DataError,
@@ -32,7 +30,7 @@ from r2bspec.datasets.rig import (
     TopicSource,
     message_bytes,
 )
-from r2bspec.diagnostics.quote import clip, quote
+from r2bspec.diagnostics.quote import clip, did_you_mean, quote
 from r2bspec.safe_io.safe_file import is_folder, is_there, names_in
 
 DURATION_NS = 10_000_000_000
@@ -40,19 +38,6 @@ DURATION_NS = 10_000_000_000
 # 2023-03-14 15:00:00 UTC; the sequences lie an hour apart.
 _FIRST_START_NS = 1_678_806_000_000_000_000
 _HOUR_NS = 3_600_000_000_000
-
-# As metadata.yaml of version 8 writes reliable, keep last 10, volatile.
-OFFERED_QOS = (
-    "- avoid_ros_namespace_conventions: false\n"
-    "  deadline: {nsec: 0, sec: 0}\n"
-    "  depth: 10\n"
-    "  durability: 2\n"
-    "  history: 1\n"
-    "  lifespan: {nsec: 0, sec: 0}\n"
-    "  liveliness: 1\n"
-    "  liveliness_lease_duration: {nsec: 0, sec: 0}\n"
-    "  reliability: 1"
-)
 
 
 class Sequence(msgspec.Struct, frozen=True):
@@ -70,24 +55,26 @@ class Sequence(msgspec.Struct, frozen=True):
     description: str
 
 
-def _catalogue() -> Iterator[Sequence]:
-    robots = {
-        "r2b_lounge": "a lounge with low tables",
-        "r2b_storage": "a storage room; a crate carries an AprilTag",
-        "r2b_hallway": "a long, narrow hallway",
-        "r2b_datacenter": "rows of racks",
-        "r2b_cafe": "a cafe with a counter",
-        "r2b_hideaway": "a small, cluttered room",
-        "r2b_mezzanine": "a wide, high hall",
-    }
-    for place, (name, description) in enumerate(robots.items()):
-        yield Sequence(name, _FIRST_START_NS + place * _HOUR_NS, ROBOT_TOPICS, description)
-    yield Sequence(
-        "r2b_hope", _FIRST_START_NS + len(robots) * _HOUR_NS, HOPE_TOPICS, "boxes on a table"
+_DESCRIPTIONS = {
+    "r2b_lounge": "a lounge with low tables",
+    "r2b_storage": "a storage room; a crate carries an AprilTag",
+    "r2b_hallway": "a long, narrow hallway",
+    "r2b_datacenter": "rows of racks",
+    "r2b_cafe": "a cafe with a counter",
+    "r2b_hideaway": "a small, cluttered room",
+    "r2b_mezzanine": "a wide, high hall",
+    "r2b_hope": "boxes on a table",
+}
+
+SEQUENCES: dict[str, Sequence] = {
+    name: Sequence(
+        name,
+        _FIRST_START_NS + number * _HOUR_NS,
+        HOPE_TOPICS if name == "r2b_hope" else ROBOT_TOPICS,
+        description,
     )
-
-
-SEQUENCES: dict[str, Sequence] = {sequence.name: sequence for sequence in _catalogue()}
+    for number, (name, description) in enumerate(_DESCRIPTIONS.items())
+}
 
 
 def find_sequence(name: str) -> Sequence:
@@ -98,19 +85,17 @@ def find_sequence(name: str) -> Sequence:
     """
     sequence = SEQUENCES.get(name)
     if sequence is None:
-        raise unknown_dataset_error(name, SEQUENCES)
+        raise _unknown_dataset(name, SEQUENCES)
     return sequence
 
 
-def unknown_dataset_error(name: str, known: Collection[str]) -> DataError:
+def _unknown_dataset(name: str, known: Collection[str]) -> DataError:
     """The error for an unknown dataset name."""
-    import difflib
-
-    close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+    close = did_you_mean(name, known)
     return DataError(
         f"there is no dataset {quote(name)}",
-        code=DATASET_UNKNOWN,
-        hint=f"did you mean {close[0]}?"
+        code="R2B307",
+        hint=f"did you mean {close}?"
         if close
         else f"known datasets: {', '.join(sorted(known))}; a path needs a '/'",
     )
@@ -143,7 +128,7 @@ def bounded_window(name: str, window: Window | None) -> Window:
         raise DataError(
             f"the window from {window.start_ns / 1e9:g} s to {end_ns / 1e9:g} s is not inside"
             f" dataset {name}, which lasts {DURATION_NS / 1e9:g} s",
-            code=WINDOW_OUTSIDE_BAG,
+            code="R2B309",
             hint="its start must be before its end, and both between"
             f" 0 s and {DURATION_NS / 1e9:g} s",
         )
@@ -157,12 +142,9 @@ def message_times_ns(source: TopicSource, window: Window) -> list[int]:
     """
     assert window.end_ns is not None  # noqa: S101 -- callers pass what `bounded_window` gave
     first = -(-window.start_ns * source.rate_hz // 10**9)
-    times = []
-    for number in range(max(0, first - 1), window.end_ns * source.rate_hz // 10**9 + 2):
-        time_ns = number * 10**9 // source.rate_hz
-        if window.contains(time_ns):
-            times.append(time_ns)
-    return times
+    numbers = range(max(0, first - 1), window.end_ns * source.rate_hz // 10**9 + 2)
+    times_ns = (number * 10**9 // source.rate_hz for number in numbers)
+    return [time_ns for time_ns in times_ns if window.contains(time_ns)]
 
 
 def describe(
@@ -231,7 +213,7 @@ def locate(bag: str, base_dir: Path) -> BagLocation:
     if len(bag) > _MAX_NAME_LENGTH:
         raise DataError(
             f"the name of a bag has {len(bag):,} characters: {clip(bag)}",
-            code=BAG_NOT_FOUND,
+            code="R2B301",
             hint=f"a path has at most {_MAX_NAME_LENGTH:,}",
         )
     path = base_dir / _expanded(bag)
@@ -240,7 +222,7 @@ def locate(bag: str, base_dir: Path) -> BagLocation:
     if "/" in bag:
         raise DataError(
             f"{path} does not exist",
-            code=BAG_NOT_FOUND,
+            code="R2B301",
             hint=f"paths are relative to {base_dir}; a dataset name has no '/'",
         )
     return locate_dataset(bag)
@@ -256,7 +238,7 @@ def locate_dataset(name: str) -> BagLocation:
     if real is not None and name and is_there(real / name):
         return BagLocation(kind="recorded", path=real / name, dataset=name)
     if name not in SEQUENCES:
-        raise unknown_dataset_error(name, known_datasets())
+        raise _unknown_dataset(name, known_datasets())
     return BagLocation(kind="synthetic", dataset=name)
 
 
@@ -270,12 +252,10 @@ def index(location: BagLocation) -> BagIndex:
         from r2bspec.bags.bag_index import index_bag
 
         return index_bag(location.path)
-    return _index_synthetic(location.dataset or "")
+    return _whole_index(location.dataset or "")
 
 
-@cache
-def _index_synthetic(name: str) -> BagIndex:
-    return describe(name)
+_whole_index = cache(describe)
 
 
 def known_datasets() -> tuple[str, ...]:
@@ -285,7 +265,7 @@ def known_datasets() -> tuple[str, ...]:
         DataError: ``$R2B_DATASETS`` is no folder (R2B301).
     """
     real = _datasets_folder()
-    recorded = [each for each in names_in(real) if is_folder(real / each)] if real else []
+    recorded = [name for name in names_in(real) if is_folder(real / name)] if real else []
     return tuple(sorted({*SEQUENCES, *recorded}))
 
 
@@ -304,7 +284,7 @@ def _datasets_folder() -> Path | None:
         # The synthetic data would be another measurement than the one requested.
         raise DataError(
             f"${DATASETS_VARIABLE} is {folder}, which is not a folder",
-            code=BAG_NOT_FOUND,
+            code="R2B301",
             hint="set it to the folder of the r2b bags, or unset it",
         )
     return folder
@@ -333,25 +313,21 @@ def truth_names(location: BagLocation, topics: Collection[str]) -> TruthNames | 
         None if it has no ground truth.
     """
     if location.path is None:
-        return _synthetic(location.dataset or "", {f"/{each.strip('/')}" for each in topics})
+        return _synthetic(location.dataset or "", {f"/{topic.strip('/')}" for topic in topics})
     from r2bspec.datasets.ground_truth import read_ground_truth
 
-    known = read_ground_truth(location.path)
-    if known is None:
+    truth = read_ground_truth(location.path)
+    if truth is None:
         return None
-    tag = tuple(known.tag.sightings) if known.tag is not None else ()
-    return TruthNames(disparity=tuple(known.stereo), tag=tag)
+    tag = tuple(truth.tag.sightings) if truth.tag is not None else ()
+    return TruthNames(disparity=tuple(truth.stereo), tag=tag)
 
 
 def _synthetic(dataset: str, topics: Collection[str]) -> TruthNames:
     from r2bspec.datasets.scenes import find_scene
 
-    images = {each.name for each in SEQUENCES[dataset].sources if each.type == IMAGE}
-    made = images.intersection(topics)
+    images = {source.name for source in SEQUENCES[dataset].sources if source.type == IMAGE}
+    loaded = images.intersection(topics)
+    pairs = (pair.name for pair in STEREO_PAIRS if {pair.left_topic, pair.right_topic} <= loaded)
     shows_tag = find_scene(dataset).tag is not None
-    return TruthNames(
-        disparity=tuple(
-            each.name for each in STEREO_PAIRS if {each.left_topic, each.right_topic} <= made
-        ),
-        tag=tuple(sorted(made)) if shows_tag else (),
-    )
+    return TruthNames(disparity=tuple(pairs), tag=tuple(sorted(loaded)) if shows_tag else ())

@@ -17,7 +17,7 @@ from pathlib import Path
 import msgspec
 
 from r2bspec.bags.integrity import hash_content
-from r2bspec.bags.recording import DATASET_NOT_WRITTEN, DataError, DatasetRecord
+from r2bspec.bags.recording import DataError, DatasetRecord
 
 _SCRATCH_PREFIX = ".making-"
 _LOCKS = ".locks"
@@ -112,7 +112,7 @@ def write_errors(root: Path) -> Iterator[None]:
         reason = str(error) if errno is None else os.strerror(errno)
         raise DataError(
             f"the dataset cannot be written to {root}: {reason}",
-            code=DATASET_NOT_WRITTEN,
+            code="R2B311",
             hint="free space on this disk, or select another folder with XDG_CACHE_HOME",
         ) from error
 
@@ -141,22 +141,22 @@ def is_intact(root: Path, entry: Path, record: DatasetRecord) -> bool:
         record: of that dataset.
     """
     try:
-        found = CheckedEntry(content_sha256=record.content_sha256, files=_file_states(entry))
-        if _remembered(root, entry.name) == found:
+        checked = CheckedEntry(content_sha256=record.content_sha256, files=_file_states(entry))
+        if _remembered(root, entry.name) == checked:
             return True
         if hash_content(entry) != record.content_sha256:
             return False
     except (DataError, OSError):
         return False
-    _remember(root, entry.name, found)
+    _remember(root, entry.name, checked)
     return True
 
 
 def _file_states(entry: Path) -> dict[str, FileState]:
-    states = {each.name: each.lstat() for each in entry.iterdir()}
+    states = {file.name: file.lstat() for file in entry.iterdir()}
     return {
-        name: (each.st_ino, each.st_size, each.st_mtime_ns, each.st_ctime_ns)
-        for name, each in states.items()
+        name: (state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
+        for name, state in states.items()
     }
 
 
@@ -174,7 +174,7 @@ def _remembered(root: Path, name: str) -> CheckedEntry | None:
     return None
 
 
-def _remember(root: Path, name: str, found: CheckedEntry) -> None:
+def _remember(root: Path, name: str, checked: CheckedEntry) -> None:
     """Keep what was found; without room for it, the entry is hashed again next time."""
     path = _memory_path(root, name)
     scratch = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
@@ -183,7 +183,7 @@ def _remember(root: Path, name: str, found: CheckedEntry) -> None:
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
         try:
             with os.fdopen(os.open(scratch, flags, 0o600), "wb") as file:
-                file.write(msgspec.json.encode(found))
+                file.write(msgspec.json.encode(checked))
             scratch.replace(path)
         finally:
             scratch.unlink(missing_ok=True)

@@ -234,15 +234,8 @@ def _tag_sighting(
 ) -> TagSighting:
     pose = tag_pose(tag, camera_pose(scene.motion.pose(time_ns / 1e9), camera))
     half = tag.size_m / 2
-    corners = [
-        pose.apply(corner)
-        for corner in (
-            (-half, -half, 0.0),
-            (half, -half, 0.0),
-            (half, half, 0.0),
-            (-half, half, 0.0),
-        )
-    ]
+    places = ((-half, -half), (half, -half), (half, half), (-half, half))
+    corners = [pose.apply((x, y, 0.0)) for x, y in places]
     pixels = tuple(project(camera, corner) for corner in corners)
     return TagSighting(
         stamp_ns=start_ns + time_ns,

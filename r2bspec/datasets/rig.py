@@ -163,57 +163,30 @@ DISTORTION_MODEL = "plumb_bob"
 DISTORTION_TERMS = 5
 
 
-class _CdrSize:
-    """A position in a CDR stream."""
-
-    def __init__(self) -> None:
-        self.bytes = 0
-
-    def numbers(self, count: int, size: int) -> None:
-        if count:
-            self.bytes += -self.bytes % size + count * size
-
-    def string(self, text: str) -> None:
-        self.numbers(1, 4)
-        self.bytes += len(text.encode()) + 1
-
-    def header(self, frame_id: str) -> None:
-        self.numbers(2, 4)
-        self.string(frame_id)
-
-
 def message_bytes(source: TopicSource) -> int:
     """Size of every message of a topic in bytes, with the encapsulation."""
-    count = _CdrSize()
-    count.header(source.frame_id)
+    position = 0
+    for field in ((2, 4), source.frame_id, *_fields(source)):
+        count, size = (1, 4) if isinstance(field, str) else field
+        position += -position % size + count * size
+        if isinstance(field, str):
+            position += len(field.encode()) + 1
+    return 4 + position
+
+
+def _fields(source: TopicSource) -> tuple[str | tuple[int, int], ...]:
+    """The fields of a message after its header: strings, or count and size of numbers."""
     if source.type == IMAGE and source.camera is not None:
-        pixels = source.camera.width * source.camera.height
-        count.numbers(2, 4)
-        count.string(source.camera.encoding)
-        count.numbers(1, 1)
-        count.numbers(2, 4)
-        count.numbers(pixels * source.camera.bytes_per_pixel, 1)
-    elif source.type == CAMERA_INFO:
-        count.numbers(2, 4)
-        count.string(DISTORTION_MODEL)
-        count.numbers(1, 4)
-        count.numbers(DISTORTION_TERMS + 9 + 9 + 12, 8)
-        count.numbers(2 + 4, 4)
-        count.numbers(1, 1)
-    elif source.type == IMU:
-        count.numbers(4 + 9 + 3 + 9 + 3 + 9, 8)
-    elif source.type == POINT_CLOUD and source.lidar is not None:
-        points = source.lidar.columns * len(source.lidar.elevations_deg)
-        count.numbers(3, 4)
-        for name, _, _ in CLOUD_FIELDS:
-            count.string(name)
-            count.numbers(1, 4)
-            count.numbers(1, 1)
-            count.numbers(1, 4)
-        count.numbers(1, 1)
-        count.numbers(3, 4)
-        count.numbers(points * CLOUD_POINT_BYTES + 1, 1)
-    else:
-        msg = f"no size is known for {source.type}"
-        raise ValueError(msg)
-    return 4 + count.bytes
+        camera = source.camera
+        pixels = camera.width * camera.height * camera.bytes_per_pixel
+        return ((2, 4), camera.encoding, (1, 1), (2, 4), (pixels, 1))
+    if source.type == CAMERA_INFO:
+        matrices = (DISTORTION_TERMS + 9 + 9 + 12, 8)
+        return ((2, 4), DISTORTION_MODEL, (1, 4), matrices, (2 + 4, 4), (1, 1))
+    if source.type == IMU:
+        return ((4 + 9 + 3 + 9 + 3 + 9, 8),)
+    if source.type == POINT_CLOUD and source.lidar is not None:
+        layout = [part for name, _, _ in CLOUD_FIELDS for part in (name, (1, 4), (1, 1), (1, 4))]
+        points = source.lidar.columns * len(source.lidar.elevations_deg) * CLOUD_POINT_BYTES
+        return ((3, 4), *layout, (1, 1), (3, 4), (points + 1, 1))
+    raise ValueError(f"no size is known for {source.type}")

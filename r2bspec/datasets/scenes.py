@@ -8,7 +8,7 @@ from __future__ import annotations
 import random
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from r2bspec.datasets.cameras import (
     BODY_FROM_OPTICAL,
@@ -252,8 +252,7 @@ class Scene:
     tag: Tag | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class _SceneParameters:
+class _SceneParameters(NamedTuple):
     """A place in a few numbers.
 
     Attributes:
@@ -272,70 +271,31 @@ class _SceneParameters:
     max_edges_m: Vector
 
 
+# In each row: size, rest, yaw and pitch, amplitude, number of boxes, longest edges.
 _SCENES: dict[str, _SceneParameters] = {
     "r2b_lounge": _SceneParameters(
-        size_m=(9, 7, 2.8),
-        rest_m=(2.0, 0.2, 0.9),
-        yaw_pitch_rad=(0.1, 0.06),
-        amplitude_m=(0.25, 0.3, 0.04),
-        box_count=14,
-        max_edges_m=(1.6, 1.4, 0.8),
+        (9, 7, 2.8), (2.0, 0.2, 0.9), (0.1, 0.06), (0.25, 0.3, 0.04), 14, (1.6, 1.4, 0.8)
     ),
     "r2b_storage": _SceneParameters(
-        size_m=(7, 6, 2.8),
-        rest_m=(2.35, 0.5, 1.0),
-        yaw_pitch_rad=(-0.3, 0.0),
-        amplitude_m=(0.12, 0.15, 0.05),
-        box_count=12,
-        max_edges_m=(0.9, 0.9, 1.9),
+        (7, 6, 2.8), (2.35, 0.5, 1.0), (-0.3, 0.0), (0.12, 0.15, 0.05), 12, (0.9, 0.9, 1.9)
     ),
     "r2b_hallway": _SceneParameters(
-        size_m=(18, 2.6, 2.6),
-        rest_m=(3.0, 0.0, 0.9),
-        yaw_pitch_rad=(0.0, 0.0),
-        amplitude_m=(0.9, 0.12, 0.03),
-        box_count=10,
-        max_edges_m=(1.2, 0.5, 1.6),
+        (18, 2.6, 2.6), (3.0, 0.0, 0.9), (0.0, 0.0), (0.9, 0.12, 0.03), 10, (1.2, 0.5, 1.6)
     ),
     "r2b_datacenter": _SceneParameters(
-        size_m=(11, 6.4, 3.0),
-        rest_m=(2.0, 0.0, 1.1),
-        yaw_pitch_rad=(0.05, 0.0),
-        amplitude_m=(0.5, 0.2, 0.03),
-        box_count=16,
-        max_edges_m=(1.1, 1.1, 2.3),
+        (11, 6.4, 3.0), (2.0, 0.0, 1.1), (0.05, 0.0), (0.5, 0.2, 0.03), 16, (1.1, 1.1, 2.3)
     ),
     "r2b_cafe": _SceneParameters(
-        size_m=(10, 8, 3.2),
-        rest_m=(2.2, -0.4, 1.0),
-        yaw_pitch_rad=(-0.12, 0.05),
-        amplitude_m=(0.3, 0.25, 0.04),
-        box_count=16,
-        max_edges_m=(1.3, 1.3, 1.1),
+        (10, 8, 3.2), (2.2, -0.4, 1.0), (-0.12, 0.05), (0.3, 0.25, 0.04), 16, (1.3, 1.3, 1.1)
     ),
     "r2b_hideaway": _SceneParameters(
-        size_m=(5, 4.4, 2.4),
-        rest_m=(1.3, 0.1, 0.9),
-        yaw_pitch_rad=(0.08, 0.04),
-        amplitude_m=(0.1, 0.12, 0.04),
-        box_count=12,
-        max_edges_m=(0.8, 0.8, 1.5),
+        (5, 4.4, 2.4), (1.3, 0.1, 0.9), (0.08, 0.04), (0.1, 0.12, 0.04), 12, (0.8, 0.8, 1.5)
     ),
     "r2b_mezzanine": _SceneParameters(
-        size_m=(14, 10, 4.5),
-        rest_m=(2.5, 0.5, 1.2),
-        yaw_pitch_rad=(0.0, 0.03),
-        amplitude_m=(0.4, 0.4, 0.05),
-        box_count=18,
-        max_edges_m=(1.6, 1.6, 2.0),
+        (14, 10, 4.5), (2.5, 0.5, 1.2), (0.0, 0.03), (0.4, 0.4, 0.05), 18, (1.6, 1.6, 2.0)
     ),
     "r2b_hope": _SceneParameters(
-        size_m=(5, 5, 2.8),
-        rest_m=(1.6, 0.0, 1.35),
-        yaw_pitch_rad=(0.0, 0.42),
-        amplitude_m=(0.05, 0.12, 0.05),
-        box_count=6,
-        max_edges_m=(0.8, 0.8, 1.5),
+        (5, 5, 2.8), (1.6, 0.0, 1.35), (0.0, 0.42), (0.05, 0.12, 0.05), 6, (0.8, 0.8, 1.5)
     ),
 }
 

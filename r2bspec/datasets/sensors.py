@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.bags.bag_writer import typestore
+from r2bspec.bags.message_types import typestore
 from r2bspec.datasets.cameras import (
     BODY_FROM_OPTICAL,
     MIN_DEPTH_M,
@@ -100,7 +100,7 @@ def _camera_rays(camera: Camera, pose: Pose, rows: slice) -> Rays:
     if camera.lens is not None:
         ideal_x, ideal_y = (part[rows] for part in _ideal_grid(camera))
         turned = (row[0] * ideal_x + row[1] * ideal_y + row[2] for row in pose.rotation)
-        return Rays(pose.position_m, tuple(each.astype(np.float32) for each in turned))
+        return Rays(pose.position_m, tuple(part.astype(np.float32) for part in turned))
     world_x, world_y, world_z = (
         (row[0] * x)[None, :].astype(np.float32) + (row[1] * y + row[2])[:, None].astype(np.float32)
         for row in pose.rotation
@@ -137,15 +137,15 @@ def _intersect(room: Room, camera: Camera, pose: Pose, rays: Rays, rows: slice) 
 def _box_bounds(room: Room, camera: Camera, pose: Pose) -> tuple[tuple[int, Bounds], ...]:
     """Number and bounds of each box in view."""
     inverse = pose.inverse()
-    found = []
+    visible = []
     for number, box in enumerate(room.boxes, start=1):
         seen = [inverse.apply(corner) for corner in box.corners]
         if all(z < MIN_DEPTH_M for _, _, z in seen):
             continue
         bounds = image_bounds(camera, seen)
         if bounds is not None:
-            found.append((number, bounds))
-    return tuple(found)
+            visible.append((number, bounds))
+    return tuple(visible)
 
 
 _NUMPY_TYPES = {7: "<f4", 4: "<u2", 8: "<f8"}
@@ -250,8 +250,7 @@ def _header(source: TopicSource, time_ns: int) -> Any:
 
 def _camera_of(source: TopicSource) -> Camera:
     if source.camera is None:
-        msg = f"{source.name} has no camera"
-        raise ValueError(msg)
+        raise ValueError(f"{source.name} has no camera")
     return source.camera
 
 
@@ -283,7 +282,7 @@ def _camera_info(_: Scene, source: TopicSource, start_ns: int, offset_ns: int) -
         height=camera.height,
         width=camera.width,
         distortion_model=DISTORTION_MODEL,
-        d=np.array(_distortion(camera), np.float64),
+        d=np.array(camera.lens.coefficients if camera.lens else (0.0,) * DISTORTION_TERMS),
         k=np.array([focal, 0, cx, 0, focal, cy, 0, 0, 1], np.float64),
         r=np.array([1, 0, 0, 0, 1, 0, 0, 0, 1], np.float64),
         p=np.array([focal, 0, cx, shift, 0, focal, cy, 0, 0, 0, 1, 0], np.float64),
@@ -293,10 +292,6 @@ def _camera_info(_: Scene, source: TopicSource, start_ns: int, offset_ns: int) -
             x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
         ),
     )
-
-
-def _distortion(camera: Camera) -> tuple[float, ...]:
-    return (0.0,) * DISTORTION_TERMS if camera.lens is None else camera.lens.coefficients
 
 
 def _imu(scene: Scene, source: TopicSource, start_ns: int, offset_ns: int) -> Any:
@@ -320,8 +315,7 @@ def _imu(scene: Scene, source: TopicSource, start_ns: int, offset_ns: int) -> An
 
 def _cloud(scene: Scene, source: TopicSource, start_ns: int, offset_ns: int) -> Any:
     if source.lidar is None:
-        msg = f"{source.name} has no lidar"
-        raise ValueError(msg)
+        raise ValueError(f"{source.name} has no lidar")
     turn_ns = 10**9 // source.rate_hz
     points = scan(scene.room, scene.motion, source.lidar, start_ns, offset_ns, turn_ns)
     field = _type("sensor_msgs/msg/PointField")

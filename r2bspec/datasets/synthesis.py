@@ -14,6 +14,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -24,7 +25,6 @@ from r2bspec.bags.bag_writer import write_bag
 from r2bspec.bags.integrity import ContentHash
 from r2bspec.bags.recording import (
     RECORD_NAME,
-    TOPIC_NOT_IN_BAG,
     DataError,
     DatasetRecord,
     Message,
@@ -123,11 +123,8 @@ def make(
     """
     sources = select_sources(dataset, topics)
     if not sources:
-        raise DataError(
-            f"no topic of dataset {dataset} is selected",
-            code=TOPIC_NOT_IN_BAG,
-            hint="select at least one topic",
-        )
+        message = f"no topic of dataset {dataset} is selected"
+        raise DataError(message, code="R2B308", hint="select at least one topic")
     cache_key = _CacheKey(
         generator=GENERATOR_VERSION,
         dataset=dataset,
@@ -174,9 +171,13 @@ def _build(
         key=lambda entry: (entry[0], entry[1].name),
     )
     pairs = [(name, stamp_ns) for name, pair in truth.stereo.items() for stamp_ns in pair.stamps_ns]
-    step = _StepCounter(len(schedule) + len(pairs), progress)
+    total, numbers = len(schedule) + len(pairs), count(1)
     types = {source.name: source.type for source in sources}
     content = ContentHash(types, sequence.start_ns)
+
+    def step() -> None:
+        if progress is not None:
+            progress(next(numbers), total)
 
     def render(entry: tuple[int, TopicSource]) -> Message:
         time_ns, source = entry
@@ -242,18 +243,6 @@ def _disparities(
             parts = scale / render_depth(scene.room, camera, pose) + np.float32(0.5)
             yield name, stamp_ns, parts.astype(np.uint16)
             step()
-
-
-class _StepCounter:
-    """Counts steps and reports progress."""
-
-    def __init__(self, total: int, progress: Progress | None) -> None:
-        self._done, self._total, self._progress = 0, total, progress
-
-    def __call__(self) -> None:
-        self._done += 1
-        if self._progress is not None:
-            self._progress(self._done, self._total)
 
 
 def _map_in_order(

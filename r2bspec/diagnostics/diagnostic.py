@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from enum import StrEnum
+from typing import TypedDict, Unpack
 
 import msgspec
 
@@ -64,6 +65,15 @@ class Edit(msgspec.Struct, frozen=True, gc=False):
     text: str
 
 
+class DiagnosticParts(TypedDict, total=False):
+    """What a diagnostic may have besides its message, place and help."""
+
+    path: Path
+    related: tuple[Related, ...]
+    edit: Edit | None
+    certainty: Certainty
+
+
 class Diagnostic(msgspec.Struct, frozen=True, gc=False):
     """One problem: its code, severity, message, place, and how to fix it.
 
@@ -84,6 +94,18 @@ class Diagnostic(msgspec.Struct, frozen=True, gc=False):
     related: tuple[Related, ...] = ()
     edit: Edit | None = None
     certainty: Certainty = Certainty.CERTAIN
+
+    @classmethod
+    def error(
+        cls,
+        code: str,
+        message: str,
+        span: Span,
+        help_text: str = "",
+        **parts: Unpack[DiagnosticParts],
+    ) -> Diagnostic:
+        """An error."""
+        return cls(code, Severity.ERROR, message, span, help=help_text, **parts)
 
     @property
     def sort_key(self) -> tuple[str, int, int, str, str]:

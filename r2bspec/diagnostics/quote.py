@@ -13,6 +13,13 @@ from itertools import islice
 _MAX_CANDIDATES = 1000
 _MAX_NAME_LENGTH = 100
 
+MAX_LISTED_NAMES = 8
+"""The maximum number of names in a message."""
+
+MAX_SUGGESTIONS = 50
+"""The maximum number of findings of a rule for which close names are searched. A search takes time,
+and many errors of one kind usually have one cause."""
+
 MAX_SHOWN_CHARS = 60
 """The most characters of a value that a message shows."""
 
@@ -53,6 +60,12 @@ def did_you_mean(wrong: str, known: Iterable[str]) -> str:
     return _closest(wrong, tuple(islice(known, _MAX_CANDIDATES)))
 
 
+def unknown_name_help(wrong: str, known: Iterable[str], otherwise: str) -> str:
+    """Help for an unknown name: the most similar known one, if any, and what is said otherwise."""
+    close = did_you_mean(wrong, known)
+    return f"did you mean '{close}'? {otherwise}" if close else otherwise
+
+
 @lru_cache(maxsize=200)  # many specs name the same thing that is not installed
 def _closest(wrong: str, known: tuple[str, ...]) -> str:
     import difflib
@@ -60,3 +73,33 @@ def _closest(wrong: str, known: tuple[str, ...]) -> str:
     by_fold = {name.casefold(): name for name in known}
     close = difflib.get_close_matches(wrong.casefold(), by_fold, n=1, cutoff=0.6)
     return by_fold[close[0]] if close else ""
+
+
+def quoted_list(names: Iterable[str], last: str = "and") -> str:
+    """``'a', 'b' and 'c'``; a long list is cut and ends with the number of omitted names."""
+    quoted = [quote(name) for name in dict.fromkeys(names)]
+    if len(quoted) > MAX_LISTED_NAMES:
+        return (
+            f"{', '.join(quoted[:MAX_LISTED_NAMES])} {last} {len(quoted) - MAX_LISTED_NAMES} more"
+        )
+    return f" {last} ".join([", ".join(quoted[:-1]), quoted[-1]]) if quoted[1:] else "".join(quoted)
+
+
+def suggestion(wrong: str, known: Iterable[str], what: str) -> str:
+    """The help for an unknown name: the known name that is close, or else all known names.
+
+    Args:
+        wrong: the unknown name.
+        known: the known names.
+        what: what they are, such as ``published topics``.
+    """
+    names = sorted(set(known))
+    close = did_you_mean(wrong, names)
+    if close:
+        return f"did you mean {quote(close)}?"
+    return f"{what}: {quoted_list(names)}" if names else ""
+
+
+def pluralize(number: int, noun: str) -> str:
+    """``1 message``, ``3,000 messages``."""
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"

@@ -80,7 +80,9 @@ def apply_waivers(
     for file, text in texts.items():
         waivers += islice(waivers_in(text, file), MAX_WAIVERS + 1)
         if len(waivers) > MAX_WAIVERS or _has_too_many_comments(text):
-            return [*found, _too_many(Span.of_file(file))]
+            message = f"more than {MAX_WAIVERS:,} waivers; none of them has an effect"
+            place = Span.of_file(file)
+            return [*found, Diagnostic.error(TOO_LARGE, message, place, "correct what they waive")]
     if not waivers:
         return found
     slugs = known()
@@ -94,9 +96,11 @@ def apply_waivers(
             left.append(one)
             continue
         used.add(key)
-        if _is_waivable(one):
-            continue
-        left += [one, _not_waivable(usable[key])]
+        if one.severity is Severity.ERROR and _UNREADABLE_CODE.match(one.code):
+            waiver = usable[key]
+            message = f"{waiver.written} cannot be waived: it leaves no spec that could run"
+            help_text = "fix the error and remove the waiver"
+            left += [one, _warning(NOT_WAIVABLE, message, waiver, help_text)]
     for waiver in waivers:
         if len(left) >= MAX_FINDINGS:
             break
@@ -121,16 +125,6 @@ def effective_waivers(texts: Mapping[str, str], slugs: Mapping[str, str]) -> Ite
 
 def _has_too_many_comments(text: str) -> bool:
     return next(islice(_COMMENT.finditer(text), MAX_WAIVERS, None), None) is not None
-
-
-def _too_many(place: Span) -> Diagnostic:
-    return Diagnostic(
-        TOO_LARGE,
-        Severity.ERROR,
-        f"more than {MAX_WAIVERS:,} waivers; none of them has an effect",
-        place,
-        help="correct what they waive",
-    )
 
 
 def may_contain_waiver(text: str) -> bool:
@@ -211,10 +205,6 @@ def _value_spans(text: str) -> _SpanSet:
     return places
 
 
-def _is_waivable(found: Diagnostic) -> bool:
-    return found.severity is not Severity.ERROR or not _UNREADABLE_CODE.match(found.code)
-
-
 def _with_code(waiver: Waiver, slugs: Mapping[str, str]) -> Waiver:
     """The waiver with the code that it names by number or by slug."""
     code = waiver.written.upper()
@@ -228,43 +218,20 @@ def _check_waiver(
     waiver: Waiver, slugs: Mapping[str, str], *, unused: bool
 ) -> Iterator[Diagnostic]:
     if not waiver.written:
-        yield _warning(
-            WAIVER_WITHOUT_REASON,
-            "this waiver names no code",
-            waiver,
-            f"write '{_WAIVER_SYNTAX}'",
-        )
+        message = "this waiver names no code"
+        yield _warning(WAIVER_WITHOUT_REASON, message, waiver, f"write '{_WAIVER_SYNTAX}'")
     elif not waiver.code:
         close = did_you_mean(waiver.written, (*slugs, *slugs.values()))
-        yield _warning(
-            UNKNOWN_CODE,
-            f"unknown code {quote(waiver.written)}: this waiver has no effect",
-            waiver,
-            f"did you mean {close}? " * bool(close) + "'r2bspec explain' lists all codes",
-        )
+        message = f"unknown code {quote(waiver.written)}: this waiver has no effect"
+        help_text = f"did you mean {close}? " * bool(close) + "'r2bspec explain' lists all codes"
+        yield _warning(UNKNOWN_CODE, message, waiver, help_text)
     elif not waiver.reason:
-        yield _warning(
-            WAIVER_WITHOUT_REASON,
-            f"the waiver of {waiver.written} has no effect: it gives no reason",
-            waiver,
-            f"add the reason after the brackets: '{_WAIVER_SYNTAX}'",
-        )
+        message = f"the waiver of {waiver.written} has no effect: it gives no reason"
+        help_text = f"add the reason after the brackets: '{_WAIVER_SYNTAX}'"
+        yield _warning(WAIVER_WITHOUT_REASON, message, waiver, help_text)
     elif unused and not _MACHINE_DEPENDENT.match(waiver.code):
-        yield _warning(
-            UNUSED_WAIVER,
-            f"unused waiver: its line has no finding {waiver.written}",
-            waiver,
-            "remove it",
-        )
-
-
-def _not_waivable(waiver: Waiver) -> Diagnostic:
-    return _warning(
-        NOT_WAIVABLE,
-        f"{waiver.written} cannot be waived: it leaves no spec that could run",
-        waiver,
-        "fix the error and remove the waiver",
-    )
+        message = f"unused waiver: its line has no finding {waiver.written}"
+        yield _warning(UNUSED_WAIVER, message, waiver, "remove it")
 
 
 def _warning(code: str, message: str, waiver: Waiver, help_text: str) -> Diagnostic:

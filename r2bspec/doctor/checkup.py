@@ -34,11 +34,16 @@ class CheckResult(msgspec.Struct, frozen=True):
 
 
 def advised(
-    topic: str, name: str, found: str, advice: str, data: dict[str, Any] | None = None
+    topic: str,
+    name: str,
+    found: str,
+    advice: str,
+    data: dict[str, Any] | None = None,
+    *,
+    otherwise: Status = "warn",
 ) -> CheckResult:
-    """The result of a check that warns where there is something to do, and is fine otherwise."""
-    status: Status = "warn" if advice else "ok"
-    return CheckResult(topic, name, status, found, advice=advice, data=data or {})
+    """The result of a check that is fine unless there is something to do."""
+    return CheckResult(topic, name, otherwise if advice else "ok", found, advice, data or {})
 
 
 @dataclass(frozen=True)

@@ -42,8 +42,7 @@ def check_ros(system: System) -> list[CheckResult]:
     if "error" in found:
         advice = _advice(system, found["error"])
         said = _RCL_PLACE.sub("", _RCL_PREFIX.sub("", found["error"]))
-        checks.append(CheckResult(_ROS, "rclpy", "problem", said, advice=advice))
-        return checks
+        return [*checks, advised(_ROS, "rclpy", said, advice, otherwise="problem")]
     return [
         *checks,
         _client_library(found["seconds"], found["file"]),
@@ -193,6 +192,5 @@ def check_native(system: System) -> list[CheckResult]:
         program = harness_program(system.environ)
     except BuildError as error:
         found = str(error).splitlines()[0]
-        return [CheckResult(_NATIVE, "build", "problem", found, advice=error.hint)]
-    data = {"program": str(program)}
-    return [CheckResult(_NATIVE, "build", "ok", str(program), data=data)]
+        return [CheckResult(_NATIVE, "build", "problem", found, error.hint)]
+    return [advised(_NATIVE, "build", str(program), "", {"program": str(program)})]

@@ -263,14 +263,10 @@ def _living(found: Leftovers) -> CheckResult:
 
 def _orphans(found: Leftovers) -> CheckResult:
     shown = [f"{each.name} ({each.pid})" for each in found.orphans]
-    return CheckResult(
-        _RUNS,
-        "lost processes",
-        "problem" if shown else "ok",
-        _shortened(shown),
-        advice=f"their runs are dead, yet they take processor time; {_CLEAN}" if shown else "",
-        data={"pids": [each.pid for each in found.orphans]},
-    )
+    advice = f"their runs are dead, yet they take processor time; {_CLEAN}" if shown else ""
+    data = {"pids": [orphan.pid for orphan in found.orphans]}
+    text = _shortened(shown)
+    return advised(_RUNS, "lost processes", text, advice, data, otherwise="problem")
 
 
 def _segments(found: Leftovers) -> CheckResult:

@@ -129,45 +129,30 @@ def check_shared_memory(system: System) -> list[CheckResult]:
     middleware = middleware_of(system.environ)
     if not middleware.uses_shared_memory:
         found = f"not used by a run with {middleware.name}"
-        return [CheckResult(_SHARED_MEMORY, "size", "ok", found)]
+        return [advised(_SHARED_MEMORY, "size", found, "")]
     try:
         usage = shutil.disk_usage(system.shared_memory)
     except OSError as error:
-        return [
-            CheckResult(
-                _SHARED_MEMORY,
-                "size",
-                "problem",
-                f"{system.shared_memory}: {error.strerror or error}",
-                advice="mount a tmpfs there, or state transport: udp",
-            )
-        ]
+        found = f"{system.shared_memory}: {error.strerror or error}"
+        advice = "mount a tmpfs there, or state transport: udp"
+        return [advised(_SHARED_MEMORY, "size", found, advice, otherwise="problem")]
     room = {name: usage.free // _segment_bytes(middleware, size) for name, size in _SIZES}
-    status = _status(usage.free, _PARTICIPANTS * _segment_bytes(middleware, 0), room)
-    return [
-        CheckResult(
-            _SHARED_MEMORY,
-            "size",
-            status,
-            f"{show(usage.free, 'B')} free of {show(usage.total, 'B')}: room for "
-            + ", ".join(f"{_processes(count)} at {name}" for name, count in room.items()),
-            advice=""
-            if status == "ok"
-            else f"sudo mount -o remount,size=2G {system.shared_memory} (in a container: "
-            "--shm-size=2g), or state transport: udp",
-            data={"free_bytes": usage.free, "total_bytes": usage.total, "processes": room},
-        )
-    ]
+    status: Status = "ok" if min(room.values()) >= _PARTICIPANTS else "warn"
+    if usage.free < _PARTICIPANTS * _segment_bytes(middleware, 0):
+        status = "problem"
+    room_text = ", ".join(f"{_processes(count)} at {name}" for name, count in room.items())
+    found = f"{show(usage.free, 'B')} free of {show(usage.total, 'B')}: room for {room_text}"
+    advice = (
+        f"sudo mount -o remount,size=2G {system.shared_memory} (in a container: "
+        "--shm-size=2g), or state transport: udp"
+    )
+    data = {"free_bytes": usage.free, "total_bytes": usage.total, "processes": room}
+    advice = "" if status == "ok" else advice
+    return [advised(_SHARED_MEMORY, "size", found, advice, data, otherwise=status)]
 
 
 def _segment_bytes(middleware: Middleware, message_bytes: int) -> int:
     return middleware.segment_bytes(Transport("shared_memory", message_bytes))
-
-
-def _status(free: int, required: int, room: dict[str, int]) -> Status:
-    if free < required:
-        return "problem"
-    return "ok" if min(room.values()) >= _PARTICIPANTS else "warn"
 
 
 def _processes(count: int) -> str:
@@ -196,7 +181,7 @@ def _buffer(
     limit = read_int(system.proc / "sys/net/core" / name)
     title = f"{direction} buffers"
     if limit is None:
-        return CheckResult(_NETWORK, title, "ok", "not told by this kernel")
+        return advised(_NETWORK, title, "not told by this kernel", "")
     data = {f"net.core.{name}": limit, "wanted": requested}
     if limit >= requested:
         return advised(_NETWORK, title, f"up to {show(limit, 'B')}", "", data)
@@ -212,15 +197,8 @@ def _loopback(system: System) -> list[CheckResult]:
     flags = read_text(system.sys / "class/net/lo/flags")
     if flags is None or int(flags, 16) & _IFF_UP:
         return []
-    return [
-        CheckResult(
-            _NETWORK,
-            "loopback",
-            "problem",
-            "the device lo is down",
-            advice="discovery runs over it; sudo ip link set lo up",
-        )
-    ]
+    found, advice = "the device lo is down", "discovery runs over it; sudo ip link set lo up"
+    return [advised(_NETWORK, "loopback", found, advice, otherwise="problem")]
 
 
 _DATASETS = "datasets"
@@ -234,54 +212,35 @@ def check_datasets(system: System, cache: Path | None = None) -> list[CheckResul
     checks = [_cache(cache or datasets_dir())]
     named = system.environ.get("R2B_DATASETS")
     if named and not Path(named).is_dir():
-        checks.append(
-            CheckResult(
-                _DATASETS,
-                "recorded",
-                "problem",
-                f"R2B_DATASETS is {named}, which is not a folder",
-                advice="correct it, or unset it to use synthetic datasets",
-            )
-        )
+        found = f"R2B_DATASETS is {named}, which is not a folder"
+        advice = "correct it, or unset it to use synthetic datasets"
+        checks.append(advised(_DATASETS, "recorded", found, advice, otherwise="problem"))
     return checks
 
 
 def _cache(folder: Path) -> CheckResult:
-    entries = [each for each in _entries(folder) if not each.name.startswith(".")]
+    entries = []
+    with contextlib.suppress(OSError):
+        entries = [entry for entry in folder.iterdir() if not entry.name.startswith(".")]
     size = sum(_size(each) for each in entries)
-    free = shutil.disk_usage(_nearest_existing_folder(folder)).free
+    # The nearest parent that exists is on the same disk.
+    existing = next(place for place in (folder, *folder.parents) if place.exists())
+    free = shutil.disk_usage(existing).free
     data = {"path": str(folder), "entries": len(entries), "bytes": size, "free_bytes": free}
     used = f"{show(size, 'B')} in {len(entries)} datasets" if entries else "empty"
-    too_little = free < _MIN_FREE_BYTES
-    return CheckResult(
-        _DATASETS,
-        "cache",
-        "warn" if too_little else "ok",
-        f"{used}, {show(free, 'B')} free; {folder}",
-        advice="remove synthetic datasets, which are created again when needed, "
+    advice = (
+        "remove synthetic datasets, which are created again when needed, "
         "or select another disk with XDG_CACHE_HOME"
-        if too_little
-        else "",
-        data=data,
+        if free < _MIN_FREE_BYTES
+        else ""
     )
-
-
-def _entries(folder: Path) -> list[Path]:
-    try:
-        return sorted(folder.iterdir())
-    except OSError:
-        return []
+    return advised(_DATASETS, "cache", f"{used}, {show(free, 'B')} free; {folder}", advice, data)
 
 
 def _size(path: Path) -> int:
     """The bytes of a file, or of all files in a folder; files that disappear count 0."""
     total = 0
-    for each in (path, *path.rglob("*")):
+    for file in (path, *path.rglob("*")):
         with contextlib.suppress(OSError):
-            total += each.stat().st_size if each.is_file() else 0
+            total += file.stat().st_size if file.is_file() else 0
     return total
-
-
-def _nearest_existing_folder(folder: Path) -> Path:
-    """The nearest existing parent, which is on the same disk."""
-    return next(each for each in (folder, *folder.parents) if each.exists())

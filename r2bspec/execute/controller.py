@@ -20,7 +20,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from r2bspec.check.installed_packages import find_module
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.bringup.harness_processes import build_join_files
 from r2bspec.execute.bringup.launcher import Launcher, message_packages
@@ -38,6 +37,7 @@ from r2bspec.execute.fill_buffers import ResolvedDataset, buffer_bags, obtain_da
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.execute.identity.loaded_files import LoadedFiles
 from r2bspec.execute.measurement.measurement import Measurement
+from r2bspec.execute.processes.elf import require_joinable
 from r2bspec.execute.processes.environment import (
     MODULES_FOLDER,
     RunEnvironment,
@@ -47,7 +47,6 @@ from r2bspec.execute.processes.environment import (
 from r2bspec.execute.processes.machine import describe_machine, describe_versions, unwritable_log
 from r2bspec.execute.processes.prerequisites import (
     check_middleware,
-    require_joinable,
     reserved_domain,
     resolve_argv,
 )
@@ -74,6 +73,7 @@ from r2bspec.measure.run_samples import HostSamples, run_samples
 from r2bspec.measure.samples import RunSamples
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import Plan
+from r2bspec.plan.this_machine import find_module
 from r2bspec.record.files import RecordError
 from r2bspec.record.graph_identity import GraphIdentity, write_loaded_files
 from r2bspec.record.run_folder import RunFolder

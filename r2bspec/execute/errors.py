@@ -130,6 +130,8 @@ class NotJoinableError(CertainRunError):
 class MiddlewareError(UnsupportedError):
     """The plan asks for something that the selected middleware (RMW) cannot be configured for."""
 
+    code = "R2B666"
+
 
 class SecretNotSetError(CertainRunError):
     """The plan refers to a secret that is not in the environment."""

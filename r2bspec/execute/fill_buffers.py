@@ -18,19 +18,13 @@ from typing import Any, Final, NamedTuple
 
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.bag_writer import begins_with_header
 from r2bspec.bags.integrity import hash_files
+from r2bspec.bags.message_types import begins_with_header
 from r2bspec.bags.recording import Message, Window
 from r2bspec.datasets.catalogue import locate
 from r2bspec.datasets.synthesis import make
-from r2bspec.execute.bringup.find_fault import fault_report, find_faults
-from r2bspec.execute.bringup.graph_matching import (
-    expected_subscriptions,
-    graph_error,
-    graph_observer,
-    subscription_counts,
-    wait_until_matched,
-)
+from r2bspec.execute.bringup.find_fault import find_faults
+from r2bspec.execute.bringup.graph_matching import PhaseGraph
 from r2bspec.execute.bringup.launcher import Launcher, message_packages
 from r2bspec.execute.bringup.observe_graph import (
     TRACE_RATE_HZ,
@@ -38,7 +32,6 @@ from r2bspec.execute.bringup.observe_graph import (
     GraphFacts,
 )
 from r2bspec.execute.bringup.readiness import StartDeadline
-from r2bspec.execute.bringup.spec_mismatches import check_parameters, related_differences
 from r2bspec.execute.errors import DatasetMismatchError, NoOutputError
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.execute.progress import Progress
@@ -236,6 +229,7 @@ def preprocess(
         NoOutputError: a recorded topic has no messages.
         RunError: a process exited, failed, or was not ready in time.
     """
+    graph = PhaseGraph(plan, _PHASE, supervisor, launcher, note)
     processes = [each for each in plan.processes if each.phase == _PHASE]
     recorded = {each.source: each.type for each in plan.inputs if not each.bag_topic}
     read = {
@@ -271,22 +265,20 @@ def preprocess(
     supervisor.request(loader, protocol.Subscribe(), protocol.Matched, 10.0)
     # An input that is also played as recorded may have no subscription here.
     wanted = {
-        topic: expected_subscriptions(plan, topic, _PHASE)
+        topic: graph.expected_subscriptions(topic)
         for topic in sources
         if read.get(topic) or topic not in {*played, TF}
     }
-    wanted |= dict.fromkeys(recorded, 1) | subscription_counts(launcher, transforms)
+    wanted |= dict.fromkeys(recorded, 1) | graph.subscription_counts(transforms)
     between = _expected_subscriptions_by_host(zip(nodes, others, strict=True), launcher, recorded)
-    wait_until_matched(
-        supervisor, launcher, {loader: wanted} | between, plan, _PHASE, deadline, note
-    )
-    check_parameters(plan, _PHASE, supervisor, loader, launcher.differences, note)
+    graph.wait_until_matched({loader: wanted} | between, deadline)
+    graph.check_parameters(loader)
     load = protocol.Load(
         max_output_gap_ns=plan.drain_timeout_ns,
         real_time=any(dataset.real_time for dataset in datasets),
     )
     loaded = supervisor.request(loader, load, protocol.Loaded, _LOAD_TIMEOUT_S)
-    _check_outputs(plan, supervisor, launcher, loader, loaded, buffer_dir, note)
+    _check_outputs(graph, loader, loaded, buffer_dir)
     supervisor.end([loader, *nodes])
 
 
@@ -312,28 +304,20 @@ def _expected_subscriptions_by_host(
 
 
 def _check_outputs(
-    plan: Plan,
-    supervisor: ProcessSupervisor,
-    launcher: Launcher,
-    loader: ManagedProcess,
-    loaded: protocol.Loaded,
-    buffer_dir: Path,
-    note: Callable[[str], None],
+    graph: PhaseGraph, loader: ManagedProcess, loaded: protocol.Loaded, buffer_dir: Path
 ) -> None:
     """Compare the number of output messages with the number of input messages."""
     silent = [topic for topic, count in loaded.recorded.items() if count == 0]
     published = ", ".join(f"{topic}: {count} messages" for topic, count in loaded.published.items())
     if silent:
-        facts = _trace_messages(plan, supervisor, launcher, loader, buffer_dir)
-        faults = find_faults(facts, silent)
-        also = related_differences(faults, launcher.differences)
-        raise graph_error(
-            launcher,
-            faults,
+        facts = _trace_messages(graph, loader, buffer_dir)
+        raise graph.error(
+            facts,
+            find_faults(facts, silent),
+            silent,
             f"no messages on {', '.join(silent)}",
-            fault_report(facts, silent, faults, also),
+            f"The loader published the input of the preprocessors ({published}).",
             otherwise=NoOutputError,
-            hint=f"The loader published the input of the preprocessors ({published}).",
         )
     # An output made from several inputs has at most as many messages as the shortest one.
     sent = min(
@@ -341,17 +325,12 @@ def _check_outputs(
     )
     for topic, count in loaded.recorded.items():
         if count < sent:
-            note(f"{topic}: the preprocessors published {count} messages for {sent} inputs")
+            graph.note(f"{topic}: the preprocessors published {count} messages for {sent} inputs")
 
 
-def _trace_messages(
-    plan: Plan,
-    supervisor: ProcessSupervisor,
-    launcher: Launcher,
-    loader: ManagedProcess,
-    rows_dir: Path,
-) -> GraphFacts:
+def _trace_messages(graph: PhaseGraph, loader: ManagedProcess, rows_dir: Path) -> GraphFacts:
     """Publish some messages again, and count the messages on each topic."""
+    launcher = graph.launcher
     monitor = launcher.start(
         ProcessPlan(name="monitor", role="monitor", phase=_PHASE, argv=NATIVE_ARGV, env={})
     )
@@ -359,6 +338,6 @@ def _trace_messages(
 
     def play() -> None:
         command = protocol.Play(rate_hz=TRACE_RATE_HZ, steps=TRACE_STEPS)
-        supervisor.request(loader, command, protocol.Played, _PLAY_TIMEOUT_S)
+        graph.supervisor.request(loader, command, protocol.Played, _PLAY_TIMEOUT_S)
 
-    return graph_observer(supervisor, launcher, plan, _PHASE, monitor).trace(rows_dir, play)
+    return graph.observer(monitor).trace(rows_dir, play)

@@ -32,13 +32,7 @@ from typing import Any
 
 import msgspec
 
-from r2bspec.execute.bringup.graph_matching import (
-    MonitorSubscriptions,
-    expected_subscriptions,
-    subscription_counts,
-    wait_for_mutual_discovery,
-    wait_until_matched,
-)
+from r2bspec.execute.bringup.graph_matching import MonitorSubscriptions, PhaseGraph
 from r2bspec.execute.bringup.harness_processes import (
     GraphHarness,
     GraphJoins,
@@ -55,7 +49,6 @@ from r2bspec.execute.bringup.readiness import (
     wait_for_external,
     wait_for_probe,
 )
-from r2bspec.execute.bringup.spec_mismatches import check_parameters
 from r2bspec.execute.build_schedule import build_schedule
 from r2bspec.execute.errors import (
     GraphMismatchError,
@@ -149,6 +142,7 @@ class Session:
         self._context = context
         self._supervisor = context.supervisor
         self._launcher = launcher
+        self._graph = PhaseGraph(plan, MEASURE_PHASE, context.supervisor, launcher, context.note)
         self._buffer_dir = context.buffer_dir
         self.rows_dir = context.scratch / f"rows-{start}"
         self.start = start
@@ -224,8 +218,7 @@ class Session:
         self._connect_graph(player, monitor, observer, deadline)
         segment_player = self.player = self._segment_player(player, observer)
         silent_outputs = self._silent_outputs = SilentOutputs(
-            *(self._plan, MEASURE_PHASE, self._context, self._launcher),
-            *(self.rows_dir, monitor, segment_player),
+            self._graph, self._context, self.rows_dir, monitor, segment_player
         )
         with deadline.paused():
             self._wait_until_ready(observer)
@@ -436,27 +429,18 @@ class Session:
         watched += [tap.topic for tap in all_taps(plan.monitors)]
         expected = {monitor: dict.fromkeys(watched, 1)}
         if player is not None:
-            transforms = subscription_counts(self._launcher, buffered_transforms(self._buffer_dir))
+            transforms = self._graph.subscription_counts(buffered_transforms(self._buffer_dir))
             if TF_STATIC in transforms:
                 expected[observer] = {TF_STATIC: transforms.pop(TF_STATIC)}
             expected[player] = transforms | {
-                source.topic: expected_subscriptions(plan, source.topic, MEASURE_PHASE)
+                source.topic: self._graph.expected_subscriptions(source.topic)
                 for source in plan.inputs
             }
         with supervisor.waiting("endpoints: matched"):
-            wait_until_matched(
-                supervisor,
-                self._launcher,
-                expected,
-                plan,
-                MEASURE_PHASE,
-                deadline,
-                self._context.note,
-                subscriptions.update,
-            )
+            self._graph.wait_until_matched(expected, deadline, subscriptions.update)
         ends = [(source.topic, source.type, "publishes") for source in plan.inputs]
         ends += [(watch.topic, watch.type, "subscribes") for watch in monitors]
-        wait_for_mutual_discovery(supervisor, self._launcher, ends)
+        self._graph.wait_for_mutual_discovery(ends)
 
     def _segment_player(
         self, player: ManagedProcess | None, observer: ManagedProcess
@@ -488,14 +472,7 @@ class Session:
             self._enter(RunState.AFTER_READY, "running the after_ready steps")
             for step in plan.after_ready:
                 self._launcher.run_step(step)
-        check_parameters(
-            plan,
-            MEASURE_PHASE,
-            self._supervisor,
-            observer,
-            self._launcher.differences,
-            context.note,
-        )
+        self._graph.check_parameters(observer)
 
     def _warm_up(
         self, segment_player: SegmentPlayer, silent_outputs: SilentOutputs, deadline: StartDeadline

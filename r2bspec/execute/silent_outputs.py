@@ -10,23 +10,14 @@ from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from r2bspec.execute.bringup.find_fault import (
-    certain_topics,
-    fault_report,
-    find_faults,
-    full_path,
-    path_lines,
-    unmatched,
-)
-from r2bspec.execute.bringup.graph_matching import graph_error, graph_observer, remapped_topics
-from r2bspec.execute.bringup.launcher import Launcher
+from r2bspec.execute.bringup.find_fault import certain_topics, find_faults, full_path, path_lines
+from r2bspec.execute.bringup.graph_matching import PhaseGraph
 from r2bspec.execute.bringup.observe_graph import TRACE_RATE_HZ, TRACE_STEPS, GraphFacts
-from r2bspec.execute.bringup.spec_mismatches import related_differences
 from r2bspec.execute.errors import NoOutputError
 from r2bspec.execute.measurement.segments import SegmentPlayer
 from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.run_context import RunContext
-from r2bspec.plan.plan import MonitorPlan, Plan
+from r2bspec.plan.plan import MonitorPlan
 from r2bspec.record.run_record import OutputGapRecord, Segment
 
 
@@ -35,15 +26,14 @@ class SilentOutputs:
     """Traces the paths of one start.
 
     Attributes:
+        graph: whose outputs they are.
         rows_dir: receives the rows of the player and the monitors.
         monitor: receives what is traced.
         records: outputs that have stopped.
     """
 
-    plan: Plan
-    phase: str
+    graph: PhaseGraph
     context: RunContext
-    launcher: Launcher
     rows_dir: Path
     monitor: ManagedProcess
     segment_player: SegmentPlayer
@@ -64,30 +54,27 @@ class SilentOutputs:
             GraphMismatchError: the graph differs from the plan, so that there never is an output.
             NoOutputError: there is another reason, and `final`.
         """
-        plan, launcher = self.plan, self.launcher
+        graph, plan = self.graph, self.graph.plan
         topics = [monitor.topic for monitor in plan.monitors if monitor.name in silent]
         facts = self._trace()
         faults = find_faults(facts, topics)
         lacking = {fault.topic for fault in faults}
-        remapped = [*remapped_topics(plan, self.phase)]
-        certain = certain_topics(facts, [fault.topic for fault in faults], remapped)
+        certain = certain_topics(facts, lacking, graph.remapped_topics())
         certain |= {fault.topic for fault in faults if fault.kind in {"types", "qos"}}
         if not final and not certain:
             sentences = "; ".join(fault.sentence for fault in faults) or "no fault was found yet"
             self.context.note(f"no messages on {', '.join(topics)} so far: {sentences}")
             return
-        launcher.add_unmatched_remappings(
-            unmatched(facts, [topic for topic in remapped if topic.topic in lacking]), facts
-        )
-        raise graph_error(
-            launcher,
+        graph.add_unmatched_remappings(facts, lacking)
+        raise graph.error(
+            facts,
             faults,
+            topics,
             f"no messages on {', '.join(topics)}",
-            fault_report(facts, topics, faults, related_differences(faults, launcher.differences)),
-            otherwise=NoOutputError,
-            hint="The inputs were played, but the graph published nothing on these topics."
+            "The inputs were played, but the graph published nothing on these topics."
             if plan.inputs
             else "All nodes run, but the source, or a node after it, publishes nothing.",
+            otherwise=NoOutputError,
             certain=certain,
         )
 
@@ -119,16 +106,14 @@ class SilentOutputs:
 
     def _trace(self) -> GraphFacts:
         """Play some steps and count the messages on each topic."""
-        supervisor = self.context.supervisor
-        observer = graph_observer(supervisor, self.launcher, self.plan, self.phase, self.monitor)
 
         def play() -> None:
-            if self.plan.inputs:
+            if self.graph.plan.inputs:
                 self.segment_player.play_unrecorded(TRACE_RATE_HZ, TRACE_STEPS)
             else:
                 # The graph has its own source, which publishes during this time.
-                supervisor.pump_for(TRACE_STEPS / TRACE_RATE_HZ)
+                self.graph.supervisor.pump_for(TRACE_STEPS / TRACE_RATE_HZ)
 
-        facts = observer.trace(self.rows_dir, play)
+        facts = self.graph.observer(self.monitor).trace(self.rows_dir, play)
         self._late = self.segment_player.discard_new_rows()
         return facts

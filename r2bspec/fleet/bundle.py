@@ -19,6 +19,7 @@ from typing import Final
 
 import msgspec
 
+from r2bspec.api import PreparedBenchmark
 from r2bspec.bags.integrity import hash_files
 from r2bspec.execute.processes.environment import texts
 from r2bspec.fleet.errors import BundleTooLargeError
@@ -107,15 +108,6 @@ class Job(msgspec.Struct, frozen=True, kw_only=True):
 
 
 @dataclass(frozen=True)
-class SentSide:
-    """A benchmark to be sent: its plan, its folder, and its resolved spec (empty for a plan)."""
-
-    plan: Plan
-    base_dir: Path
-    spec_text: str
-
-
-@dataclass(frozen=True)
 class Bundle:
     """What travels of one or two benchmarks.
 
@@ -132,7 +124,7 @@ class Bundle:
     recordings: tuple[SentRecording, ...]
 
 
-def make_bundle(sides: Sequence[SentSide]) -> Bundle:
+def make_bundle(sides: Sequence[PreparedBenchmark]) -> Bundle:
     """Collect what the plans name.
 
     Raises:
@@ -228,7 +220,7 @@ class _Recording:
         return sorted(file for file in self.source.rglob("*") if file.is_file())
 
 
-def _recordings(side: SentSide) -> Iterator[_Recording]:
+def _recordings(side: PreparedBenchmark) -> Iterator[_Recording]:
     """The recordings of a plan; hosts make synthetic ones themselves."""
     from r2bspec.datasets.catalogue import locate
 

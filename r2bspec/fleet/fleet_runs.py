@@ -27,11 +27,12 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
+from r2bspec.api import PreparedBenchmark
 from r2bspec.compare.history import open_history
 from r2bspec.compare.history_gate import add_to_history, baseline_from_history, write_baseline
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.identity.identify_graph import graph_identity
-from r2bspec.fleet.bundle import Bundle, Job, SentSide, make_bundle
+from r2bspec.fleet.bundle import Bundle, Job, make_bundle
 from r2bspec.fleet.client import FleetClient
 from r2bspec.fleet.errors import (
     HostFullError,
@@ -74,13 +75,13 @@ class FleetRun:
 
     name: str
     folder: Path
-    head: SentSide
+    head: PreparedBenchmark
     hosts: frozenset[str]
-    base: SentSide | None = None
+    base: PreparedBenchmark | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
 
     @property
-    def sides(self) -> list[SentSide]:
+    def sides(self) -> list[PreparedBenchmark]:
         """What is sent."""
         return [self.head] if self.base is None else [self.head, self.base]
 
@@ -146,43 +147,30 @@ class _HostLoop:
     answer: concurrent.futures.Future[Any] | None = None
 
 
+@dataclass(eq=False)
 class FleetRuns:
-    """Makes the runs of one suite."""
+    """Makes the runs of one suite.
 
-    def __init__(
-        self,
-        client: FleetClient,
-        root: Path,
-        journal: Journal,
-        limits: FleetLimits,
-        on_note: Callable[[str], None],
-        on_tick: Callable[[list[RunStatus], Mapping[str, Host]], None],
-        history: FleetHistory | None = None,
-    ) -> None:
-        """Begin.
+    Attributes:
+        root: the folder of the suite.
+        on_note: is told of losses and repetitions, in a line.
+        on_tick: is told every second what runs and hosts do.
+        history: judges runs, too.
+    """
 
-        Args:
-            client: of the fleet.
-            root: the folder of the suite.
-            journal: of the suite.
-            limits: of patience.
-            on_note: is told of losses and repetitions, in a line.
-            on_tick: is told every second what runs and hosts do.
-            history: judges runs, too.
-        """
-        self._client = client
-        self._root = root
-        self._journal = journal
-        self._limits = limits
-        self._on_note = on_note
-        self._on_tick = on_tick
-        self._history = history
-        self._entries: list[_Entry] = []
-        self._waiting: list[_Entry] = []
-        self._loops: dict[str, _HostLoop] = {}
-        self._answered: queue.Queue[_HostLoop] = queue.Queue()
-        self._ended: deque[Ended] = deque()
-        self._looked = 0.0
+    client: FleetClient
+    root: Path
+    journal: Journal
+    limits: FleetLimits
+    on_note: Callable[[str], None]
+    on_tick: Callable[[list[RunStatus], Mapping[str, Host]], None]
+    history: FleetHistory | None = None
+    _entries: list[_Entry] = field(default_factory=list)
+    _waiting: list[_Entry] = field(default_factory=list)
+    _loops: dict[str, _HostLoop] = field(default_factory=dict)
+    _answered: queue.Queue[_HostLoop] = field(default_factory=queue.Queue)
+    _ended: deque[Ended] = field(default_factory=deque)
+    _looked: float = 0.0
 
     def play(self, runs: Sequence[FleetRun]) -> Generator[Ended, None, None]:
         """Make the runs; each is yielded when it has ended, in whatever order.
@@ -221,35 +209,31 @@ class FleetRuns:
     def _look_after_hosts(self) -> None:
         """Begin loops of hosts that came, end those of hosts that left, give up runs."""
         now = time.monotonic()
-        if now - self._looked < max(_POLL_S, len(self._client.hosts) / _POLLS_A_SECOND):
+        if now - self._looked < max(_POLL_S, len(self.client.hosts) / _POLLS_A_SECOND):
             return
-        self._client.refresh()
+        self.client.refresh()
         self._looked = time.monotonic()
-        hosts = self._client.hosts
+        hosts = self.client.hosts
         for loop in list(self._loops.values()):
             present = hosts.get(loop.host.name)
             is_same = present is not None and present.address == loop.host.address
-            if not is_same or loop.connection != self._client.connections:
+            if not is_same or loop.connection != self.client.connections:
                 self._lose(loop, HostLostError(f"the host {loop.host.name} left the fleet"))
         for name, host in hosts.items():
             if name not in self._loops and any(name in entry.hosts for entry in self._waiting):
-                loop = _HostLoop(host, self._client.connections, self._serve(host))
+                loop = _HostLoop(host, self.client.connections, self._serve(host))
                 self._loops[name] = loop
                 self._step(loop, loop.steps.__next__)
-        self._on_tick(self._states(), hosts)
+        unended = (entry for entry in self._entries if not entry.ended)
+        self.on_tick([RunStatus(entry.run.name, *entry.status) for entry in unended], hosts)
         for entry in list(self._waiting):
             if entry.hosts & set(hosts):
                 entry.since = now
-            elif now - entry.since > self._limits.lost_s:
+            elif now - entry.since > self.limits.lost_s:
                 self._waiting.remove(entry)
                 names = ", ".join(sorted(entry.hosts))
                 text = f"no host that may make the run is in the fleet: {names}"
                 self._end(entry, "", HostLostError(text))
-
-    def _states(self) -> list[RunStatus]:
-        """What every run that has not ended does, in their order."""
-        entries = (entry for entry in self._entries if not entry.ended)
-        return [RunStatus(entry.run.name, *entry.status) for entry in entries]
 
     def _go_on(self, loop: _HostLoop) -> None:
         """Give a loop the answer that it waits for."""
@@ -282,7 +266,7 @@ class FleetRuns:
             del self._loops[loop.host.name]
             return
         try:
-            answer = self._client.submit(loop.host, call.method, *call.args)
+            answer = self.client.submit(loop.host, call.method, *call.args)
         except Exception as error:  # a connection that was lost just now
             self._lose(loop, HostLostError(f"the scheduler is lost: {error}"))
             return
@@ -291,7 +275,8 @@ class FleetRuns:
 
     def _serve(self, host: Host) -> Steps:
         """Play one run after the other on a host, until there is none or the host is lost."""
-        while (entry := self._take(host)) is not None:
+        while entry := next((each for each in self._waiting if host.name in each.hosts), None):
+            self._waiting.remove(entry)
             try:
                 if (differs := host.facts.version_error) is not None:
                     raise HostRefusesError(str(differs), hint=differs.hint, code=differs.code)
@@ -308,12 +293,6 @@ class FleetRuns:
                 error = TransferError(f"the run cannot be stored: {crash}")
             self._end(entry, host.name, error)
 
-    def _take(self, host: Host) -> _Entry | None:
-        entry = next((entry for entry in self._waiting if host.name in entry.hosts), None)
-        if entry is not None:
-            self._waiting.remove(entry)
-        return entry
-
     def _play_on(self, host: Host, entry: _Entry) -> Steps:
         """Make a run on a host, again if it is invalid; returns why it failed, or None.
 
@@ -327,19 +306,19 @@ class FleetRuns:
             played: Played = yield from self._play_and_fetch(host, entry, job)
             error = played.problem.error if played.problem is not None else None
             again = self._is_made_again(entry, played)
-            if self._history is not None and error is None and not again:
-                yield from self._judge_by_history(host, entry, self._history)
+            if self.history is not None and error is None and not again:
+                yield from self._judge_by_history(host, entry, self.history)
             state: State = "invalid" if again else "failed" if error is not None else "done"
             self._write(entry, host, state, job.identity, str(error or played.outcome))
             with contextlib.suppress(R2bspecError):  # a host that is lost drops it later
                 yield Call(HostService.drop, (job.identity,))
             if not again:
                 return error
-            self._on_note(f"{entry.run.name} on {host.name} is invalid and made again")
+            self.on_note(f"{entry.run.name} on {host.name} is invalid and made again")
             entry.attempt += 1
 
     def _is_made_again(self, entry: _Entry, played: Played) -> bool:
-        return played.outcome == _INVALID and entry.attempt <= self._limits.retry_invalid
+        return played.outcome == _INVALID and entry.attempt <= self.limits.retry_invalid
 
     def _play_and_fetch(self, host: Host, entry: _Entry, job: Job) -> Steps:
         """Have a job played and its folder here, whatever the host removed for other clients.
@@ -364,7 +343,7 @@ class FleetRuns:
                     folder = folder.with_name(f"{folder.name}.invalid-{entry.attempt}")
                 if played.size:
                     entry.status = (host.name, "being fetched")
-                    yield from fetch(host, job.identity, played, self._root, folder)
+                    yield from fetch(host, job.identity, played, self.root, folder)
             except TransferError:
                 if number == MAX_TRANSFERS - 1:
                     raise
@@ -391,7 +370,7 @@ class FleetRuns:
     def _job(self, entry: _Entry, host: str) -> Job:
         run, bundle = entry.run, entry.bundle
         words = (
-            *(self._journal.suite, run.folder.relative_to(self._root), host, entry.attempt),
+            *(self.journal.suite, run.folder.relative_to(self.root), host, entry.attempt),
             *(bundle.digest, *(plan_hash(side.plan) for side in run.sides), *entry.code),
         )
         return Job(
@@ -410,14 +389,14 @@ class FleetRuns:
         self._write(entry, host, "lost", reason=str(lost))
         entry.losses += 1
         entry.since = time.monotonic()
-        if entry.losses > self._limits.losses:
+        if entry.losses > self.limits.losses:
             text = f"the host of the run left the fleet {entry.losses} times, {host.name} at last"
             hint = "The run may take more memory than its host has: try it on that machine alone."
             self._end(entry, host.name, HostLostError(text, hint=hint))
             return
         entry.status = ("", "waiting for a host")
         self._waiting.insert(0, entry)
-        self._on_note(f"{host.name} is lost; {entry.run.name} will be made again")
+        self.on_note(f"{host.name} is lost; {entry.run.name} will be made again")
 
     def _refuse(self, entry: _Entry, host: Host, error: R2bspecError) -> None:
         """Let another host make a run, if there is one."""
@@ -425,7 +404,7 @@ class FleetRuns:
         state: State = "full" if isinstance(error, HostFullError) else "refused"
         self._write(entry, host, state, reason=str(error))
         if entry.hosts:
-            self._on_note(f"{host.name}: {error}")
+            self.on_note(f"{host.name}: {error}")
             entry.status = ("", "waiting for a host")
             self._waiting.insert(0, entry)
         elif len(entry.refused) == 1:
@@ -441,8 +420,8 @@ class FleetRuns:
     def _write(
         self, entry: _Entry, host: Host, state: State, identity: str = "", reason: str = ""
     ) -> None:
-        self._journal.write(
-            run=str(entry.run.folder.relative_to(self._root)),
+        self.journal.write(
+            run=str(entry.run.folder.relative_to(self.root)),
             host=host.name,
             identity=identity,
             attempt=entry.attempt,

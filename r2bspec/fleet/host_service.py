@@ -18,7 +18,6 @@ import msgspec
 from distributed.diagnostics.plugin import WorkerPlugin
 
 from r2bspec.bags.integrity import hash_files
-from r2bspec.check.this_machine import LABELS_VARIABLE, unmet
 from r2bspec.fleet.bundle import Job, SentFile, digest_of
 from r2bspec.fleet.errors import (
     FleetError,
@@ -41,6 +40,7 @@ from r2bspec.fleet.play_run import (
     RunState,
 )
 from r2bspec.plan.canonical_json import parse_plan
+from r2bspec.plan.this_machine import LABELS_VARIABLE, unmet
 from r2bspec.private_files import user_umask
 from r2bspec.record.files import write_atomically
 

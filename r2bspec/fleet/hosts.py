@@ -10,10 +10,10 @@ from typing import Any, Final, NamedTuple
 import msgspec
 
 from r2bspec._version import __version__
-from r2bspec.check.this_machine import MachineFacts, gpus, ros_distro, unmet
 from r2bspec.errors import R2bspecError
 from r2bspec.fleet.errors import NoHostError, VersionDiffersError
 from r2bspec.plan.plan import Plan
+from r2bspec.plan.this_machine import MachineFacts, gpus, ros_distro, unmet
 
 ALL: Final = "all"
 ANY: Final = "any"

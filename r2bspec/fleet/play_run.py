@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 import msgspec
 
 from r2bspec.errors import R2bspecError
+from r2bspec.execute.progress import NullProgress
 from r2bspec.exit_status import ExitStatus
 from r2bspec.fleet.bundle import Job, Side
 from r2bspec.record.files import write_atomically
@@ -52,7 +53,7 @@ class Problem(msgspec.Struct, frozen=True, kw_only=True):
     def error(self) -> R2bspecError:
         """The error of a client."""
         error = R2bspecError(self.message, hint=self.hint, code=self.code)
-        error.exit_code = next(status for status in ExitStatus if status == self.exit_status)
+        error.exit_code = ExitStatus(self.exit_status)
         return error
 
 
@@ -87,7 +88,7 @@ class RunState(msgspec.Struct, frozen=True, kw_only=True):
     p99_ns: int | None = None
 
 
-class _WrittenProgress:
+class _WrittenProgress(NullProgress):
     """Writes the state of the run to a file, at most every few seconds."""
 
     def __init__(self, name: str, file: Path, left_s: Callable[[str], float | None]) -> None:
@@ -102,9 +103,6 @@ class _WrittenProgress:
         self._phase, self._text = name, text
         self._write(None)
 
-    def step(self, done: int, total: int) -> None:
-        """Not shown."""
-
     def segment(self, title: str, steps: int) -> None:  # noqa: ARG002
         """Shown with the next state."""
         self._text = title
@@ -113,9 +111,6 @@ class _WrittenProgress:
         if time.monotonic() >= self._next:
             self._next = time.monotonic() + _PROGRESS_INTERVAL_S
             self._write(view.p99_ns())
-
-    def note(self, text: str) -> None:
-        """Notes are in the record of the run."""
 
     def _write(self, p99_ns: int | None) -> None:
         left_s = self._left_s(self._phase)
@@ -140,22 +135,22 @@ def main(spool: Path, tree: Path, lock: int) -> None:
     os.set_inheritable(lock, False)
     threading.Thread(target=_end_with_worker, daemon=True).start()
     job = msgspec.json.decode((spool / JOB_FILE).read_bytes(), type=Job)
+    outcome = ""
     try:
         problem = _invalidity(job, tree)
-        outcome = _play(job, spool, tree).verdict.outcome if problem is None else ""
-        played = Played(outcome=outcome, problem=problem)
+        if problem is None:
+            outcome = _play(job, spool, tree).verdict.outcome
     except R2bspecError as error:
         problem = Problem(
             code=error.code, message=str(error), hint=error.hint, exit_status=error.exit_code
         )
-        played = Played(problem=problem)
     except Exception as error:
         problem = Problem(
             code="R2B690",
             message=f"r2bspec itself failed: {type(error).__name__}: {error}",
             exit_status=ExitStatus.INTERNAL_ERROR,
         )
-        played = Played(problem=problem)
+    played = Played(outcome=outcome, problem=problem)
     write_atomically(spool / ENDED_FILE, msgspec.json.encode(played))
 
 

@@ -273,7 +273,6 @@ def make_certificates(folder: Path, names: tuple[str, ...] = ()) -> list[Path]:
         InsecureFleetError: the folder has files, whose keys may be in use.
     """
     try:
-        from cryptography.hazmat.primitives import hashes
         from cryptography.hazmat.primitives.asymmetric import ec
     except ImportError as error:
         raise FleetNotInstalledError(
@@ -283,63 +282,51 @@ def make_certificates(folder: Path, names: tuple[str, ...] = ()) -> list[Path]:
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     if any(folder.iterdir()):
         raise InsecureFleetError(f"{folder} is not empty: its keys may be in use")
-    authority_key = ec.generate_private_key(ec.SECP256R1())
-    usual_names = names or ("localhost", "127.0.0.1")
+    keys = {part: ec.generate_private_key(ec.SECP256R1()) for part in ("ca", *PARTS)}
     files = []
-    for part in ("ca", *PARTS):
-        is_authority = part == "ca"
-        key = authority_key if is_authority else ec.generate_private_key(ec.SECP256R1())
-        subject = "r2bspec fleet" if is_authority else f"r2bspec {part}"
-        builder = _builder(subject, key, is_authority=is_authority)
-        if not is_authority:
-            builder = builder.add_extension(_both_ends(), False)
-            builder = builder.add_extension(_alternatives(usual_names), False)
-        files += _write(folder, part, builder.sign(authority_key, hashes.SHA256()), key)
+    for part, key in keys.items():
+        certificate = _certificate(part, key, keys["ca"], names or ("localhost", "127.0.0.1"))
+        files += _write(folder, part, certificate, key)
     return files
 
 
-def _builder(subject: str, key: Any, *, is_authority: bool) -> Any:
+def _certificate(part: str, key: Any, authority_key: Any, names: tuple[str, ...]) -> Any:
+    """The certificate of a part, or that of the authority, which is ``ca``."""
     from cryptography import x509
-    from cryptography.x509.oid import NameOID
+    from cryptography.hazmat.primitives import hashes
+    from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
     def name(text: str) -> Any:
         return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)])
 
+    def alternative(text: str) -> x509.GeneralName:
+        try:
+            return x509.IPAddress(ipaddress.ip_address(text))
+        except ValueError:
+            return x509.DNSName(text)
+
+    is_authority = part == "ca"
+    uses = dict.fromkeys(_USES, False)
+    uses |= {"key_cert_sign": is_authority, "digital_signature": not is_authority}
     now = datetime.datetime.now(datetime.UTC)
     builder = (
         x509.CertificateBuilder()
-        .subject_name(name(subject))
+        .subject_name(name("r2bspec fleet" if is_authority else f"r2bspec {part}"))
         .issuer_name(name("r2bspec fleet"))
         .public_key(key.public_key())
         .serial_number(x509.random_serial_number())
         .not_valid_before(now - _DAY)  # clocks of robots differ
         .not_valid_after(now + _YEARS * 365 * _DAY)
+        .add_extension(x509.BasicConstraints(is_authority, 0 if is_authority else None), True)
+        .add_extension(x509.KeyUsage(**uses), True)
     )
-    path_length = 0 if is_authority else None
-    builder = builder.add_extension(x509.BasicConstraints(is_authority, path_length), True)
-    uses = dict.fromkeys(_USES, False)
-    uses |= {"key_cert_sign": is_authority, "digital_signature": not is_authority}
-    return builder.add_extension(x509.KeyUsage(**uses), True)
-
-
-def _both_ends() -> Any:
-    """Workers and schedulers answer and call."""
-    from cryptography import x509
-    from cryptography.x509.oid import ExtendedKeyUsageOID
-
-    return x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH])
-
-
-def _alternatives(names: tuple[str, ...]) -> Any:
-    from cryptography import x509
-
-    alternatives: list[Any] = []
-    for name in names:
-        try:
-            alternatives.append(x509.IPAddress(ipaddress.ip_address(name)))
-        except ValueError:
-            alternatives.append(x509.DNSName(name))
-    return x509.SubjectAlternativeName(alternatives)
+    if not is_authority:
+        # Workers and schedulers answer and call.
+        both_ends = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
+        builder = builder.add_extension(x509.ExtendedKeyUsage(both_ends), False)
+        alternatives = x509.SubjectAlternativeName(map(alternative, names))
+        builder = builder.add_extension(alternatives, False)
+    return builder.sign(authority_key, hashes.SHA256())
 
 
 def _write(folder: Path, part: str, certificate: Any, key: Any) -> list[Path]:

@@ -136,6 +136,10 @@ def _make_role(channel: Channel, command: protocol.Command) -> Role:
             from r2bspec.harness.service_client import ServiceCaller
 
             return ServiceCaller(channel, command)
+        case protocol.ConfigureInspector():
+            from r2bspec.harness.inspect_nodes import NamespaceInspector
+
+            return NamespaceInspector(channel, command)
         case protocol.ConfigureComponents():
             from r2bspec.harness.service_client import ComponentLoader
 

@@ -72,6 +72,15 @@ class Channel:
                 raise ChannelClosedError
             self._pending += received
 
+    def wait_for_shutdown(self) -> None:
+        """Ignore all commands until told to shut down.
+
+        Raises:
+            ChannelClosedError: the controller has exited.
+        """
+        while not isinstance(self.receive(), protocol.Shutdown):
+            pass
+
     def wait(self, timeout_s: float | None) -> bool:
         """Sleep for at most `timeout_s` seconds; True as soon as a command can be received.
 

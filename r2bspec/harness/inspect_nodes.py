@@ -1,12 +1,10 @@
 """Topics, services and parameters of running nodes, as JSON.
 
-Both programs wait until discovery shows nothing new, and query the nodes for their parameters over
-their services; they change nothing in the graph::
+An inspector waits until discovery shows nothing new, and queries the nodes for their parameters
+over their services; it changes nothing in the graph. As a child of the controller it inspects the
+nodes of one process. As a program it inspects every node of a running graph::
 
-    -m r2bspec.harness.inspect_nodes NAMESPACE SECONDS FILE     the nodes of one process
-    -m r2bspec.harness.inspect_nodes SECONDS FILE               every node of a running graph
-
-The first one is a child of the controller, to which it reports completion with `Ready`.
+    -m r2bspec.harness.inspect_nodes SECONDS FILE
 """
 
 from __future__ import annotations
@@ -18,8 +16,12 @@ import time
 from pathlib import Path
 from typing import Any
 
+import rclpy
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
+
 from r2bspec.exit_status import ExitStatus
-from r2bspec.harness.control_channel import Channel, ChannelClosedError
+from r2bspec.harness import rclpy_tools
+from r2bspec.harness.control_channel import Channel
 from r2bspec.ipc import protocol
 
 _QUIET_PERIOD_S = 1.5
@@ -39,6 +41,7 @@ _COMMON_SERVICES = (
     "get_type_description",
 )
 _COMMON_PARAMETERS = frozenset({"use_sim_time", "start_type_description_service"})
+_OWN_NAMESPACE = "/r2bspec"
 _PARAMETER_TYPES = (
     "",
     "bool",
@@ -55,36 +58,31 @@ _PARAMETER_TYPES = (
 
 
 class Inspector:
-    """Inspects one namespace, in which the nodes of one process run.
+    """Inspects nodes, apart from its own, hidden ones and component containers.
 
     Args:
-        namespace: absolute, without a trailing ``/``.
         timeout_s: how long to wait for the first node.
+        namespace: the only one that is inspected, absolute, without a trailing ``/``; empty for the
+            whole graph.
     """
 
-    def __init__(self, namespace: str, timeout_s: float) -> None:
-        from r2bspec.harness import rclpy_tools
-
+    def __init__(self, timeout_s: float, namespace: str = "") -> None:
         self._namespace = namespace
         self._timeout_s = timeout_s
         self._node = rclpy_tools.start_node("inspector")
 
-    def inspect(self) -> dict[str, Any]:
-        """The names of the nodes, and their topics, services, QoS profiles and parameters."""
-        nodes = self._wait_for_discovery()
-        found: dict[str, Any] = {
-            "nodes": [name for name, _ in nodes],
-            "subscribes": {},
-            "publishes": {},
-            "services": {},
-            "qos": {},
-            "parameters": {},
-        }
-        for name, namespace in nodes:
-            self._topics(name, namespace, found)
-            self._services(name, namespace, found)
-            found["parameters"] |= self._parameters(name, namespace)
-        return found
+    def nodes(self) -> list[dict[str, Any]]:
+        """Each node with its name, namespace, topics, services, QoS profiles and parameters."""
+        return [
+            {
+                "name": name,
+                "namespace": namespace,
+                **self._topics(name, namespace),
+                "services": self._services(name, namespace),
+                "parameters": self._parameters(name, namespace),
+            }
+            for name, namespace in self._wait_for_discovery()
+        ]
 
     def _wait_for_discovery(self) -> list[tuple[str, str]]:
         """Wait until there are nodes and, for a while, no changes of their endpoints."""
@@ -106,7 +104,10 @@ class Inspector:
         return sorted(
             (name, namespace)
             for name, namespace in self._node.get_node_names_and_namespaces()
-            if f"{namespace}/".startswith(inside) and not name.endswith("_container")
+            if f"{namespace}/".startswith(inside)
+            and namespace != _OWN_NAMESPACE
+            and not name.startswith(("_", "launch_ros_"))
+            and not name.endswith("_container")
         )
 
     def _endpoints(self, name: str, namespace: str) -> Any:
@@ -119,44 +120,43 @@ class Inspector:
         except Exception:  # a node may disappear between two queries
             return ()
 
-    def _topics(self, name: str, namespace: str, found: dict[str, Any]) -> None:
+    def _topics(self, name: str, namespace: str) -> dict[str, dict[str, Any]]:
+        """What a node subscribes to and publishes, with types, and the QoS profiles."""
         node = self._node
+        subscribed = node.get_subscriber_names_and_types_by_node(name, namespace)
+        published = node.get_publisher_names_and_types_by_node(name, namespace)
+        found: dict[str, dict[str, Any]] = {"subscribes": {}, "publishes": {}, "qos": {}}
         for side, topics, infos in (
-            (
-                "publishes",
-                node.get_publisher_names_and_types_by_node(name, namespace),
-                node.get_publishers_info_by_topic,
-            ),
-            (
-                "subscribes",
-                node.get_subscriber_names_and_types_by_node(name, namespace),
-                node.get_subscriptions_info_by_topic,
-            ),
+            ("publishes", published, node.get_publishers_info_by_topic),
+            ("subscribes", subscribed, node.get_subscriptions_info_by_topic),
         ):
             for topic, types in topics:
-                if topic in _COMMON_TOPICS:
-                    continue
-                own = self._relative_name(topic, name)
-                found[side][own] = types[0]
-                for info in infos(topic):
-                    if (info.node_name, info.node_namespace) == (name, namespace):
-                        found["qos"][own] = _profile(info.qos_profile)
+                if topic not in _COMMON_TOPICS:
+                    own = self._relative_name(topic, name)
+                    found[side][own] = types[0]
+                    for info in infos(topic):
+                        if (info.node_name, info.node_namespace) == (name, namespace):
+                            found["qos"][own] = _profile(info.qos_profile)
+        return found
 
-    def _services(self, name: str, namespace: str, found: dict[str, Any]) -> None:
-        for service, types in self._node.get_service_names_and_types_by_node(name, namespace):
-            if service.rpartition("/")[2] not in _COMMON_SERVICES:
-                found["services"][self._relative_name(service, name)] = types[0]
+    def _services(self, name: str, namespace: str) -> dict[str, str]:
+        services = self._node.get_service_names_and_types_by_node(name, namespace)
+        return {
+            self._relative_name(service, name): types[0]
+            for service, types in services
+            if service.rpartition("/")[2] not in _COMMON_SERVICES
+        }
 
     def _relative_name(self, full: str, node: str) -> str:
-        """The name that a node itself may use for a topic."""
+        """The name that a node itself may use for a topic; in the whole graph, the full name."""
+        if not self._namespace:
+            return full
         inside = f"{self._namespace}/"
         if full.startswith(f"{inside}{node}/"):
             return f"~/{full.removeprefix(f'{inside}{node}/')}"
         return full.removeprefix(inside)
 
     def _parameters(self, name: str, namespace: str) -> dict[str, Any]:
-        from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
-
         where = f"{namespace}/{name}"
         listed = self._call(ListParameters, f"{where}/list_parameters", ListParameters.Request())
         names = [
@@ -180,8 +180,6 @@ class Inspector:
 
     def _call(self, kind: Any, name: str, request: Any) -> Any:
         """The response of a service; None if there is none."""
-        import rclpy
-
         client = self._node.create_client(kind, name)
         try:
             if not client.wait_for_service(timeout_sec=_CALL_S):
@@ -212,71 +210,26 @@ def _default_value(value: Any) -> dict[str, Any]:
     return {"default": list(content) if name.endswith("_array") else content}
 
 
-def write_namespace() -> int:
-    """Inspect the namespace that the command line names; returns the exit status."""
-    namespace, timeout_s, target = sys.argv[1], float(sys.argv[2]), Path(sys.argv[3])
-    channel = Channel.from_environment()
-    try:
-        found = Inspector(namespace, timeout_s).inspect()
-        target.write_text(json.dumps(found, indent=1), encoding="utf-8")
-        channel.send(protocol.Ready())
-        while not isinstance(channel.receive(), protocol.Shutdown):
-            pass
-    except ChannelClosedError:
-        return ExitStatus.OK
-    except Exception as error:
-        channel.send(protocol.Failed(code="R2B630", message=f"{type(error).__name__}: {error}"))
-        return ExitStatus.FINDINGS_OR_FAILED
-    return ExitStatus.OK
+class NamespaceInspector:
+    """Inspects the nodes of one process, as a child of the controller."""
+
+    def __init__(self, channel: Channel, settings: protocol.ConfigureInspector) -> None:
+        self._channel = channel
+        self._settings = settings
+
+    def serve(self) -> None:
+        """Write what was found to a file; `Ready` says that it is complete."""
+        settings = self._settings
+        _write(Inspector(settings.timeout_s, settings.namespace), Path(settings.file))
+        self._channel.send(protocol.Ready())
+        self._channel.wait_for_shutdown()
 
 
-_OWN_NAMESPACE = "/r2bspec"
-_KEYS = ("subscribes", "publishes", "services", "qos", "parameters")
-
-
-class GraphInspector(Inspector):
-    """Inspects every node of the graph but its own, hidden ones and component containers.
-
-    Args:
-        timeout_s: how long to wait for the first node.
-    """
-
-    def __init__(self, timeout_s: float) -> None:
-        super().__init__("", timeout_s)
-
-    def nodes(self) -> list[dict[str, Any]]:
-        """Each node with its name, namespace and interface; topics have absolute names."""
-        found = []
-        for name, namespace in self._wait_for_discovery():
-            entry: dict[str, Any] = {key: {} for key in _KEYS}
-            self._topics(name, namespace, entry)
-            self._services(name, namespace, entry)
-            entry["parameters"] = self._parameters(name, namespace)
-            found.append({"name": name, "namespace": namespace, **entry})
-        return found
-
-    def _nodes(self) -> list[tuple[str, str]]:
-        return [
-            (name, namespace)
-            for name, namespace in super()._nodes()
-            if namespace != _OWN_NAMESPACE and not name.startswith(("_", "launch_ros_"))
-        ]
-
-    def _relative_name(self, full: str, node: str) -> str:
-        del node
-        return full
-
-
-def write_graph() -> int:
-    """Write the nodes of the graph to a file; returns the exit status."""
-    timeout_s, target = float(sys.argv[1]), Path(sys.argv[2])
-    target.write_text(json.dumps(GraphInspector(timeout_s).nodes()), encoding="utf-8")
-    return ExitStatus.OK
+def _write(inspector: Inspector, target: Path) -> None:
+    target.write_text(json.dumps(inspector.nodes()), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    status = write_graph() if len(sys.argv) == 3 else write_namespace()
-    from r2bspec.harness import rclpy_tools
-
+    _write(Inspector(float(sys.argv[1])), Path(sys.argv[2]))
     rclpy_tools.finish()
-    os._exit(status)
+    os._exit(ExitStatus.OK)

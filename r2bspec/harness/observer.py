@@ -25,7 +25,6 @@ import msgspec
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from r2bspec.harness import rclpy_tools
 from r2bspec.harness.control_channel import Channel
@@ -44,10 +43,18 @@ def discover(node: Node, topics: tuple[str, ...]) -> protocol.Discovered:
     publishers = {each: node.get_publishers_info_by_topic(each) for each in topics}
     subscriptions = {each: node.get_subscriptions_info_by_topic(each) for each in topics}
     return protocol.Discovered(
-        writers={topic: tuple(map(_endpoint, infos)) for topic, infos in publishers.items()},
-        readers={topic: tuple(map(_endpoint, infos)) for topic, infos in subscriptions.items()},
+        writers={
+            topic: tuple(map(rclpy_tools.describe_endpoint, infos))
+            for topic, infos in publishers.items()
+        },
+        readers={
+            topic: tuple(map(rclpy_tools.describe_endpoint, infos))
+            for topic, infos in subscriptions.items()
+        },
         qos_mismatches=tuple(
-            protocol.QosMismatch(_full_name(publisher), _full_name(subscription), topic, why)
+            protocol.QosMismatch(
+                rclpy_tools.full_name(publisher), rclpy_tools.full_name(subscription), topic, why
+            )
             for topic in topics
             for publisher in publishers[topic]
             for subscription in subscriptions[topic]
@@ -58,19 +65,6 @@ def discover(node: Node, topics: tuple[str, ...]) -> protocol.Discovered:
             )
         ),
     )
-
-
-def _endpoint(info: TopicEndpointInfo) -> protocol.Endpoint:
-    return protocol.Endpoint(
-        node=_full_name(info),
-        type=info.topic_type,
-        reliability=info.qos_profile.reliability.name.lower(),
-        durability=info.qos_profile.durability.name.lower(),
-    )
-
-
-def _full_name(info: TopicEndpointInfo) -> str:
-    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
 
 
 def list_graph(node: Node) -> protocol.GraphSnapshot:
@@ -181,7 +175,7 @@ class PublisherGuard:
         for info in self._node.get_publishers_info_by_topic(topic):
             gid = bytes(info.endpoint_gid)
             key = (topic, gid.hex())
-            node = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+            node = rclpy_tools.full_name(info)
             if key in self._foreign:
                 # An endpoint is discovered before its node: the name may come with a later look.
                 if _UNKNOWN_NODE in self._foreign[key].node:

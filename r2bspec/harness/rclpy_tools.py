@@ -21,17 +21,14 @@ from rclpy.qos import (
     qos_check_compatible,
 )
 from rclpy.signals import SignalHandlerOptions
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.utilities import get_rmw_implementation_identifier, ok, try_shutdown
 
+from r2bspec.ipc.protocol import Endpoint, weakest_offer
 from r2bspec.language.spec import QoS
 
 _to_destroy: list[Node] = []
 _init_lock = threading.Lock()
-
-SUBSCRIPTION_DEPTH = 1000
-"""History depth of the subscriptions of the harness: a second at 1 kHz, so that a monitor that was
-not scheduled for a while loses no messages. Only waiting messages use memory. With a depth of 100,
-messages were lost on a busy machine."""
 
 
 class TypeNotFoundError(Exception):
@@ -41,15 +38,15 @@ class TypeNotFoundError(Exception):
     hint = "Install its package, or source the workspace that contains it."
 
 
-def message_class(type_name: str) -> Any:
-    """The class of a message type such as ``sensor_msgs/msg/Image``.
+def interface_class(type_name: str) -> Any:
+    """The class of a type such as ``sensor_msgs/msg/Image`` or ``std_srvs/srv/Trigger``.
 
     Raises:
-        TypeNotFoundError: the package is not installed or has no such message.
+        TypeNotFoundError: the package is not installed or has no such type.
     """
-    package, _, name = type_name.partition("/msg/")
+    module, _, name = type_name.rpartition("/")
     try:
-        return getattr(importlib.import_module(f"{package}.msg"), name)
+        return getattr(importlib.import_module(module.replace("/", ".")), name)
     except (ImportError, AttributeError, ValueError) as error:
         raise TypeNotFoundError(f"message type {type_name} is not installed") from error
 
@@ -57,7 +54,7 @@ def message_class(type_name: str) -> Any:
 def is_installed(type_name: str) -> bool:
     """Whether a message type is installed."""
     try:
-        message_class(type_name)
+        interface_class(type_name)
     except TypeNotFoundError:
         return False
     return True
@@ -69,7 +66,7 @@ def begins_with_header(type_name: str) -> bool:
     Raises:
         TypeNotFoundError: the type is not installed.
     """
-    fields = message_class(type_name).get_fields_and_field_types()
+    fields = interface_class(type_name).get_fields_and_field_types()
     return next(iter(fields.values()), "") == "std_msgs/Header"
 
 
@@ -84,23 +81,24 @@ def profile(qos: QoS) -> QoSProfile:
 
 
 def profile_matching_publishers(node: Node, topic: str) -> QoSProfile | None:
-    """A profile compatible with every publisher of a topic, or None if there is no publisher.
+    """A profile compatible with every publisher of a topic, or None if there is no publisher."""
+    publishers = [*map(describe_endpoint, node.get_publishers_info_by_topic(topic))]
+    return profile(weakest_offer(publishers)) if publishers else None
 
-    A subscription is compatible with publishers that offer more than it requests, so the weakest
-    offer decides.
-    """
-    publishers = node.get_publishers_info_by_topic(topic)
-    if not publishers:
-        return None
-    offers = [publisher.qos_profile for publisher in publishers]
-    reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
-    transient = all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
-    return QoSProfile(
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if transient else DurabilityPolicy.VOLATILE,
-        history=HistoryPolicy.KEEP_LAST,
-        depth=SUBSCRIPTION_DEPTH,
+
+def describe_endpoint(info: TopicEndpointInfo) -> Endpoint:
+    """An endpoint that discovery shows."""
+    return Endpoint(
+        node=full_name(info),
+        type=info.topic_type,
+        reliability=info.qos_profile.reliability.name.lower(),
+        durability=info.qos_profile.durability.name.lower(),
     )
+
+
+def full_name(info: TopicEndpointInfo) -> str:
+    """The full name of the node of an endpoint."""
+    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
 
 
 def qos_mismatch_reason(offered: QoSProfile, requested: QoSProfile) -> str:
@@ -116,7 +114,7 @@ class RawSubscription:
 
     def __init__(self, node: Node, topic: str, type_name: str, qos: QoSProfile) -> None:
         self._node = node
-        self._class = message_class(type_name)
+        self._class = interface_class(type_name)
         # The callback is never called, because no executor has this node.
         self._subscription = node.create_subscription(
             self._class, topic, lambda _message: None, qos, raw=True
@@ -144,7 +142,7 @@ class RawPublisher:
     """A publisher of serialised bytes."""
 
     def __init__(self, node: Node, topic: str, type_name: str, qos: QoSProfile) -> None:
-        self._publisher = node.create_publisher(message_class(type_name), topic, qos)
+        self._publisher = node.create_publisher(interface_class(type_name), topic, qos)
         self._handle = self._publisher.handle
 
     def publish(self, message: bytes | bytearray) -> None:
@@ -198,11 +196,8 @@ class WaitLoop:
         for subscription in self._subscriptions:
             ready.add_subscription(subscription.handle)
         ready.wait(int(timeout_s * 1e9))
-        return [
-            index
-            for index in range(len(self._subscriptions))
-            if ready.is_ready("subscription", index)
-        ]
+        positions = range(len(self._subscriptions))
+        return [position for position in positions if ready.is_ready("subscription", position)]
 
 
 def start_node(name: str) -> Node:

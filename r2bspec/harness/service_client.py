@@ -7,7 +7,6 @@ put into words for the user.
 
 from __future__ import annotations
 
-import importlib
 import time
 from typing import Any
 
@@ -32,10 +31,9 @@ def service_class(type_name: str) -> Any:
     Raises:
         ServiceCallError: the package is not installed or has no such service.
     """
-    package, _, name = type_name.partition("/srv/")
     try:
-        return getattr(importlib.import_module(f"{package}.srv"), name)
-    except (ImportError, AttributeError, ValueError) as error:
+        return rclpy_tools.interface_class(type_name)
+    except rclpy_tools.TypeNotFoundError as error:
         raise ServiceCallError(f"service type {type_name} is not installed") from error
 
 
@@ -69,8 +67,10 @@ def _field_value(current: Any, type_name: str, value: Any, where: str) -> Any:
     if isinstance(value, list) and value and isinstance(value[0], dict):
         element = type_name.removeprefix("sequence<").split("<")[-1].rstrip(">").split(",")[0]
         package, _, name = element.partition("/")
-        made = rclpy_tools.message_class(f"{package}/msg/{name}")
-        return [fill_message(made(), each, f"{where}[{index}]") for index, each in enumerate(value)]
+        make = rclpy_tools.interface_class(f"{package}/msg/{name}")
+        return [
+            fill_message(make(), fields, f"{where}[{index}]") for index, fields in enumerate(value)
+        ]
     if type(current) is float and type(value) is int:
         return float(value)
     # Messages do not check the types of their fields by default, and would fail when sent.
@@ -134,16 +134,19 @@ class ServiceCaller:
             self._node, settings.service_type, settings.service, settings.request, deadline
         )
         self._channel.send(protocol.Called())
-        while not isinstance(self._channel.receive(), protocol.Shutdown):
-            pass
+        self._channel.wait_for_shutdown()
 
 
 LOAD_NODE_TYPE = "composition_interfaces/srv/LoadNode"
 
-_SCALARS = {bool: (1, "bool"), int: (2, "integer"), float: (3, "double"), str: (4, "string")}
-"""rcl_interfaces/msg/ParameterType: the number of a type, and the field that holds its value."""
-
-_ARRAYS = {bool: (6, "bool"), int: (7, "integer"), float: (8, "double"), str: (9, "string")}
+_PARAMETER_TYPES = {
+    bool: (1, "bool"),
+    int: (2, "integer"),
+    float: (3, "double"),
+    str: (4, "string"),
+}
+"""rcl_interfaces/msg/ParameterType: the number of a type, and the field that holds its value; the
+number of a list of them is greater by 5."""
 
 
 class ComponentError(Exception):
@@ -155,11 +158,6 @@ class ComponentError(Exception):
         super().__init__(message)
         self.code = code or self.code
         self.hint = hint
-
-
-def load_service_name(container: str) -> str:
-    """The service of a container, by the full name of its node."""
-    return f"{container}/_container/load_node"
 
 
 def load_request(node: NodePlan) -> dict[str, Any]:
@@ -184,14 +182,14 @@ def load_request(node: NodePlan) -> dict[str, Any]:
 def _parameter_value(node: NodePlan, name: str, value: Any) -> dict[str, Any]:
     """A value as rcl_interfaces/msg/ParameterValue. The numbers of a list have one type."""
     if isinstance(value, list):
-        kinds = {type(each) for each in value}
+        kinds = {*map(type, value)}
         if kinds == {int, float}:
-            kinds, value = {float}, [float(each) for each in value]
-        if len(kinds) == 1 and (kind := kinds.pop()) in _ARRAYS:
-            number, field = _ARRAYS[kind]
-            return {"type": number, f"{field}_array_value": value}
-    elif type(value) in _SCALARS:
-        number, field = _SCALARS[type(value)]
+            kinds, value = {float}, [*map(float, value)]
+        if len(kinds) == 1 and (kind := kinds.pop()) in _PARAMETER_TYPES:
+            number, field = _PARAMETER_TYPES[kind]
+            return {"type": number + 5, f"{field}_array_value": value}
+    elif type(value) in _PARAMETER_TYPES:
+        number, field = _PARAMETER_TYPES[type(value)]
         return {"type": number, f"{field}_value": value}
     raise ComponentError(
         f"parameter {name!r} of {node.name} cannot be {value!r}: a list needs at least one "
@@ -200,13 +198,12 @@ def _parameter_value(node: NodePlan, name: str, value: Any) -> dict[str, Any]:
     )
 
 
-def load_error(node: NodePlan, container: str, success: bool, reason: str) -> str:
-    """The error of a response, for the user; empty if the component was loaded."""
-    if success:
-        return ""
-    return (
+def load_error(node: NodePlan, container: str, reason: str, hint: str) -> ComponentError:
+    """The error for a component that was not loaded."""
+    return ComponentError(
         f"{node.plugin} of package {node.package} was not loaded into container {container} "
-        f"as {node.name}: {reason or 'the container gave no reason'}"
+        f"as {node.name}: {reason or 'the container gave no reason'}",
+        hint,
     )
 
 
@@ -232,8 +229,7 @@ class ComponentLoader:
             for node in each.nodes
         )
         self._channel.send(protocol.Composed(nodes=loaded))
-        while not isinstance(self._channel.receive(), protocol.Shutdown):
-            pass
+        self._channel.wait_for_shutdown()
 
     def _load(self, container: str, node: NodePlan, deadline: float) -> str:
         """Load one component; returns the full name of its node."""
@@ -246,17 +242,13 @@ class ComponentLoader:
                 hint="It comes with rclcpp_components; source a full ROS 2 installation.",
                 code="R2B622",
             ) from error
+        service = f"{container}/_container/load_node"
         try:
-            answer = call_service(
-                self._node, LOAD_NODE_TYPE, load_service_name(container), request, deadline
-            )
+            answer = call_service(self._node, LOAD_NODE_TYPE, service, request, deadline)
         except ServiceCallError as error:
-            raise ComponentError(
-                load_error(node, container, success=False, reason=str(error)),
-                hint="Read the output of the container, or increase benchmark.start_timeout.",
-            ) from error
-        if wrong := load_error(node, container, answer.success, answer.error_message):
-            raise ComponentError(
-                wrong, hint=f"'ros2 component types {node.package}' lists its components."
-            )
+            hint = "Read the output of the container, or increase benchmark.start_timeout."
+            raise load_error(node, container, str(error), hint) from error
+        if not answer.success:
+            hint = f"'ros2 component types {node.package}' lists its components."
+            raise load_error(node, container, answer.error_message, hint)
         return str(answer.full_node_name)

@@ -21,6 +21,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Final, Literal
 
 import msgspec
@@ -32,6 +33,7 @@ from r2bspec.judge.requirement_case import (
     RequirementCase,
     limit_of,
     requirement_verdict,
+    undecided,
 )
 from r2bspec.judge.statistics.effective_sample_size import EffectiveSample
 from r2bspec.judge.verdict import EXIT_CODES, RequirementVerdict, Verdict, outcome_of
@@ -192,24 +194,21 @@ def _decision(
 
 def _judge_observation(case: RequirementCase, value: float, extreme: _Extreme) -> Decision:
     """Compare a value with the limit, as far as it shows anything."""
-    is_met = case.is_met(value)
-    text = show(value, case.info.unit)
-    lost = (extreme == "largest" and case.is_upper_bound) or (
-        extreme == "smallest" and not case.is_upper_bound
-    )
+    lost = extreme == ("largest" if case.is_upper_bound else "smallest")
     equal = case.requirement.op in {"==", "!="} and bool(extreme)
-    if is_met and (lost or equal):
-        return Decision(
-            outcome="inconclusive",
-            method="none",
-            reason=f"The report has {text}, but excludes the worst iteration.",
-            remedy=_REMEDY,
-            estimate=value,
-        )
+    source = f"The report has {show(value, case.info.unit)}"
+    doubt = "but excludes the worst iteration" if lost or equal else ""
+    return _observed(case, value, source, doubt if case.is_met(value) else "")
+
+
+def _observed(case: RequirementCase, value: float, source: str, doubt: str) -> Decision:
+    """What a value shows by itself: whether the limit is met, unless there is a doubt."""
+    if doubt:
+        return replace(_inconclusive(f"{source}, {doubt}."), estimate=value)
     return Decision(
-        outcome="pass" if is_met else "fail",
+        outcome="pass" if case.is_met(value) else "fail",
         method="observation",
-        reason=f"The report has {text}; the limit is {case.limit_text}.",
+        reason=f"{source}; the limit is {case.limit_text}.",
         estimate=value,
         n=1,
     )
@@ -242,26 +241,12 @@ def _judge_drop_rate(case: RequirementCase, figures: MonitorFigures) -> Decision
 def _judge_peak(case: RequirementCase, peak_hz: float | None) -> Decision:
     if peak_hz is None:
         return _inconclusive("The report has no peak.")
-    is_met = case.is_met(peak_hz)
-    text = show(peak_hz, "Hz")
-    if is_met == case.is_upper_bound:
-        # That search overestimates: a value below the limit is a proof.
-        return Decision(
-            outcome="pass" if is_met else "fail",
-            method="observation",
-            reason=f"The search of the report found {text}; the limit is {case.limit_text}.",
-            estimate=peak_hz,
-            n=1,
-        )
-    return Decision(
-        outcome="inconclusive",
-        method="none",
-        reason=f"The search of the report found {text}, but it accepts rates that the graph "
-        "does not sustain.",
-        remedy=_REMEDY,
-        estimate=peak_hz,
-    )
+    # That search overestimates: a value below the limit is a proof.
+    is_proof = case.is_met(peak_hz) == case.is_upper_bound
+    doubt = "" if is_proof else "but it accepts rates that the graph does not sustain"
+    source = f"The search of the report found {show(peak_hz, 'Hz')}"
+    return _observed(case, peak_hz, source, doubt)
 
 
 def _inconclusive(reason: str) -> Decision:
-    return Decision(outcome="inconclusive", method="none", reason=reason, remedy=_REMEDY)
+    return undecided(reason, _REMEDY)

@@ -15,7 +15,7 @@ import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import msgspec
 
@@ -123,19 +123,23 @@ def parse_report(content: bytes, file: str = "<report>") -> ReferenceReport:
             return msgspec.convert(report, ReferenceReport)
         except msgspec.ValidationError as error:
             raise NotAReportError(f"{file} is damaged: {error}") from error
-    metadata = report.get("metadata") if isinstance(report, dict) else None
-    if not isinstance(report, dict) or not _is_ros2_benchmark_report(report):
+    levels = [report, *report.values()] if isinstance(report, dict) else []
+    if not any(_has_figures(level) for level in levels):
         raise NotAReportError(
             f"{file} is not a report of ros2_benchmark: it has no {BASIC_PREFIX}",
             hint="Give the JSON file written by the tool at the end of a benchmark.",
         )
-    plain = _without_prefix(metadata) if isinstance(metadata, dict) else {}
+    metadata = report.get("metadata")
+    plain = {
+        key.removeprefix(f"{METADATA_PREFIX}."): value
+        for key, value in (metadata.items() if isinstance(metadata, dict) else ())
+    }
     # r2bspec writes these reports, too, and divides by the number of intervals.
     exact = str(plain.get("GENERATOR", "")).startswith("r2bspec")
     custom = report.get("custom")
     return ReferenceReport(
         name=str(plain.get("NAME", "")),
-        peak_hz=_finite_number(plain.get("PEAK_THROUGHPUT_PREDICTION")),
+        peak_hz=_number(plain.get("PEAK_THROUGHPUT_PREDICTION")),
         peak=_by_monitor(report, exact=exact),
         rates={
             found[1]: _by_monitor(value, exact=exact)
@@ -194,76 +198,63 @@ def _compared_values(figures: MonitorFigures) -> Iterator[tuple[str, str, float]
             yield metric, unit, value
 
 
-def _is_ros2_benchmark_report(report: dict[str, Any]) -> bool:
-    levels = [report, *(value for value in report.values() if isinstance(value, dict))]
-    return any(str(key).startswith(f"{BASIC_PREFIX}.") for level in levels for key in level)
-
-
-def _without_prefix(metadata: dict[str, Any]) -> dict[str, Any]:
-    return {key.removeprefix(f"{METADATA_PREFIX}."): value for key, value in metadata.items()}
+def _has_figures(level: object) -> bool:
+    is_level = isinstance(level, dict)
+    return is_level and any(str(key).startswith(f"{BASIC_PREFIX}.") for key in level)
 
 
 def _by_monitor(level: dict[str, Any], *, exact: bool) -> dict[str, MonitorFigures]:
     """The figures of one level: those without a prefix, and one object for each prefix."""
     found: dict[str, MonitorFigures] = {}
-    if any(key.startswith(f"{BASIC_PREFIX}.") for key in level):
+    if _has_figures(level):
         found[""] = _figures(level, exact=exact)
     for key, value in level.items():
         if isinstance(value, dict) and not _RATE_KEY.fullmatch(key):
             # The processor time belongs to the machine, not to a monitor: it is one level up.
             shared = {each: level[each] for each in level if each.startswith(_KNOWN_PREFIXES[1:])}
-            if any(str(each).startswith(f"{BASIC_PREFIX}.") for each in value):
+            if _has_figures(value):
                 found[key] = _figures({**shared, **value}, exact=exact)
     return found
 
 
+_BASIC_FIGURES: Final = {
+    "received_duration": ("RECEIVED_DURATION", 1e3),
+    "playback_hz": ("MEAN_PLAYBACK_FRAME_RATE", 1),
+    "reported_hz": ("MEAN_FRAME_RATE", 1),
+    "sent": ("NUM_FRAMES_SENT", 1),
+    "missed": ("NUM_MISSED_FRAMES", 1),
+    "latency_first": ("FIRST_SENT_RECEIVED_LATENCY", 1e3),
+    "latency_last": ("LAST_SENT_RECEIVED_LATENCY", 1e3),
+    "latency_min": ("MIN_LATENCY", 1e3),
+    "latency_mean": ("MEAN_LATENCY", 1e3),
+    "latency_max": ("MAX_LATENCY", 1e3),
+    "jitter_min": ("MIN_JITTER", 1e3),
+    "jitter_mean": ("MEAN_JITTER", 1e3),
+    "jitter_max": ("MAX_JITTER", 1e3),
+    "jitter_deviation": ("STD_DEV_JITTER", 1e3),
+}
+"""The key of each figure in a report, and how many of its units are one SI unit."""
+
+
 def _figures(level: dict[str, Any], *, exact: bool) -> MonitorFigures:
-    def milliseconds(key: str) -> float | None:
-        value = _finite_number(level.get(f"{BASIC_PREFIX}.{key}"))
-        return None if value is None else value / 1e3
-
-    def plain(key: str) -> float | None:
-        return _finite_number(level.get(f"{BASIC_PREFIX}.{key}"))
-
-    def percent(key: str) -> float | None:
-        value = _finite_number(level.get(f"{RESOURCE_PREFIX}.{key}_OVERALL_CPU_UTILIZATION"))
-        if value is None:  # reports before version 3 of the tool
-            value = _finite_number(level.get(f"CPUProfilingMetrics.{key}_CPU_UTIL"))
-        return None if value is None else value / 100
-
-    duration = milliseconds("RECEIVED_DURATION")
-    sent, missed = plain("NUM_FRAMES_SENT"), plain("NUM_MISSED_FRAMES")
-    reported = plain("MEAN_FRAME_RATE")
-    return MonitorFigures(
-        received_duration=duration,
-        playback_hz=plain("MEAN_PLAYBACK_FRAME_RATE"),
-        throughput_hz=reported if exact else _throughput(reported, duration),
-        reported_hz=reported,
-        sent=sent,
-        missed=missed,
-        latency_first=milliseconds("FIRST_SENT_RECEIVED_LATENCY"),
-        latency_last=milliseconds("LAST_SENT_RECEIVED_LATENCY"),
-        latency_min=milliseconds("MIN_LATENCY"),
-        latency_mean=milliseconds("MEAN_LATENCY"),
-        latency_max=milliseconds("MAX_LATENCY"),
-        jitter_min=milliseconds("MIN_JITTER"),
-        jitter_mean=milliseconds("MEAN_JITTER"),
-        jitter_max=milliseconds("MAX_JITTER"),
-        jitter_deviation=milliseconds("STD_DEV_JITTER"),
-        cpu_mean=percent("MEAN"),
-        cpu_max=percent("MAX"),
-    )
+    values = {
+        name: _number(level.get(f"{BASIC_PREFIX}.{key}"), units)
+        for name, (key, units) in _BASIC_FIGURES.items()
+    }
+    for part in ("mean", "max"):
+        share = _number(level.get(f"{RESOURCE_PREFIX}.{part.upper()}_OVERALL_CPU_UTILIZATION"), 100)
+        if share is None:  # reports before version 3 of the tool
+            share = _number(level.get(f"CPUProfilingMetrics.{part.upper()}_CPU_UTIL"), 100)
+        values[f"cpu_{part}"] = share
+    throughput_hz, duration_s = values["reported_hz"], values["received_duration"]
+    if throughput_hz is not None and not exact:
+        # (n - 1) / duration from n / duration: one message per duration less.
+        throughput_hz = max(throughput_hz - 1 / duration_s, 0.0) if duration_s else None
+    return MonitorFigures(throughput_hz=throughput_hz, **values)
 
 
-def _throughput(reported_hz: float | None, duration_s: float | None) -> float | None:
-    """(n - 1) / duration from n / duration: one message per duration less."""
-    if reported_hz is None or not duration_s:
-        return None
-    return max(reported_hz - 1 / duration_s, 0.0)
-
-
-def _finite_number(value: object) -> float | None:
-    """A finite number; None for anything else."""
+def _number(value: object, units: float = 1) -> float | None:
+    """A finite number in SI units, of which `units` units are one; None for anything else."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
-    return float(value) if math.isfinite(value) else None
+    return float(value) / units if math.isfinite(value) else None

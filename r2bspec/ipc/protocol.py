@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import functools
 import operator
+from collections.abc import Iterable
 from typing import Any, Literal
 
 import msgspec
 
 from r2bspec.ipc.schedule import Schedule
+from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import InputPlan, MonitorPlan, NodePlan
 
 CONTROL_FD_VARIABLE = "R2BSPEC_CONTROL_FD"
@@ -129,6 +131,17 @@ class ConfigureCaller(Command, frozen=True, kw_only=True, tag=True):
     service_type: str
     request: dict[str, Any]
     timeout_ns: int
+
+
+class ConfigureInspector(Command, frozen=True, kw_only=True, tag=True):
+    """Write what the nodes of a namespace have to a file, as JSON; `Ready` follows.
+
+    The first of them is waited for `timeout_s` seconds.
+    """
+
+    namespace: str
+    timeout_s: float
+    file: str
 
 
 class ContainerComponents(msgspec.Struct, frozen=True, kw_only=True):
@@ -297,6 +310,28 @@ class Endpoint(msgspec.Struct, frozen=True, kw_only=True):
     type: str
     reliability: str
     durability: str
+
+
+_SUBSCRIPTION_DEPTH = 1000
+"""History depth of the subscriptions of the harness: a second at 1 kHz, so that a monitor that was
+not scheduled for a while loses no messages. Only waiting messages use memory. With a depth of 100,
+messages were lost on a busy machine."""
+
+
+def weakest_offer(publishers: Iterable[Endpoint]) -> QoS:
+    """A QoS that is compatible with all publishers of a topic.
+
+    A subscription is compatible with publishers that offer more than it requests, so the weakest
+    offer decides.
+    """
+    offers = [(publisher.reliability, publisher.durability) for publisher in publishers]
+    reliable = all(reliability == "reliable" for reliability, _ in offers)
+    transient = all(durability == "transient_local" for _, durability in offers)
+    return QoS(
+        reliability="reliable" if reliable else "best_effort",
+        durability="transient_local" if transient else "volatile",
+        depth=_SUBSCRIPTION_DEPTH,
+    )
 
 
 class QosMismatch(msgspec.Struct, frozen=True):

@@ -54,18 +54,16 @@ from __future__ import annotations
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Final, Literal
+from typing import Final
 
 from r2bspec.judge.interference_bound import best_case_iteration, taken_share, waiting_share
 from r2bspec.judge.methods import METHODS
 from r2bspec.judge.validity import schedule_problem
-from r2bspec.judge.verdict import DisturbedIteration, RequirementVerdict
+from r2bspec.judge.verdict import DisturbedIteration, InterferencePolicy, RequirementVerdict
 from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.samples import RunSamples, SegmentSamples
 from r2bspec.measure.units import show
 from r2bspec.record.run_record import Probe, RunRecord
-
-InterferencePolicy = Literal["tolerate", "note", "strict"]
 
 REMEDY: Final = "Run again on an otherwise idle machine."
 STRICT_REMEDY: Final = f"{REMEDY[:-1]}, or allow interference: 'interference: note'."
@@ -125,7 +123,7 @@ def judge_probe(
     one: RequirementVerdict, record: RunRecord, policy: InterferencePolicy
 ) -> RequirementVerdict:
     """A verdict that rests on probes, with regard to the interference during them."""
-    probes = [each for each in _probes_of(one, record) if each.disturbed]
+    probes = [probe for probe in _probes_of(one, record) if probe.disturbed]
     if not probes:
         return one
     at = f"{probes[-1].rate_hz:.4g} Hz"

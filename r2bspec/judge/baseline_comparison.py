@@ -19,7 +19,7 @@ and the promise is at most 1 %.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -39,10 +39,13 @@ from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Objective
+from r2bspec.measure.distribution import HISTORY_PARTS
 from r2bspec.measure.metric_catalogue import MetricError, MetricInfo, resolve
 from r2bspec.measure.metric_values import metric_value
 from r2bspec.measure.samples import RunSamples, starts_of
+from r2bspec.plan.plan import Plan
 from r2bspec.record.baseline_file import BaselineRecord
+from r2bspec.record.run_folder import Run
 
 JudgeBaseline = Callable[[BaselineCase], RequirementVerdict]
 """The verdict on one requirement of the baseline."""
@@ -158,9 +161,8 @@ def _resolution(info: MetricInfo, one: RequirementVerdict, samples: RunSamples) 
     if info.scope == "search" or not iterations:
         return 0.0
     segment = iterations[0].segment
-    window_s = max((segment.ended_ns - segment.began_ns) / 1e9, 1e-6)
-    found = iteration_values(info, one.monitor, one.at_hz, samples)
-    known = [each for each in found if each is not None and math.isfinite(each)]
+    window_s = (segment.ended_ns - segment.began_ns) / 1e9
+    known = _known(iteration_values(info, one.monitor, one.at_hz, samples))
     return resolution(info, max(known, default=0.0), window_s)
 
 
@@ -195,9 +197,59 @@ def run_value(
     info: MetricInfo, monitor: str | None, at_hz: float | None, samples: RunSamples
 ) -> float | None:
     """A metric of a whole run: the mean of its iterations; None if one of them has no value."""
-    found = iteration_values(info, monitor, at_hz, samples)
-    known = [each for each in found if each is not None and math.isfinite(each)]
-    return math.fsum(known) / len(known) if known and len(known) == len(found) else None
+    values = iteration_values(info, monitor, at_hz, samples)
+    known = _known(values)
+    return math.fsum(known) / len(known) if known and len(known) == len(values) else None
+
+
+def _known(values: Iterable[float | None]) -> list[float]:
+    return [value for value in values if value is not None and math.isfinite(value)]
+
+
+_MONITOR_METRICS = (
+    "throughput.mean",
+    *(f"latency.{part}" for part in HISTORY_PARTS),
+    "drop_rate",
+)
+
+TrackedMetric = tuple[float | None, str | None, MetricInfo]
+"""An offered rate, a monitor, and a metric."""
+
+
+def tracked_metrics(run: Run, samples: RunSamples) -> Iterator[TrackedMetric]:
+    """The metrics of a run that a history stores: the usual ones, and those of its objectives."""
+    yield from dict.fromkeys(
+        (*_default_metrics(run, samples), *required_metrics(run.plan, samples))
+    )
+
+
+def _default_metrics(run: Run, samples: RunSamples) -> Iterator[TrackedMetric]:
+    graph = {
+        each.name for each in run.record.processes if each.role in {"host", "command", "container"}
+    }
+    for rate in samples.iterations:
+        for monitor in samples.monitors:
+            for name in _MONITOR_METRICS:
+                yield rate, monitor, resolve(name, samples.monitors)[1]
+        for process in sorted(graph):
+            yield rate, None, resolve(f"cpu.{process}.mean", (), samples.processes)[1]
+    if samples.record.search is not None:
+        yield None, None, resolve("peak.rate", ())[1]
+
+
+def required_metrics(plan: Plan, samples: RunSamples) -> Iterator[TrackedMetric]:
+    """The metrics of a run that the objectives of a plan name, at their rates."""
+    for objective in plan.objectives.values():
+        rates = [objective.at.hz] if objective.at is not None else []
+        for requirement in objective.require:
+            try:
+                monitor, info = resolve(requirement.metric, samples.monitors, samples.processes)
+            except MetricError:
+                continue
+            if info.scope in {"search", "probe", "truth"}:
+                continue
+            monitors = samples.monitors if info.scope == "monitor" and not monitor else (monitor,)
+            yield from ((rate, each, info) for rate in rates for each in monitors)
 
 
 def judge_with_baseline(

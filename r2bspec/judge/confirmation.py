@@ -28,12 +28,12 @@ from collections.abc import Mapping
 
 import msgspec
 
-from r2bspec.judge.affected_iterations import InterferencePolicy
 from r2bspec.judge.decision_policy import DecisionPolicy, without_own_confidence
 from r2bspec.judge.methods import METHODS
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import (
     InconclusivePolicy,
+    InterferencePolicy,
     RequirementVerdict,
     Verdict,
 )

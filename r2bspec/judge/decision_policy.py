@@ -46,10 +46,14 @@ from typing import Literal
 
 import msgspec
 
-from r2bspec.judge.affected_iterations import InterferencePolicy
 from r2bspec.judge.methods import METHODS
 from r2bspec.judge.statistics.binomial import lower_bound
-from r2bspec.judge.verdict import InconclusivePolicy, RequirementVerdict, Verdict
+from r2bspec.judge.verdict import (
+    InconclusivePolicy,
+    InterferencePolicy,
+    RequirementVerdict,
+    Verdict,
+)
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.spec import Objective
 from r2bspec.measure.samples import RunSamples, starts_of

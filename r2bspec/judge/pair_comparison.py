@@ -48,7 +48,7 @@ Under ``strict`` a PASS also needs an unaffected pair in place of each, and that
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -90,9 +90,10 @@ class InterleavedRuns:
     head: Sequence[RunSamples]
     merged: RunSamples
 
-    def of(self, side: Side) -> Sequence[RunSamples]:
-        """The runs of one side, in the order of the pairs."""
-        return self.base if side == "base" else self.head
+    def each_with_other(self, side: Side) -> Iterator[tuple[RunSamples, RunSamples]]:
+        """The run of one side and that of the other, of each pair."""
+        runs = (self.base, self.head) if side == "base" else (self.head, self.base)
+        return zip(*runs, strict=True)
 
 
 @dataclass(frozen=True)
@@ -121,11 +122,8 @@ def taken_shares(
     pairs: InterleavedRuns, side: Side, at_hz: float | None, confidence: float = EXCESS_CONFIDENCE
 ) -> TakenShares:
     """What others can have taken from both sides, and whether `side` has an excess."""
-    base, head = ([_taken(run, at_hz) for run in pairs.of(name)] for name in ("base", "head"))
-    excesses = [
-        pair_excess(one, other, at_hz)
-        for one, other in zip(pairs.of(side), pairs.of(_other(side)), strict=True)
-    ]
+    base, head = ([_taken(run, at_hz) for run in runs] for runs in (pairs.base, pairs.head))
+    excesses = [pair_excess(one, other, at_hz) for one, other in pairs.each_with_other(side)]
     excess = mean_interval(excesses, confidence).lower if len(excesses) > 1 else 0.0
     number = max(1, len(excesses))
     return TakenShares(math.fsum(base) / number, math.fsum(head) / number, excess)
@@ -140,65 +138,50 @@ def pair_excess(one: RunSamples, other: RunSamples, at_hz: float | None) -> floa
 
 def without_excess(pairs: InterleavedRuns, side: Side) -> InterleavedRuns:
     """The pairs with the affected iterations of one side as if it had met what the other met."""
-    runs = [
-        _without_excess(one, other)
-        for one, other in zip(pairs.of(side), pairs.of(_other(side)), strict=True)
-    ]
+    runs = [_without_excess(one, other) for one, other in pairs.each_with_other(side)]
     return replace(pairs, base=runs) if side == "base" else replace(pairs, head=runs)
 
 
-def examined_failure(
+def _examined(
     judged: RequirementVerdict,
     unaffected: RequirementVerdict,
     without: RequirementVerdict,
     taken: TakenShares,
     disturbance_text: str,
 ) -> RequirementVerdict:
-    """A FAIL of pairs, some of which were affected by host interference.
+    """A decision on pairs of which some were affected by host interference.
 
     Args:
         judged: the verdict on all pairs as they were played.
         unaffected: that on the unaffected ones.
-        without: that on all pairs without the head's excess.
-        taken: from both sides, with the excess of the head.
+        without: that on all pairs without the excess that explains the decision.
+        taken: from both sides, with that excess.
         disturbance_text: which pairs were affected, as a sentence without its full stop.
     """
-    if unaffected.outcome == "fail":
-        return judged.noted(f"{disturbance_text}. The unaffected pairs fail, too.")
-    if taken.excess <= 0:
-        return judged.noted(
-            f"{disturbance_text}. Base and head had it alike ({taken.text}), so that it does not "
-            "explain the difference."
-        )
+    failed = judged.outcome == "fail"
     # A latency of which nothing is left without the excess has no ratio: it is explained.
-    is_explained = without.estimate is None and judged.estimate is not None
-    if without.outcome == "fail" and not is_explained:
-        return judged.noted(
-            f"{disturbance_text}. The head had more of it ({taken.text}). That does not explain "
-            "the failure: it fails without the excess, too."
+    explained = failed and without.estimate is None and judged.estimate is not None
+    if unaffected.outcome == judged.outcome:
+        note = "The unaffected pairs fail, too."
+    elif taken.excess <= 0:
+        note = (
+            f"Base and head had it alike ({taken.text}), so that it does not explain the "
+            "difference."
         )
-    return judged.opened(
-        f"{disturbance_text}. The head had more of it ({taken.text}). Without the excess the "
-        "requirement might be met, so it does not count as failed.",
-        REMEDY,
-    )
-
-
-def examined_pass(
-    judged: RequirementVerdict,
-    unaffected: RequirementVerdict,
-    without: RequirementVerdict,
-    taken: TakenShares,
-    disturbance_text: str,
-) -> RequirementVerdict:
-    """A PASS of such pairs; `without` is that without the excess of the base, which `taken` has."""
-    if "pass" in (unaffected.outcome, without.outcome) or taken.excess <= 0:
-        return judged
-    return judged.opened(
-        f"{disturbance_text}. The base had more of it ({taken.text}). Without the excess the "
-        "requirement might not be met, so it does not count as passed.",
-        REMEDY,
-    )
+    elif without.outcome == judged.outcome and not explained:
+        note = (
+            f"The head had more of it ({taken.text}). That does not explain the failure: it fails "
+            "without the excess, too."
+        )
+    else:
+        might = "be met" if failed else "not be met"
+        return judged.opened(
+            f"{disturbance_text}. The {_EXPLAINED_BY[judged.outcome]} had more of it "
+            f"({taken.text}). Without the excess the requirement might {might}, so it does not "
+            f"count as {judged.outcome}ed.",
+            REMEDY,
+        )
+    return judged.noted(f"{disturbance_text}. {note}") if failed else judged
 
 
 def _without_excess(one: RunSamples, other: RunSamples) -> RunSamples:
@@ -234,10 +217,6 @@ def _own_cores(run: RunSamples, at_hz: float | None) -> float:
 
 def _mean(values: Sequence[float]) -> float:
     return math.fsum(values) / len(values) if values else 0.0
-
-
-def _other(side: Side) -> Side:
-    return "head" if side == "base" else "base"
 
 
 Objectives = Mapping[str, Objective]
@@ -361,6 +340,7 @@ def _examine_pairs(
     if not decided & {"pass", "fail"}:
         return verdict.requirements
     text = pair_set.disturbance_text
+    replaced = len(unaffected.head) == len(pair_set.played.head)
     calm = _judge(objectives, unaffected, policy).requirements
     # Interference makes a side worse: more on the head's explains a FAIL, on the base's a PASS.
     without: dict[str, Sequence[RequirementVerdict]] = {
@@ -374,25 +354,13 @@ def _examine_pairs(
             requirements.append(one)
             continue
         taken = taken_shares(pair_set.played, _EXPLAINED_BY[one.outcome], one.at_hz)
-        examine = examined_failure if one.outcome == "fail" else examined_pass
-        found = examine(one, calm[place], without[one.outcome][place], taken, text)
-        requirements.append(_strict_pairs(found, calm[place], pair_set, policy))
+        judged = _examined(one, calm[place], without[one.outcome][place], taken, text)
+        # Under ``strict`` a PASS needs an unaffected pair in place of each.
+        accepted = replaced and calm[place].outcome == "pass"
+        if policy.interference == "strict" and judged.outcome == "pass" and not accepted:
+            judged = strict_refusal(judged, text)
+        requirements.append(judged)
     return tuple(requirements)
-
-
-def _strict_pairs(
-    judged: RequirementVerdict,
-    unaffected: RequirementVerdict,
-    pair_set: PairSet,
-    policy: DecisionPolicy,
-) -> RequirementVerdict:
-    """A verdict on pairs under ``strict``: a PASS needs an unaffected pair in place of each."""
-    if policy.interference != "strict" or judged.outcome != "pass" or pair_set.unaffected is None:
-        return judged
-    whole = len(pair_set.unaffected.head) == len(pair_set.played.head)
-    if whole and unaffected.outcome == "pass":
-        return judged
-    return strict_refusal(judged, pair_set.disturbance_text)
 
 
 def _judge(objectives: Objectives, pairs: InterleavedRuns, policy: DecisionPolicy) -> Verdict:

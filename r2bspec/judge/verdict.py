@@ -256,6 +256,10 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
 
 
 InconclusivePolicy = Literal["report", "fail", "pass"]
+"""What an inconclusive requirement does to the run."""
+
+InterferencePolicy = Literal["tolerate", "note", "strict"]
+"""What host interference may do to a verdict (`r2bspec.judge.affected_iterations`)."""
 
 
 def outcome_of(

@@ -12,6 +12,7 @@ The declaration of a key is a field of a `Record`: `r2bspec.language.spec` is th
   a default. `Written` states another type where shorthands are read into the type of the field.
 - The default is that of the field; a field without one is a required key.
 - The docstring describes the key, and the record itself where it is an entry of a map or a list.
+- Snippets of editors are in ``snippets.yaml``, by the name of a record or of its field.
 - `key` states the rest: examples, limits, whether the value is a path, and what it changes: the
   load on the graph, the graph itself, or neither (`r2bspec.plan.comparability`). What a section
   says holds for its keys.
@@ -88,7 +89,6 @@ class Key(msgspec.Struct, frozen=True, eq=False, kw_only=True):
         default: of a key that is no field, as it is written.
         hidden_default: whether editors offer no default.
         changes: what the key changes, if that is not what its section says.
-        snippets: what editors offer, labels and bodies.
     """
 
     examples: tuple[Any, ...] = ()
@@ -109,7 +109,6 @@ class Key(msgspec.Struct, frozen=True, eq=False, kw_only=True):
     default: Any = None
     hidden_default: bool = False
     changes: Change | None = None
-    snippets: tuple[Mapping[str, Any], ...] = ()
 
 
 _NOTHING: Final = Key()
@@ -130,7 +129,7 @@ class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Base of all values of the language: immutable, without unknown fields.
 
     Attributes:
-        about: examples and snippets of the record.
+        about: examples of the record.
         word: the type of the one word that may stand in place of the map; None for no such word.
     """
 
@@ -254,6 +253,13 @@ class Rule(msgspec.Struct, eq=False, dict=True, kw_only=True):
         if self.about.unless_live or self.about.at_least or self.about.hidden_default:
             return None
         return None if self.is_required else _written(self.default)
+
+    @property
+    def snippets(self) -> Sequence[Mapping[str, Any]]:
+        """What editors offer in place of the value: labels, and bodies with placeholders."""
+        field = f"{self.owner.__name__}.{self.field}" if self.owner is not None else ""
+        record = self.record.__name__ if self.record is not None else ""
+        return _snippets().get(field) or _snippets().get(record, ())
 
 
 def rule_of(annotation: Any) -> Rule:
@@ -421,6 +427,18 @@ def _written(value: Any) -> Any:
     if isinstance(value, tuple):
         return []
     return None if isinstance(value, str) and not value else value
+
+
+@cache
+def _snippets() -> Mapping[str, Sequence[Mapping[str, Any]]]:
+    """The snippets of records and of their fields, by name."""
+    from importlib.resources import files
+
+    import yaml
+
+    text = files(__package__).joinpath("snippets.yaml").read_text(encoding="utf-8")
+    found: Mapping[str, Sequence[Mapping[str, Any]]] = yaml.safe_load(text)
+    return found
 
 
 @cache

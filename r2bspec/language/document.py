@@ -16,13 +16,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path as FilePath
-from typing import NoReturn
+from typing import NoReturn, Unpack
 
 import msgspec
 from msgspec.structs import replace
 
-from r2bspec.diagnostics import Certainty, Diagnostic, Edit, Path, Related, Severity, Span
-from r2bspec.diagnostics.diagnostic import split_lines
+from r2bspec.diagnostics import Diagnostic, Edit, Path, Related, Severity, Span
+from r2bspec.diagnostics.diagnostic import DiagnosticParts, split_lines
 from r2bspec.language.located_tree import TreeNode
 from r2bspec.safe_io.safe_file import (
     ByteBudget,
@@ -42,10 +42,14 @@ _UTF16_AND_UTF32_BOMS = (b"\xff\xfe", b"\xfe\xff", b"\x00\x00\xfe\xff")
 
 @dataclass(frozen=True)
 class Source:
-    """The text of a document and the file name shown to the user."""
+    """The text of a document, the file name shown to the user, and what is wrong with the text.
+
+    With an error in `diagnostics`, the text serves for excerpts only.
+    """
 
     file: str
     text: str
+    diagnostics: tuple[Diagnostic, ...] = ()
 
     @cached_property
     def lines(self) -> list[str]:
@@ -68,21 +72,9 @@ def has_errors(diagnostics: Iterable[Diagnostic]) -> bool:
     return any(found.severity is Severity.ERROR for found in diagnostics)
 
 
-class ReadResult(msgspec.Struct, frozen=True):
-    """A source and its problems; with an error the text serves for excerpts only."""
-
-    source: Source
-    diagnostics: tuple[Diagnostic, ...] = ()
-
-    @property
-    def usable(self) -> bool:
-        """Whether the text can be parsed."""
-        return not has_errors(self.diagnostics)
-
-
 def read_file(
     path: FilePath, folders: Iterable[FilePath] = (), budget: ByteBudget | None = None
-) -> ReadResult:
+) -> Source:
     """Read and decode one file; ``-`` is standard input. Problems become diagnostics.
 
     Args:
@@ -98,24 +90,30 @@ def read_file(
             allowed = (path.parent, *folders)
             data = read_bytes(path, max_bytes=MAX_DOCUMENT_BYTES, folders=allowed, budget=budget)
     except TooLargeError:
-        if budget is not None and not budget.left:
-            return ReadResult(Source(file, ""), (_too_large_together(file, budget),))
-        return decode(b" " * (MAX_DOCUMENT_BYTES + 1), file)
+        if budget is None or budget.left:
+            return _too_large(file)
+        limit = f"{budget.max_bytes // 1_000_000} MB"
+        message = f"the extended files have more than {limit} together"
+        help_text = "remove some: a file that is extended twice counts twice"
+        return _unreadable(Source(file, ""), "R2B002", message, help_text)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         message = f"cannot read the file: {reason}"
-        found = _error("R2B001", message, Span.of_file(file), _reading_help(error))
-        return ReadResult(Source(file, ""), (found,))
+        return _unreadable(Source(file, ""), "R2B001", message, _reading_help(error))
     return decode(data, file)
 
 
-def _too_large_together(file: str, budget: ByteBudget) -> Diagnostic:
-    return _error(
-        "R2B002",
-        f"the extended files have more than {budget.max_bytes // 1_000_000} MB together",
-        Span.of_file(file),
-        "remove some: a file that is extended twice counts twice",
-    )
+def _unreadable(
+    source: Source, code: str, message: str, help_text: str, span: Span | None = None
+) -> Source:
+    problem = Diagnostic.error(code, message, span or Span.of_file(source.file), help_text)
+    return Source(source.file, source.text, (problem,))
+
+
+def _too_large(file: str) -> Source:
+    message = f"the file is larger than {MAX_DOCUMENT_BYTES // 1_000_000} MB"
+    help_text = "check the path: a spec refers to recorded data, it does not contain it"
+    return _unreadable(Source(file, ""), "R2B002", message, help_text)
 
 
 def _reading_help(error: Exception) -> str:
@@ -124,52 +122,37 @@ def _reading_help(error: Exception) -> str:
     return error.hint if isinstance(error, RefusedFileError) else ""
 
 
-def decode(data: bytes, file: str) -> ReadResult:
+def decode(data: bytes, file: str) -> Source:
     """Decode the bytes of a document; `file` is its name in messages."""
     if len(data) > MAX_DOCUMENT_BYTES:
-        limit = MAX_DOCUMENT_BYTES // 1_000_000
-        found = _error(
-            "R2B002",
-            f"the file is larger than {limit} MB",
-            Span.of_file(file),
-            "check the path: a spec refers to recorded data, it does not contain it",
-        )
-        return ReadResult(Source(file, ""), (found,))
+        return _too_large(file)
+    help_text = "save it as UTF-8"
     if data.startswith(_UTF16_AND_UTF32_BOMS):
-        found = _error(
-            "R2B003",
-            "the file is encoded as UTF-16 or UTF-32, not as UTF-8",
-            Span.of_file(file),
-            "save it as UTF-8",
-        )
-        return ReadResult(Source(file, ""), (found,))
+        message = "the file is encoded as UTF-16 or UTF-32, not as UTF-8"
+        return _unreadable(Source(file, ""), "R2B003", message, help_text)
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:
         source = Source(file, data.decode("utf-8", errors="replace"))
         place = source.span_at(len(data[: error.start].decode("utf-8")))
-        found = _error(
-            "R2B003",
-            f"the file is not UTF-8: invalid byte 0x{data[error.start]:02x}",
-            place,
-            "save it as UTF-8",
-        )
-        return ReadResult(source, (found,))
+        message = f"the file is not UTF-8: invalid byte 0x{data[error.start]:02x}"
+        return _unreadable(source, "R2B003", message, help_text, place)
     return read_text(text, file)
 
 
-def read_text(text: str, file: str) -> ReadResult:
+def read_text(text: str, file: str) -> Source:
     """Check text that is already decoded."""
-    found: list[Diagnostic] = []
+    if len(text) > MAX_DOCUMENT_BYTES:
+        return _too_large(file)
+    problems = DiagnosticCollector()
     if text.startswith("\ufeff"):
         text = text[1:]
-        place = Span.of_file(file)
-        found.append(
+        problems.diagnostics.append(
             Diagnostic(
                 "R2B004",
                 Severity.WARNING,
                 "the file begins with a byte-order mark (BOM)",
-                place,
+                Span.of_file(file),
                 help="save it as UTF-8 without BOM; some tools read it as part of the first key",
             )
         )
@@ -177,31 +160,19 @@ def read_text(text: str, file: str) -> ReadResult:
     wrong = (_FORBIDDEN_ASCII if text.isascii() else _forbidden()).search(text)
     if wrong is not None:
         place = source.span_at(wrong.start())
-        name = "a NUL byte" if wrong[0] == "\0" else f"the character U+{ord(wrong[0]):04X}"
-        found.append(
-            _error(
-                "R2B003",
-                f"{name} is not allowed in YAML",
-                place,
-                "is this a text file?" if wrong[0] == "\0" else "remove it",
-                None if wrong[0] == "\0" else Edit(place, ""),
-            )
-        )
-    if len(text) > MAX_DOCUMENT_BYTES:
-        return decode(b" " * (MAX_DOCUMENT_BYTES + 1), file)
-    return ReadResult(source, tuple(found))
+        if wrong[0] == "\0":
+            message = "a NUL byte is not allowed in YAML"
+            problems.error("R2B003", message, place, "is this a text file?")
+        else:
+            message = f"the character U+{ord(wrong[0]):04X} is not allowed in YAML"
+            problems.error("R2B003", message, place, "remove it", edit=Edit(place, ""))
+    return Source(file, text, tuple(problems.diagnostics))
 
 
 @cache
 def _forbidden() -> re.Pattern[str]:
     """The characters outside of YAML's c-printable."""
     return re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-
-
-def _error(
-    code: str, message: str, span: Span, help_text: str = "", edit: Edit | None = None
-) -> Diagnostic:
-    return Diagnostic(code, Severity.ERROR, message, span, help=help_text, edit=edit)
 
 
 def inner_span(source: Source | None, span: Span, text: str, offset: int, length: int) -> Span:
@@ -272,26 +243,11 @@ class DiagnosticCollector:
         message: str,
         span: Span,
         help_text: str = "",
-        *,
-        related: tuple[Related, ...] = (),
-        edit: Edit | None = None,
-        certainty: Certainty = Certainty.CERTAIN,
+        **parts: Unpack[DiagnosticParts],
     ) -> None:
         """Add an error, unless there are `MAX_PROBLEMS` already."""
-        if self.full:
-            return
-        self.diagnostics.append(
-            Diagnostic(
-                code,
-                Severity.ERROR,
-                message,
-                span,
-                help=help_text,
-                related=related,
-                edit=edit,
-                certainty=certainty,
-            )
-        )
+        if not self.full:
+            self.diagnostics.append(Diagnostic.error(code, message, span, help_text, **parts))
 
     def stop(self, code: str, message: str, span: Span, help_text: str = "") -> NoReturn:
         """Add an error and stop reading the document.
@@ -299,7 +255,7 @@ class DiagnosticCollector:
         Raises:
             StopReadingError: always.
         """
-        self.diagnostics.append(Diagnostic(code, Severity.ERROR, message, span, help=help_text))
+        self.diagnostics.append(Diagnostic.error(code, message, span, help_text))
         raise StopReadingError
 
 
@@ -325,11 +281,12 @@ class ValueOrigins(msgspec.Struct, frozen=True):
         """The diagnostics, each with the places that led to its own."""
         if not self.files and not self.entries:
             return list(diagnostics)
-        return [self._with_origins_of_one(one) for one in diagnostics]
-
-    def _with_origins_of_one(self, one: Diagnostic) -> Diagnostic:
-        new = tuple(each for each in self.origins_of(one.path, one.span) if each not in one.related)
-        return replace(one, related=(*one.related, *new)) if new else one
+        located = []
+        for problem in diagnostics:
+            origins = self.origins_of(problem.path, problem.span)
+            new = tuple(origin for origin in origins if origin not in problem.related)
+            located.append(replace(problem, related=(*problem.related, *new)) if new else problem)
+        return located
 
 
 class Document(msgspec.Struct):

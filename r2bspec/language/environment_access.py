@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from r2bspec.diagnostics import Diagnostic, Severity
+from r2bspec.diagnostics import Diagnostic
 from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import UsageError
 from r2bspec.language.document import MAX_DOCUMENT_BYTES, decode
@@ -187,8 +187,7 @@ class _EnvironmentNames:
         if depth > MAX_EXTENDS_DEPTH or self._read > MAX_EXTENDED_FILES:
             return None
         data = self._base.read(path)
-        source = decode(data, path) if data is not None else None
-        tree = compose(source.source).tree if source is not None and source.usable else None
+        tree = compose(decode(data, path)).tree if data is not None else None
         if not isinstance(tree, MapNode):
             return None
         if "environment" in tree.entries:
@@ -216,12 +215,11 @@ class UntrustedSpecs:
         else:
             reason = f"this spec does not list it in {self.base.commit[:12]}"
         return {
-            name: Diagnostic(
+            name: Diagnostic.error(
                 "R2B143",
-                Severity.ERROR,
                 f"an untrusted spec cannot read {clip(name)}: {reason}",
                 item.span,
-                help="remove it; a maintainer can add it to this spec in the base branch",
+                "remove it; a maintainer can add it to this spec in the base branch",
             )
             for name, item in listed.items()
             if name not in known

@@ -70,18 +70,20 @@ def missing_keys(violation: Violation, renamed: set[Path]) -> Iterator[Diagnosti
         for key in violation.required
         if key not in present and (*violation.path, key) not in renamed
     ]
-    if not missing:
-        return
-    lines = [example_line(key, keys[key]) for key in missing]
-    names = join_words([f"'{key}'" for key in missing], "and")
-    noun = "key" if len(missing) == 1 else "keys"
-    place = f"in {violation.name}" if violation.path else "at the top of the document"
-    yield violation.error(
-        "R2B102",
-        f"missing {noun} {names} {place}",
-        f"add {join_words(lines, 'and')}",
-        span=span_at(violation.root, violation.path, key=True),
-    )
+    if missing:
+        lines = [example_line(key, keys[key]) for key in missing]
+        names = join_words([f"'{key}'" for key in missing], "and")
+        noun = "key" if len(missing) == 1 else "keys"
+        yield violation.error(
+            "R2B102",
+            f"missing {noun} {names} {_place(violation)}",
+            f"add {join_words(lines, 'and')}",
+            span=span_at(violation.root, violation.path, key=True),
+        )
+
+
+def _place(violation: Violation) -> str:
+    return f"in {violation.name}" if violation.path else "at the top of the document"
 
 
 def invalid_key_name(violation: Violation) -> Diagnostic:
@@ -197,7 +199,8 @@ def _has_shape(plain: object, rule: Rule | None) -> bool:
 def _swapped(violation: Violation, owner: Path, keys: tuple[str, str]) -> Diagnostic:
     holder = lookup(violation.root, owner)
     assert isinstance(holder, MapNode)  # noqa: S101 - both keys were found in it
-    first, second = sorted(keys, key=lambda key: _order(holder, key))
+    # In the order of the document.
+    first, second = (key for key in holder.entries if key in keys)
     return violation.error(
         "R2B150",
         f"'{first}' and '{second}' have each other's content",
@@ -206,11 +209,6 @@ def _swapped(violation: Violation, owner: Path, keys: tuple[str, str]) -> Diagno
         path=(*owner, first),
         related=(Related("the other key", holder.entries[second].key_span),),
     )
-
-
-def _order(holder: MapNode, key: str) -> tuple[int, int]:
-    span = holder.entries[key].key_span
-    return span.line, span.column
 
 
 _SYNONYMS = {
@@ -265,10 +263,9 @@ def unknown_keys(violation: Violation) -> Iterator[tuple[Diagnostic, str]]:
 
 
 def _diagnostic(violation: Violation, owner: MapNode, key: str, help_text: str) -> Diagnostic:
-    place = f"in {violation.name}" if violation.path else "at the top of the document"
     return violation.error(
         "R2B101",
-        f"unknown key {quote(key)} {place}",
+        f"unknown key {quote(key)} {_place(violation)}",
         help_text,
         span=owner.entries[key].key_span,
         path=(*violation.path, key),
@@ -391,14 +388,11 @@ def wrong_type(violation: Violation) -> Diagnostic:
     if violation.value is None:
         return _missing_value(violation)
     # A whole document that is one text may be a file of secrets: it is not quoted.
-    found = describe_value(violation.value) if violation.path else _kind_of(violation.value)
-    message = f"{violation.name} must be {describe_type(violation.rule)}, not {found}"
+    kind = "a list" if isinstance(violation.value, list) else "a single value"
+    shown = describe_value(violation.value) if violation.path else kind
+    message = f"{violation.name} must be {describe_type(violation.rule)}, not {shown}"
     help_text, repair = _type_help(violation)
     return violation.error("R2B103", message, help_text, repair=repair)
-
-
-def _kind_of(value: object) -> str:
-    return "a list" if isinstance(value, list) else "a single value"
 
 
 def _missing_value(violation: Violation) -> Diagnostic:
@@ -473,9 +467,8 @@ def invalid_choice(violation: Violation) -> Diagnostic:
     """A word that is not one of the choices."""
     words = violation.rule.words
     close = did_you_mean(violation.value, words)
-    known = (
-        f"choices: {comma_separated(words)}" if len(words) > 1 else f"the only choice: {words[0]}"
-    )
+    known = "choices: " if len(words) > 1 else "the only choice: "
+    known += comma_separated(words)
     same = close and close == violation.value.strip().casefold().replace("-", "_")
     return violation.error(
         "R2B104",
@@ -658,7 +651,7 @@ def repair_text(text: str, form: NamePattern) -> str:
     elif form is names.PYTHON_NODE:
         guess = text.replace(":", ".") if ".py" not in text and "/" not in text else ""
     elif form is names.TOPIC:
-        guess = _topic(text)
+        guess = re.sub(r"/{2,}", "/", text.strip()).rstrip("/")
     else:
         guess = text.strip()
     return guess if guess != text and form.matches(guess) else ""
@@ -675,10 +668,6 @@ def _message_type(text: str) -> str:
     if len(parts) == 2:
         parts.insert(1, "msg")
     return "/".join(parts)
-
-
-def _topic(text: str) -> str:
-    return re.sub(r"/{2,}", "/", text.strip()).rstrip("/")
 
 
 _EXPLANATIONS: Final[dict[str, Callable[[Violation], Diagnostic]]] = {

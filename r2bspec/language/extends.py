@@ -18,8 +18,8 @@ from pathlib import Path as FilePath
 import msgspec
 from msgspec.structs import replace
 
-from r2bspec.diagnostics import Diagnostic, Path, Related, Span, did_you_mean, format_path
-from r2bspec.diagnostics.quote import quote
+from r2bspec.diagnostics import Path, Related, Span, did_you_mean, format_path
+from r2bspec.diagnostics.quote import quote, unknown_name_help
 from r2bspec.language.declaration import Rule, language
 from r2bspec.language.document import MAX_DOCUMENT_BYTES, Document, read_file
 from r2bspec.language.located_tree import (
@@ -227,13 +227,12 @@ class _FileMerger:
         return None
 
     def _compose_file(self, node: ScalarNode, file: str) -> MapNode | None:
-        read = read_file(FilePath(file), self._folders, self._budget)
-        self._document.sources[file] = read.source
-        if not read.usable:
-            self._add(read.diagnostics)
-            return None
-        composed = compose(read.source)
-        self._add((*read.diagnostics, *composed.diagnostics))
+        source = read_file(FilePath(file), self._folders, self._budget)
+        self._document.sources[file] = source
+        composed = compose(source)
+        self._problems.diagnostics += [
+            problem for problem in composed.diagnostics if problem not in self._problems.diagnostics
+        ]
         if isinstance(composed.tree, MapNode):
             return composed.tree
         if composed.tree is not None:
@@ -245,11 +244,6 @@ class _FileMerger:
                 related=(Related("the content of the file", Span.of_file(file)),),
             )
         return None
-
-    def _add(self, found: Iterable[Diagnostic]) -> None:
-        for one in found:
-            if one not in self._problems.diagnostics:
-                self._problems.diagnostics.append(one)
 
 
 def extended_names(root: MapNode) -> Iterator[ScalarNode]:
@@ -341,7 +335,6 @@ class _Section:
             return None
         entries = self._entries.entries
         if base not in entries or not isinstance(entries[base].value, MapNode):
-            close = did_you_mean(base, entries)
             others = [other for other in entries if other != name]
             known = "known entries: " + ", ".join(others[:12]) if others else "there are no others"
             self._error(
@@ -349,7 +342,7 @@ class _Section:
                 "R2B136",
                 f"{quote(format_path(self._section))} has no entry {quote(base)} to extend",
                 span,
-                f"did you mean '{close}'? {known}" if close and close != name else known,
+                unknown_name_help(base, others, known),
             )
             return None
         origin = Related(f"'{name}' extends '{base}' here", span)

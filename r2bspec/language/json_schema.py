@@ -95,8 +95,8 @@ def _schema(rule: Rule, *, removable: bool = False) -> Schema:
     if rule.shown_default is not None:
         schema["default"] = rule.shown_default
     schema["examples"] = list(about.examples)
-    if about.snippets:
-        schema["defaultSnippets"] = [dict(snippet) for snippet in about.snippets]
+    if rule.snippets:
+        schema["defaultSnippets"] = list(rule.snippets)
     return schema
 
 

@@ -10,15 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
-from r2bspec.diagnostics import (
-    Diagnostic,
-    Path,
-    Related,
-    Severity,
-    Span,
-    did_you_mean,
-    format_path,
-)
+from r2bspec.diagnostics import Diagnostic, Path, Related, Span, format_path
+from r2bspec.diagnostics.quote import unknown_name_help
 from r2bspec.language.located_tree import (
     ListNode,
     MapNode,
@@ -37,6 +30,7 @@ from r2bspec.language.node_kinds import (
 )
 from r2bspec.language.quantities import QuantityError, Rate
 from r2bspec.language.spec_benchmark import MAX_RANGE_RATES
+from r2bspec.language.variables import declared_variables_help
 
 MAX_REQUIREMENTS: Final = 10_000
 """Requirements of all objectives together: far above every real number."""
@@ -139,9 +133,7 @@ class _Document:
     ) -> Diagnostic:
         """An error at a key, or at `span`."""
         place = span or span_at(self.root, path, key=True)
-        return Diagnostic(
-            code, Severity.ERROR, message, place, path=path, help=help_text, related=related
-        )
+        return Diagnostic.error(code, message, place, help_text, path=path, related=related)
 
     def both(self, path: Path, keys: Sequence[str], help_text: str, code: str) -> Diagnostic:
         """An error for the second of two keys that exclude each other."""
@@ -316,9 +308,8 @@ def _translations(document: _Document) -> Iterator[Diagnostic]:
         return
     for topic, entry in translations.entries.items():
         if topic not in inputs.entries and entry.key_resolved:
-            close = did_you_mean(topic, inputs.entries)
             known = "inputs: " + ", ".join(list(inputs.entries)[:10])
-            help_text = f"did you mean '{close}'? {known}" if close else known
+            help_text = unknown_name_help(topic, inputs.entries, known)
             yield document.error((*path, topic), f"unknown playback input '{topic}'", help_text)
 
 
@@ -388,19 +379,13 @@ def _range(document: _Document) -> Iterator[Diagnostic]:
 
 def _conditions(document: _Document) -> Iterator[Diagnostic]:
     """Variables in the `when` of objectives."""
-    known = document.keys("variables")
-    listed = "declared variables: " + ", ".join(sorted(known)[:10])
+    declared = document.keys("variables")
     for path, _ in document.entries(("slos",)):
         for name in document.keys(*path, "when"):
-            if name not in known:
-                close = did_you_mean(name, known)
-                help_text = listed if known else "declare it under 'variables'"
-                yield document.error(
-                    (*path, "when", name),
-                    f"unknown variable '{name}'",
-                    f"did you mean '{close}'? {listed}" if close else help_text,
-                    "R2B120",
-                )
+            if name not in declared:
+                help_text = declared_variables_help(name, declared, "declare it under 'variables'")
+                message = f"unknown variable '{name}'"
+                yield document.error((*path, "when", name), message, help_text, "R2B120")
 
 
 def _requirements(document: _Document) -> Iterator[Diagnostic]:

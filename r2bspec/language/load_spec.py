@@ -9,19 +9,18 @@ from __future__ import annotations
 
 import gc
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path as FilePath
 from typing import Unpack
 
-from r2bspec.diagnostics import Diagnostic, Path, Severity, Span, did_you_mean
-from r2bspec.diagnostics.quote import quote
+from r2bspec.diagnostics import Diagnostic, Path, Severity, Span
+from r2bspec.diagnostics.quote import quote, unknown_name_help
 from r2bspec.language.declaration import Rule, language
 from r2bspec.language.document import (
     MAX_PROBLEMS,
     Document,
-    ReadResult,
     Source,
     ValueOrigins,
     decode,
@@ -194,29 +193,23 @@ def load_cases(
 def _open_document(source: FilePath | str | bytes, options: LoadOptions) -> Document:
     """Read a document, up to its matrix."""
     folders = tuple(options.get("allow_paths", ()))
-    read = _read(source, options.get("file", "<text>"), folders)
-    document = Document(read.source.file, sources={read.source.file: read.source})
-    document.problems.diagnostics += read.diagnostics
-    if read.usable:
-        composed = compose(read.source)
-        document.problems.diagnostics += composed.diagnostics
-        document.tree = composed.tree
-        if isinstance(composed.tree, ScalarNode):
-            # It is no spec, and perhaps a file of secrets: findings show no line of it.
-            blank = "\n" * (len(read.source.lines) - 1)
-            document.sources[read.source.file] = Source(read.source.file, blank)
+    file = options.get("file", "<text>")
+    if isinstance(source, FilePath):
+        read = read_file(source, folders)
+    else:
+        read = read_text(source, file) if isinstance(source, str) else decode(source, file)
+    composed = compose(read)
+    if isinstance(composed.tree, ScalarNode):
+        # It is no spec, and perhaps a file of secrets: findings show no line of it.
+        read = Source(read.file, "\n" * (len(read.lines) - 1))
+    document = Document(read.file, composed.tree, sources={read.file: read})
+    document.problems.diagnostics += composed.diagnostics
     if document.tree is not None:
         extend_files(document, folders)
         extend_siblings(document)
         apply_overrides(document, options.get("sets", ()), options.get("variables") or {})
         document.tree = _without_notes(document.tree, language())
     return document
-
-
-def _read(source: FilePath | str | bytes, file: str, folders: Iterable[FilePath]) -> ReadResult:
-    if isinstance(source, FilePath):
-        return read_file(source, folders)
-    return read_text(source, file) if isinstance(source, str) else decode(source, file)
 
 
 def _without_notes(root: TreeNode, rule: Rule) -> TreeNode:
@@ -285,13 +278,12 @@ def _select_cases(document: Document, case: str) -> tuple[Matrix | None, tuple[M
     matching = tuple(each for each in matrix_cases if each.name == selected)
     if not matching:
         names = [each.name for each in matrix_cases]
-        close = did_you_mean(selected, names)
         known = "known cases: " + ", ".join(names[:12]) if names else "it has no matrix"
         document.problems.error(
             "R2B140",
             f"unknown case {quote(selected)}",
             matrix.span if matrix is not None else Span.of_file(document.file),
-            f"did you mean '{close}'? {known}" if close else known,
+            unknown_name_help(selected, names, known),
         )
     return matrix, matching
 

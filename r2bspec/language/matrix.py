@@ -22,6 +22,7 @@ from msgspec.structs import replace
 
 from r2bspec.diagnostics import Diagnostic, Related, Severity, Span, did_you_mean
 from r2bspec.diagnostics.quote import clip, quote
+from r2bspec.language.declaration import language
 from r2bspec.language.document import DiagnosticCollector
 from r2bspec.language.located_tree import (
     Entry,
@@ -33,6 +34,7 @@ from r2bspec.language.located_tree import (
     size_of,
     without,
 )
+from r2bspec.language.read_spec import INVALID, read_value
 
 if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec
@@ -71,23 +73,40 @@ class Matrix(msgspec.Struct):
 def matrix_of(root: TreeNode) -> Matrix | None:
     """The matrix of a document, or None if it has none.
 
-    Wrong types are reported by the schema: such a matrix has no cases and no problems here.
+    What violates the language is reported where all of the document is read: such a matrix has no
+    cases and no problems here.
     """
     node = child(root, KEY)
     if not isinstance(root, MapNode) or node is None:
         return None
     found = Matrix(root.entries[KEY].key_span)
-    if not isinstance(node, MapNode):
+    value, _ = read_value(node, (language().keys or {})[KEY])
+    if value is INVALID:
         return found
-    axes, cases, excluded = _axes(node), _cases(node), _excluded(node)
-    if axes is None or cases is None or excluded is None:
-        return found
-    declared = child(root, "variables")
-    known = declared.entries if isinstance(declared, MapNode) else {}
-    if _check_names(found.problems, known, axes, cases, excluded):
+    axes = _entries(node, "axes")
+    cases = {
+        name: (entry.key_span, _values(entry.value))
+        for name, entry in _entries(node, "cases").items()
+    }
+    listed = child(node, "exclude")
+    rules = listed.items if isinstance(listed, ListNode) else ()
+    excluded = [(rule.span, _values(rule)) for rule in rules]
+    if _check_names(found.problems, _entries(root, "variables"), axes, cases, excluded):
         size = size_of(without(root, KEY))
         found.matrix_cases = _expand_cases(found, axes, cases, excluded, size)
     return found
+
+
+def _entries(node: TreeNode, key: str) -> Mapping[str, Entry]:
+    below = child(node, key)
+    return below.entries if isinstance(below, MapNode) else {}
+
+
+def _values(node: TreeNode) -> Values:
+    entries = node.entries if isinstance(node, MapNode) else {}
+    return {
+        name: entry.value for name, entry in entries.items() if isinstance(entry.value, ScalarNode)
+    }
 
 
 def _expand_cases(
@@ -146,6 +165,11 @@ def _expand_cases(
         message = "the matrix has no cases" + (": all combinations are excluded" if lists else "")
         problems.error("R2B139", message, found.span, "for example: axes: {threads: [1, 2]}")
     return tuple(made)
+
+
+def _scalars(axis: TreeNode) -> tuple[ScalarNode, ...]:
+    items = axis.items if isinstance(axis, ListNode) else ()
+    return tuple(item for item in items if isinstance(item, ScalarNode))
 
 
 _RulesByValues = Mapping[tuple[str, ...], Mapping[tuple[object, ...], list[int]]]
@@ -214,62 +238,6 @@ def _check_names(
                 problems.error("R2B137", f"unknown {noun} {quote(name)}", span, meant)
                 is_valid = False
     return is_valid
-
-
-def _axes(node: MapNode) -> Mapping[str, Entry] | None:
-    axes = child(node, "axes")
-    if axes is None:
-        return {}
-    if not isinstance(axes, MapNode):
-        return None
-    lists = [entry.value for entry in axes.entries.values()]
-    is_valid = all(
-        isinstance(axis, ListNode) and axis.items and len(_scalars(axis)) == len(axis.items)
-        for axis in lists
-    )
-    return axes.entries if is_valid else None
-
-
-def _cases(node: MapNode) -> dict[str, tuple[Span, Values]] | None:
-    cases = child(node, "cases")
-    if cases is None:
-        return {}
-    if not isinstance(cases, MapNode):
-        return None
-    named = {
-        name: (entry.key_span, values)
-        for name, entry in cases.entries.items()
-        if (values := _values(entry.value)) is not None
-    }
-    return named if len(named) == len(cases.entries) else None
-
-
-def _excluded(node: MapNode) -> list[tuple[Span, Values]] | None:
-    excluded = child(node, "exclude")
-    if excluded is None:
-        return []
-    if not isinstance(excluded, ListNode):
-        return None
-    rules = [
-        (item.span, values) for item in excluded.items if (values := _values(item)) is not None
-    ]
-    return rules if len(rules) == len(excluded.items) else None
-
-
-def _values(node: TreeNode) -> Values | None:
-    if not isinstance(node, MapNode):
-        return None
-    found = {
-        name: entry.value
-        for name, entry in node.entries.items()
-        if isinstance(entry.value, ScalarNode) and entry.value.value is not None
-    }
-    return found if len(found) == len(node.entries) else None
-
-
-def _scalars(node: TreeNode) -> tuple[ScalarNode, ...]:
-    items = node.items if isinstance(node, ListNode) else ()
-    return tuple(each for each in items if isinstance(each, ScalarNode) and each.value is not None)
 
 
 _MAX_NAMED_CASES = 5

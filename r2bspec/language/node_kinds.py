@@ -1,14 +1,14 @@
 """The kinds of node: the keys that say each, and what the rest of the program has to know of it.
 
-Another kind is an entry of `NODE_KINDS`, its keys in `r2bspec.language.spec_graph.Node`, and
-its command line in `r2bspec.plan.command_lines`. A kind that runs inside a process of the harness
-has also a case in `r2bspec.harness.node_host`.
+Another kind is an entry of `NODE_KINDS`, its keys in `r2bspec.language.spec_graph.Node`, its
+snippet in ``snippets.yaml``, and its command line in `r2bspec.plan.command_lines`. A kind that runs
+inside a process of the harness has also a case in `r2bspec.harness.node_host`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import msgspec
 
@@ -40,8 +40,6 @@ class NodeKind(msgspec.Struct, frozen=True, eq=False):
             several nodes: it gets ROS arguments only where the spec states something of ROS, and
             parameter files as they are.
         listed_by: the ROS command that lists what there is of it in a package.
-        snippet: what editors offer, a label and a body; empty for nothing.
-        suggested: its place among the snippets, the most frequent first.
     """
 
     name: NodeKindName
@@ -53,8 +51,6 @@ class NodeKind(msgspec.Struct, frozen=True, eq=False):
     names_own_nodes: bool = False
     any_program: bool = False
     listed_by: str = ""
-    snippet: Mapping[str, Any] = msgspec.field(default_factory=dict)
-    suggested: int = 0
 
     @property
     def group(self) -> str:
@@ -88,11 +84,6 @@ PYTHON: Final = NodeKind(
     keys=("python",),
     role="host",
     refuses=_no_arguments("use 'parameters' for a Python node"),
-    snippet={
-        "label": "Python node",
-        "body": {"python": "${1:module.Class}", "remappings": {"${2:topic}": "${3:topic}"}},
-    },
-    suggested=1,
 )
 
 PLUGIN: Final = NodeKind(
@@ -101,11 +92,6 @@ PLUGIN: Final = NodeKind(
     role="container",
     refuses=_no_arguments("use 'parameters' for a plugin"),
     listed_by="ros2 component types",
-    snippet={
-        "label": "composable C++ node",
-        "body": {"package": "$1", "plugin": "$2", "remappings": {"$3": "$4"}},
-    },
-    suggested=3,
 )
 
 EXECUTABLE: Final = NodeKind(
@@ -113,11 +99,6 @@ EXECUTABLE: Final = NodeKind(
     keys=("package", "executable"),
     refuses=_NO_CONTAINER,
     listed_by="ros2 pkg executables",
-    snippet={
-        "label": "executable of a package",
-        "body": {"package": "$1", "executable": "$2", "remappings": {"$3": "$4"}},
-    },
-    suggested=2,
 )
 
 COMMAND: Final = NodeKind(
@@ -125,8 +106,6 @@ COMMAND: Final = NodeKind(
     keys=("command",),
     refuses=_NO_CONTAINER,
     any_program=True,
-    snippet={"label": "any command", "body": {"command": ["$1"]}},
-    suggested=4,
 )
 
 LAUNCH: Final = NodeKind(
@@ -135,8 +114,6 @@ LAUNCH: Final = NodeKind(
     refuses=_no_arguments("put them under 'launch.arguments'") | _NO_CONTAINER | _NO_PROCESS,
     by_others=True,
     names_own_nodes=True,
-    snippet={"label": "launch file", "body": {"launch": {"package": "$1", "file": "$2"}}},
-    suggested=5,
 )
 
 EXTERNAL: Final = NodeKind(

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import msgspec
 
-from r2bspec.diagnostics import Diagnostic, Edit, Path, Related, Severity, Span, format_path
+from r2bspec.diagnostics import Diagnostic, Edit, Path, Related, Span, format_path
 from r2bspec.language.declaration import Record, Rule, language
 from r2bspec.language.document import MAX_PROBLEMS, Source
 from r2bspec.language.located_tree import (
@@ -104,15 +104,9 @@ class Violation(msgspec.Struct, frozen=True):
         if span is None and isinstance(self.node, ScalarNode) and self.node.origin is not None:
             related += (self.node.origin,)
             edit = None
-        return Diagnostic(
-            code,
-            Severity.ERROR,
-            message,
-            place,
-            path=self.path if path is None else path,
-            help=help_text,
-            related=related,
-            edit=edit,
+        path = self.path if path is None else path
+        return Diagnostic.error(
+            code, message, place, help_text, path=path, related=related, edit=edit
         )
 
 

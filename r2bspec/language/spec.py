@@ -151,13 +151,7 @@ class VariableDeclaration(Record, frozen=True, kw_only=True):
 _Variable = Annotated[
     Scalar,
     Written(Scalar | VariableDeclaration),
-    key(
-        *(1280, "30 Hz", {"type": "rate", "value": "30 Hz"}),
-        snippets=(
-            {"label": "a value", "body": "$1"},
-            {"label": "a typed value", "body": {"type": "${1:rate}", "value": "${2:30 Hz}"}},
-        ),
-    ),
+    key(1280, "30 Hz", {"type": "rate", "value": "30 Hz"}),
 ]
 
 
@@ -170,10 +164,7 @@ class Matrix(Record, frozen=True, kw_only=True):
         cases: Further cases by name, with the variables in which each differs.
     """
 
-    about = key(
-        {"axes": {"threads": [1, 2, 4]}},
-        snippets=({"label": "a matrix", "body": {"axes": {"${1:variable}": ["$2", "$3"]}}},),
-    )
+    about = key({"axes": {"threads": [1, 2, 4]}})
 
     axes: Annotated[
         dict[
@@ -203,25 +194,6 @@ _ExtendedFiles = Annotated[
     key("base.yaml", ["camera.yaml", "robot.yaml"], at_least=1, loader=True),
 ]
 
-_NEW_BENCHMARK: Any = {
-    "r2bspec": 1,
-    "name": "${1:name}",
-    "data_loader": {
-        "bag": "${2:r2b_storage}",
-        "topics": {"/${3:d455_1_rgb_image}": "data_loader/${4:image}"},
-    },
-    "playback": {
-        "inputs": {
-            "${4:image}": {
-                "from": "data_loader/${4:image}",
-                "format": "${5:sensor_msgs/msg/Image}",
-            }
-        }
-    },
-    "graph": {"nodes": {"${6:node}": {"python": "${7:module.Class}"}}},
-    "monitors": {"${8:output}": {"topic": "${9:output}", "format": "${5:sensor_msgs/msg/Image}"}},
-    "benchmark": {"rates": ["${10:30 Hz}"]},
-}
 _EXAMPLE_PROBE: Any = {"log": {"process": "detector", "pattern": "model loaded"}}
 _EXAMPLE_SETUP: Any = {
     "model": {
@@ -269,10 +241,6 @@ class Spec(Record, frozen=True, kw_only=True):
         slos: The objectives that decide the verdict, by name.
     """
 
-    about = key(
-        snippets=({"label": "r2bspec", "description": "A new benchmark", "body": _NEW_BENCHMARK},)
-    )
-
     r2bspec: Annotated[Literal[1], key(changes="neither")]
     name: Annotated[names.Name, key("apriltag_node", changes="neither")]
     title: Annotated[
@@ -311,57 +279,23 @@ class Spec(Record, frozen=True, kw_only=True):
     preprocessors: Annotated[Nodes, key(changes="graph")] = {}
     containers: Annotated[
         dict[names.NodeName, Container],
-        key(
-            {"vision": {"executable": "component_container_mt"}},
-            changes="graph",
-            snippets=(
-                {
-                    "label": "a container",
-                    "body": {"${1:name}": {"executable": "${2:component_container_mt}"}},
-                },
-            ),
-        ),
+        key({"vision": {"executable": "component_container_mt"}}, changes="graph"),
     ] = {}
     setup: Annotated[
         dict[names.Name, SetupStep],
-        key(
-            _EXAMPLE_SETUP,
-            changes="graph",
-            snippets=(
-                {
-                    "label": "a step",
-                    "body": {"${1:name}": {"command": ["$2"], "creates": "${3:file}"}},
-                },
-            ),
-        ),
+        key(_EXAMPLE_SETUP, changes="graph"),
     ] = {}
     playback: Annotated[Playback, key(changes="load")]
     graph: Annotated[Graph, key(changes="graph")]
     ready: Annotated[
         dict[names.Name, ReadyProbe],
-        key(
-            {"model_loaded": _EXAMPLE_PROBE},
-            changes="graph",
-            snippets=(
-                {"label": "a service", "body": {"${1:name}": {"service": "$2"}}},
-                {
-                    "label": "a log line",
-                    "body": {"${1:name}": {"log": {"process": "$2", "pattern": "$3"}}},
-                },
-            ),
-        ),
+        key({"model_loaded": _EXAMPLE_PROBE}, changes="graph"),
     ] = {}
     after_ready: Annotated[
         dict[names.Name, AfterReadyStep],
         key(
             {"enable": {"service": {"name": "detector/enable", "type": "std_srvs/srv/Trigger"}}},
             changes="graph",
-            snippets=(
-                {
-                    "label": "a service call",
-                    "body": {"${1:name}": {"service": {"name": "$2", "type": "$3"}}},
-                },
-            ),
         ),
     ] = {}
     monitors: Annotated[
@@ -371,14 +305,6 @@ class Spec(Record, frozen=True, kw_only=True):
             at_least=1,
             at_most=MAX_ENTRIES,
             changes="load",
-            snippets=(
-                {
-                    "label": "a monitor",
-                    "body": {
-                        "${1:name}": {"topic": "${2:topic}", "format": "${3:sensor_msgs/msg/Image}"}
-                    },
-                },
-            ),
         ),
     ]
     benchmark: Annotated[Benchmark, key(changes="load")] = Benchmark()
@@ -387,17 +313,6 @@ class Spec(Record, frozen=True, kw_only=True):
         key(
             {"keeps_up": {"at": "30 Hz", "require": ["latency.p99 < 50 ms"]}},
             changes="neither",
-            snippets=(
-                {
-                    "label": "an objective",
-                    "body": {
-                        "${1:name}": {
-                            "at": "${2:30 Hz}",
-                            "require": ["${3:latency.p99 < 50 ms}"],
-                        }
-                    },
-                },
-            ),
         ),
     ] = {}
 

@@ -36,13 +36,7 @@ class BagSource(Record, frozen=True, kw_only=True):
             refused.
     """
 
-    about = key(
-        *("r2b_storage", {"path": "./bags/kitchen"}),
-        snippets=(
-            {"label": "dataset", "body": "${1:r2b_storage}"},
-            {"label": "bag with pinned content", "body": {"path": "$1", "sha256": "$2"}},
-        ),
-    )
+    about = key("r2b_storage", {"path": "./bags/kitchen"})
     word = Annotated[str, key(path=True, not_empty=True)]
 
     dataset: Annotated[str, names.DATASET, key("r2b_storage", "r2b_lounge")] = ""
@@ -96,18 +90,7 @@ class DataLoader(Record, frozen=True, kw_only=True):
             fast as they process them.
     """
 
-    about = key(
-        {"bag": "r2b_storage", "topics": {"/d455_1_rgb_image": "data_loader/image"}},
-        snippets=(
-            {
-                "label": "data_loader",
-                "body": {
-                    "bag": "${1:r2b_storage}",
-                    "topics": {"/${2:topic}": "data_loader/${3:name}"},
-                },
-            },
-        ),
-    )
+    about = key({"bag": "r2b_storage", "topics": {"/d455_1_rgb_image": "data_loader/image"}})
 
     bag: Annotated[BagSource, key(hidden_default=True)] = BagSource()
     bags: Annotated[tuple[BagSource, ...], key(["./bags/part_1", "./bags/part_2"])] = ()
@@ -237,17 +220,6 @@ class Playback(Record, frozen=True, kw_only=True):
             at_least=1,
             at_most=MAX_ENTRIES,
             unless_live=True,
-            snippets=(
-                {
-                    "label": "an input",
-                    "body": {
-                        "${1:topic}": {
-                            "from": "buffer/${1:topic}",
-                            "format": "${2:sensor_msgs/msg/Image}",
-                        }
-                    },
-                },
-            ),
         ),
     ] = {}
     unpaired: Literal["refuse", "drop"] = "refuse"

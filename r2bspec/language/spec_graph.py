@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Final, Literal
 
 from r2bspec.language import names
 from r2bspec.language.declaration import Record, Written, key
-from r2bspec.language.node_kinds import NODE_KINDS, NodeKind, kind_of, kinds_text
+from r2bspec.language.node_kinds import NodeKind, kind_of, kinds_text
 from r2bspec.language.quantities import Duration, Size
 
 MAX_ENTRIES: Final = 5000
@@ -139,16 +139,7 @@ class QoS(Record, frozen=True, kw_only=True):
         depth: The number of messages that keep_last keeps.
     """
 
-    about = key(
-        *("sensor_data", {"reliability": "best_effort", "depth": 5}),
-        snippets=(
-            {"label": "sensor data", "body": "sensor_data"},
-            {
-                "label": "field by field",
-                "body": {"reliability": "best_effort", "depth": "${1:5}"},
-            },
-        ),
-    )
+    about = key("sensor_data", {"reliability": "best_effort", "depth": 5})
     word = _ProfileName
 
     profile: ClassVar[Annotated[_ProfileName, key("default", default="default")]]
@@ -261,10 +252,6 @@ _Parameters = Annotated[
     ),
     key(
         *({"width": 1280, "height": 720}, "./camera.yaml", ["./camera.yaml", {"width": 1280}]),
-        snippets=(
-            {"label": "values", "body": {"${1:name}": "$2"}},
-            {"label": "a file and values", "body": ["./${1:parameters}.yaml", {"${2:name}": "$3"}]},
-        ),
         at_most=MAX_PARAMETER_SOURCES,
     ),
 ]
@@ -318,11 +305,6 @@ class Node(Record, frozen=True, kw_only=True):
     about = key(
         {"python": "r2bspec.nodes.RelayNode", "remappings": {"input": "image"}},
         description=f"A node: exactly one of {kinds_text()}.",
-        snippets=tuple(
-            dict(kind.snippet)
-            for kind in sorted(NODE_KINDS, key=lambda kind: kind.suggested)
-            if kind.snippet
-        ),
     )
 
     extends: ClassVar[Annotated[Sibling, key(description=sibling("node"))]]
@@ -409,21 +391,7 @@ class Node(Record, frozen=True, kw_only=True):
 
 Nodes = Annotated[
     dict[names.NodeName, Node],
-    key(
-        {"resize": {"python": "r2bspec.nodes.ResizeNode"}},
-        at_most=MAX_ENTRIES,
-        snippets=(
-            {
-                "label": "a node",
-                "body": {
-                    "${1:name}": {
-                        "python": "${2:module.Class}",
-                        "remappings": {"${3:topic}": "${4:topic}"},
-                    }
-                },
-            },
-        ),
-    ),
+    key({"resize": {"python": "r2bspec.nodes.ResizeNode"}}, at_most=MAX_ENTRIES),
 ]
 
 

@@ -44,6 +44,7 @@ from r2bspec.language.variables import (
     Reference,
     check_declaration,
     declared_value,
+    declared_variables_help,
     listed_environment,
     parse_repeat,
     references,
@@ -335,15 +336,18 @@ class Substitution:
         if name not in declared:
             if not self.problems.full:
                 span = self._inner(node, found.name_start, len(name))
-                help_text = _known_variables(name, {**declared, **self._local})
-                close = did_you_mean(name, declared)
-                self.problems.error(
-                    "R2B120",
-                    f"unknown variable '{name}'",
-                    span,
-                    help_text,
-                    related=(*self._instance_origin, *_declared_at(close, declared)),
+                help_text = declared_variables_help(
+                    name,
+                    {**declared, **self._local},
+                    f"declare it: 'variables: {{{name}: ...}}' at the top of the document",
                 )
+                close = did_you_mean(name, declared)
+                related = self._instance_origin
+                if close:
+                    place = declared[close].key_span
+                    related = (*related, Related(f"'{close}' is declared here", place))
+                message = f"unknown variable '{name}'"
+                self.problems.error("R2B120", message, span, help_text, related=related)
             return None
         self.used.add(name)
         value = declared_value(declared[name].value)
@@ -404,17 +408,3 @@ def _is_final(node: TreeNode) -> bool:
 def _as_text(node: ScalarNode | UnknownNode) -> ScalarNode | UnknownNode:
     """A value that must be a string, such as an argument, also if the variable is a number."""
     return replace(node, value=node.text) if isinstance(node, ScalarNode) else node
-
-
-def _declared_at(name: str, declared: Mapping[str, Entry]) -> tuple[Related, ...]:
-    if not name:
-        return ()
-    return (Related(f"'{name}' is declared here", declared[name].key_span),)
-
-
-def _known_variables(name: str, declared: Mapping[str, object]) -> str:
-    if not declared:
-        return f"declare it: 'variables: {{{name}: ...}}' at the top of the document"
-    close = did_you_mean(name, declared)
-    known = "declared variables: " + ", ".join(sorted(declared)[:10])
-    return f"did you mean '{close}'? {known}" if close else known

@@ -17,16 +17,22 @@ unquoted scalar.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Literal
 
 import msgspec
 from msgspec.structs import replace
 
 from r2bspec.diagnostics import Path, Related, Span, did_you_mean, format_path
-from r2bspec.diagnostics.quote import quote
+from r2bspec.diagnostics.quote import quote, unknown_name_help
 from r2bspec.language.declaration import rule_at
-from r2bspec.language.document import DiagnosticCollector, Document, Source, read_text
+from r2bspec.language.document import (
+    DiagnosticCollector,
+    Document,
+    Source,
+    has_errors,
+    read_text,
+)
 from r2bspec.language.located_tree import (
     Entry,
     ListNode,
@@ -164,6 +170,12 @@ def with_variables(root: TreeNode, values: Mapping[str, TreeNode]) -> TreeNode:
         if name in values
     }
     return replace_at(root, ("variables",), replace(declared, entries=declared.entries | changed))
+
+
+def declared_variables_help(name: str, declared: Collection[str], if_none: str) -> str:
+    """Help for a variable that is not declared."""
+    known = "declared variables: " + ", ".join(sorted(declared)[:10])
+    return unknown_name_help(name, declared, known if declared else if_none)
 
 
 def is_declared_text(declared: TreeNode) -> bool:
@@ -446,18 +458,9 @@ def _apply_variable(document: Document, name: str, text: str) -> None:
     declared = child(root, "variables")
     known = declared.entries if isinstance(declared, MapNode) else {}
     if name not in known:
-        close = did_you_mean(name, known)
-        listed = (
-            "declared variables: " + ", ".join(sorted(known)[:10])
-            if known
-            else "the document declares no variables"
-        )
-        document.problems.error(
-            "R2B128",
-            f"unknown variable {quote(name)}",
-            option.span(0, len(name)),
-            f"did you mean '{close}'? {listed}" if close else listed,
-        )
+        help_text = declared_variables_help(name, known, "the document declares no variables")
+        message = f"unknown variable {quote(name)}"
+        document.problems.error("R2B128", message, option.span(0, len(name)), help_text)
         return
     value = _value(document, option)
     if is_declared_text(known[name].value) and isinstance(value, ScalarNode):
@@ -487,19 +490,13 @@ def _value(document: Document, option: _Option) -> TreeNode:
     text = option.source.text[option.value_offset :]
     span = option.span(option.value_offset, len(option.source.text))
     if text[:1] not in ("[", "{", "'", '"'):
-        read = read_text(text, option.source.file)
-        if not read.usable:
-            document.problems.diagnostics += [
-                replace(found, span=span) for found in read.diagnostics
-            ]
-            return UnknownNode(span)
-        return ScalarNode(parse_unquoted(text), text, span)
-    # Spaces in place of the path keep the columns.
-    padded = read_text(" " * option.value_offset + text, option.source.file)
-    if not padded.usable:
-        document.problems.diagnostics += padded.diagnostics
+        problems = read_text(text, option.source.file).diagnostics
+        if not has_errors(problems):
+            return ScalarNode(parse_unquoted(text), text, span)
+        document.problems.diagnostics += [replace(problem, span=span) for problem in problems]
         return UnknownNode(span)
-    composed = compose(padded.source)
+    # Spaces in place of the path keep the columns.
+    composed = compose(read_text(" " * option.value_offset + text, option.source.file))
     document.problems.diagnostics += composed.diagnostics
     return composed.tree or UnknownNode(span)
 
@@ -513,7 +510,5 @@ def _path_suggestion(node: TreeNode | None, path: Path) -> str:
     of_language = parent.keys or () if parent is not None and (node is None or written) else ()
     keys = list(dict.fromkeys([*written, *of_language]))
     if keys:
-        close = did_you_mean(str(path[-1]), keys)
-        known = "known keys: " + ", ".join(keys[:12])
-        return f"did you mean '{close}'? {known}" if close else known
+        return unknown_name_help(str(path[-1]), keys, "known keys: " + ", ".join(keys[:12]))
     return "--set can only replace values that the document has, or set keys of the language"

@@ -29,7 +29,7 @@ from yaml import events as ev
 
 from r2bspec.diagnostics import Diagnostic, Edit, Related, Span
 from r2bspec.diagnostics.quote import quote
-from r2bspec.language.document import DiagnosticCollector, Source, StopReadingError
+from r2bspec.language.document import DiagnosticCollector, Source, StopReadingError, has_errors
 from r2bspec.language.located_tree import (
     Entry,
     ListNode,
@@ -273,7 +273,7 @@ _CParser: Any = getattr(getattr(yaml, "cyaml", None), "CParser", None)
 
 
 class ComposeResult(msgspec.Struct, frozen=True):
-    """The tree, or None if the text is not a document; and its problems."""
+    """The tree, or None if the text is no document; and its problems, with those of the source."""
 
     tree: TreeNode | None
     diagnostics: tuple[Diagnostic, ...]
@@ -281,8 +281,11 @@ class ComposeResult(msgspec.Struct, frozen=True):
 
 def compose(source: Source) -> ComposeResult:
     """Compose the document in `source`. Never raises because of the text."""
+    if has_errors(source.diagnostics):
+        return ComposeResult(None, source.diagnostics)
     composer = _Composer(source)
     found = composer.problems.diagnostics
+    found += source.diagnostics
     try:
         composer.run(_events(source.text))
     except StopReadingError:

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from typing import Unpack
 
 import msgspec
 import yaml
 
-from r2bspec.diagnostics import Diagnostic, Edit, Related, Severity, Span
+from r2bspec.diagnostics import Diagnostic, Edit, Related, Span
+from r2bspec.diagnostics.diagnostic import DiagnosticParts
 from r2bspec.language.document import Source
 
 
@@ -48,19 +50,10 @@ class ScannerReport(msgspec.Struct, frozen=True):
         help_text: str,
         *,
         span: Span | None = None,
-        related: tuple[Related, ...] = (),
-        edit: Edit | None = None,
+        **parts: Unpack[DiagnosticParts],
     ) -> Diagnostic:
         """A diagnostic at the failing column, or at `span`."""
-        return Diagnostic(
-            code,
-            Severity.ERROR,
-            message,
-            span or self.problem_span,
-            help=help_text,
-            related=related,
-            edit=edit,
-        )
+        return Diagnostic.error(code, message, span or self.problem_span, help_text, **parts)
 
     def span(self, start: int, end: int, line: int = 0) -> Span:
         """The span from a column to another in a line, by default in the failing one."""

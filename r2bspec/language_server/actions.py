@@ -25,7 +25,6 @@ from r2bspec.diagnostics.code_pages import find_page, page_file
 from r2bspec.diagnostics.edits import applicable_together
 from r2bspec.diagnostics.waivers import NOT_WAIVABLE
 from r2bspec.errors import R2bspecError
-from r2bspec.judge.result import Result
 from r2bspec.language.load_spec import load_cases
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.positions import TextPositions
@@ -40,7 +39,15 @@ DRAW_GRAPH: Final = "r2bspec.drawGraph"
 RECORD_INTERFACES: Final = "r2bspec.recordInterfaces"
 SHOW_RESULT: Final = "r2bspec.showResult"
 """Its argument is a run folder, and not a spec."""
-COMMANDS: Final = (RUN, SMOKE, PLAN, DRAW_GRAPH, RECORD_INTERFACES)
+_VERBS: Final = {
+    RUN: ["run"],
+    SMOKE: ["run", "--smoke"],
+    PLAN: ["plan"],
+    DRAW_GRAPH: ["plan", "--graph", "mermaid"],
+    RECORD_INTERFACES: ["interfaces"],
+}
+COMMANDS: Final = tuple(_VERBS)
+_R2BSPEC: Final = (sys.executable, "-P", "-m", "r2bspec")
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,20 +82,9 @@ class SpecCommand:
 
     def argv(self, name: str) -> list[str]:
         """The words of the command line."""
+        node = ["--node", self.node] if self.node and name == RECORD_INTERFACES else []
         case = ["--case", self.case] if self.case else []
-        verbs = {
-            RUN: ["run", self.file, *case],
-            SMOKE: ["run", "--smoke", self.file, *case],
-            PLAN: ["plan", self.file, *case],
-            DRAW_GRAPH: ["plan", "--graph", "mermaid", self.file, *case],
-            RECORD_INTERFACES: [
-                "interfaces",
-                self.file,
-                *(["--node", self.node] if self.node else []),
-                *case,
-            ],
-        }
-        return [sys.executable, "-P", "-m", "r2bspec", *verbs[name]]
+        return [*_R2BSPEC, *_VERBS[name], self.file, *node, *case]
 
 
 def report_argv(folder: str) -> list[str]:
@@ -99,7 +95,7 @@ def report_argv(folder: str) -> list[str]:
     """
     if not Path(folder).is_absolute() or not (Path(folder) / "result.json").is_file():
         raise ValueError("the command needs the absolute path of a run folder")
-    return [sys.executable, "-P", "-m", "r2bspec", "report", folder, "--report", "markdown=-"]
+    return [*_R2BSPEC, "report", folder, "--report", "markdown=-"]
 
 
 async def run_command(
@@ -145,16 +141,8 @@ _MAX_TRIED: Final = 5
 """Newer folders without a result that are passed over: of runs that were interrupted."""
 
 
-@dataclass(frozen=True, slots=True)
-class LatestResult:
-    """A result in one line, and the folder that has it."""
-
-    text: str
-    folder: Path
-
-
-def latest_result(name: str, folder: Path) -> LatestResult | None:
-    """The newest result of a benchmark; None if there is none.
+def latest_result(name: str, folder: Path) -> types.Command | None:
+    """The command that shows the newest result of a benchmark; its title is that in one line.
 
     Args:
         name: of the benchmark, with its case.
@@ -162,34 +150,27 @@ def latest_result(name: str, folder: Path) -> LatestResult | None:
     """
     beginning = f"{folder_name(name)}-"
     try:
-        found = [each for each in (folder / "runs").iterdir() if each.name.startswith(beginning)]
-        found.sort(key=lambda each: each.stat().st_mtime, reverse=True)
+        runs = [run for run in (folder / "runs").iterdir() if run.name.startswith(beginning)]
+        runs.sort(key=lambda run: run.stat().st_mtime, reverse=True)
     except (OSError, ValueError):
         return None
-    for each in found[:_MAX_TRIED]:
+    for run in runs[:_MAX_TRIED]:
         try:
-            result = read_result(each / "result.json")
+            result = read_result(run / "result.json")
         except R2bspecError:
             continue
         if result.name == name:
-            return LatestResult(_one_line(result), each)
+            # That of the first monitor at the first rate.
+            p99s = (
+                monitor.latency.p99
+                for rate in result.metrics.rates
+                for monitor in rate.pooled.monitors.values()
+            )
+            latency = next((p99 for p99 in p99s if p99 is not None), None)
+            measured = f"p99 {show(latency, 's')}, " if latency is not None else ""
+            title = f"last result: {measured}{result.verdict.outcome.upper()}"
+            return types.Command(title, SHOW_RESULT, arguments=[str(run)])
     return None
-
-
-def _one_line(result: Result) -> str:
-    latency = _first_p99_s(result)
-    measured = f"p99 {show(latency, 's')}, " if latency is not None else ""
-    return f"last result: {measured}{result.verdict.outcome.upper()}"
-
-
-def _first_p99_s(result: Result) -> float | None:
-    """The p99 of the first monitor at the first rate, in seconds."""
-    values = (
-        monitor.latency.p99
-        for rate in result.metrics.rates
-        for monitor in rate.pooled.monitors.values()
-    )
-    return next((each for each in values if each is not None), None)
 
 
 _MAX_CASES: Final = 8
@@ -208,22 +189,18 @@ def code_lenses(
     """
     if analysis.context is None:
         return
+    # The name may be in an extended file: the lenses are at the beginning of this one then.
     place = analysis.loaded.span(("name",), key=True)
-    if place.file != str(analysis.path):
-        # The name is in an extended file: the lenses are at the beginning of this one.
-        where = positions.range_of_offsets(0, 0)
-    else:
-        where = positions.range(place)
+    is_here = place.file == str(analysis.path)
+    where = positions.range(place) if is_here else positions.range_of_offsets(0, 0)
     for loaded in analysis.cases[:_MAX_CASES]:
         about = SpecCommand(str(analysis.path), loaded.case)
         suffix = f" {loaded.case}" if loaded.case else ""
         for title, name in (("run", RUN), ("smoke", SMOKE), ("plan", PLAN), ("graph", DRAW_GRAPH)):
             if not suffix or name in {RUN, SMOKE}:
                 yield types.CodeLens(where, about.as_command(f"{title}{suffix}", name))
-        latest = latest_result(loaded.id, folder)
-        if latest is not None:
-            shown = types.Command(latest.text, SHOW_RESULT, arguments=[str(latest.folder)])
-            yield types.CodeLens(where, shown)
+        if (latest := latest_result(loaded.id, folder)) is not None:
+            yield types.CodeLens(where, latest)
 
 
 REQUEST: Final = "r2bspec/cases"
@@ -337,6 +314,10 @@ def _is_unused(each: Diagnostic) -> bool:
     return page is not None and "unused" in page.slug.split("-")
 
 
+def _edits(file: str, *edits: types.TextEdit) -> types.WorkspaceEdit:
+    return types.WorkspaceEdit(changes={uri(file): [*edits]})
+
+
 _UNREADABLE = ("R2B0", "R2B1")
 """Errors of these codes leave no spec, and cannot be waived."""
 
@@ -369,15 +350,13 @@ def _fixes(here: Sequence[Diagnostic], positions_of: PositionsOf) -> Iterator[ty
     for each in here:
         if each.edit is None:
             continue
-        file = each.edit.span.file
-        text = each.edit.text
-        edit = types.TextEdit(positions_of(file).range(each.edit.span), text)
+        span, text = each.edit.span, each.edit.text
         yield types.CodeAction(
             title=f"Replace with '{text}'" if text.strip() else "Remove it",
             kind=types.CodeActionKind.QuickFix,
             diagnostics=[to_diagnostic(each, each.span.file, positions_of)],
             is_preferred=True,
-            edit=types.WorkspaceEdit(changes={uri(file): [edit]}),
+            edit=_edits(span.file, types.TextEdit(positions_of(span.file).range(span), text)),
         )
 
 
@@ -393,7 +372,7 @@ def _fix_all(analysis: Analysis, positions_of: PositionsOf) -> Iterator[types.Co
         yield types.CodeAction(
             title="Apply all safe fixes of this file",
             kind=types.CodeActionKind.SourceFixAll,
-            edit=types.WorkspaceEdit(changes={uri(str(analysis.path)): changes}),
+            edit=_edits(str(analysis.path), *changes),
         )
 
 
@@ -416,7 +395,7 @@ def _waivers(
             title=f"Waive {each.code} here, with a reason",
             kind=types.CodeActionKind.QuickFix,
             diagnostics=[to_diagnostic(each, each.span.file, positions_of)],
-            edit=types.WorkspaceEdit(changes={uri(str(analysis.path)): [edit]}),
+            edit=_edits(str(analysis.path), edit),
         )
 
 
@@ -464,5 +443,5 @@ def _declarations(
     yield types.CodeAction(
         title=f"Declare what '{node.key}' publishes",
         kind=types.CodeActionKind.RefactorRewrite,
-        edit=types.WorkspaceEdit(changes={uri(str(analysis.path)): [edit]}),
+        edit=_edits(str(analysis.path), edit),
     )

@@ -151,6 +151,11 @@ class Analysis:
         trees = {name: compose(source).tree for name, source in self.sources.items()}
         return {name: tree for name, tree in trees.items() if tree is not None}
 
+    @property
+    def tree(self) -> TreeNode | None:
+        """The document itself as it is written; None if it cannot be parsed."""
+        return self.written.get(str(self.path))
+
 
 def analyse(path: Path, text: str, unsaved: Mapping[Path, str] | None = None) -> Analysis:
     """Validate a text as the content of a file; nothing that it names is executed.
@@ -195,9 +200,9 @@ class OpenSpecs:
         """Take notice that a file on disk has changed."""
         self.generation += 1
 
-    def text(self, path: Path) -> str:
-        """The newest text of a document; empty if it is not open."""
-        return self._texts.get(path, "")
+    def text(self, path: Path) -> str | None:
+        """The newest text of a document; None if it is not open."""
+        return self._texts.get(path)
 
     def specs(self) -> list[Path]:
         """The open documents that are specs, and not parts that only others extend."""
@@ -239,11 +244,9 @@ class OpenSpecs:
 
     def current(self, path: Path) -> Analysis:
         """The analysis of the newest text; made now if there is none."""
-        latest = self._latest.get(path)
-        if latest is None or latest.text != self.text(path):
-            latest = self.analyse(path)
-            self.keep(latest)
-        return latest
+        if not self.is_analysed(path):
+            self.keep(self.analyse(path))
+        return self._latest[path]
 
     def is_analysed(self, path: Path) -> bool:
         """Whether the newest text of a document is the one that was analysed."""

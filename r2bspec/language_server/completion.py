@@ -251,7 +251,7 @@ def _type_text(rule: Rule) -> str:
 
 def _schema_snippets(context: CursorContext) -> Iterator[Proposal]:
     rule = rule_at(context.path)
-    for each in rule.about.snippets if rule is not None else ():
+    for each in rule.snippets if rule is not None else ():
         if isinstance(each.get("body"), dict):
             label = each["label"]
             is_key = rule is not None and label in (rule.keys or ())

@@ -27,7 +27,7 @@ from r2bspec.language.located_tree import (
 )
 from r2bspec.language.value_trace import UnknownPathError, provenance
 from r2bspec.language_server.analysis import Analysis
-from r2bspec.language_server.positions import Place, TextPositions, place_at
+from r2bspec.language_server.positions import Place, TextPositions, place_at, walk
 from r2bspec.language_server.symbols import Occurrence, occurrence_at
 from r2bspec.measure.metric_catalogue import definition
 from r2bspec.plan.compile_plan import compile_plan
@@ -42,9 +42,9 @@ def hover(
     tree = analysis.loaded.tree
     if tree is None:
         return None
-    line, column = positions.place_of_offset(positions.offset(position))
-    place = place_at(tree, str(analysis.path), line, column)
-    occurrence = occurrence_at(analysis, line, column)
+    pointer = positions.place(position)
+    place = place_at(tree, str(analysis.path), pointer)
+    occurrence = occurrence_at(analysis, pointer)
     parts: list[str] = []
     span = occurrence.span if occurrence is not None else place.span if place is not None else None
     if occurrence is not None:
@@ -153,10 +153,13 @@ def inlay_hints(analysis: Analysis, positions: TextPositions) -> Iterator[types.
     context = analysis.context
     if context is None:
         return
-    hints = [
-        (("benchmark",), True, _time_of_run(context)),
-        *_steps(context),
-    ]
+    benchmark = context.spec.benchmark
+    hints: list[tuple[Path, bool, str]] = [(("benchmark",), True, _time_of_run(context))]
+    for index, rate in enumerate(benchmark.rates):
+        steps = round(rate.hz * benchmark.duration.seconds)
+        hints.append(
+            (("benchmark", "rates", index), False, f"{steps:,} steps x {benchmark.iterations}")
+        )
     for path, is_key, text in hints:
         span = analysis.loaded.span(path, key=is_key)
         if text and span.file == str(analysis.path):
@@ -180,27 +183,12 @@ def _time_of_run(context: Context) -> str:
     return f"a run takes {estimate_time(plan).text()}"
 
 
-def _steps(context: Context) -> Iterator[tuple[Path, bool, str]]:
-    benchmark = context.spec.benchmark
-    for index, rate in enumerate(benchmark.rates):
-        steps = round(rate.hz * benchmark.duration.seconds)
-        yield (
-            ("benchmark", "rates", index),
-            False,
-            f"{steps:,} steps x {benchmark.iterations}",
-        )
-
-
 def _values(analysis: Analysis, positions: TextPositions) -> Iterator[types.InlayHint]:
     """The values of what is written with a reference."""
-    own = analysis.written.get(str(analysis.path))
-    tree = analysis.loaded.tree
-    if own is None or tree is None:
-        return
-    for path, written in scalars_with_paths(own):
+    for path, written in scalars_with_paths(analysis.tree) if analysis.tree is not None else ():
         if "$(" not in written.text:
             continue
-        value = lookup(tree, path)
+        value = lookup(analysis.loaded.tree, path)
         if isinstance(value, ScalarNode) and value.text != written.text and not value.secret:
             end = positions.offsets(written.span)[1]
             yield _after(positions, end, f"= {value.text[:40]}")
@@ -223,13 +211,13 @@ _KINDS: dict[Path, types.SymbolKind] = {
 """Kinds of the entries of a map of names."""
 
 
-def document_symbols(tree: TreeNode, positions: TextPositions) -> list[types.DocumentSymbol]:
+def document_symbols(analysis: Analysis, positions: TextPositions) -> list[types.DocumentSymbol]:
     """The keys of a document, nested as they are."""
-    return list(_symbols(tree, (), positions))
+    return list(_symbols(analysis.tree, (), positions))
 
 
 def _symbols(
-    node: TreeNode, path: Path, positions: TextPositions
+    node: TreeNode | None, path: Path, positions: TextPositions
 ) -> Iterator[types.DocumentSymbol]:
     if not isinstance(node, MapNode) or len(path) >= _MAX_DEPTH:
         return
@@ -261,24 +249,17 @@ def _is_after(span: Span, other: Span) -> bool:
     return span.file == other.file and (span.line, span.column) >= (other.line, other.column)
 
 
-def folding_ranges(tree: TreeNode, positions: TextPositions) -> list[types.FoldingRange]:
+def folding_ranges(analysis: Analysis, positions: TextPositions) -> list[types.FoldingRange]:
     """Every key whose value has several lines, and every block of comments."""
-    found = [*_folds(tree, positions), *_comment_folds(positions.text)]
-    return [each for each in found if each.end_line > each.start_line]
+    folds = [*_folds(analysis.tree, positions), *_comment_folds(positions.text)]
+    return [fold for fold in folds if fold.end_line > fold.start_line]
 
 
-def _folds(node: TreeNode, positions: TextPositions) -> Iterator[types.FoldingRange]:
-    if isinstance(node, MapNode):
-        for entry in node.entries.values():
-            if _is_after(entry.value.span, entry.key_span):
-                start = positions.range(entry.key_span).start.line
-                yield types.FoldingRange(start, positions.range(entry.value.span).end.line)
-            yield from _folds(entry.value, positions)
-    elif isinstance(node, ListNode):
-        for item in node.items:
-            where = positions.range(item.span)
-            yield types.FoldingRange(where.start.line, where.end.line)
-            yield from _folds(item, positions)
+def _folds(tree: TreeNode | None, positions: TextPositions) -> Iterator[types.FoldingRange]:
+    for _, key_span, node in walk(tree) if tree is not None else ():
+        if key_span is None or _is_after(node.span, key_span):
+            start = positions.range(key_span or node.span).start.line
+            yield types.FoldingRange(start, positions.range(node.span).end.line)
 
 
 def _comment_folds(text: str) -> Iterator[types.FoldingRange]:
@@ -293,15 +274,18 @@ def _comment_folds(text: str) -> Iterator[types.FoldingRange]:
 
 
 def selection_range(
-    tree: TreeNode, file: str, positions: TextPositions, position: types.Position
+    analysis: Analysis, positions: TextPositions, position: types.Position
 ) -> types.SelectionRange:
     """The innermost value at a position, in what contains it, up to the whole document."""
-    line, column = positions.place_of_offset(positions.offset(position))
-    place = place_at(tree, file, line, column)
-    whole = positions.range_of_offsets(0, len(positions.text))
-    selection = types.SelectionRange(whole)
-    spans = (place.span, *place.parents) if place is not None else ()
-    for span in reversed(spans):
+    selection = types.SelectionRange(positions.range_of_offsets(0, len(positions.text)))
+    tree = analysis.tree
+    place = None
+    if tree is not None:
+        place = place_at(tree, str(analysis.path), positions.place(position))
+    if place is None:
+        return selection
+    around = (lookup(tree, place.path[:depth]) for depth in range(len(place.path)))
+    for span in (*(node.span for node in around if node is not None), place.span):
         inner = positions.range(span)
         if inner != selection.range:
             selection = types.SelectionRange(inner, selection)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_right
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -58,8 +58,9 @@ class TextPositions:
             return len(self.text)
         return min(self._yaml_starts[max(line, 1) - 1] + column - 1, len(self.text))
 
-    def place_of_offset(self, offset: int) -> tuple[int, int]:
-        """The line and the column, as the compiler counts them."""
+    def place(self, position: types.Position) -> tuple[int, int]:
+        """The line and the column of a position of the protocol, as the compiler counts them."""
+        offset = self.offset(position)
         line = bisect_right(self._yaml_starts, max(offset, self._skipped))
         return line, offset - self._yaml_starts[line - 1] + 1
 
@@ -110,52 +111,47 @@ def _line_starts(line_break: re.Pattern[str], text: str, first: int) -> list[int
     return [first, *(first + match.end() for match in line_break.finditer(text))]
 
 
+def walk(tree: TreeNode, path: Path = ()) -> Iterator[tuple[Path, Span | None, TreeNode]]:
+    """Every value in the order of the document, with its path and the place of its key, if any."""
+    below: Iterable[tuple[str | int, Span | None, TreeNode]] = ()
+    if isinstance(tree, MapNode):
+        below = ((key, entry.key_span, entry.value) for key, entry in tree.entries.items())
+    elif isinstance(tree, ListNode):
+        below = ((index, None, item) for index, item in enumerate(tree.items))
+    for part, key_span, node in below:
+        yield (*path, part), key_span, node
+        yield from walk(node, (*path, part))
+
+
 @dataclass(frozen=True, slots=True)
 class Place:
     """The innermost key or value at a place.
 
     Attributes:
         is_key: whether it is the key at `path`, and not its value.
-        parents: the spans around it, the innermost first.
     """
 
     path: Path
     span: Span
     is_key: bool
-    parents: tuple[Span, ...]
 
 
-def place_at(tree: TreeNode, file: str, line: int, column: int) -> Place | None:
+def place_at(tree: TreeNode, file: str, place: tuple[int, int]) -> Place | None:
     """The innermost key or value at a place; None where there is none, as in a comment."""
-    found = _find_place(tree, (), file, (line, column), ())
-    return found if found is None or found.path else None
 
+    def contains(span: Span) -> bool:
+        start, end = (span.line, span.column), (span.end_line, span.end_column)
+        return span.file == file and start <= place <= end
 
-def contains(span: Span, file: str, place: tuple[int, int]) -> bool:
-    """Whether a span contains a line and a column; its end counts."""
-    start, end = (span.line, span.column), (span.end_line, span.end_column)
-    return span.file == file and start <= place <= end
-
-
-def _find_place(
-    node: TreeNode, path: Path, file: str, place: tuple[int, int], parents: tuple[Span, ...]
-) -> Place | None:
-    inner = (node.span, *parents)
-    if isinstance(node, MapNode):
-        for key, entry in node.entries.items():
-            if contains(entry.key_span, file, place):
-                return Place((*path, key), entry.key_span, is_key=True, parents=inner)
-            below = _find_place(entry.value, (*path, key), file, place, inner)
-            if below is not None:
-                return below
-    elif isinstance(node, ListNode):
-        for index, item in enumerate(node.items):
-            below = _find_place(item, (*path, index), file, place, inner)
-            if below is not None:
-                return below
-    if not contains(node.span, file, place):
-        return None
-    return Place(path, node.span, is_key=False, parents=parents)
+    innermost: Place | None = None
+    for path, key_span, node in walk(tree):
+        if innermost is not None and path[: len(innermost.path)] != innermost.path:
+            continue
+        if key_span is not None and contains(key_span):
+            return Place(path, key_span, is_key=True)
+        if contains(node.span):
+            innermost = Place(path, node.span, is_key=False)
+    return innermost
 
 
 _MARKER: Final = "r2bspec_cursor_marker"
@@ -194,25 +190,19 @@ def cursor_context(text: str, offset: int) -> CursorContext | None:
     line = text[line_start:offset]
     if _COMMENT.search(line):
         return None
-    start = offset - len(_word_before(line))
-    match = _WORD.match(text, offset)
-    end = match.end() if match is not None else offset
+    # 'key:value' is one word in YAML; 'key: value' is split at the space.
+    first, rest = _WORD_BEFORE.search(line), _WORD.match(text, offset)
+    start = line_start + first.start() if first is not None else offset
+    end = rest.end() if rest is not None else offset
     for candidate in _candidates(text, start, end):
         tree = compose(Source("cursor", candidate)).tree
-        found = _find(tree, ()) if tree is not None else None
-        if found is not None:
-            path, is_key, before, siblings = found
+        marked = _marked(tree) if tree is not None else None
+        if marked is not None:
+            path, is_key, before, siblings = marked
             followed = text[end:].lstrip(" ").startswith(":")
             written = text[start:offset]
             return CursorContext(path, is_key, before + written, start, end, siblings, followed)
     return None
-
-
-def _word_before(line: str) -> str:
-    """The part of a word that is before the cursor; a key ends at its colon."""
-    match = _WORD_BEFORE.search(line)
-    return match[0] if match is not None else ""
-    # 'key:value' is one word in YAML; 'key: value' was split at the space.
 
 
 def _candidates(text: str, start: int, end: int) -> Iterator[str]:
@@ -266,25 +256,14 @@ def _leading_lines(above: str) -> list[str]:
     return kept[::-1]
 
 
-_Found = tuple[Path, bool, str, frozenset[str]]
-
-
-def _find(node: TreeNode, path: Path) -> _Found | None:
+def _marked(tree: TreeNode) -> tuple[Path, bool, str, frozenset[str]] | None:
     """The path of the marker, whether it is a key, what is before it, and its sibling keys."""
-    if isinstance(node, ScalarNode):
-        before, marker, _ = node.text.partition(_MARKER)
-        return (path, False, before, frozenset()) if marker else None
-    if isinstance(node, ListNode):
-        found = (_find(item, (*path, index)) for index, item in enumerate(node.items))
-        return next((each for each in found if each is not None), None)
-    if isinstance(node, MapNode):
-        for key, entry in node.entries.items():
+    for path, _, node in ((), None, tree), *walk(tree):
+        if isinstance(node, ScalarNode) and _MARKER in node.text:
+            return path, False, node.text.partition(_MARKER)[0], frozenset()
+        for key in node.entries if isinstance(node, MapNode) else ():
             if _MARKER in key:
-                siblings = frozenset(each for each in node.entries if each != key)
-                return path, True, key.partition(_MARKER)[0], siblings
-            below = _find(entry.value, (*path, key))
-            if below is not None:
-                return below
+                return path, True, key.partition(_MARKER)[0], frozenset(node.entries) - {key}
     return None
 
 

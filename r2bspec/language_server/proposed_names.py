@@ -6,7 +6,7 @@ Message types are that of the topic first, then those that are known.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any, Final
@@ -14,16 +14,27 @@ from typing import Any, Final
 from lsprotocol import types
 
 from r2bspec.check.check_context import Context
-from r2bspec.check.installed_packages import installed_message_types
 from r2bspec.diagnostics import Path
-from r2bspec.language.declaration import rule_at
+from r2bspec.language.declaration import Rule, rule_at
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode, lookup
+from r2bspec.language.names import MESSAGE_TYPE
 from r2bspec.language.requirement_grammar import Requirement
-from r2bspec.language_server import proposed_values as files
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.positions import CursorContext, Proposal, ProposalSource
-from r2bspec.language_server.proposed_values import quantities, requirements
+from r2bspec.language_server.proposed_values import (
+    any_file,
+    executables,
+    launch_files,
+    packages,
+    plugins,
+    python_classes,
+    quantities,
+    recordings,
+    requirements,
+    yaml_files,
+)
 from r2bspec.language_server.symbols import names_of
+from r2bspec.plan.installed_packages import installed_message_types
 from r2bspec.wiring.name_resolution import expand
 from r2bspec.wiring.wiring import NodeWiring
 
@@ -74,7 +85,7 @@ def _of_topics(known: Context, owner: Path, topics: Iterator[str]) -> Iterator[s
 
 @cache
 def _common_types() -> tuple[str, ...]:
-    from r2bspec.check.message_types import common_types
+    from r2bspec.bags.message_types import common_types
 
     return tuple(sorted(common_types()))
 
@@ -91,17 +102,15 @@ def environment_names(analysis: Analysis) -> list[str]:
     return list(dict.fromkeys(name for each in listed for name in _texts(each)))
 
 
-def bag_topics(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+def bag_topics(analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
     """The topics of the recordings, with their types."""
-    del context
     bag = analysis.known.bag if analysis.known is not None else None
     for name, info in (bag.topics if bag is not None else {}).items():
         yield _topic(name, info.type)
 
 
-def graph_topics(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+def graph_topics(analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
     """The topics of the spec, relative to its namespace, with their types."""
-    del context
     spec_context = analysis.known
     if spec_context is None:
         return
@@ -119,9 +128,8 @@ def _owners(topic: str, ends: Iterable[Any]) -> Iterator[str]:
         yield f"- {'published' if each.is_publisher else 'subscribed to'} by {each.owner}"
 
 
-def input_topics(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+def input_topics(analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
     """The topics that the graph needs and does not publish; then those that are loaded."""
-    del context
     spec_context = analysis.known
     if spec_context is None:
         return
@@ -171,32 +179,28 @@ def parameters(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]
         )
 
 
-def containers(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+def containers(analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
     """The containers of the spec."""
-    del context
     for name in names_of(analysis, "container"):
         yield Proposal(name, "container", kind=types.CompletionItemKind.Module, order=5)
 
 
-def variables(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+def variables(analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
     """The variables of the spec, with their values."""
-    del context
     for name in names_of(analysis, "variable"):
         value = variable_value(analysis, name)
         yield Proposal(name, value, kind=types.CompletionItemKind.Variable, order=5)
 
 
-def inputs(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+def inputs(analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
     """The inputs of the player."""
-    del context
     known = analysis.known
     for name in known.spec.playback.inputs if known is not None else ():
         yield _topic(name, "input")
 
 
-def rates(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+def rates(analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
     """The rates of the benchmark."""
-    del context
     known = analysis.known
     for rate in known.spec.benchmark.rates if known is not None else ():
         yield Proposal(str(rate), "a rate of the benchmark", order=5)
@@ -213,9 +217,8 @@ def parameter_values(analysis: Analysis, context: CursorContext) -> Iterator[Pro
         yield Proposal(text, f"default, {info.type or 'parameter'}", order=1)
 
 
-def axes(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+def axes(analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
     """The variables of the matrix: those that cases differ in."""
-    del context
     for name in _axes(analysis):
         detail = ", ".join(_texts(_axes(analysis)[name]))
         yield Proposal(name, detail, kind=types.CompletionItemKind.Variable, order=3)
@@ -250,37 +253,46 @@ def _texts(axis: TreeNode | None) -> list[str]:
 
 def proposed_values(analysis: Analysis | None, context: CursorContext) -> Iterator[Proposal]:
     """The values that can be written at the path of a context."""
+    yield from _from_sources(_VALUES, analysis, context)
+    rule = rule_at(context.path)
+    if rule is None:
+        return
     if analysis is not None:
-        for pattern, source in _VALUES:
-            if _matches(context.path, pattern):
-                yield from source(analysis, context)
-    yield from _schema_values(context)
+        if rule.pattern is MESSAGE_TYPE:
+            yield from message_types(analysis, context)
+        if Requirement in (rule.quantity, rule.items.quantity if rule.items is not None else None):
+            yield from requirements(analysis, context)
+    yield from _declared_values(rule, context)
 
 
 def names_as_keys(analysis: Analysis | None, context: CursorContext) -> Iterator[Proposal]:
     """The names that can be the keys of the map at the path of a context."""
-    if analysis is not None:
-        for pattern, source in _KEYS:
-            if _matches(context.path, pattern):
-                for proposal in source(analysis, context):
-                    key = f"{proposal.insert or proposal.label}: "
-                    yield proposal if context.has_colon else replace(proposal, insert=key)
+    for proposal in _from_sources(_KEYS, analysis, context):
+        key = f"{proposal.insert or proposal.label}: "
+        yield proposal if context.has_colon else replace(proposal, insert=key)
+
+
+def _from_sources(
+    table: Mapping[ProposalSource, tuple[str, ...]],
+    analysis: Analysis | None,
+    context: CursorContext,
+) -> Iterator[Proposal]:
+    for source, patterns in table.items() if analysis is not None else ():
+        if any(_matches(context.path, pattern.split(".")) for pattern in patterns):
+            yield from source(analysis, context)
 
 
 def _matches(path: Path, pattern: Sequence[str]) -> bool:
     """Whether a path fits a pattern: ``*`` is any part, ``**`` at first any beginning."""
     if pattern[0] == "**":
-        tail = pattern[1:]
-        return len(path) >= len(tail) and _matches(path[len(path) - len(tail) :], tail)
+        pattern = pattern[1:]
+        path = path[-len(pattern) :]
     return len(path) == len(pattern) and all(
-        wanted in {"*", part} for part, wanted in zip(path, pattern, strict=True)
+        expected in {"*", part} for part, expected in zip(path, pattern, strict=True)
     )
 
 
-def _schema_values(context: CursorContext) -> Iterator[Proposal]:
-    rule = rule_at(context.path)
-    if rule is None:
-        return
+def _declared_values(rule: Rule, context: CursorContext) -> Iterator[Proposal]:
     yield from quantities(rule, context.before)
     if rule.kinds == ("boolean",):
         yield from (Proposal(each, order=10) for each in ("true", "false"))
@@ -303,50 +315,37 @@ def _schema_values(context: CursorContext) -> Iterator[Proposal]:
             yield Proposal(example, "example", order=800)
 
 
-_VALUES: Final[tuple[tuple[tuple[str, ...], ProposalSource], ...]] = (
-    (("slos", "*", "require"), requirements),
-    (("slos", "*", "require", "*"), requirements),
-    (("benchmark", "search", "holds"), requirements),
-    (("benchmark", "search", "holds", "*"), requirements),
-    (("slos", "*", "at"), rates),
-    (("slos", "*", "when", "*"), axis_values),
-    (("matrix", "exclude", "*", "*"), axis_values),
-    (("data_loader", "bag"), files.recordings),
-    (("data_loader", "bag", "dataset"), files.recordings),
-    (("data_loader", "bag", "path"), files.recordings),
-    (("data_loader", "topics", "*"), graph_topics),
-    (("playback", "inputs", "*", "from"), graph_topics),
-    (("playback", "inputs", "*", "format"), message_types),
-    (("monitors", "*", "topic"), graph_topics),
-    (("monitors", "*", "format"), message_types),
-    (("monitors", "*", "answers", "*"), inputs),
-    (("**", "remappings", "*"), graph_topics),
-    (("**", "publishes", "*"), message_types),
-    (("**", "subscribes", "*"), message_types),
-    (("**", "container"), containers),
-    (("**", "python"), files.python_classes),
-    (("**", "package"), files.packages),
-    (("**", "executable"), files.executables),
-    (("**", "plugin"), files.plugins),
-    (("extends",), files.yaml_files),
-    (("extends", "*"), files.yaml_files),
-    (("**", "launch", "path"), files.any_file),
-    (("**", "launch", "file"), files.launch_files),
-    (("**", "parameters"), files.yaml_files),
-    (("**", "parameters", "*"), parameter_values),
-    (("**", "parameters", "*", "*"), parameter_values),
-)
+_VALUES: Final[Mapping[ProposalSource, tuple[str, ...]]] = {
+    rates: ("slos.*.at",),
+    axis_values: ("slos.*.when.*", "matrix.exclude.*.*"),
+    recordings: ("data_loader.bag", "data_loader.bag.dataset", "data_loader.bag.path"),
+    graph_topics: (
+        *("data_loader.topics.*", "playback.inputs.*.from", "monitors.*.topic"),
+        "**.remappings.*",
+    ),
+    inputs: ("monitors.*.answers.*",),
+    containers: ("**.container",),
+    python_classes: ("**.python",),
+    packages: ("**.package",),
+    executables: ("**.executable",),
+    plugins: ("**.plugin",),
+    yaml_files: ("extends", "extends.*", "**.parameters"),
+    any_file: ("**.launch.path",),
+    launch_files: ("**.launch.file",),
+    parameter_values: ("**.parameters.*", "**.parameters.*.*"),
+}
+"""What can be written as the value at a path, besides what its declaration says."""
 
-_KEYS: Final[tuple[tuple[tuple[str, ...], ProposalSource], ...]] = (
-    (("data_loader", "topics"), bag_topics),
-    (("playback", "inputs"), input_topics),
-    (("**", "remappings"), own_topics),
-    (("graph", "nodes", "*", "parameters"), parameters),
-    (("graph", "nodes", "*", "parameters", "*"), parameters),
-    (("preprocessors", "*", "parameters"), parameters),
-    (("preprocessors", "*", "parameters", "*"), parameters),
-    (("slos", "*", "when"), case_variables),
-    (("matrix", "exclude", "*"), axes),
-    (("matrix", "cases", "*"), case_variables),
-    (("matrix", "axes"), variables),
-)
+_KEYS: Final[Mapping[ProposalSource, tuple[str, ...]]] = {
+    bag_topics: ("data_loader.topics",),
+    input_topics: ("playback.inputs",),
+    own_topics: ("**.remappings",),
+    parameters: (
+        *("graph.nodes.*.parameters", "graph.nodes.*.parameters.*"),
+        *("preprocessors.*.parameters", "preprocessors.*.parameters.*"),
+    ),
+    case_variables: ("slos.*.when", "matrix.cases.*"),
+    axes: ("matrix.exclude.*",),
+    variables: ("matrix.axes",),
+}
+"""What can be a key of the map at a path, besides what its declaration says."""

@@ -15,18 +15,18 @@ from typing import Final
 from lsprotocol import types
 
 from r2bspec.bags.recording import BAG_FORMATS
-from r2bspec.check.installed_packages import (
-    ament_packages,
-    package_executables,
-    package_plugins,
-    package_share,
-)
 from r2bspec.language.declaration import Rule
 from r2bspec.language.located_tree import ScalarNode, lookup
 from r2bspec.language.quantities import QUANTITIES, Duration, Quantity
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.positions import CursorContext, Proposal
 from r2bspec.language_server.symbols import definitions_in, names_of
+from r2bspec.plan.installed_packages import (
+    ament_packages,
+    package_executables,
+    package_plugins,
+    package_share,
+)
 
 _MAX_FILES: Final = 200
 
@@ -83,11 +83,10 @@ def _files(
                 yield Proposal(name, kind=kind, order=400)
 
 
-def python_classes(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+def python_classes(analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
     """The reference nodes, and the classes in Python files next to the spec, without imports."""
     from r2bspec.wiring.node_interface import reference_node_interfaces
 
-    del context
     for name in reference_node_interfaces():
         yield Proposal(name, "reference node", kind=types.CompletionItemKind.Class, order=300)
     home = analysis.path.parent
@@ -99,11 +98,10 @@ def python_classes(analysis: Analysis, context: CursorContext) -> Iterator[Propo
             yield Proposal(f"{place}:{each.name}", kind=types.CompletionItemKind.Class, order=5)
 
 
-def packages(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
+def packages(_analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
     """The packages that are installed, and those of the catalogue."""
     from r2bspec.wiring.node_interface import catalogue_packages
 
-    del analysis, context
     installed = ament_packages()
     for name in sorted(installed):
         yield Proposal(name, "installed", kind=types.CompletionItemKind.Module, order=10)

@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import sys
+import tempfile
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO, Final, TypeVar, cast
+from typing import Any, BinaryIO, Final, cast
 
 from lsprotocol import types
 from pygls.exceptions import JsonRpcInvalidParams
@@ -67,8 +68,6 @@ _SUFFIXES: Final = {
 }
 """The commands whose output is shown as a document, and the kind of it."""
 
-_T = TypeVar("_T")
-
 
 class SpecLanguageServer(LanguageServer):
     """The server of one editor."""
@@ -88,10 +87,10 @@ class SpecLanguageServer(LanguageServer):
     def text_of(self, path: Path) -> str:
         """The text of a file: as it is open, or what is on disk; empty if there is none."""
         text = self.specs.text(path)
-        if not text:
+        if text is None:
             with contextlib.suppress(OSError, RefusedFileError):
                 text = read_text(path, max_bytes=_MAX_FILE_BYTES)
-        return text
+        return text or ""
 
     def positions_of(self, file: str) -> TextPositions:
         """The positions in a file: of its open text, or of what is on disk."""
@@ -205,23 +204,8 @@ class SpecLanguageServer(LanguageServer):
             )
         )
 
-    def start_command(self, name: str, argument: Mapping[str, Any]) -> None:
-        """Start a command; its end is shown in the editor.
-
-        Raises:
-            ValueError: the argument is not that of a command.
-        """
-        self._start(name, actions.SpecCommand.from_argument(argument).argv(name))
-
-    def show_result(self, folder: str) -> None:
-        """Show the report of a run folder.
-
-        Raises:
-            ValueError: it is none.
-        """
-        self._start(actions.SHOW_RESULT, actions.report_argv(folder))
-
-    def _start(self, name: str, argv: list[str]) -> None:
+    def start_command(self, name: str, argv: list[str]) -> None:
+        """Start a command line; its end is shown in the editor."""
         task = asyncio.ensure_future(self._run_command(name, argv))
         self._running.add(task)
         task.add_done_callback(self._running.discard)
@@ -256,7 +240,8 @@ class SpecLanguageServer(LanguageServer):
         """Show a text in the editor, or, without that ability, in its log."""
         window = self.client_capabilities.window
         if window is not None and window.show_document is not None:
-            file = Path(_text_folder()) / f"r2bspec.{_SUFFIXES[name]}"
+            folder = tempfile.mkdtemp(prefix="r2bspec-plan-")
+            file = Path(folder) / f"r2bspec.{_SUFFIXES[name]}"
             file.write_text(text, encoding="utf-8")
             self.window_show_document(types.ShowDocumentParams(file.as_uri(), take_focus=True))
         else:
@@ -268,19 +253,12 @@ class SpecLanguageServer(LanguageServer):
             task.cancel()
 
 
-def _text_folder() -> str:
-    import tempfile
-
-    return tempfile.mkdtemp(prefix="r2bspec-plan-")
-
-
 def create_server() -> SpecLanguageServer:
     """A server with all its features; start it with ``start_io``."""
     server = SpecLanguageServer()
     _add_documents(server)
-    _add_reading(server)
-    _add_navigation(server)
-    _add_structure(server)
+    _add_completion(server)
+    _add_answers(server)
     _add_commands(server)
     return server
 
@@ -331,13 +309,20 @@ def _add_documents(server: SpecLanguageServer) -> None:
         server.stop_commands()
 
 
-def _current(server: SpecLanguageServer, document_uri: str) -> Analysis | None:
-    """The analysis of the text as it is now; None for a document that is no spec."""
-    path = _path(document_uri)
-    return server.specs.current(path) if path in server.specs.specs() else None
+@contextlib.contextmanager
+def _invalid_params() -> Iterator[None]:
+    """What the user did wrong is an error of the request."""
+    try:
+        yield
+    except ValueError as error:
+        raise JsonRpcInvalidParams(str(error)) from error
+    except RenameError as error:
+        raise JsonRpcInvalidParams(
+            f"{error}; {error.hint}" if error.hint else str(error)
+        ) from error
 
 
-def _add_reading(server: SpecLanguageServer) -> None:
+def _add_completion(server: SpecLanguageServer) -> None:
     @server.feature(
         types.TEXT_DOCUMENT_COMPLETION,
         types.CompletionOptions(trigger_characters=list(TRIGGERS)),
@@ -353,20 +338,6 @@ def _add_reading(server: SpecLanguageServer) -> None:
         )
         return types.CompletionList(is_incomplete=False, items=items)
 
-    @server.feature(types.TEXT_DOCUMENT_HOVER)
-    def hovered(params: types.HoverParams) -> types.Hover | None:
-        analysis = _current(server, params.text_document.uri)
-        if analysis is None:
-            return None
-        return hover(analysis, server.positions_of(str(analysis.path)), params.position)
-
-    @server.feature(types.TEXT_DOCUMENT_INLAY_HINT)
-    def hinted(params: types.InlayHintParams) -> list[types.InlayHint]:
-        analysis = _current(server, params.text_document.uri)
-        if analysis is None:
-            return []
-        return list(inlay_hints(analysis, server.positions_of(str(analysis.path))))
-
 
 def _completion_capabilities(server: SpecLanguageServer) -> ClientCapabilities:
     document = server.client_capabilities.text_document
@@ -379,125 +350,100 @@ def _completion_capabilities(server: SpecLanguageServer) -> ClientCapabilities:
     )
 
 
-def _place(
-    server: SpecLanguageServer, document_uri: str, position: types.Position
-) -> tuple[Analysis, int, int] | None:
-    analysis = _current(server, document_uri)
-    if analysis is None:
-        return None
-    positions = server.positions_of(str(analysis.path))
-    return (analysis, *positions.place_of_offset(positions.offset(position)))
+Answer = Callable[[Analysis, TextPositions, Any], Any]
+"""What is said of a spec: its analysis, the positions in its text, the parameters of a request."""
+
+_CODE_ACTIONS: Final = types.CodeActionOptions(
+    [
+        types.CodeActionKind.QuickFix,
+        types.CodeActionKind.RefactorRewrite,
+        types.CodeActionKind.SourceFixAll,
+    ]
+)
 
 
-def _add_navigation(server: SpecLanguageServer) -> None:
-    @server.feature(types.TEXT_DOCUMENT_DEFINITION)
-    def defined(params: types.DefinitionParams) -> list[types.Location]:
-        place = _place(server, params.text_document.uri, params.position)
-        return [server.location(each) for each in definitions(*place)] if place else []
+def _add_answers(server: SpecLanguageServer) -> None:
+    """Requests about the text of a spec as it is now; about any other document nothing is said."""
 
-    @server.feature(types.TEXT_DOCUMENT_REFERENCES)
-    def referred(params: types.ReferenceParams) -> list[types.Location]:
-        place = _place(server, params.text_document.uri, params.position)
-        if place is None:
-            return []
-        found = references_at(*place, with_definition=params.context.include_declaration)
-        return [server.location(each.span) for each in found]
+    def answers(feature: str, options: Any = None) -> Callable[[Answer], None]:
+        def register(answer: Answer) -> None:
+            @server.feature(feature, options)
+            def answered(params: Any) -> Any:
+                path = _path(params.text_document.uri)
+                if path not in server.specs.specs():
+                    return None
+                return answer(server.specs.current(path), server.positions_of(str(path)), params)
 
-    @server.feature(types.TEXT_DOCUMENT_DOCUMENT_HIGHLIGHT)
-    def highlighted(params: types.DocumentHighlightParams) -> list[types.DocumentHighlight]:
-        place = _place(server, params.text_document.uri, params.position)
-        found = references_at(*place, with_definition=True) if place else []
+        return register
+
+    @answers(types.TEXT_DOCUMENT_HOVER)
+    def hovered(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
+        return hover(analysis, positions, params.position)
+
+    @answers(types.TEXT_DOCUMENT_INLAY_HINT)
+    def hinted(analysis: Analysis, positions: TextPositions, _: Any) -> Any:
+        return list(inlay_hints(analysis, positions))
+
+    @answers(types.TEXT_DOCUMENT_DEFINITION)
+    def defined(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
+        spans = definitions(analysis, positions.place(params.position))
+        return [server.location(span) for span in spans]
+
+    @answers(types.TEXT_DOCUMENT_REFERENCES)
+    def referred(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
         return [
-            types.DocumentHighlight(server.location(each.span).range)
-            for each in found
-            if uri(each.span.file) == params.text_document.uri
+            server.location(occurrence.span)
+            for occurrence in references_at(analysis, positions.place(params.position))
+            if params.context.include_declaration or not occurrence.is_definition
         ]
 
-    @server.feature(types.TEXT_DOCUMENT_PREPARE_RENAME)
-    def prepared(params: types.PrepareRenameParams) -> types.Range | None:
-        place = _place(server, params.text_document.uri, params.position)
-        if place is None:
-            return None
-        occurrence = _or_invalid(partial(renamable, *place))
-        return server.location(occurrence.span).range
+    @answers(types.TEXT_DOCUMENT_DOCUMENT_HIGHLIGHT)
+    def highlighted(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
+        return [
+            types.DocumentHighlight(positions.range(occurrence.span))
+            for occurrence in references_at(analysis, positions.place(params.position))
+            if occurrence.span.file == str(analysis.path)
+        ]
 
-    @server.feature(types.TEXT_DOCUMENT_RENAME, types.RenameOptions(prepare_provider=True))
-    def renamed(params: types.RenameParams) -> types.WorkspaceEdit | None:
-        place = _place(server, params.text_document.uri, params.position)
-        if place is None:
-            return None
+    @answers(types.TEXT_DOCUMENT_PREPARE_RENAME)
+    def prepared(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
+        with _invalid_params():
+            return positions.range(renamable(analysis, positions.place(params.position)).span)
+
+    @answers(types.TEXT_DOCUMENT_RENAME, types.RenameOptions(prepare_provider=True))
+    def renamed(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
         changes: dict[str, list[types.TextEdit]] = {}
-        for span, text in _or_invalid(partial(rename, *place, params.new_name)).items():
+        with _invalid_params():
+            texts = rename(analysis, positions.place(params.position), params.new_name)
+        for span, text in texts.items():
             location = server.location(span)
             changes.setdefault(location.uri, []).append(types.TextEdit(location.range, text))
         return types.WorkspaceEdit(changes=changes)
 
+    @answers(types.TEXT_DOCUMENT_DOCUMENT_SYMBOL)
+    def listed(analysis: Analysis, positions: TextPositions, _: Any) -> Any:
+        return document_symbols(analysis, positions)
 
-def _or_invalid(call: Callable[[], _T]) -> _T:
-    """The result of a call; what the user did wrong is an error of the request."""
-    try:
-        return call()
-    except ValueError as error:
-        raise JsonRpcInvalidParams(str(error)) from error
-    except RenameError as error:
-        raise JsonRpcInvalidParams(
-            f"{error}; {error.hint}" if error.hint else str(error)
-        ) from error
+    @answers(types.TEXT_DOCUMENT_FOLDING_RANGE)
+    def folded(analysis: Analysis, positions: TextPositions, _: Any) -> Any:
+        return folding_ranges(analysis, positions)
 
+    @answers(types.TEXT_DOCUMENT_SELECTION_RANGE)
+    def selected(analysis: Analysis, positions: TextPositions, params: Any) -> Any:
+        return [selection_range(analysis, positions, position) for position in params.positions]
 
-def _add_structure(server: SpecLanguageServer) -> None:
-    def written(document_uri: str) -> Iterator[tuple[Analysis, Any, TextPositions]]:
-        analysis = _current(server, document_uri)
-        tree = analysis.written.get(str(analysis.path)) if analysis is not None else None
-        if analysis is not None and tree is not None:
-            yield analysis, tree, server.positions_of(str(analysis.path))
+    @answers(types.TEXT_DOCUMENT_CODE_ACTION, _CODE_ACTIONS)
+    def acted(analysis: Analysis, _: TextPositions, params: Any) -> Any:
+        kinds = [str(kind) for kind in params.context.only or ()]
+        offered = code_actions(analysis, server.positions_of, params.range)
+        return [action for action in offered if not kinds or str(action.kind) in kinds]
 
-    @server.feature(types.TEXT_DOCUMENT_DOCUMENT_SYMBOL)
-    def listed(params: types.DocumentSymbolParams) -> list[types.DocumentSymbol]:
-        found = written(params.text_document.uri)
-        return [each for _, tree, where in found for each in document_symbols(tree, where)]
-
-    @server.feature(types.TEXT_DOCUMENT_FOLDING_RANGE)
-    def folded(params: types.FoldingRangeParams) -> list[types.FoldingRange]:
-        found = written(params.text_document.uri)
-        return [each for _, tree, where in found for each in folding_ranges(tree, where)]
-
-    @server.feature(types.TEXT_DOCUMENT_SELECTION_RANGE)
-    def selected(params: types.SelectionRangeParams) -> list[types.SelectionRange]:
-        return [
-            selection_range(tree, str(analysis.path), where, position)
-            for analysis, tree, where in written(params.text_document.uri)
-            for position in params.positions
-        ]
+    @answers(types.TEXT_DOCUMENT_CODE_LENS)
+    def lensed(analysis: Analysis, positions: TextPositions, _: Any) -> Any:
+        return list(code_lenses(analysis, positions, server.folder))
 
 
 def _add_commands(server: SpecLanguageServer) -> None:
-    @server.feature(
-        types.TEXT_DOCUMENT_CODE_ACTION,
-        types.CodeActionOptions(
-            [
-                types.CodeActionKind.QuickFix,
-                types.CodeActionKind.RefactorRewrite,
-                types.CodeActionKind.SourceFixAll,
-            ]
-        ),
-    )
-    def acted(params: types.CodeActionParams) -> list[types.CodeAction]:
-        analysis = _current(server, params.text_document.uri)
-        if analysis is None:
-            return []
-        wanted = params.context.only
-        found = code_actions(analysis, server.positions_of, params.range)
-        return [each for each in found if not wanted or str(each.kind) in map(str, wanted)]
-
-    @server.feature(types.TEXT_DOCUMENT_CODE_LENS)
-    def lensed(params: types.CodeLensParams) -> list[types.CodeLens]:
-        analysis = _current(server, params.text_document.uri)
-        if analysis is None:
-            return []
-        positions = server.positions_of(str(analysis.path))
-        return list(code_lenses(analysis, positions, server.folder))
-
     @server.feature(CASES)
     async def listed_cases(params: Any) -> list[SpecCase]:
         path = _path(str(params.uri))
@@ -509,11 +455,14 @@ def _add_commands(server: SpecLanguageServer) -> None:
 
     @server.command(actions.SHOW_RESULT)
     def show(folder: str) -> None:
-        _or_invalid(partial(server.show_result, folder))
+        with _invalid_params():
+            server.start_command(actions.SHOW_RESULT, actions.report_argv(folder))
 
 
 def _starter(server: SpecLanguageServer, name: str) -> Callable[[Mapping[str, Any]], None]:
     def start(argument: Mapping[str, Any]) -> None:
-        _or_invalid(partial(server.start_command, name, argument))
+        with _invalid_params():
+            argv = actions.SpecCommand.from_argument(argument).argv(name)
+            server.start_command(name, argv)
 
     return start

@@ -9,23 +9,23 @@ from __future__ import annotations
 import ast
 import posixpath
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import Final, Literal
 
-from r2bspec.check.installed_packages import python_target
 from r2bspec.diagnostics import Path, Span
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.language.document import Source, inner_span
-from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode, child, lookup
+from r2bspec.language.located_tree import MapNode, ScalarNode, TreeNode, child, lookup
 from r2bspec.language.variables import Reference, references
 from r2bspec.language_server.analysis import Analysis
-from r2bspec.language_server.positions import place_at
+from r2bspec.language_server.positions import place_at, walk
+from r2bspec.plan.installed_packages import python_target
 from r2bspec.safe_io.safe_file import RefusedFileError, read_text
 from r2bspec.wiring.name_resolution import expand
-from r2bspec.wiring.wiring import Endpoint, PhaseWiring
+from r2bspec.wiring.wiring import Endpoint
 
 SymbolKind = Literal["variable", "topic", "node", "container", "monitor"]
 
@@ -65,14 +65,15 @@ def occurrences(analysis: Analysis) -> tuple[Occurrence, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def occurrence_at(analysis: Analysis, line: int, column: int) -> Occurrence | None:
-    """The symbol at a place of the document, counted as by `Span`."""
+def occurrence_at(analysis: Analysis, place: tuple[int, int]) -> Occurrence | None:
+    """The symbol at a line and a column of the document, counted as by `Span`."""
+    line, column = place
     here = [
-        each
-        for each in occurrences(analysis)
-        if each.span.file == str(analysis.path)
-        and each.span.line == line == each.span.end_line
-        and each.span.column <= column <= each.span.end_column
+        occurrence
+        for occurrence in occurrences(analysis)
+        if (span := occurrence.span).file == str(analysis.path)
+        and span.line == line == span.end_line
+        and span.column <= column <= span.end_column
     ]
     return min(here, key=lambda each: each.span.end_column - each.span.column, default=None)
 
@@ -84,85 +85,58 @@ def places_of(analysis: Analysis, symbol: Symbol) -> list[Occurrence]:
 
 
 def names_of(analysis: Analysis, kind: SymbolKind) -> list[str]:
-    """The names of all symbols of a kind that are defined, or, of topics, used."""
-    found = (
-        each.symbol.name
-        for each in occurrences(analysis)
-        if each.symbol.kind == kind and (each.is_definition or kind == "topic")
-    )
-    return list(dict.fromkeys(found))
+    """The names of all symbols of a kind that are defined."""
+    defined = (each.symbol for each in occurrences(analysis) if each.is_definition)
+    return list(dict.fromkeys(symbol.name for symbol in defined if symbol.kind == kind))
 
 
-@dataclass(frozen=True, slots=True)
-class _Definitions:
-    """The names that all files together define."""
-
-    variables: frozenset[str]
-    monitors: frozenset[str]
-    containers: frozenset[str]
-    nodes: frozenset[str]
+_DEFINED: Final[Mapping[Path, SymbolKind]] = {
+    ("variables",): "variable",
+    ("monitors",): "monitor",
+    ("containers",): "container",
+    ("graph", "nodes"): "node",
+    ("preprocessors",): "node",
+}
+"""The maps whose keys are names that a spec defines."""
 
 
 def _written_names(analysis: Analysis) -> Iterator[Occurrence]:
-    trees = analysis.written
-    defined = _Definitions(
-        _keys(trees.values(), ("variables",)),
-        _keys(trees.values(), ("monitors",)),
-        _keys(trees.values(), ("containers",)),
-        _keys(trees.values(), ("graph", "nodes")) | _keys(trees.values(), ("preprocessors",)),
-    )
-    for file, tree in trees.items():
-        source = analysis.sources.get(file)
-        if source is not None and not file.startswith("--"):
-            yield from _names_in(tree, (), source, defined)
-
-
-def _keys(trees: Iterable[TreeNode], path: Path) -> frozenset[str]:
-    found: set[str] = set()
-    for tree in trees:
-        node = lookup(tree, path)
-        found.update(node.entries if isinstance(node, MapNode) else ())
-    return frozenset(found)
-
-
-def _names_in(
-    node: TreeNode, path: Path, source: Source, defined: _Definitions
-) -> Iterator[Occurrence]:
-    if isinstance(node, ScalarNode):
-        yield from _in_scalar(node, path, source, defined)
-    elif isinstance(node, ListNode):
-        for index, item in enumerate(node.items):
-            yield from _names_in(item, (*path, index), source, defined)
-    elif isinstance(node, MapNode):
-        for key, entry in node.entries.items():
-            yield from _in_key(key, entry.key_span, path, source, defined)
-            yield from _names_in(entry.value, (*path, key), source, defined)
+    defined: set[Symbol] = set()
+    for tree in analysis.written.values():
+        for path, kind in _DEFINED.items():
+            node = lookup(tree, path)
+            names = node.entries if isinstance(node, MapNode) else ()
+            defined |= {Symbol(kind, name) for name in names}
+    for file, tree in analysis.written.items():
+        source = analysis.sources[file]
+        if file.startswith("--"):
+            continue
+        for path, key_span, node in walk(tree):
+            if key_span is not None:
+                yield from _in_key(path, key_span, source, defined)
+            if isinstance(node, ScalarNode):
+                yield from _in_scalar(node, path, source, defined)
 
 
 def _in_key(
-    key: str, span: Span, path: Path, source: Source, defined: _Definitions
+    path: Path, span: Span, source: Source, defined: Collection[Symbol]
 ) -> Iterator[Occurrence]:
-    kinds: dict[Path, SymbolKind] = {
-        ("variables",): "variable",
-        ("monitors",): "monitor",
-        ("containers",): "container",
-        ("graph", "nodes"): "node",
-        ("preprocessors",): "node",
-    }
-    if path in kinds:
-        yield Occurrence(Symbol(kinds[path], key), span, key, is_definition=True)
-    elif key in defined.variables and (path[:1] == ("matrix",) or path[-1:] == ("when",)):
-        yield Occurrence(Symbol("variable", key), span, key)
+    owner, key = path[:-1], str(path[-1])
+    is_set = owner[:1] == ("matrix",) or owner[-1:] == ("when",)
+    if owner in _DEFINED:
+        yield Occurrence(Symbol(_DEFINED[owner], key), span, key, is_definition=True)
+    elif is_set and (variable := Symbol("variable", key)) in defined:
+        yield Occurrence(variable, span, key)
     yield from _references(key, span, source)
 
 
 def _in_scalar(
-    node: ScalarNode, path: Path, source: Source, defined: _Definitions
+    node: ScalarNode, path: Path, source: Source, defined: Collection[Symbol]
 ) -> Iterator[Occurrence]:
     yield from _references(node.text, node.span, source)
     if path[-1:] == ("container",):
-        if node.text in defined.containers:
-            yield Occurrence(Symbol("container", node.text), node.span, node.text)
+        if (container := Symbol("container", node.text)) in defined:
+            yield Occurrence(container, node.span, node.text)
     elif path[:1] == ("slos",) or "holds" in path:
         yield from _in_requirement(node, source, defined)
 
@@ -175,46 +149,35 @@ def _references(text: str, span: Span, source: Source) -> Iterator[Occurrence]:
 
 
 def _in_requirement(
-    node: ScalarNode, source: Source, defined: _Definitions
+    node: ScalarNode, source: Source, defined: Collection[Symbol]
 ) -> Iterator[Occurrence]:
+    """The monitor before a metric, or the process after a family of metrics."""
     match = _METRIC.match(node.text)
-    if match is None:
+    if match is None or not match[2]:
         return
-    first, second = match[1], match[2]
-    if first in defined.monitors and second:
-        place = inner_span(source, node.span, node.text, match.start(1), len(first))
-        yield Occurrence(Symbol("monitor", first), place, first)
-    elif first in _PROCESS_FAMILIES and second:
-        place = inner_span(source, node.span, node.text, match.start(2), len(second))
-        if second in defined.nodes:
-            yield Occurrence(Symbol("node", second), place, second)
-        elif second in defined.containers:
-            yield Occurrence(Symbol("container", second), place, second)
+    possible = [(1, Symbol("monitor", match[1]))]
+    if match[1] in _PROCESS_FAMILIES:
+        possible += [(2, Symbol("node", match[2])), (2, Symbol("container", match[2]))]
+    group, symbol = next((each for each in possible if each[1] in defined), (0, None))
+    if symbol is not None:
+        place = inner_span(source, node.span, node.text, match.start(group), len(symbol.name))
+        yield Occurrence(symbol, place, symbol.name)
 
 
 def _topics(analysis: Analysis) -> Iterator[Occurrence]:
+    """The places of topics, but for those of which the code of a node decides the name."""
     context = analysis.context
     if context is None or context.loaded.tree is None:
         return
     for phase in context.wiring.phases:
-        for endpoint in phase.endpoints:
-            made = _topic(endpoint, phase, context.loaded.tree, context.wiring.namespace)
-            if made is not None:
-                yield made
-
-
-def _topic(endpoint: Endpoint, phase: PhaseWiring, tree: TreeNode, outer: str) -> Occurrence | None:
-    """The place of an endpoint's topic; None where the code of the node decides its name."""
-    node = phase.node(endpoint.owner)
-    namespace = node.namespace if node is not None else outer
-    written, span = _written_topic(tree, endpoint)
-    if (
-        span is None
-        or expand(written, node.key if node is not None else "", namespace) != endpoint.topic
-    ):
-        return None
-    symbol = Symbol("topic", endpoint.topic)
-    return Occurrence(symbol, span, written, endpoint.is_publisher, namespace)
+        for end in phase.endpoints:
+            node = phase.node(end.owner)
+            namespace = node.namespace if node is not None else context.wiring.namespace
+            text, span = _written_topic(context.loaded.tree, end)
+            full = expand(text, node.key if node is not None else "", namespace)
+            if span is not None and full == end.topic:
+                symbol = Symbol("topic", end.topic)
+                yield Occurrence(symbol, span, text, end.is_publisher, namespace)
 
 
 def _written_topic(tree: TreeNode, endpoint: Endpoint) -> tuple[str, Span | None]:
@@ -243,43 +206,35 @@ class RenameError(R2bspecError):
     exit_code = ExitStatus.USAGE
 
 
-def definitions(analysis: Analysis, line: int, column: int) -> list[Span]:
+def references_at(analysis: Analysis, place: tuple[int, int]) -> list[Occurrence]:
+    """Every place of the name at a line and a column."""
+    occurrence = occurrence_at(analysis, place)
+    return places_of(analysis, occurrence.symbol) if occurrence is not None else []
+
+
+def definitions(analysis: Analysis, place: tuple[int, int]) -> list[Span]:
     """Where what is at a place is defined: a name, an extended file, or a Python class."""
-    occurrence = occurrence_at(analysis, line, column)
-    if occurrence is not None:
-        found = places_of(analysis, occurrence.symbol)
-        return [each.span for each in found if each.is_definition]
-    tree = analysis.written.get(str(analysis.path))
-    place = place_at(tree, str(analysis.path), line, column) if tree is not None else None
-    node = lookup(tree, place.path) if tree is not None and place is not None else None
-    if place is None or place.is_key or not isinstance(node, ScalarNode):
+    if named := references_at(analysis, place):
+        return [occurrence.span for occurrence in named if occurrence.is_definition]
+    tree = analysis.tree
+    value = place_at(tree, str(analysis.path), place) if tree is not None else None
+    node = lookup(tree, value.path) if value is not None else None
+    if value is None or value.is_key or not isinstance(node, ScalarNode):
         return []
-    if place.path[0] == "extends":
-        return [Span.of_file(_beside(analysis, node.text))]
-    if place.path[-1] == "python":
-        return list(_class_definition(analysis, node.text))
-    return []
+    folder = analysis.path.parent
+    if value.path[0] == "extends":
+        return [Span.of_file(posixpath.normpath(posixpath.join(folder.as_posix(), node.text)))]
+    return list(_class_definition(folder, node.text)) if value.path[-1] == "python" else []
 
 
-def references_at(
-    analysis: Analysis, line: int, column: int, *, with_definition: bool
-) -> list[Occurrence]:
-    """Every place of the name at a place."""
-    occurrence = occurrence_at(analysis, line, column)
-    if occurrence is None:
-        return []
-    found = places_of(analysis, occurrence.symbol)
-    return [each for each in found if with_definition or not each.is_definition]
-
-
-def rename(analysis: Analysis, line: int, column: int, new_name: str) -> dict[Span, str]:
+def rename(analysis: Analysis, place: tuple[int, int], new_name: str) -> dict[Span, str]:
     """The new text of every place of the name at a place.
 
     Raises:
         RenameError: there is no name, the new one is not possible or taken, or a place cannot be
             edited.
     """
-    occurrence = renamable(analysis, line, column)
+    occurrence = renamable(analysis, place)
     symbol = occurrence.symbol
     if symbol.kind != "topic":
         if not _NAME.match(new_name):
@@ -295,13 +250,13 @@ def rename(analysis: Analysis, line: int, column: int, new_name: str) -> dict[Sp
     return {each.span: _as_written(each, full) for each in places_of(analysis, symbol)}
 
 
-def renamable(analysis: Analysis, line: int, column: int) -> Occurrence:
+def renamable(analysis: Analysis, place: tuple[int, int]) -> Occurrence:
     """The name at a place.
 
     Raises:
         RenameError: there is none, or one of its places cannot be edited.
     """
-    occurrence = occurrence_at(analysis, line, column)
+    occurrence = occurrence_at(analysis, place)
     if occurrence is None:
         raise RenameError("no name that can be changed is here")
     if occurrence.symbol.kind == "topic":
@@ -335,20 +290,16 @@ def _as_written(place: Occurrence, full: str) -> str:
     return full
 
 
-def _beside(analysis: Analysis, text: str) -> str:
-    return posixpath.normpath(posixpath.join(analysis.path.parent.as_posix(), text))
-
-
-def _class_definition(analysis: Analysis, text: str) -> Iterator[Span]:
+def _class_definition(folder: FilePath, text: str) -> Iterator[Span]:
     """The class of a Python node in a file next to the spec; the file is read, not imported."""
-    target = python_target(text, analysis.path.parent)
+    target = python_target(text, folder)
     if target.module or not target.readable:
         return
     file = str(FilePath(posixpath.normpath(target.file.as_posix())))
-    found = definitions_in(target.file)
-    if found is None:
+    classes = definitions_in(target.file)
+    if classes is None:
         return
-    for each in found:
+    for each in classes:
         if each.name == target.name:
             column = each.col_offset + 1
             yield Span(file, each.lineno, column, each.lineno, column + len(each.name))

@@ -154,11 +154,11 @@ int r2bspec_harness_serve(int fd)
 int r2bspec_harness_join(void)
 {
   struct timespec until;
-  clock_gettime(CLOCK_REALTIME, &until);
+  clock_gettime(CLOCK_MONOTONIC, &until);
   until.tv_sec += END_TIMEOUT_S;
   while (part_count > 0) {
     /* A blocked one ends with the process. */
-    (void)pthread_timedjoin_np(parts[--part_count], NULL, &until);
+    (void)pthread_clockjoin_np(parts[--part_count], NULL, CLOCK_MONOTONIC, &until);
   }
   return failed_parts > 0;
 }

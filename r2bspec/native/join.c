@@ -7,7 +7,7 @@
  * publishers exist. All other processes stay as they are.
  *
  * No header of ROS is used, so that it can be loaded wherever libc is. For the process that is
- * meant, the controller sends "PART,PART LIBRARY": the parts, of which each gets a connection to
+ * meant, the controller sends the line "PART,PART LIBRARY": the parts, of which each gets a connection to
  * the socket as its channel, and the path of the library that has them. The answer is "ready", or
  * "failed" with a code and a message. The node goes on when the controller closes the connection.
  */
@@ -46,16 +46,19 @@ static void leave_environment(void)
 {
   Dl_info own;
   char *preloaded = getenv("LD_PRELOAD");
-  const int known = dladdr((void *)&leave_environment, &own);
-  char *found = preloaded == NULL || known == 0 ? NULL : strstr(preloaded, own.dli_fname);
-  if (found != NULL) {
-    const char *rest = found + strlen(own.dli_fname);
+  const int known = preloaded == NULL ? 0 : dladdr((void *)&leave_environment, &own);
+  for (char *entry = preloaded; known != 0 && *entry != '\0';) {
+    const size_t length = strcspn(entry, ": ");
     /* Its separator, too; one that remains at an end is ignored by the loader. */
-    rest += *rest != '\0';
-    memmove(found, rest, strlen(rest) + 1);
-    if (*preloaded == '\0') {
-      unsetenv("LD_PRELOAD");
+    char *rest = entry + length + (entry[length] != '\0');
+    if (length == strlen(own.dli_fname) && memcmp(entry, own.dli_fname, length) == 0) {
+      memmove(entry, rest, strlen(rest) + 1);
+    } else {
+      entry = rest;
     }
+  }
+  if (known != 0 && *preloaded == '\0') {
+    unsetenv("LD_PRELOAD");
   }
   unsetenv(SOCKET_VARIABLE);
   unsetenv(PROCESS_VARIABLE);
@@ -83,6 +86,25 @@ static int say_hello(const char *socket_path, const char *what, const char *name
   return fd;
 }
 
+/* Reads a line, of which any number of bytes may arrive at once, without its end; false if it does
+ * not end, or not within the size. */
+static int read_line(int fd, char *line, size_t size)
+{
+  size_t length = 0;
+  while (length < size) {
+    const ssize_t received = recv(fd, line + length, size - length, 0);
+    if (received <= 0) {
+      return 0;
+    }
+    length += (size_t)received;
+    if (line[length - 1] == '\n') {
+      line[length - 1] = '\0';
+      return 1;
+    }
+  }
+  return 0;
+}
+
 /* Starts what a command says; returns what failed, or NULL. */
 static const char *start_parts(const char *socket_path, char *command)
 {
@@ -107,7 +129,7 @@ static void join(const char *socket_path, const char *process)
   const int fd = say_hello(socket_path, "process", process);
   /* It is in the environment, which will be changed. */
   char *path = strdup(socket_path);
-  if (fd >= 0 && path != NULL && recv(fd, line, sizeof(line) - 1, 0) > 0) {
+  if (fd >= 0 && path != NULL && read_line(fd, line, sizeof(line))) {
     const char *fault = start_parts(path, line);
     snprintf(line, sizeof(line), fault == NULL ? "ready\n" : "failed R2B674 %s\n", fault);
     (void)send(fd, line, strlen(line), MSG_NOSIGNAL);

@@ -21,6 +21,7 @@
  * arrivals in it are late by themselves. Even a busy machine wakes a process earlier. */
 #define MIN_STALL_NS 100000000
 #define STAMP_END 12
+#define MESSAGES_PER_ROUND 1000
 /* Clocks are read one after the other, and again if the reads were interrupted. */
 #define MAX_READ_NS 20000
 #define MAX_READS 5
@@ -108,10 +109,21 @@ static int64_t read_stamp(const rcl_serialized_message_t *message)
   return (int32_t)words[0] * NS_PER_S + words[1];
 }
 
-/* Records every message that has arrived. */
+/* Called by the middleware, on a thread of its own or on that of a publisher in this process. */
+static void on_messages(const void *subject, size_t count)
+{
+  (void)count;
+  watched_t *each = (watched_t *)subject;
+  if (!atomic_exchange(&each->has_messages, true)) {
+    (void)eventfd_write(each->wake_fd, 1);
+  }
+}
+
+/* Records the messages that have arrived. After many it leaves the rest to the next round, so that
+ * commands are read while messages keep coming. */
 static int drain(watched_t *each, rcl_serialized_message_t *message)
 {
-  for (;;) {
+  for (int left = MESSAGES_PER_ROUND; left > 0; --left) {
     rmw_message_info_t info = rmw_get_zero_initialized_message_info();
     const rcl_ret_t status = rcl_take_serialized_message(&each->subscription, message, &info, NULL);
     if (status == RCL_RET_SUBSCRIPTION_TAKE_FAILED) {
@@ -130,6 +142,8 @@ static int drain(watched_t *each, rcl_serialized_message_t *message)
       return -1;
     }
   }
+  on_messages(each, 0);
+  return 0;
 }
 
 static int drain_all(monitor_t *monitor)
@@ -142,16 +156,6 @@ static int drain_all(monitor_t *monitor)
     }
   }
   return 0;
-}
-
-/* Called by the middleware, on a thread of its own or on that of a publisher in this process. */
-static void on_messages(const void *subject, size_t count)
-{
-  (void)count;
-  watched_t *each = (watched_t *)subject;
-  if (!atomic_exchange(&each->has_messages, true)) {
-    (void)eventfd_write(each->wake_fd, 1);
-  }
 }
 
 /* ---- topics ---- */

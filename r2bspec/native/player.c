@@ -106,14 +106,19 @@ static bool within(int64_t first, int64_t count, int64_t total)
   return first >= 0 && count >= 0 && first <= total && count <= total - first;
 }
 
-/* Whether all that it refers to exists. */
-static bool is_whole(const player_t *player, const entry_t *entry, int64_t entries_left)
+/* Copies an entry, and checks that all it refers to exists. Whoever can write to the file can do so
+ * at any time: what was checked is what is used. */
+static int take_entry(
+  const player_t *player, const playback_t *playback, int64_t i, int64_t count, entry_t *entry)
 {
-  return within(entry->source, 1, player->source_count) &&
-         within(entry->offset, entry->size,
-                (int64_t)player->sources[entry->source].buffer.size) &&
-         (entry->place == NO_PLACE || within(entry->place, STAMP_BYTES, entry->size)) &&
-         within(1, entry->left, entries_left + 1) && entry->left > 0;
+  memcpy(entry, &playback->entries[i], sizeof(*entry));
+  /* Nothing of it is read again. */
+  __asm__ volatile("" : : "r"(entry) : "memory");
+  const bool whole = within(entry->source, 1, player->source_count) &&
+    within(entry->offset, entry->size, (int64_t)player->sources[entry->source].buffer.size) &&
+    (entry->place == NO_PLACE || within(entry->place, STAMP_BYTES, entry->size)) &&
+    within(i, entry->left, count) && entry->left > 0;
+  return whole ? 0 : fail(HARNESS_FAULT, "the playback file is damaged in entry %lld", (long long)i);
 }
 
 /* To be unmapped in any case. */
@@ -127,8 +132,9 @@ static int open_playback(const player_t *player, mapping_t *file, const char *pa
   bool whole = file->size >= sizeof(*playback) && memcmp(playback->magic, "R2BPLAY4", 8) == 0 &&
                playback->count == (int64_t)entries &&
                file->size == sizeof(*playback) + entries * sizeof(entry_t);
-  for (int64_t i = 0; whole && i < playback->count; ++i) {
-    whole = is_whole(player, &playback->entries[i], playback->count - i);
+  entry_t entry;
+  for (int64_t i = 0; whole && i < (int64_t)entries; ++i) {
+    whole = take_entry(player, playback, i, (int64_t)entries, &entry) == 0;
     /* Its page is made writable before it is needed. */
     playback->entries[i].published_ns = 0;
   }
@@ -184,68 +190,87 @@ static bool wait_until(player_t *player, int64_t due_ns, bool looks)
   return false;
 }
 
-static int publish_event(const player_t *player, entry_t *event)
+static int publish_event(player_t *player, playback_t *playback, int64_t first, int64_t end)
 {
   /* What a latency counts from: before the first call that publishes. */
-  event->published_ns = monotonic_ns();
+  playback->entries[first].published_ns = monotonic_ns();
   rcl_serialized_message_t message = {.allocator = rcl_get_default_allocator()};
-  for (const entry_t *each = event; each < event + event->left; ++each) {
-    message.buffer = (uint8_t *)data_of(player, each);
-    message.buffer_length = message.buffer_capacity = (size_t)each->size;
-    if (each->is_published &&
+  entry_t entry;
+  for (int64_t i = first; i < end; ++i) {
+    if (take_entry(player, playback, i, end, &entry) < 0) {
+      return -1;
+    }
+    message.buffer = (uint8_t *)data_of(player, &entry);
+    message.buffer_length = message.buffer_capacity = (size_t)entry.size;
+    if (entry.is_published &&
         rcl_publish_serialized_message(
-          &player->sources[each->source].publisher, &message, NULL) != RCL_RET_OK) {
+          &player->sources[entry.source].publisher, &message, NULL) != RCL_RET_OK) {
       return fail_rcl("publishing a message");
     }
   }
-  event[event->left - 1].done_ns = monotonic_ns();
+  playback->entries[end - 1].done_ns = monotonic_ns();
   return 0;
 }
 
 /* Plays until the last event or until a command arrives; returns how many steps are complete. */
-static int play_events(player_t *player, playback_t *playback)
+static int play_events(player_t *player, playback_t *playback, int64_t count)
 {
   const int64_t begin_ns = monotonic_ns() + START_DELAY_NS;
   /* To which the stamps of a recording are shifted. */
   const int64_t epoch_ns = later(system_ns() + START_DELAY_NS, playback->least_ns);
   int64_t least_stamp_ns = playback->least_ns;
   int steps = 0;
-  for (int64_t i = 0; i < playback->count; i += playback->entries[i].left) {
-    entry_t *event = &playback->entries[i];
-    event->due_ns += begin_ns;
-    /* Otherwise it is the time of publication, which is unique. */
-    const int64_t early_ns = later(event->due_ns - monotonic_ns(), 0);
-    event->stamp_ns = playback->has_stamps ? event->stamp_ns + epoch_ns
-                                           : later(system_ns() + early_ns, least_stamp_ns);
-    least_stamp_ns = event->stamp_ns + 1;
-    /* Before waiting: writing to messages that have left the cache would delay a publication. */
-    for (int32_t each = 0; each < event->left; ++each) {
-      write_stamp(player, &event[each], event->stamp_ns);
-    }
-    if (wait_until(player, event->due_ns, i % ENTRIES_PER_LOOK == 0)) {
-      break;
-    }
-    if (publish_event(player, event) < 0) {
+  entry_t entry;
+  for (int64_t first = 0, end; first < count; first = end) {
+    entry_t *event = &playback->entries[first];
+    if (take_entry(player, playback, first, count, &entry) < 0) {
       return -1;
     }
-    steps = event->complete;
+    end = first + entry.left;
+    const int64_t due_ns = event->due_ns = entry.due_ns + begin_ns;
+    /* Otherwise it is the time of publication, which is unique. */
+    const int64_t early_ns = later(due_ns - monotonic_ns(), 0);
+    const int64_t stamp_ns = playback->has_stamps ? entry.stamp_ns + epoch_ns
+                                                  : later(system_ns() + early_ns, least_stamp_ns);
+    event->stamp_ns = stamp_ns;
+    least_stamp_ns = stamp_ns + 1;
+    const int complete = entry.complete;
+    /* Before waiting: writing to messages that have left the cache would delay a publication. */
+    for (int64_t i = first; i < end; ++i) {
+      if (take_entry(player, playback, i, end, &entry) < 0) {
+        return -1;
+      }
+      write_stamp(player, &entry, stamp_ns);
+    }
+    if (wait_until(player, due_ns, first % ENTRIES_PER_LOOK == 0)) {
+      break;
+    }
+    if (publish_event(player, playback, first, end) < 0) {
+      return -1;
+    }
+    steps = complete;
     /* The event before the count: a reader sees complete events only. */
-    __atomic_store_n(&playback->published, i + event->left, __ATOMIC_RELEASE);
+    __atomic_store_n(&playback->published, end, __ATOMIC_RELEASE);
   }
   return steps;
 }
 
 /* Reads all messages from the disk, and copies the pages that stamps are written to, before any of
  * them is played. */
-static void touch(const player_t *player, const playback_t *playback)
+static int touch(const player_t *player, const playback_t *playback, int64_t count)
 {
-  for (int64_t i = 0; i < playback->count; ++i) {
-    const volatile char *data = data_of(player, &playback->entries[i]);
-    for (int32_t place = 0; place < playback->entries[i].size; place += PAGE_BYTES) {
+  entry_t entry;
+  for (int64_t i = 0; i < count; ++i) {
+    if (take_entry(player, playback, i, count, &entry) < 0) {
+      return -1;
+    }
+    const volatile char *data = data_of(player, &entry);
+    for (int64_t place = 0; place < entry.size; place += PAGE_BYTES) {
       (void)data[place];
     }
-    write_stamp(player, &playback->entries[i], 0);
+    write_stamp(player, &entry, 0);
   }
+  return 0;
 }
 
 static int play(player_t *player, const char *path)
@@ -254,11 +279,9 @@ static int play(player_t *player, const char *path)
   int steps = open_playback(player, &file, path);
   if (steps == 0) {
     playback_t *playback = (void *)file.data;
-    if (playback->is_loaded) {
-      steps = play_events(player, playback);
-    } else {
-      touch(player, playback);
-    }
+    const int64_t count = (int64_t)((file.size - sizeof(*playback)) / sizeof(entry_t));
+    steps = playback->is_loaded ? play_events(player, playback, count)
+                                : touch(player, playback, count);
   }
   (void)munmap(file.data, file.size);
   return steps < 0 ? -1 : channel_reply(player->channel, "played %d\n", steps);

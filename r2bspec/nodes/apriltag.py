@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion
-from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 
-from r2bspec.nodes import camera, images, node_tools, tag_poses
-from r2bspec.nodes.node_tools import declare, destroy_on_value_error, greater_than, one_of
+from r2bspec.nodes import camera, images, tag_poses
+from r2bspec.nodes.node_tools import QOS_DEPTH, ReferenceNode, greater_than, one_of
 
 
-class AprilTagNode(Node):
+class AprilTagNode(ReferenceNode):
     """Detects the AprilTags of one family in 8-bit images, with OpenCV's ArUco module.
 
     Subscribes to ``image`` and ``camera_info``, paired by stamp; publishes ``detections``, for each
@@ -24,27 +21,24 @@ class AprilTagNode(Node):
         ValueError: the value of a parameter is not allowed.
     """
 
-    def __init__(self, node_name: str = "apriltag", **kwargs: Any) -> None:
-        super().__init__(node_name, **kwargs)
-        with destroy_on_value_error(self):
-            self._start()
+    name_by_default = "apriltag"
 
-    def _start(self) -> None:
-        self._family = declare(
-            self, "family", "36h11", "family of the tags", one_of(*tag_poses.FAMILIES)
+    def start(self) -> None:
+        """Declare the parameters, and create publishers and subscriptions."""
+        self._family = self.declare(
+            "family", "36h11", "family of the tags", one_of(*tag_poses.FAMILIES)
         )
-        self._size_m = declare(
-            self, "size", 0.162, "edge of a tag's black square in metres", greater_than(0)
+        self._size_m = self.declare(
+            "size", 0.162, "edge of a tag's black square in metres", greater_than(0)
         )
-        self._refinement = declare(
-            self,
+        self._refinement = self.declare(
             "corner_refinement",
             "subpix",
             "how corners are brought below one pixel",
             one_of(*tag_poses.REFINEMENTS),
         )
-        self._publisher = self.create_publisher(PoseArray, "detections", node_tools.QOS_DEPTH)
-        node_tools.subscribe_pair(self, "image", "camera_info", self._on_pair)
+        self._publisher = self.create_publisher(PoseArray, "detections", QOS_DEPTH)
+        self.subscribe_set({"image": Image, "camera_info": CameraInfo}, self._on_pair)
 
     def _on_pair(self, image: Image, info: CameraInfo) -> None:
         found = tag_poses.detect(

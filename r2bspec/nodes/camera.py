@@ -7,45 +7,19 @@ principal point with it; scaling it by s alone would move every ray by (1 - s) /
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from sensor_msgs.msg import CameraInfo
 
 Matrix = NDArray[np.float64]
 
 # Models whose coefficients OpenCV's pinhole functions take as they are, with the counts it knows.
 _MODELS = ("plumb_bob", "rational_polynomial")
 _COEFFICIENTS = (0, 4, 5, 8, 12, 14)
-
-
-class Roi(Protocol):
-    """sensor_msgs/msg/RegionOfInterest; all zero means the whole image."""
-
-    x_offset: int
-    y_offset: int
-    width: int
-    height: int
-
-
-class CameraFields(Protocol):
-    """The fields of sensor_msgs/msg/CameraInfo that this module reads and writes."""
-
-    width: int
-    height: int
-    distortion_model: str
-    d: Any
-    k: Any
-    p: Any
-    binning_x: int
-    binning_y: int
-    roi: Any
-
-
-class RectifiedCameraFields(CameraFields, Protocol):
-    """Those, and the rotation by which the camera is rectified."""
-
-    r: Any
 
 
 def _resampling(scale_x: float, scale_y: float) -> Matrix:
@@ -59,7 +33,7 @@ def _resampling(scale_x: float, scale_y: float) -> Matrix:
     )
 
 
-def scale(info: CameraFields, scale_x: float, scale_y: float) -> None:
+def scale(info: CameraInfo, scale_x: float, scale_y: float) -> None:
     """Turn the camera of an image into the camera of its resized copy, in place.
 
     Intrinsics `k`, projection `p` (with its translation, which scales as fx does), the region of
@@ -71,12 +45,12 @@ def scale(info: CameraFields, scale_x: float, scale_y: float) -> None:
     info.p = (resampling @ np.reshape(info.p, (3, 4))).ravel()
     info.width = round(info.width * scale_x)
     info.height = round(info.height * scale_y)
-    roi: Roi = info.roi
+    roi = info.roi
     roi.x_offset, roi.width = round(roi.x_offset * scale_x), round(roi.width * scale_x)
     roi.y_offset, roi.height = round(roi.y_offset * scale_y), round(roi.height * scale_y)
 
 
-def matrix(info: CameraFields) -> Matrix:
+def matrix(info: CameraInfo) -> Matrix:
     """Intrinsics of the image as it was sent: after its region of interest and binning.
 
     Returns:
@@ -85,21 +59,29 @@ def matrix(info: CameraFields) -> Matrix:
     Raises:
         ValueError: the camera is not calibrated.
     """
-    full = np.array(info.k, dtype=np.float64).reshape(3, 3)
+    return _as_sent(info, "k", (3, 3))
+
+
+def _as_sent(info: CameraInfo, field: str, shape: tuple[int, int]) -> Matrix:
+    """A matrix of the camera, after its region of interest and binning."""
+    full = np.array(getattr(info, field), dtype=np.float64).reshape(shape)
     if full[0, 0] <= 0.0 or full[1, 1] <= 0.0:
-        raise ValueError("camera_info is not calibrated: its focal length k[0] or k[4] is 0")
+        raise ValueError(
+            "camera_info is not calibrated: its focal length "
+            f"{field}[0] or {field}[{shape[1] + 1}] is 0"
+        )
     full[0, 2] -= info.roi.x_offset
     full[1, 2] -= info.roi.y_offset
     # 0 means the same as 1: no binning.
     return _resampling(1.0 / max(info.binning_x, 1), 1.0 / max(info.binning_y, 1)) @ full
 
 
-def rotation(info: RectifiedCameraFields) -> Matrix:
+def rotation(info: CameraInfo) -> Matrix:
     """The rotation from the camera's optical frame to the rectified one, shape (3, 3)."""
     return np.array(info.r, dtype=np.float64).reshape(3, 3)
 
 
-def projection(info: CameraFields) -> Matrix:
+def projection(info: CameraInfo) -> Matrix:
     """The camera of the rectified image, after its region of interest and binning.
 
     Returns:
@@ -109,15 +91,10 @@ def projection(info: CameraFields) -> Matrix:
     Raises:
         ValueError: the camera is not calibrated.
     """
-    full = np.array(info.p, dtype=np.float64).reshape(3, 4)
-    if full[0, 0] <= 0.0 or full[1, 1] <= 0.0:
-        raise ValueError("camera_info is not calibrated: its focal length p[0] or p[5] is 0")
-    full[0, 2] -= info.roi.x_offset
-    full[1, 2] -= info.roi.y_offset
-    return _resampling(1.0 / max(info.binning_x, 1), 1.0 / max(info.binning_y, 1)) @ full
+    return _as_sent(info, "p", (3, 4))
 
 
-def rectified(info: RectifiedCameraFields, width: int, height: int) -> None:
+def rectified(info: CameraInfo, width: int, height: int) -> None:
     """Turn the camera of an image into the camera of its rectified image, in place.
 
     Args:
@@ -136,11 +113,11 @@ def rectified(info: RectifiedCameraFields, width: int, height: int) -> None:
     info.distortion_model = "plumb_bob"
     info.width, info.height = width, height
     info.binning_x = info.binning_y = 0
-    roi: Roi = info.roi
+    roi = info.roi
     roi.x_offset = roi.y_offset = roi.width = roi.height = 0
 
 
-def distortion(info: CameraFields) -> Matrix:
+def distortion(info: CameraInfo) -> Matrix:
     """Distortion coefficients in OpenCV's order; none at all for an ideal lens.
 
     Raises:

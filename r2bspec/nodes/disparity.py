@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from array import array
-from typing import Any
 
-from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, RegionOfInterest
 from stereo_msgs.msg import DisparityImage
 
-from r2bspec.nodes import camera, images, node_tools, stereo
+from r2bspec.nodes import camera, images, stereo
 from r2bspec.nodes.node_tools import (
+    QOS_DEPTH,
     Constraint,
+    ReferenceNode,
     at_least,
-    declare,
-    destroy_on_value_error,
     greater_than,
     one_of,
 )
@@ -24,7 +22,7 @@ _SIXTEENS = Constraint("a multiple of 16", lambda value: value > 0 and value % 1
 _ANY = Constraint("any", lambda _: True)
 
 
-class DisparityNode(Node):
+class DisparityNode(ReferenceNode):
     """Finds, for each pixel of a rectified left image, where the right image shows the same point.
 
     Subscribes to ``left/image_rect`` and ``right/image_rect`` with their ``left/camera_info`` and
@@ -36,17 +34,14 @@ class DisparityNode(Node):
         ValueError: the value of a parameter is not allowed.
     """
 
-    def __init__(self, node_name: str = "disparity", **kwargs: Any) -> None:
-        super().__init__(node_name, **kwargs)
-        with destroy_on_value_error(self):
-            self._start()
+    name_by_default = "disparity"
 
-    def _start(self) -> None:
+    def start(self) -> None:
+        """Declare the parameters, and create publishers and subscriptions."""
         self._matching = self._declared()
         self._matcher = stereo.make_matcher(self._matching)
-        self._publisher = self.create_publisher(DisparityImage, "disparity", node_tools.QOS_DEPTH)
-        node_tools.subscribe_set(
-            self,
+        self._publisher = self.create_publisher(DisparityImage, "disparity", QOS_DEPTH)
+        self.subscribe_set(
             {
                 "left/image_rect": Image,
                 "left/camera_info": CameraInfo,
@@ -58,50 +53,47 @@ class DisparityNode(Node):
 
     def _declared(self) -> stereo.MatcherParameters:
         return stereo.MatcherParameters(
-            algorithm=declare(
-                self,
+            algorithm=self.declare(
                 "stereo_algorithm",
                 0,
                 "0 block matching, 1 semi-global block matching",
                 one_of(stereo.BLOCK_MATCHING, stereo.SEMI_GLOBAL),
             ),
-            window_px=declare(
-                self, "correlation_window_size", 15, "edge of the compared square, pixels", _ODD
+            window_px=self.declare(
+                "correlation_window_size", 15, "edge of the compared square, pixels", _ODD
             ),
-            min_disparity_px=declare(
-                self, "min_disparity", 0, "smallest disparity that is tried, pixels", _ANY
+            min_disparity_px=self.declare(
+                "min_disparity", 0, "smallest disparity that is tried, pixels", _ANY
             ),
-            range_px=declare(
-                self, "disparity_range", 64, "how many disparities are tried", _SIXTEENS
+            range_px=self.declare(
+                "disparity_range", 64, "how many disparities are tried", _SIXTEENS
             ),
-            prefilter_cap=declare(
-                self,
+            prefilter_cap=self.declare(
                 "prefilter_cap",
                 31,
                 "limit of the filtered brightness",
                 Constraint("1 to 63", lambda value: 1 <= value <= 63),
             ),
-            texture_threshold=declare(
-                self, "texture_threshold", 10, "least texture of a window", at_least(0)
+            texture_threshold=self.declare(
+                "texture_threshold", 10, "least texture of a window", at_least(0)
             ),
-            uniqueness_percent=declare(
-                self,
+            uniqueness_percent=self.declare(
                 "uniqueness_ratio",
                 15.0,
                 "by how many percent the best match must be better than the second",
                 at_least(0),
             ),
-            speckle_px=declare(
-                self, "speckle_size", 100, "patches of fewer pixels are left out", at_least(0)
+            speckle_px=self.declare(
+                "speckle_size", 100, "patches of fewer pixels are left out", at_least(0)
             ),
-            speckle_range_px=declare(
-                self, "speckle_range", 4, "largest difference inside a patch, pixels", at_least(0)
+            speckle_range_px=self.declare(
+                "speckle_range", 4, "largest difference inside a patch, pixels", at_least(0)
             ),
-            small_step_cost=declare(
-                self, "P1", 200, "cost of a difference of 1 to a neighbour", greater_than(0)
+            small_step_cost=self.declare(
+                "P1", 200, "cost of a difference of 1 to a neighbour", greater_than(0)
             ),
-            large_step_cost=declare(
-                self, "P2", 400, "cost of a larger difference to a neighbour", greater_than(0)
+            large_step_cost=self.declare(
+                "P2", 400, "cost of a larger difference to a neighbour", greater_than(0)
             ),
         )
 
@@ -126,12 +118,8 @@ class DisparityNode(Node):
                 header=left.header,
                 image=Image(
                     header=left.header,
-                    height=left.height,
-                    width=left.width,
-                    encoding="32FC1",
-                    is_bigendian=images.NATIVE_BIGENDIAN,
-                    step=left.width * found.itemsize,
                     data=array("B", found.tobytes()),
+                    **images.layout("32FC1", left.width, left.height),
                 ),
                 f=float(left_camera[0, 0]),
                 t=float(baseline_m),

@@ -6,7 +6,7 @@ import sys
 from array import array
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,19 +18,10 @@ except ImportError as missing:
         "this node needs OpenCV, which is not installed: pip install 'r2bspec[vision]'"
     ) from missing
 
+if TYPE_CHECKING:
+    from sensor_msgs.msg import Image
 
 Pixels = NDArray[Any]
-
-
-class ImageFields(Protocol):
-    """The fields of sensor_msgs/msg/Image that describe its pixels."""
-
-    height: int
-    width: int
-    encoding: str
-    is_bigendian: int
-    step: int
-    data: Any
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +88,18 @@ def pixel_format(encoding: str) -> PixelFormat:
     return PIXEL_FORMATS[encoding]
 
 
-def view(image: ImageFields) -> Pixels:
+def layout(encoding: str, width: int, height: int) -> dict[str, Any]:
+    """The fields of an Image without padding, in this machine's byte order."""
+    return {
+        "height": height,
+        "width": width,
+        "encoding": encoding,
+        "is_bigendian": NATIVE_BIGENDIAN,
+        "step": width * pixel_format(encoding).pixel_bytes,
+    }
+
+
+def view(image: Image) -> Pixels:
     """The pixels of an image message, in this machine's byte order.
 
     The result shares the memory of the message, even if rows are padded. Two kinds of pixels are
@@ -165,7 +167,7 @@ def gray(pixels: Pixels, encoding: str) -> NDArray[np.uint8]:
     return np.asarray(cv2.cvtColor(pixels, _TO_GRAY[encoding]), dtype=np.uint8)
 
 
-def resize(image: ImageFields, width: int, height: int, interpolation: int) -> array[int]:
+def resize(image: Image, width: int, height: int, interpolation: int) -> array[int]:
     """Resample an image, without padding and in this machine's byte order.
 
     Args:

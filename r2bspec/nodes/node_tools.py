@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
-from sensor_msgs.msg import CameraInfo, Image
 
 from r2bspec.nodes.stamp_sets import StampSets
 
@@ -48,87 +47,88 @@ def any_bool() -> Constraint:
     return Constraint("true or false", lambda _: True)
 
 
-@contextmanager
-def destroy_on_value_error(node: Any) -> Iterator[None]:
-    """Destroy a node whose parameters are invalid, so that it is not left in the graph."""
-    try:
-        yield
-    except ValueError:
-        node.destroy_node()
-        raise
-
-
-def declare(node: Node, name: str, default: T, meaning: str, constraint: Constraint) -> T:
-    """Declare a parameter that is fixed when the node starts, and return its value.
-
-    The parameter's type is that of `default`; as always in ROS, 5 is not a double.
-
-    Raises:
-        ValueError: the value has another type, or is not allowed.
-    """
-    words = f"{_TYPES[type(default)]}, {constraint.text}"
-    descriptor = ParameterDescriptor(
-        description=meaning, additional_constraints=words, read_only=True
-    )
-    try:
-        value: T = node.declare_parameter(name, default, descriptor).value
-    except InvalidParameterTypeException as refused:
-        why = str(refused.args[0]).removesuffix(f": {name}")
-        raise ValueError(f"parameter '{name}' must be {words} ({why})") from refused
-    if not constraint.is_met_by(value):
-        raise ValueError(f"parameter '{name}' must be {words}; it is {value!r}")
-    return value
-
-
 QOS_DEPTH = 10
 _LOG_INTERVAL_S = 5.0
 
 
-def subscribe_pair(
-    node: Node, image_topic: str, info_topic: str, on_pair: Callable[[Any, Any], None]
-) -> None:
-    """Call `on_pair(image, camera_info)` for each two messages with the same stamp.
+class ReferenceNode(Node):
+    """A node of this package.
 
-    See `subscribe_set`.
+    Attributes:
+        name_by_default: its name where none is given.
     """
-    subscribe_set(node, {image_topic: Image, info_topic: CameraInfo}, on_pair)
 
+    name_by_default = ""
 
-def subscribe_set(node: Node, topics: Mapping[str, type], on_set: Callable[..., None]) -> None:
-    """Call `on_set` with one message of each topic, in their order, all with the same stamp.
+    def __init__(self, node_name: str = "", **kwargs: Any) -> None:
+        super().__init__(node_name or self.name_by_default, **kwargs)
+        try:
+            self.start()
+        except ValueError:
+            # A node whose parameters are invalid must not be left in the graph.
+            self.destroy_node()
+            raise
 
-    If more than `QOS_DEPTH` messages of a topic wait for the others, the oldest is dropped, and
-    that is logged at most every few seconds. A ValueError of `on_set` means an unusable message:
-    it is logged, and the node continues with the next one.
-    """
-    sets = StampSets(tuple(topics), QOS_DEPTH)
-    logger: Any = node.get_logger()
-    others = " and ".join(list(topics)[1:])
-    reported = 0
+    def start(self) -> None:
+        """Declare the parameters, and create publishers and subscriptions.
 
-    def receive(topic: str, message: Any) -> None:
-        nonlocal reported
-        found = sets.add(topic, _stamp_ns(message), message)
-        if found is not None:
-            try:
-                on_set(*found)
-            except ValueError as unusable:
-                logger.error(f"message dropped: {unusable}", throttle_duration_sec=_LOG_INTERVAL_S)
-        elif sets.discarded > reported:
-            reported = sets.discarded
-            logger.warning(
-                f"{reported} messages dropped so far, without a partner of the same stamp; "
-                f"each message on {next(iter(topics))} needs one on {others}",
-                throttle_duration_sec=_LOG_INTERVAL_S,
-            )
+        Raises:
+            ValueError: the value of a parameter is not allowed.
+        """
+        raise NotImplementedError
 
-    def receiver(topic: str) -> Callable[[Any], None]:
-        return lambda message: receive(topic, message)
+    def declare(self, name: str, default: T, meaning: str, constraint: Constraint) -> T:
+        """Declare a parameter that is fixed when the node starts, and return its value.
 
-    for topic, kind in topics.items():
-        node.create_subscription(kind, topic, receiver(topic), QOS_DEPTH)
+        The parameter's type is that of `default`; as always in ROS, 5 is not a double.
 
+        Raises:
+            ValueError: the value has another type, or is not allowed.
+        """
+        words = f"{_TYPES[type(default)]}, {constraint.text}"
+        descriptor = ParameterDescriptor(
+            description=meaning, additional_constraints=words, read_only=True
+        )
+        try:
+            value: T = self.declare_parameter(name, default, descriptor).value
+        except InvalidParameterTypeException as refused:
+            why = str(refused.args[0]).removesuffix(f": {name}")
+            raise ValueError(f"parameter '{name}' must be {words} ({why})") from refused
+        if not constraint.is_met_by(value):
+            raise ValueError(f"parameter '{name}' must be {words}; it is {value!r}")
+        return value
 
-def _stamp_ns(message: Any) -> int:
-    stamp = message.header.stamp
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+    def subscribe_set(self, topics: Mapping[str, type], on_set: Callable[..., None]) -> None:
+        """Call `on_set` with one message of each topic, in their order, all with the same stamp.
+
+        If more than `QOS_DEPTH` messages of a topic wait for the others, the oldest is dropped, and
+        that is logged at most every few seconds. A ValueError of `on_set` means an unusable
+        message: it is logged, and the node continues with the next one.
+        """
+        sets = StampSets(tuple(topics), QOS_DEPTH)
+        logger: Any = self.get_logger()
+        others = " and ".join(list(topics)[1:])
+        reported = 0
+
+        def receive(topic: str, message: Any) -> None:
+            nonlocal reported
+            stamp = message.header.stamp
+            stamp_ns = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+            messages = sets.add(topic, stamp_ns, message)
+            if messages is not None:
+                try:
+                    on_set(*messages)
+                except ValueError as unusable:
+                    logger.error(
+                        f"message dropped: {unusable}", throttle_duration_sec=_LOG_INTERVAL_S
+                    )
+            elif sets.discarded > reported:
+                reported = sets.discarded
+                logger.warning(
+                    f"{reported} messages dropped so far, without a partner of the same stamp; "
+                    f"each message on {next(iter(topics))} needs one on {others}",
+                    throttle_duration_sec=_LOG_INTERVAL_S,
+                )
+
+        for topic, kind in topics.items():
+            self.create_subscription(kind, topic, partial(receive, topic), QOS_DEPTH)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from array import array
-from typing import Any
 
-from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 from stereo_msgs.msg import DisparityImage
 
-from r2bspec.nodes import camera, images, node_tools, stereo
-from r2bspec.nodes.node_tools import any_bool, declare, destroy_on_value_error
+from r2bspec.nodes import camera, images, stereo
+from r2bspec.nodes.node_tools import QOS_DEPTH, ReferenceNode, any_bool
 
 _FIELDS = tuple(
     PointField(name=name, offset=offset, datatype=PointField.FLOAT32, count=1)
@@ -18,7 +16,7 @@ _FIELDS = tuple(
 )
 
 
-class PointCloudNode(Node):
+class PointCloudNode(ReferenceNode):
     """Turns disparities into points, each with the colour of its pixel.
 
     Subscribes to ``disparity``, ``left/image_rect_color`` and ``left/camera_info``, all with the
@@ -30,18 +28,15 @@ class PointCloudNode(Node):
         ValueError: the value of a parameter is not allowed.
     """
 
-    def __init__(self, node_name: str = "point_cloud", **kwargs: Any) -> None:
-        super().__init__(node_name, **kwargs)
-        with destroy_on_value_error(self):
-            self._start()
+    name_by_default = "point_cloud"
 
-    def _start(self) -> None:
-        self._use_color = declare(
-            self, "use_color", True, "whether points have the colour of their pixels", any_bool()
+    def start(self) -> None:
+        """Declare the parameters, and create publishers and subscriptions."""
+        self._use_color = self.declare(
+            "use_color", True, "whether points have the colour of their pixels", any_bool()
         )
-        self._publisher = self.create_publisher(PointCloud2, "points2", node_tools.QOS_DEPTH)
-        node_tools.subscribe_set(
-            self,
+        self._publisher = self.create_publisher(PointCloud2, "points2", QOS_DEPTH)
+        self.subscribe_set(
             {
                 "left/image_rect_color": Image,
                 "left/camera_info": CameraInfo,

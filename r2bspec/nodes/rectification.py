@@ -10,12 +10,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from r2bspec.nodes import camera
 from r2bspec.nodes.images import Pixels, cv2
+
+if TYPE_CHECKING:
+    from sensor_msgs.msg import CameraInfo
 
 INTERPOLATIONS = MappingProxyType(
     {0: cv2.INTER_NEAREST, 1: cv2.INTER_LINEAR, 2: cv2.INTER_CUBIC, 4: cv2.INTER_LANCZOS4}
@@ -38,9 +41,7 @@ class _Model:
     height: int
 
 
-def rectify(
-    pixels: Pixels, info: camera.RectifiedCameraFields, target: Pixels, interpolation: int = 1
-) -> None:
+def rectify(pixels: Pixels, info: CameraInfo, target: Pixels, interpolation: int = 1) -> None:
     """Write the rectified image into `target`, whose shape and type are those of `pixels`.
 
     Pixels that the camera did not see are 0.

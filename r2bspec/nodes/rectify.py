@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 
-from r2bspec.nodes import camera, images, node_tools, rectification
-from r2bspec.nodes.node_tools import declare, destroy_on_value_error, one_of
+from r2bspec.nodes import camera, images, rectification
+from r2bspec.nodes.node_tools import QOS_DEPTH, ReferenceNode, one_of
 
 
-class RectifyNode(Node):
+class RectifyNode(ReferenceNode):
     """Removes the distortion of a camera's images, and rotates those of a stereo pair into rows.
 
     Subscribes to ``image`` and ``camera_info``, paired by stamp; publishes ``image_rect`` and
@@ -22,24 +19,19 @@ class RectifyNode(Node):
         ValueError: the value of a parameter is not allowed.
     """
 
-    def __init__(self, node_name: str = "rectify", **kwargs: Any) -> None:
-        super().__init__(node_name, **kwargs)
-        with destroy_on_value_error(self):
-            self._start()
+    name_by_default = "rectify"
 
-    def _start(self) -> None:
-        self._interpolation = declare(
-            self,
+    def start(self) -> None:
+        """Declare the parameters, and create publishers and subscriptions."""
+        self._interpolation = self.declare(
             "interpolation",
             1,
             "0 nearest, 1 linear, 2 cubic, 4 Lanczos over 8x8 pixels",
             one_of(*rectification.INTERPOLATIONS),
         )
-        self._image_publisher = self.create_publisher(Image, "image_rect", node_tools.QOS_DEPTH)
-        self._info_publisher = self.create_publisher(
-            CameraInfo, "camera_info_rect", node_tools.QOS_DEPTH
-        )
-        node_tools.subscribe_pair(self, "image", "camera_info", self._on_pair)
+        self._image_publisher = self.create_publisher(Image, "image_rect", QOS_DEPTH)
+        self._info_publisher = self.create_publisher(CameraInfo, "camera_info_rect", QOS_DEPTH)
+        self.subscribe_set({"image": Image, "camera_info": CameraInfo}, self._on_pair)
 
     def _on_pair(self, image: Image, info: CameraInfo) -> None:
         memory, target = images.allocate(image.encoding, image.height, image.width)
@@ -48,12 +40,8 @@ class RectifyNode(Node):
         self._image_publisher.publish(
             Image(
                 header=image.header,
-                height=image.height,
-                width=image.width,
-                encoding=image.encoding,
-                is_bigendian=images.NATIVE_BIGENDIAN,
-                step=image.width * images.pixel_format(image.encoding).pixel_bytes,
                 data=memory,
+                **images.layout(image.encoding, image.width, image.height),
             )
         )
         self._info_publisher.publish(info)

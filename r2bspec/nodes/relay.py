@@ -3,23 +3,13 @@
 from __future__ import annotations
 
 from time import perf_counter_ns, sleep
-from typing import Any
-
-from rclpy.node import Node
 
 from r2bspec.nodes.format_classes import message_type
-from r2bspec.nodes.node_tools import (
-    Constraint,
-    any_bool,
-    at_least,
-    declare,
-    destroy_on_value_error,
-    one_of,
-)
+from r2bspec.nodes.node_tools import Constraint, ReferenceNode, any_bool, at_least, one_of
 from r2bspec.nodes.service_times import JITTERS, service_times_ns
 
 
-class RelayNode(Node):
+class RelayNode(ReferenceNode):
     """Copies ``input`` to ``output``, byte for byte, with a service time for each message.
 
     The time is measured from the start of the callback to the call of publish: `service_time_ms`
@@ -32,31 +22,26 @@ class RelayNode(Node):
         ValueError: the value of a parameter is not allowed.
     """
 
-    def __init__(self, node_name: str = "relay", **kwargs: Any) -> None:
-        super().__init__(node_name, **kwargs)
-        with destroy_on_value_error(self):
-            self._start()
+    name_by_default = "relay"
 
-    def _start(self) -> None:
-        name = declare(
-            self,
+    def start(self) -> None:
+        """Declare the parameters, and create publishers and subscriptions."""
+        name = self.declare(
             "format",
             "sensor_msgs/msg/Image",
             "type of the messages",
             Constraint("a message type such as sensor_msgs/msg/Image", lambda _: True),
         )
-        mean_ms = declare(
-            self, "service_time_ms", 0.0, "how long a message takes, in milliseconds", at_least(0)
+        mean_ms = self.declare(
+            "service_time_ms", 0.0, "how long a message takes, in milliseconds", at_least(0)
         )
-        jitter = declare(
-            self, "jitter", "none", "distribution of the service times", one_of(*JITTERS)
+        jitter = self.declare(
+            "jitter", "none", "distribution of the service times", one_of(*JITTERS)
         )
-        self._spin = declare(
-            self, "spin", True, "whether a core is kept busy meanwhile", any_bool()
-        )
-        seed = declare(self, "seed", 0, "seed of random service times", at_least(0))
-        depth = declare(
-            self, "queue_depth", 10, "messages that either topic keeps at most", at_least(1)
+        self._spin = self.declare("spin", True, "whether a core is kept busy meanwhile", any_bool())
+        seed = self.declare("seed", 0, "seed of random service times", at_least(0))
+        depth = self.declare(
+            "queue_depth", 10, "messages that either topic keeps at most", at_least(1)
         )
         try:
             kind = message_type(name)

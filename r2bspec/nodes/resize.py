@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 
-from r2bspec.nodes import camera, images, node_tools
+from r2bspec.nodes import camera, images
 from r2bspec.nodes.node_tools import (
+    QOS_DEPTH,
     Constraint,
+    ReferenceNode,
     any_bool,
-    declare,
-    destroy_on_value_error,
     greater_than,
     one_of,
 )
@@ -20,7 +17,7 @@ from r2bspec.nodes.node_tools import (
 _PIXELS = Constraint("1 or more, or -1 for the input's", lambda value: value == -1 or value >= 1)
 
 
-class ResizeNode(Node):
+class ResizeNode(ReferenceNode):
     """Resizes images and camera_info, with the topics of image_proc's ResizeNode.
 
     Subscribes to ``image/image_raw`` and ``image/camera_info``, paired by stamp; publishes
@@ -32,56 +29,45 @@ class ResizeNode(Node):
         ValueError: the value of a parameter is not allowed.
     """
 
-    def __init__(self, node_name: str = "resize", **kwargs: Any) -> None:
-        super().__init__(node_name, **kwargs)
-        with destroy_on_value_error(self):
-            self._start()
+    name_by_default = "resize"
 
-    def _start(self) -> None:
-        self._use_scale = declare(
-            self,
+    def start(self) -> None:
+        """Declare the parameters, and create publishers and subscriptions."""
+        self._use_scale = self.declare(
             "use_scale",
             False,
             "scale the input instead of using width and height",
             any_bool(),
         )
-        self._scale_width = declare(
-            self, "scale_width", 1.0, "width of the output over that of the input", greater_than(0)
+        self._scale_width = self.declare(
+            "scale_width", 1.0, "width of the output over that of the input", greater_than(0)
         )
-        self._scale_height = declare(
-            self,
+        self._scale_height = self.declare(
             "scale_height",
             1.0,
             "height of the output over that of the input",
             greater_than(0),
         )
-        self._width = declare(self, "width", -1, "width of the output in pixels", _PIXELS)
-        self._height = declare(self, "height", -1, "height of the output in pixels", _PIXELS)
-        self._interpolation = declare(
-            self,
+        self._width = self.declare("width", -1, "width of the output in pixels", _PIXELS)
+        self._height = self.declare("height", -1, "height of the output in pixels", _PIXELS)
+        self._interpolation = self.declare(
             "interpolation",
             1,
             "0 nearest, 1 linear, 2 cubic, 3 area, 4 Lanczos over 8x8 pixels",
             one_of(0, 1, 2, 3, 4),
         )
-        self._image_publisher = self.create_publisher(
-            Image, "resize/image_raw", node_tools.QOS_DEPTH
+        self._image_publisher = self.create_publisher(Image, "resize/image_raw", QOS_DEPTH)
+        self._info_publisher = self.create_publisher(CameraInfo, "resize/camera_info", QOS_DEPTH)
+        self.subscribe_set(
+            {"image/image_raw": Image, "image/camera_info": CameraInfo}, self._on_pair
         )
-        self._info_publisher = self.create_publisher(
-            CameraInfo, "resize/camera_info", node_tools.QOS_DEPTH
-        )
-        node_tools.subscribe_pair(self, "image/image_raw", "image/camera_info", self._on_pair)
 
     def _on_pair(self, image: Image, info: CameraInfo) -> None:
         width, height = self._output_size(image)
         resized = Image(
             header=image.header,
-            height=height,
-            width=width,
-            encoding=image.encoding,
-            is_bigendian=images.NATIVE_BIGENDIAN,
-            step=width * images.pixel_format(image.encoding).pixel_bytes,
             data=images.resize(image, width, height, self._interpolation),
+            **images.layout(image.encoding, width, height),
         )
         camera.scale(info, width / image.width, height / image.height)
         self._image_publisher.publish(resized)

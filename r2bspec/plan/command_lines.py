@@ -25,6 +25,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from r2bspec.language.environment_access import quoted_secret_references
 from r2bspec.language.node_kinds import NodeKindName
 from r2bspec.language.spec import Container, Launch, ParameterValue
+from r2bspec.plan.plan import NodePlan, ProcessPlan
 from r2bspec.wiring.wiring import NodeWiring
 
 HARNESS_ARGV = ("$(python)", "-P", "-m", "r2bspec.harness.child")
@@ -69,6 +70,11 @@ def container_node_name(argv: Iterable[str]) -> str:
     """The full name of the node of a container with this command line."""
     rules = dict(word.split(":=", 1) for word in argv if word.startswith(("__node:=", "__ns:=")))
     return f"{rules['__ns'].rstrip('/')}/{rules['__node']}"
+
+
+def has_planned_name(process: ProcessPlan, node: NodePlan) -> bool:
+    """Whether a node that runs has the name of the plan; a program may have nodes of any name."""
+    return process.role != "command" or f"__node:={node.node}" in process.argv
 
 
 def node_argv(wired: NodeWiring) -> tuple[str, ...]:

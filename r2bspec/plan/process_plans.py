@@ -13,7 +13,7 @@ process (``in``) where that is not the only possible one.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 
@@ -158,13 +158,13 @@ def _container(
     python = container.executable == "python"
     argv = HARNESS_ARGV if python else container_argv(name, container, namespace)
     limit = container.memory_limit
-    return ProcessPlan(
-        name=name if phase == "measure" else f"preprocess.{name}",
-        role="host" if python else "container",
+    return _joint_process(
+        name if phase == "measure" else f"preprocess.{name}",
+        "host" if python else "container",
+        (*container.prefix, *argv),
+        nodes,
         phase=phase,
-        argv=(*container.prefix, *argv),
-        env=_env(container.env, nodes),
-        nodes=tuple(_node(node) for node in nodes),
+        env=container.env,
         container=name,
         executor=container.executor,
         threads=container.threads,
@@ -176,34 +176,29 @@ def _container(
 
 def _shared(wiring: Wiring, nodes: list[NodeWiring]) -> Iterator[ProcessPlan]:
     """One process for all Python nodes, and one for all C++ components."""
-    python = [each for each in nodes if each.role == "host"]
-    components = [each for each in nodes if each.role == "container"]
+    argv = container_argv(SHARED_CONTAINER_NAME, Container(), wiring.namespace)
+    components = [node for node in nodes if node.role == "container"]
     if components:
-        argv = container_argv(SHARED_CONTAINER_NAME, Container(), wiring.namespace)
-        yield ProcessPlan(
-            name=SHARED_CONTAINER_NAME,
-            role="container",
-            phase="measure",
-            argv=argv,
-            env=_env({}, components),
-            nodes=tuple(_node(each) for each in components),
-        )
+        yield _joint_process(SHARED_CONTAINER_NAME, "container", argv, components)
+    python = [node for node in nodes if node.role == "host"]
     if python:
-        yield ProcessPlan(
-            name=SHARED_PROCESS_NAME,
-            role="host",
-            phase="measure",
-            argv=HARNESS_ARGV,
-            env=_env({}, python),
-            nodes=tuple(_node(each) for each in python),
-        )
+        yield _joint_process(SHARED_PROCESS_NAME, "host", HARNESS_ARGV, python)
 
 
-def _env(env: dict[str, str], nodes: Iterable[NodeWiring]) -> dict[str, str]:
-    merged = dict(env)
+def _joint_process(
+    name: str,
+    role: Literal["container", "host", "harness"],
+    argv: tuple[str, ...],
+    nodes: Iterable[NodeWiring],
+    **rest: Any,
+) -> ProcessPlan:
+    """A process of several nodes; each of them adds to its environment."""
+    env = rest.pop("env", {})
     for node in nodes:
-        merged |= node.node.env
-    return merged
+        env = env | node.node.env
+    rest = {"phase": "measure", **rest}
+    placed = tuple(_node(node) for node in nodes)
+    return ProcessPlan(name=name, role=role, argv=argv, env=env, nodes=placed, **rest)
 
 
 def _harness_process(role: Literal["loader", "player", "monitor"], phase: Phase) -> ProcessPlan:
@@ -221,15 +216,9 @@ def _single_harness(spec: Spec, wiring: Wiring) -> ProcessPlan:
         and node.shares_process
     ]
     python = [each for each in placed if each.role == "host"]
-    return ProcessPlan(
-        name=HARNESS_NAME,
-        role="harness",
-        phase="measure",
-        # Python nodes need an interpreter, whose process then hosts the native parts, too.
-        argv=HARNESS_ARGV if python else NATIVE_ARGV,
-        env=_env({}, python),
-        nodes=tuple(_node(each) for each in python),
-    )
+    # Python nodes need an interpreter, whose process then hosts the native parts, too.
+    argv = HARNESS_ARGV if python else NATIVE_ARGV
+    return _joint_process(HARNESS_NAME, "harness", argv, python)
 
 
 def _process(node: NodeWiring, name: str, phase: Phase) -> Iterator[ProcessPlan]:

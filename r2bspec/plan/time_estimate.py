@@ -13,14 +13,14 @@ from dataclasses import dataclass
 from r2bspec.plan.comparability import pair_count, single_run_plan
 from r2bspec.plan.plan import Plan, PlayPlan
 
-_LOAD_S = 1.5
+_LOAD_S = 0.5
 _PREPROCESS_S = 10.0
-_HARNESS_START_S = 4.0
-_HARNESS_OVERHEAD_S = 2.5
-_GRAPH_START_S = 2.0
-_PROCESS_START_S = 0.5
-_COLLECT_S = 2.5
-_LATER_START_S = 1.5
+_HARNESS_START_S = 0.5
+_HARNESS_OVERHEAD_S = 1.5
+_GRAPH_START_S = 0.8
+_PROCESS_START_S = 0.3
+_COLLECT_S = 1.0
+_LATER_START_S = 1.0
 _SEGMENT_END_S = 0.2
 _TYPICAL_PROBE_S = 4.0
 """Typical times; a probe ends as soon as it is decided."""

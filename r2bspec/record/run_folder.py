@@ -52,6 +52,7 @@ Stacks = Mapping[tuple[str, ...], int]
 """The number of samples by the frames of their stack, the first called first."""
 
 _MAX_BYTES = 64 << 20
+_MAX_LISTED = 10
 
 
 def write_stacks(path: Path, stacks: Stacks) -> None:
@@ -282,6 +283,14 @@ def open_run(path: Path) -> Run:
     if not is_folder(folder):
         raise RecordError(
             f"{path} is not a folder", hint="Give a run folder, which contains record.json."
+        )
+    if is_there(folder / "suite.json"):
+        runs = sorted(place.parent.name for place in folder.glob("*/record.json"))[:_MAX_LISTED]
+        raise RecordError(
+            f"{path} is the folder of several runs, not of one",
+            hint=f"Name one of them: {', '.join(str(path / name) for name in runs)}."
+            if runs
+            else "None of them has a record.",
         )
     if not is_there(folder / "record.json"):
         raise RecordError(

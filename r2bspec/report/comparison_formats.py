@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 from collections.abc import Iterator, Sequence
 
@@ -14,6 +13,7 @@ from r2bspec.measure.units import at_rate, show
 from r2bspec.report.finding_formats import command
 from r2bspec.report.format_registry import COMPARISON_FORMATS, load
 from r2bspec.report.markdown import code, escaped, folded, table
+from r2bspec.report.number_formats import csv_text
 from r2bspec.report.output import console
 
 
@@ -150,26 +150,17 @@ HEADER = (
 
 def to_csv(comparisons: Sequence[Comparison]) -> str:
     """RFC 4180 with a header line; unknown values are empty."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\r\n")
-    writer.writerow(HEADER)
-    for one in comparisons:
-        for line in one.lines:
-            numbers = (line.base, line.head, line.ratio, line.lower, line.upper, line.margin)
-            writer.writerow(
-                (
-                    one.base.source,
-                    one.head.source,
-                    "" if line.offered_hz is None else repr(line.offered_hz),
-                    line.monitor,
-                    line.metric,
-                    line.unit,
-                    *("" if each is None else repr(each) for each in numbers),
-                    line.outcome,
-                    line.reason,
-                )
-            )
-    return buffer.getvalue()
+    rows = (
+        (
+            *(one.base.source, one.head.source),
+            *(line.offered_hz, line.monitor, line.metric, line.unit),
+            *(line.base, line.head, line.ratio, line.lower, line.upper, line.margin),
+            *(line.outcome, line.reason),
+        )
+        for one in comparisons
+        for line in one.lines
+    )
+    return csv_text(HEADER, rows)
 
 
 MAX_ANNOTATIONS = 9

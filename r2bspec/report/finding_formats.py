@@ -31,6 +31,8 @@ from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import quote
 
+import msgspec
+
 from r2bspec._version import __version__
 from r2bspec.diagnostics import Diagnostic, Severity, Span, format_path
 from r2bspec.diagnostics.code_pages import FAMILIES, find_page
@@ -100,20 +102,14 @@ def _json_finding(found: Diagnostic) -> dict[str, Any]:
         "certainty": found.certainty.value,
         "message": found.message,
         "help": found.help,
-        **_json_place(found.span),
+        **msgspec.to_builtins(found.span),
         "path": list(found.path),
-        "related": [{"message": one.message, **_json_place(one.span)} for one in found.related],
-        "edit": {"text": found.edit.text, **_json_place(found.edit.span)} if found.edit else None,
-    }
-
-
-def _json_place(span: Span) -> dict[str, Any]:
-    return {
-        "file": span.file,
-        "line": span.line,
-        "column": span.column,
-        "end_line": span.end_line,
-        "end_column": span.end_column,
+        "related": [
+            {"message": one.message, **msgspec.to_builtins(one.span)} for one in found.related
+        ],
+        "edit": {"text": found.edit.text, **msgspec.to_builtins(found.edit.span)}
+        if found.edit
+        else None,
     }
 
 

@@ -58,23 +58,23 @@ FORMATS: Final[dict[str, Format]] = {
     "junit_lenient": Format(
         "pipelines:render_junit_lenient", "the same, with inconclusive as skipped"
     ),
-    "csv": Format("csv_formats:render_values", "every metric of every iteration, one per line"),
-    "samples": Format("csv_formats:render_samples", "every single message as a line of CSV"),
+    "csv": Format("number_formats:render_values", "every metric of every iteration, one per line"),
+    "samples": Format("number_formats:render_samples", "every single message as a line of CSV"),
     "openmetrics": Format("openmetrics:render", "OpenMetrics text for Prometheus"),
     "hdrhistogram": Format(
-        "hdrhistogram:render", "percentile distribution of the latency", single=True
+        "number_formats:render_histogram", "percentile distribution of the latency", single=True
     ),
     "ros2_benchmark": Format(
         "ros2_benchmark:render", "the JSON format of NVIDIA's ros2_benchmark", is_text=False
     ),
-    "bencher": Format("benchmark_services:render_bencher", "Bencher Metric Format", is_text=False),
+    "bencher": Format("number_formats:render_bencher", "Bencher Metric Format", is_text=False),
     "benchmark_smaller": Format(
-        "benchmark_services:render_smaller",
+        "number_formats:render_smaller",
         "github-action-benchmark, customSmallerIsBetter",
         is_text=False,
     ),
     "benchmark_bigger": Format(
-        "benchmark_services:render_bigger",
+        "number_formats:render_bigger",
         "github-action-benchmark, customBiggerIsBetter",
         is_text=False,
     ),

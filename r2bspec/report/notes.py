@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from itertools import chain, repeat
 from typing import Final
 
 from r2bspec.judge.caveats import FIRST_START_ALONE, MAY_RESEMBLE, WITHOUT_BURST, particular_caveats
@@ -22,6 +21,7 @@ from r2bspec.middleware.middleware import middleware_named
 from r2bspec.record.run_record import Probe, ProfileRecord, StartRecord
 from r2bspec.report.headline import headline
 from r2bspec.report.report_wording import (
+    all_probes,
     joined_notes,
     loaded_rmw,
     overhead_notes,
@@ -164,8 +164,7 @@ def _weighted(result: Result) -> Iterator[Note]:
         (Weight.MET, particular_caveats(result.verdict.limits)),
         (Weight.DETAIL, overhead_notes(result)),
     )
-    pairs = chain.from_iterable(zip(repeat(weight), texts) for weight, texts in groups)
-    yield from (Note(weight, text) for weight, text in pairs)
+    yield from (Note(weight, text) for weight, texts in groups for text in texts)
 
 
 def _status_notes(result: Result) -> Iterator[str]:
@@ -276,16 +275,17 @@ def unplayed_notes(result: Result) -> Iterator[str]:
 
 def affected_iteration_notes(disturbed: Sequence[DisturbedIteration]) -> Iterator[str]:
     """The iterations affected by host interference, its causes, and the reruns, by rate."""
-    for rate_hz in dict.fromkeys(one.rate_hz for one in disturbed):
-        found = [one for one in disturbed if one.rate_hz == rate_hz]
-        listed = [_affected_iteration_text(one) for one in found[:_MAX_LISTED_ITERATIONS]]
-        more = (
-            f"; and {len(found) - _MAX_LISTED_ITERATIONS} more, in result.json"
-            if len(found) > _MAX_LISTED_ITERATIONS
-            else ""
-        )
+    for rate_hz in dict.fromkeys(iteration.rate_hz for iteration in disturbed):
+        texts = [_affected_iteration_text(each) for each in disturbed if each.rate_hz == rate_hz]
         at = f" {at_rate(rate_hz)}" if rate_hz else ""
-        yield f"Host interference{at}: {'; '.join(listed)}{more}"
+        yield f"Host interference{at}: {_listed(texts)}"
+
+
+def _listed(texts: Sequence[str]) -> str:
+    """The first of them, and how many more there are."""
+    more = len(texts) - _MAX_LISTED_ITERATIONS
+    rest = f"; and {more} more, in result.json" if more > 0 else ""
+    return f"{'; '.join(texts[:_MAX_LISTED_ITERATIONS])}{rest}"
 
 
 def _affected_iteration_text(one: DisturbedIteration) -> str:
@@ -303,8 +303,7 @@ def _interference_notes(result: Result) -> Iterator[str]:
 
 def _interference_summary(result: Result) -> str:
     """How much of the run other programs disturbed, with one example of how."""
-    rates, search = result.metrics.rates, result.metrics.search
-    probes = [*(search.probes if search is not None else ()), *result.metrics.sustained]
+    rates, probes = result.metrics.rates, all_probes(result.metrics)
     disturbed = {
         "iterations": [iteration.reasons for iteration in result.verdict.disturbed],
         "starts": [start.disturbed for start in result.starts if start.disturbed],
@@ -331,29 +330,18 @@ def _interference_summary(result: Result) -> str:
 
 def _disturbed_start_notes(starts: Sequence[StartRecord]) -> Iterator[str]:
     """The starts that other programs disturbed while their processes came up."""
-    found = [each for each in starts if each.disturbed]
-    if not found:
-        return
-    listed = [f"{each.number} ({', '.join(each.disturbed)})" for each in found]
-    more = len(found) - _MAX_LISTED_ITERATIONS
-    rest = f"; and {more} more, in result.json" if more > 0 else ""
-    yield (
-        f"Host interference while {len(found)} of {len(starts)} starts came up: "
-        f"{'; '.join(listed[:_MAX_LISTED_ITERATIONS])}{rest}"
-    )
+    texts = [f"{each.number} ({', '.join(each.disturbed)})" for each in starts if each.disturbed]
+    if texts:
+        number = f"{len(texts)} of {len(starts)}"
+        yield f"Host interference while {number} starts came up: {_listed(texts)}"
 
 
 def _disturbed_probe_notes(metrics: RunMetrics) -> Iterator[str]:
     """The probes that other programs disturbed, and what became of them."""
-    searched = metrics.search.probes if metrics.search is not None else ()
-    found = [one for one in (*searched, *metrics.sustained) if one.disturbed]
-    if not found:
-        return
-    listed = [_disturbed_probe_text(one) for one in found[:_MAX_LISTED_ITERATIONS]]
-    more = len(found) - _MAX_LISTED_ITERATIONS
-    rest = f"; and {more} more, in result.json" if more > 0 else ""
-    total = len(searched) + len(metrics.sustained)
-    yield (f"Host interference during {len(found)} of {total} probes: {'; '.join(listed)}{rest}")
+    probes = all_probes(metrics)
+    texts = [_disturbed_probe_text(probe) for probe in probes if probe.disturbed]
+    if texts:
+        yield f"Host interference during {len(texts)} of {len(probes)} probes: {_listed(texts)}"
 
 
 def _disturbed_probe_text(one: Probe) -> str:

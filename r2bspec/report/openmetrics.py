@@ -64,6 +64,16 @@ class _Family:
     unit: str = ""
     samples: list[tuple[str, Labels, float]] = field(default_factory=list)
 
+    def add(self, labels: Labels, value: float | None, suffix: str = "") -> None:
+        """Add a sample; nothing for None."""
+        if value is not None:
+            self.samples.append((suffix, labels, value))
+
+    def add_states(self, labels: Labels, states: Iterable[str], current: str) -> None:
+        """Add a sample for each state, 1 for the current one."""
+        for state in states:
+            self.add({**labels, self.name: state}, int(state == current))
+
     def lines(self) -> Iterator[str]:
         if not self.samples:
             return
@@ -87,21 +97,20 @@ def _families(report_input: ReportInput) -> Iterator[_Family]:
     named = {"benchmark": result.name}
     yield _info(report_input)
     verdict = _Family("r2bspec_verdict", "stateset", "Outcome of the run.")
-    verdict.samples += _states(verdict.name, named, EXIT_CODES, result.verdict.outcome)
+    verdict.add_states(named, EXIT_CODES, result.verdict.outcome)
     yield verdict
     yield _requirements(report_input)
     yield _ratios(report_input)
     yield from _of_monitors(result.metrics, named)
     yield from _of_processes(result.metrics.rates, named)
     search = result.metrics.search
-    peaks = (
-        (search.holds_hz, search.upper_hz)
-        if search is not None and search.holds_hz is not None
-        else ()
-    )
-    for (name, about), value in zip(_PEAKS.items(), peaks, strict=False):
-        if value is not None:
-            yield _Family(name, "gauge", about, "hertz", [("", named, value)])
+    if search is not None and search.holds_hz is not None:
+        for (name, about), value in zip(
+            _PEAKS.items(), (search.holds_hz, search.upper_hz), strict=True
+        ):
+            peak = _Family(name, "gauge", about, "hertz")
+            peak.add(named, value)
+            yield peak
     yield _harness_overhead(result.harness_overhead, named)
 
 
@@ -116,15 +125,8 @@ def _info(report_input: ReportInput) -> _Family:
         "cpu": str(result.machine.get("cpu", "")),
         "r2bspec": result.versions.get("r2bspec", ""),
     }
-    family.samples.append(("_info", labels, 1))
+    family.add(labels, 1, "_info")
     return family
-
-
-def _states(
-    name: str, labels: Labels, states: Iterable[str], current: str
-) -> Iterator[tuple[str, Labels, float]]:
-    for state in states:
-        yield "", {**labels, name: state}, int(state == current)
 
 
 def _requirements(report_input: ReportInput) -> _Family:
@@ -138,7 +140,7 @@ def _requirements(report_input: ReportInput) -> _Family:
             "monitor": requirement.monitor or "",
             "offered_hz": _rate(requirement.at_hz, pace) if requirement.at_hz is not None else "",
         }
-        family.samples += _states(family.name, labels, _OUTCOMES, requirement.outcome)
+        family.add_states(labels, _OUTCOMES, requirement.outcome)
     return family
 
 
@@ -154,17 +156,8 @@ def _ratios(report_input: ReportInput) -> _Family:
             "monitor": one.monitor or "",
             "offered_hz": _rate(one.at_hz) if one.at_hz is not None else "",
         }
-        values = {
-            "estimate": one.estimate,
-            "lower": one.lower,
-            "upper": one.upper,
-            "limit": one.limit,
-        }
-        family.samples += [
-            ("", {**labels, "value": name}, value)
-            for name, value in values.items()
-            if value is not None
-        ]
+        for name in ("estimate", "lower", "upper", "limit"):
+            family.add({**labels, "value": name}, getattr(one, name))
     return family
 
 
@@ -186,25 +179,20 @@ def _of_monitors(metrics: RunMetrics, named: Labels) -> Iterator[_Family]:
             times = getattr(seen, key)
             # In a live run, what was sent is unknown, and so are some times.
             if times.n or seen.sent is not None:
-                family.samples += _summary(times, labels)
+                _add_summary(family, times, labels)
         yield family
     for metric, (name, unit, about) in _GAUGES.items():
         gauge = _Family(f"r2bspec_{name}", "gauge", about, unit)
-        gauge.samples += [
-            ("", labels, value)
-            for labels, seen in rows
-            if (value := METRICS[metric].value(seen)) is not None
-        ]
+        for labels, seen in rows:
+            gauge.add(labels, METRICS[metric].value(seen))
         yield gauge
 
 
-def _summary(times: Distribution, labels: Labels) -> Iterator[tuple[str, Labels, float]]:
+def _add_summary(family: _Family, times: Distribution, labels: Labels) -> None:
     for part, q in PERCENTILES.items():
-        value = part_value(times, part)
-        if value is not None:
-            yield "", {**labels, "quantile": f"{q:g}"}, value
-    yield "_count", labels, times.n
-    yield "_sum", labels, (times.mean or 0.0) * times.n
+        family.add({**labels, "quantile": f"{q:g}"}, part_value(times, part))
+    family.add(labels, times.n, "_count")
+    family.add(labels, (times.mean or 0.0) * times.n, "_sum")
 
 
 def _harness_overhead(overheads: tuple[HarnessOverheadRecord, ...], named: Labels) -> _Family:
@@ -218,11 +206,9 @@ def _harness_overhead(overheads: tuple[HarnessOverheadRecord, ...], named: Label
             "placement": overhead.placement,
             "processes": str(overhead.processes or ""),
         }
-        family.samples += [
-            ("", {**labels, "quantile": f"{PERCENTILES[part]:g}"}, value_ns / 1e9)
-            for part, value_ns in overhead.latencies_ns.items()
-        ]
-        family.samples.append(("_count", labels, overhead.received))
+        for part, value_ns in overhead.latencies_ns.items():
+            family.add({**labels, "quantile": f"{PERCENTILES[part]:g}"}, value_ns / 1e9)
+        family.add(labels, overhead.received, "_count")
     return family
 
 
@@ -233,10 +219,8 @@ def _of_processes(rates: tuple[RateMetrics, ...], named: Labels) -> Iterator[_Fa
         machine = {"": rate.pooled.machine} if rate.pooled.machine is not None else {}
         for process, use in {**rate.pooled.processes, **machine}.items():
             labels = {**named, "offered_hz": _rate(rate.offered_hz, rate.pace), "process": process}
-            if use.cpu_mean is not None:
-                cpu.samples.append(("", labels, use.cpu_mean))
-            if use.memory_max_bytes is not None:
-                memory.samples.append(("", labels, use.memory_max_bytes))
+            cpu.add(labels, use.cpu_mean)
+            memory.add(labels, use.memory_max_bytes)
     yield cpu
     yield memory
 

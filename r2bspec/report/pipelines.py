@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -41,17 +42,8 @@ if TYPE_CHECKING:
     from junitparser import TestCase, TestSuite
 
 
-def render_junit(report_input: ReportInput) -> bytes:
-    """The XML, with inconclusive requirements as errors."""
-    return _to_xml(report_input, lenient=False)
-
-
-def render_junit_lenient(report_input: ReportInput) -> bytes:
-    """The XML, with inconclusive requirements as skipped cases."""
-    return _to_xml(report_input, lenient=True)
-
-
-def _to_xml(report_input: ReportInput, *, lenient: bool) -> bytes:
+def render_junit(report_input: ReportInput, *, lenient: bool = False) -> bytes:
+    """The XML; inconclusive requirements are errors, or, where it is lenient, skipped cases."""
     from junitparser import JUnitXml
 
     suite = to_suite(report_input, lenient=lenient)
@@ -61,8 +53,11 @@ def _to_xml(report_input: ReportInput, *, lenient: bool) -> bytes:
     return junit_text(xml).encode()
 
 
+render_junit_lenient = partial(render_junit, lenient=True)
+
+
 def to_suite(report_input: ReportInput, *, lenient: bool) -> TestSuite:
-    """The test suite of one run; see `render_junit` and `render_junit_lenient`."""
+    """The test suite of one run; see `render_junit`."""
     from junitparser import TestSuite
 
     result = report_input.result

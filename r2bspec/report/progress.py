@@ -7,10 +7,11 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from r2bspec.diagnostics.plain_text import plain
 from r2bspec.diagnostics.quote import printable
+from r2bspec.execute.progress import NullProgress, Progress, SegmentProgress
 from r2bspec.measure.units import show
 from r2bspec.plan.time_estimate import TimeEstimate, time_text
 from r2bspec.report.output import console, write
@@ -91,22 +92,6 @@ _MAX_PROCESSES = 4
 """Processes whose load is shown, the busiest first."""
 
 
-class SegmentProgress(Protocol):
-    """A segment that is being played; see `r2bspec.execute.progress.Playing`."""
-
-    def sent(self) -> int:
-        """Steps that have been published."""
-
-    def received(self) -> int:
-        """Messages that have been received."""
-
-    def p99_ns(self) -> int | None:
-        """The p99 of the latest latencies."""
-
-    def cores(self) -> Mapping[str, float]:
-        """Processor time per time, by process."""
-
-
 def progress_text(progress: SegmentProgress, steps: int) -> str:
     """The progress of a segment of `steps` steps, in a line."""
     p99_ns = progress.p99_ns()
@@ -124,46 +109,49 @@ def load_text(cores: Mapping[str, float]) -> str:
     return f"CPU {' · '.join(shown)}" if shown else ""
 
 
-class _PlainProgress:
-    """A plain line for each event, with the seconds since the start."""
+class _ShownProgress(NullProgress):
+    """What every progress that is shown follows."""
 
-    def __init__(self, remaining: RemainingTime | None = None) -> None:
+    def __init__(self, remaining: RemainingTime | None) -> None:
+        self._remaining = remaining
         self._began = time.monotonic()
+        self._phase_text = self._title = ""
         self._steps = 0
         self._next = 0.0
-        self._remaining = remaining
 
-    def _begin_phase(self, name: str) -> None:
+    def phase(self, name: str, text: str) -> None:
         if self._remaining is not None:
             self._remaining.begin(name)
+        self._phase_text, self._title = text, ""
+
+    def segment(self, title: str, steps: int) -> None:
+        self._title, self._steps = title, steps
 
     def _rest(self) -> str:
         return self._remaining.text() if self._remaining is not None else ""
 
-    def _write_line(self, text: str) -> None:
+
+class _PlainProgress(_ShownProgress):
+    """A plain line for each event, with the seconds since the start."""
+
+    def _write_line(self, *parts: str) -> None:
+        text = " · ".join(filter(None, parts))
         write(sys.stderr, f"[{time.monotonic() - self._began:6.1f} s] {plain(text)}\n")
 
     def phase(self, name: str, text: str) -> None:
-        self._begin_phase(name)
+        super().phase(name, text)
         self._write_line(text)
 
-    def step(self, done: int, total: int) -> None:
-        """Not shown: it would be a line for every message."""
-
     def segment(self, title: str, steps: int) -> None:
+        super().segment(title, steps)
         self._write_line(f"  {title}")
-        self._steps = steps
         self._next = time.monotonic() + _LINE_INTERVAL_S
 
-    def playing(self, progress: SegmentProgress) -> None:
+    def playing(self, view: SegmentProgress) -> None:
         if time.monotonic() >= self._next:
             self._next += _LINE_INTERVAL_S
-            parts = (
-                progress_text(progress, self._steps),
-                self._rest(),
-                load_text(progress.cores()),
-            )
-            self._write_line(f"    {' · '.join(filter(None, parts))}")
+            now = progress_text(view, self._steps)
+            self._write_line(f"    {now}", self._rest(), load_text(view.cores()))
 
     def note(self, text: str) -> None:
         self._write_line(f"  {text}")
@@ -172,104 +160,79 @@ class _PlainProgress:
 class _CiProgress(_PlainProgress):
     """At most a line a minute, and each note once."""
 
-    def __init__(self, remaining: RemainingTime | None = None) -> None:
+    def __init__(self, remaining: RemainingTime | None) -> None:
         super().__init__(remaining)
-        self._phase_text = self._title = ""
         self._notes: set[str] = set()
 
-    def _write_at_times(self, detail: str = "") -> None:
+    def _write_at_times(self, view: SegmentProgress | None = None) -> None:
         if time.monotonic() >= self._next:
             self._next = time.monotonic() + _CI_INTERVAL_S
-            parts = (self._phase_text, self._title, detail, self._rest())
-            self._write_line(" · ".join(filter(None, parts)))
+            detail = progress_text(view, self._steps) if view is not None else ""
+            self._write_line(self._phase_text, self._title, detail, self._rest())
 
     def phase(self, name: str, text: str) -> None:
-        self._begin_phase(name)
-        self._phase_text, self._title = text, ""
+        _ShownProgress.phase(self, name, text)
         self._write_at_times()
 
     def segment(self, title: str, steps: int) -> None:
-        self._title, self._steps = title, steps
+        _ShownProgress.segment(self, title, steps)
         self._write_at_times()
 
-    def playing(self, progress: SegmentProgress) -> None:
-        if time.monotonic() >= self._next:
-            self._write_at_times(progress_text(progress, self._steps))
+    def playing(self, view: SegmentProgress) -> None:
+        self._write_at_times(view)
 
     def note(self, text: str) -> None:
         if text not in self._notes:
             self._notes.add(text)
-            self._write_line(f"  {text}")
+            super().note(text)
 
 
-class _LiveProgress:
+class _LiveProgress(_ShownProgress):
     """Two lines that change in place, progress and load; notes stay above."""
 
-    def __init__(
-        self, console: Console, status: Status, remaining: RemainingTime | None = None
-    ) -> None:
-        self._remaining = remaining
+    def __init__(self, console: Console, status: Status, remaining: RemainingTime | None) -> None:
+        super().__init__(remaining)
         self._console = console
         self._status = status
-        self._began = time.monotonic()
-        self._phase = ""
-        self._title = ""
-        self._steps = 0
-        self._next = 0.0
 
     def _show(self, detail: str = "", below: str = "") -> None:
         from rich.console import Group
         from rich.text import Text
 
         elapsed = f"{time.monotonic() - self._began:.0f} s"
-        if self._remaining is not None:
-            elapsed += f" · {self._remaining.text()}"
-        above = Text.assemble((self._phase, "bold"), f"  {detail}  ", (elapsed, "dim"))
+        times = " · ".join(filter(None, (elapsed, self._rest())))
+        above = Text.assemble((self._phase_text, "bold"), f"  {detail}  ", (times, "dim"))
         lines = [above, *([Text(below, style="dim")] if below else [])]
-        for each in lines:
+        for line in lines:
             # A wrapped line would not be erased by the next one.
-            each.no_wrap, each.overflow = True, "ellipsis"
+            line.no_wrap, line.overflow = True, "ellipsis"
         self._status.update(Group(*lines))
 
     def phase(self, name: str, text: str) -> None:
-        if self._remaining is not None:
-            self._remaining.begin(name)
-        self._phase, self._title = text, ""
+        super().phase(name, text)
         self._show()
 
     def step(self, done: int, total: int) -> None:
         self._show(f"{done}/{total}")
 
     def segment(self, title: str, steps: int) -> None:
-        self._title, self._steps = title, steps
+        super().segment(title, steps)
         self._show(title)
 
-    def playing(self, progress: SegmentProgress) -> None:
+    def playing(self, view: SegmentProgress) -> None:
         if time.monotonic() >= self._next:
             self._next = time.monotonic() + _REFRESH_INTERVAL_S
-            self._show(
-                f"{self._title}: {progress_text(progress, self._steps)}",
-                load_text(progress.cores()),
-            )
+            now = progress_text(view, self._steps)
+            self._show(f"{self._title}: {now}", load_text(view.cores()))
 
     def note(self, text: str) -> None:
         self._console.print(f"  {text}", markup=False, highlight=False, style="dim")
 
 
-class _NullProgress(_PlainProgress):
-    """Prints nothing."""
-
-    def _write_line(self, text: str) -> None:
-        """Print nothing."""
-
-    def playing(self, progress: SegmentProgress) -> None:
-        """Print nothing."""
-
-
 @contextlib.contextmanager
 def shown_progress(
     *, quiet: bool = False, remaining: RemainingTime | None = None
-) -> Iterator[_PlainProgress | _LiveProgress]:
+) -> Iterator[Progress]:
     """A progress listener for a run, for as long as the context lasts.
 
     CI systems keep what is printed, so a live view there would be a thousand lines; with the
@@ -280,7 +243,7 @@ def shown_progress(
         remaining: is told of the phases, and shown; None shows no remaining time.
     """
     if quiet:
-        yield _NullProgress()
+        yield NullProgress()
     elif os.environ.get("CI"):
         yield _CiProgress(remaining)
     elif not sys.stderr.isatty():

@@ -122,19 +122,13 @@ def peak_text(search: SearchRecord) -> str:
     if search.limited_by == "interference":
         parts.append(f"during the probes above, {'; '.join(search.disturbed)}")
     if search.open_hz:
-        parts.insert(1, undecided_rates_text(search))
+        first, last = (show(rate_hz, "Hz") for rate_hz in (search.open_hz[0], search.open_hz[-1]))
+        several = len(search.open_hz) > 1
+        parts.insert(1, f"undecided from {first} to {last}" if several else f"undecided at {first}")
     if search.shown and search.confidence:
         parts.append(f"{show(search.confidence, 'share', 4)} confidence")
     parts += [f"{each[:1].lower()}{each[1:]}" for each in peak_doubts(search)]
     return " · ".join([*parts, f"{len(search.probes)} probes"])
-
-
-def undecided_rates_text(search: SearchRecord) -> str:
-    """The undecided rates of the bracket."""
-    first, *others = search.open_hz
-    if not others:
-        return f"undecided at {show(first, 'Hz')}"
-    return f"undecided from {show(first, 'Hz')} to {show(others[-1], 'Hz')}"
 
 
 def comparison(result: Result) -> Iterator[str]:
@@ -211,23 +205,12 @@ def own_pace(metrics: RunMetrics) -> str:
 
 def loaded_rmw(result: Result) -> str:
     """The middleware (RMW implementation) of the run; empty if unknown."""
-    rmw = result.versions.get("rmw", "")
-    # Earlier versions recorded the variable, or this if it was not set.
-    return "" if rmw == "default" else rmw
-
-
-def outcome_heading(verdict: Verdict) -> str:
-    """The outcome as the heading of a report; one that is about a single start says so."""
-    return f"{OUTCOME_WORDS[verdict.outcome]}{_of_one_start(verdict)}"
+    return result.versions.get("rmw", "")
 
 
 def outcome_title(verdict: Verdict) -> str:
-    """The outcome in lower case, for the title of a message; see `outcome_heading`."""
-    return f"{verdict.outcome}{_of_one_start(verdict)}"
-
-
-def _of_one_start(verdict: Verdict) -> str:
-    return " of this start" if verdict.starts == 1 else ""
+    """The outcome in lower case, for the title of a message; of a single start it says so."""
+    return f"{verdict.outcome}{' of this start' if verdict.starts == 1 else ''}"
 
 
 def starts_text(starts: Sequence[StartRecord]) -> str:

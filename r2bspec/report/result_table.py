@@ -9,21 +9,20 @@ one value a row, with the values that belong to no monitor.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import Final
+from typing import Final, NamedTuple
 
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
-from r2bspec.measure.distribution import PARTS, Distribution, part_title, part_value
+from r2bspec.measure.distribution import PARTS, part_title, part_value
 from r2bspec.measure.metrics import (
     MonitorMetrics,
     RateMetrics,
     RunMetrics,
     SegmentMetrics,
     Spread,
-    UseMetrics,
 )
 from r2bspec.measure.units import at_rate, show, show_range, show_rate
 from r2bspec.record.run_record import HarnessOverheadRecord
@@ -222,8 +221,7 @@ def pointer(key: str) -> str:
     return key.replace("~", "~0").replace("/", "~1")
 
 
-@dataclass(frozen=True, slots=True)
-class Row:
+class Row(NamedTuple):
     """One value.
 
     Attributes:
@@ -248,29 +246,26 @@ _Value = tuple[str, str, str, float | None]
 
 def result_rows(result: Result) -> Iterator[Row]:
     """All values by rate, pooled first, then by iteration; peak, overhead and ratios last."""
-    for offered_hz, iteration, (monitor, metric, unit, value) in _all_values(result):
-        if value is not None:
-            yield Row(offered_hz, iteration, monitor, metric, unit, float(value))
+    for offered_hz, iteration, values in _groups(result):
+        for monitor, metric, unit, value in values:
+            if value is not None:
+                yield Row(offered_hz, iteration, monitor, metric, unit, float(value))
 
 
-def _all_values(result: Result) -> Iterator[tuple[float | None, int | None, _Value]]:
+def _groups(result: Result) -> Iterator[tuple[float | None, int | None, Iterable[_Value]]]:
     for rate in result.metrics.rates:
-        for value in _segment(rate.pooled):
-            yield rate.offered_hz, None, value
+        yield rate.offered_hz, None, _segment(rate.pooled)
         for iteration in rate.iterations:
-            for value in _segment(iteration):
-                yield rate.offered_hz, iteration.index, value
+            yield rate.offered_hz, iteration.index, _segment(iteration)
     search = result.metrics.search
     if search is not None and search.holds_hz is not None:
-        yield None, None, ("", "peak.rate", "Hz", search.holds_hz)
-        # Without it the peak has no upper bound.
-        yield None, None, ("", "peak.below", "Hz", search.upper_hz)
+        # Without the second the peak has no upper bound.
+        ends = {"peak.rate": search.holds_hz, "peak.below": search.upper_hz}
+        yield None, None, [("", metric, "Hz", value) for metric, value in ends.items()]
     for overhead in result.harness_overhead:
-        for value in _harness_overhead(overhead):
-            yield overhead.rate_hz, None, value
+        yield overhead.rate_hz, None, _harness_overhead(overhead)
     for requirement in result.verdict.requirements:
-        for value in _compared(requirement):
-            yield requirement.at_hz, None, value
+        yield requirement.at_hz, None, _compared(requirement)
 
 
 def _segment(segment: SegmentMetrics) -> Iterator[_Value]:
@@ -278,22 +273,14 @@ def _segment(segment: SegmentMetrics) -> Iterator[_Value]:
         for metric in METRICS.values():
             yield monitor, metric.name, metric.unit, metric.value(seen)
     yield "", "playback.rate", "Hz", segment.playback.rate_hz
-    yield from _distribution("playback.lateness", segment.playback.lateness)
+    for part in PARTS:
+        yield "", f"playback.lateness.{part}", "s", part_value(segment.playback.lateness, part)
     uses = {**segment.processes, **({"system": segment.machine} if segment.machine else {})}
     for process, use in uses.items():
-        yield from _use(process, use)
-
-
-def _distribution(family: str, times: Distribution) -> Iterator[_Value]:
-    for part in PARTS:
-        yield "", f"{family}.{part}", "s", part_value(times, part)
-
-
-def _use(process: str, use: UseMetrics) -> Iterator[_Value]:
-    yield "", f"cpu.{process}.mean", "share", use.cpu_mean
-    yield "", f"cpu.{process}.max", "share", use.cpu_max
-    yield "", f"memory.{process}.max", "B", use.memory_max_bytes
-    yield "", f"minor_faults.{process}.per_message", "count", use.faults_per_message
+        yield "", f"cpu.{process}.mean", "share", use.cpu_mean
+        yield "", f"cpu.{process}.max", "share", use.cpu_max
+        yield "", f"memory.{process}.max", "B", use.memory_max_bytes
+        yield "", f"minor_faults.{process}.per_message", "count", use.faults_per_message
 
 
 def _harness_overhead(overhead: HarnessOverheadRecord) -> Iterator[_Value]:

@@ -27,7 +27,7 @@ import urllib.request
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Final
 
 import msgspec
 
@@ -37,8 +37,7 @@ from r2bspec.report.output import echo
 from r2bspec.safe_io import safe_file
 from r2bspec.safe_io.safe_json import decode_json
 
-T = TypeVar("T")
-
+_FREE: Final = frozenset({"id"})
 _PER_PAGE: Final = 100
 _MAX_PAGES: Final = 30
 _MAX_ANSWER_BYTES: Final = 256 << 20
@@ -119,7 +118,7 @@ def _gitlab(variables: Mapping[str, str]) -> _Service:
     request = variables["CI_MERGE_REQUEST_IID"]
     notes = f"{api}/projects/{project}/merge_requests/{request}/notes"
     headers = {"PRIVATE-TOKEN": variables["R2BSPEC_TOKEN"].strip()}
-    user = _decoded(_send(headers, "GET", f"{api}/user"), _Author)
+    user = decode_json(_send(headers, "GET", f"{api}/user"), _Author, free=_FREE)
     return _Service(
         headers=headers,
         comments=notes,
@@ -145,7 +144,7 @@ def post(service: _Service, marker: str, text: str) -> None:
     body = json.dumps({"body": text}).encode()
     for page in range(1, _MAX_PAGES + 1):
         url = f"{service.comments}?per_page={_PER_PAGE}&page={page}"
-        comments = _decoded(_send(service.headers, "GET", url), list[_Comment])
+        comments = decode_json(_send(service.headers, "GET", url), list[_Comment], free=_FREE)
         for comment in comments:
             if (comment.body or "").startswith(marker) and service.is_own(comment):
                 _send(service.headers, service.update, f"{service.comment}/{comment.id}", body)
@@ -153,10 +152,6 @@ def post(service: _Service, marker: str, text: str) -> None:
         if len(comments) < _PER_PAGE:
             break
     _send(service.headers, "POST", service.comments, body)
-
-
-def _decoded(answer: bytes, kind: type[T]) -> T:
-    return decode_json(answer, kind, free=frozenset({"id"}))
 
 
 def _send(headers: Mapping[str, str], method: str, url: str, body: bytes | None = None) -> bytes:

@@ -12,14 +12,12 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-import msgspec
 from rich.console import Console, Group, RenderableType
 from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
 from r2bspec.compare.report_input import ReportInput
-from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.judge.judge_run import to_json
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import Verdict
@@ -28,7 +26,7 @@ from r2bspec.record.run_record import SearchRecord
 from r2bspec.report.findings_text import wants_colour
 from r2bspec.report.headline import headline, reason_after, verdict_headline
 from r2bspec.report.notes import Notes, notes
-from r2bspec.report.output import console, echo
+from r2bspec.report.output import console, echo, echo_document, echo_json
 from r2bspec.report.report_wording import (
     code_text,
     comparison,
@@ -73,8 +71,7 @@ def show_result(
     """
     if output_format == "json":
         # As bytes: JSON is UTF-8, whatever the encoding of the terminal.
-        sys.stdout.buffer.write(to_json(result))
-        sys.stdout.flush()
+        echo_document(to_json(result), nl=False)
     elif sys.stdout.isatty():
         print_report(result, folder, _standard_output(), verbose=verbose)
     else:
@@ -90,9 +87,7 @@ def show_verdict(title: str, verdict: Verdict, output_format: str) -> None:
         output_format: ``text``, or ``json`` for the verdict as in ``result.json``.
     """
     if output_format == "json":
-        content = msgspec.json.format(msgspec.json.encode(verdict), indent=2) + b"\n"
-        sys.stdout.buffer.write(escaped_json(content))
-        sys.stdout.flush()
+        echo_json(verdict)
         return
     terminal = _standard_output()
     line = verdict_headline(title, verdict)

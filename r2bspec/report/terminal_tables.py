@@ -202,18 +202,12 @@ def _percent(share: float) -> str:
 
 
 def _memory(uses: list[UseMetrics | None]) -> str:
-    known = [
-        use.memory_max_bytes for use in uses if use is not None and use.memory_max_bytes is not None
-    ]
+    known = [use.memory_max_bytes for use in uses if use and use.memory_max_bytes is not None]
     return show(float(max(known)), "B") if known else "-"
 
 
 def _faults(uses: list[UseMetrics | None]) -> str:
-    known = [
-        use.faults_per_message
-        for use in uses
-        if use is not None and use.faults_per_message is not None
-    ]
+    known = [use.faults_per_message for use in uses if use and use.faults_per_message is not None]
     return significant(max(known), 2) if known else "-"
 
 

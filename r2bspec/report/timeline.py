@@ -17,7 +17,6 @@ All other times are CLOCK_MONOTONIC nanoseconds, as in the run folder.
 
 from __future__ import annotations
 
-import heapq
 import io
 import json
 from collections.abc import Iterator
@@ -47,6 +46,11 @@ class ExpectedAnswer:
     step: int
     published_ns: int
     received_ns: int | None
+
+    @property
+    def latency_ns(self) -> int | None:
+        """From publication to reception."""
+        return None if self.received_ns is None else self.received_ns - self.published_ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,8 +213,8 @@ _SCHEMAS: dict[str, dict[str, Any]] = {
     "phase": {"phase": {"type": "string"}},
 }
 
-_Timed = tuple[int, int, str, str, dict[str, Any]]
-"""Time, a number that keeps the order stable, schema, topic, content."""
+_Stream = Iterator[tuple[int, str, str, dict[str, Any]]]
+"""Time, schema, topic and content of messages."""
 
 
 def render_mcap(report_input: ReportInput) -> bytes:
@@ -235,7 +239,12 @@ def render_mcap(report_input: ReportInput) -> bytes:
         for name, properties in _SCHEMAS.items()
     }
     channels: dict[str, int] = {}
-    for at_ns, number, schema, topic, content in heapq.merge(*_sorted(report_input, run)):
+    messages = [
+        (at_ns, number, schema, topic, content)
+        for stream in _streams(report_input, run)
+        for number, (at_ns, schema, topic, content) in enumerate(stream)
+    ]
+    for at_ns, number, schema, topic, content in sorted(messages, key=lambda message: message[:4]):
         if topic not in channels:
             channels[topic] = writer.register_channel(
                 topic=topic, message_encoding="json", schema_id=schemas[schema]
@@ -273,16 +282,7 @@ def _clock_offset_ns(run: Run) -> int:
     return 0
 
 
-def _sorted(report_input: ReportInput, run: Run) -> list[list[_Timed]]:
-    return [
-        sorted((at_ns, number, *rest) for number, (at_ns, *rest) in enumerate(found))  # type: ignore[misc]
-        for found in _streams(report_input, run)
-    ]
-
-
-def _streams(
-    report_input: ReportInput, run: Run
-) -> Iterator[Iterator[tuple[int, str, str, dict[str, Any]]]]:
+def _streams(report_input: ReportInput, run: Run) -> Iterator[_Stream]:
     yield ((began, "phase", "/r2bspec/phase", {"phase": name}) for name, began, _ in phases(run))
     for monitor in run.plan.monitors:
         yield _of_messages(run, monitor.name)
@@ -298,22 +298,18 @@ def _streams(
     )
 
 
-def _of_messages(run: Run, monitor: str) -> Iterator[tuple[int, str, str, dict[str, Any]]]:
-    for one in expected_answers(run, monitor):
-        rate = one.segment.rate_hz
-        if one.received_ns is None:
-            content: dict[str, Any] = {"offered_hz": rate, "step": one.step}
-            content["segment"] = one.segment.id
-            yield one.published_ns, "missed", f"/r2bspec/{monitor}/missed", content
+def _of_messages(run: Run, monitor: str) -> _Stream:
+    for answer in expected_answers(run, monitor):
+        facts = {"offered_hz": answer.segment.rate_hz, "step": answer.step}
+        if answer.received_ns is None or answer.latency_ns is None:
+            missed = {**facts, "segment": answer.segment.id}
+            yield answer.published_ns, "missed", f"/r2bspec/{monitor}/missed", missed
         else:
-            latency = (one.received_ns - one.published_ns) / 1e6
-            content = {"latency_ms": latency, "offered_hz": rate, "step": one.step}
-            yield one.received_ns, "latency", f"/r2bspec/{monitor}/latency", content
+            received = {"latency_ms": answer.latency_ns / 1e6, **facts}
+            yield answer.received_ns, "latency", f"/r2bspec/{monitor}/latency", received
 
 
-def _of_metrics(
-    report_input: ReportInput, run: Run, monitor: str
-) -> Iterator[tuple[int, str, str, dict[str, Any]]]:
+def _of_metrics(report_input: ReportInput, run: Run, monitor: str) -> _Stream:
     ended = {each.id: each.ended_ns for each in run.record.segments}
     for rate in report_input.result.metrics.rates:
         for one in rate.iterations:

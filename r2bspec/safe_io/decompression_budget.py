@@ -15,14 +15,12 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar, cast
 
 from r2bspec.safe_io.safe_file import RefusedDataError
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
 
@@ -44,17 +42,11 @@ _HINT: Final = (
 )
 
 
-@dataclass(slots=True)
-class _Chosen:
-    """What the user has chosen in place of the limits on files; None: nothing.
+_chosen_bytes: int | None = None
+"""What the user has chosen in place of the limits on files; None: nothing.
 
-    It is of the process, and not of a context: threads unpack, too.
-    """
-
-    max_bytes: int | None = None
-
-
-_CHOSEN: Final = _Chosen()
+It is of the process, and not of a context: threads unpack, too.
+"""
 
 
 @contextmanager
@@ -66,17 +58,17 @@ def max_unpacked_bytes(max_bytes: int | None) -> Iterator[None]:
     Args:
         max_bytes: the limit in bytes; None for the usual ones.
     """
-    before = _CHOSEN.max_bytes
-    _CHOSEN.max_bytes = max_bytes
+    global _chosen_bytes
+    before, _chosen_bytes = _chosen_bytes, max_bytes
     try:
         yield
     finally:
-        _CHOSEN.max_bytes = before
+        _chosen_bytes = before
 
 
 def chosen_max_bytes() -> int | None:
     """The limit of `max_unpacked_bytes` that applies; None for the usual ones."""
-    return _CHOSEN.max_bytes
+    return _chosen_bytes
 
 
 class DecompressionBudget:
@@ -87,13 +79,12 @@ class DecompressionBudget:
     """
 
     def __init__(self, stored_bytes: int) -> None:
-        chosen = _CHOSEN.max_bytes
-        if chosen is None:
+        if _chosen_bytes is None:
             self._left = max(FREE_TOTAL_BYTES, stored_bytes * MAX_RATIO)
             self._limit = f"{MAX_RATIO:,} times its size"
         else:
-            self._left = chosen
-            self._limit = _chosen_text(chosen)
+            self._left = _chosen_bytes
+            self._limit = _chosen_text(_chosen_bytes)
 
     def spend(self, unpacked_bytes: int) -> None:
         """Take in one more piece.
@@ -144,8 +135,7 @@ def check_piece(stored_bytes: int, unpacked_bytes: int) -> None:
         raise RefusedDataError(
             f"a message or chunk unpacks to more than {MAX_PIECE_BYTES >> 20} MiB", hint=_HINT
         )
-    ratio_counts = _CHOSEN.max_bytes is None
-    if ratio_counts and unpacked_bytes > max(FREE_PIECE_BYTES, stored_bytes * MAX_RATIO):
+    if _chosen_bytes is None and unpacked_bytes > max(FREE_PIECE_BYTES, stored_bytes * MAX_RATIO):
         raise RefusedDataError(
             f"a message or chunk unpacks to more than {MAX_RATIO:,} times its size", hint=_HINT
         )
@@ -156,10 +146,8 @@ def check_piece(stored_bytes: int, unpacked_bytes: int) -> None:
 
 def max_unpacked(stored_bytes: int) -> int:
     """The most bytes that a piece of this size may unpack to."""
-    chosen = _CHOSEN.max_bytes
-    if chosen is not None:
-        return min(MAX_PIECE_BYTES, chosen)
-    return min(MAX_PIECE_BYTES, max(FREE_PIECE_BYTES, stored_bytes * MAX_RATIO))
+    usual = max(FREE_PIECE_BYTES, stored_bytes * MAX_RATIO)
+    return min(MAX_PIECE_BYTES, usual if _chosen_bytes is None else _chosen_bytes)
 
 
 def unpack_zstd(data: bytes, stated_bytes: int | None = None) -> bytes:
@@ -216,15 +204,15 @@ def _unpack(decompressor: Any, data: bytes, stated_bytes: int | None) -> bytes:
     parts: list[bytes] = []
     total, rest = 0, data
     while rest:
-        one = decompressor()
-        part = one.decompress(rest, max_length=limit - total + 1)
+        frame = decompressor()
+        part = frame.decompress(rest, max_length=limit - total + 1)
         parts.append(part)
         total += len(part)
         if total > limit:
             _refuse(stated_bytes)
-        if not one.eof:
+        if not frame.eof:
             raise ValueError("compressed data ends before its end marker")
-        rest = one.unused_data
+        rest = frame.unused_data
     if stated_bytes is None:
         check_piece(len(data), total)
     return parts[0] if len(parts) == 1 else b"".join(parts)
@@ -233,8 +221,7 @@ def _unpack(decompressor: Any, data: bytes, stated_bytes: int | None) -> bytes:
 def _refuse(stated_bytes: int | None) -> None:
     if stated_bytes is not None:
         raise RefusedDataError("a message or chunk unpacks to more than it states", hint=_HINT)
-    chosen = _CHOSEN.max_bytes
-    limit = "too much" if chosen is None else f"more than {_chosen_text(chosen)}"
+    limit = "too much" if _chosen_bytes is None else f"more than {_chosen_text(_chosen_bytes)}"
     raise RefusedDataError(f"a message or chunk unpacks to {limit}", hint=_HINT)
 
 
@@ -276,19 +263,13 @@ def _read_array(stream: Any) -> NDArray[Any]:
     shape, is_fortran, dtype = np.lib.format.read_array_header_1_0(
         stream, max_header_size=_MAX_HEADER_BYTES
     )
-    wanted = _checked_bytes(dtype, shape)
-    content = stream.read(wanted)
-    if len(content) != wanted:
-        raise ValueError(f"it has {len(content):,} of {wanted:,} bytes")
-    flat = np.frombuffer(content, dtype)
-    return flat.reshape(shape[::-1]).T if is_fortran else flat.reshape(shape)
-
-
-def _checked_bytes(dtype: np.dtype[Any], shape: tuple[int, ...]) -> int:
-    """The size of an array of plain numbers."""
     if dtype.hasobject or dtype.kind not in "biuf":
         raise ValueError(f"its type {dtype} is no number")
     size = math.prod(shape) * dtype.itemsize
     if not 0 < size <= MAX_ARRAY_BYTES:
         raise ValueError(f"it states {size:,} bytes; {MAX_ARRAY_BYTES:,} are allowed")
-    return size
+    content = stream.read(size)
+    if len(content) != size:
+        raise ValueError(f"it has {len(content):,} of {size:,} bytes")
+    flat = np.frombuffer(content, dtype)
+    return flat.reshape(shape[::-1]).T if is_fortran else flat.reshape(shape)

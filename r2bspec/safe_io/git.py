@@ -139,6 +139,14 @@ def run_git(
         return None
 
 
+def _output(top: Path, *arguments: str, filters: Iterable[str] = ()) -> str | None:
+    """What git prints about a work tree; None if it fails."""
+    done = run_git(top, *arguments, filters=filters)
+    if done is None or done.returncode:
+        return None
+    return done.stdout.decode(errors="surrogateescape")
+
+
 def filter_names(top: Path) -> frozenset[str] | None:
     """The filters that the configurations of the repository and the user name; None if unknown."""
     done = run_git(top, "config", "--null", "--name-only", "--get-regexp", r"^filter\.")
@@ -159,22 +167,17 @@ def inspect_work_tree(top: Path) -> WorkTreeState | None:
     filters = filter_names(top)
     if filters is None:
         return None
-    done = run_git(
+    entries = _output(
         top,
         "status",
-        "--porcelain=v2",
-        "--branch",
-        "-z",
-        "--no-ahead-behind",
-        "--no-renames",
-        "--untracked-files=no",
-        "--ignore-submodules=all",
+        *("--porcelain=v2", "--branch", "-z", "--no-ahead-behind", "--no-renames"),
+        *("--untracked-files=no", "--ignore-submodules=all"),
         filters=filters,
     )
-    if done is None or done.returncode:
+    if entries is None:
         return None
     commit, changed = "", set[str]()
-    for entry in done.stdout.decode(errors="surrogateescape").split("\0"):
+    for entry in entries.split("\0"):
         kind, _, rest = entry.partition(" ")
         if kind == "#":
             key, _, value = rest.partition(" ")
@@ -190,21 +193,12 @@ _PATH_FIELDS: Final = {"1": 7, "u": 9}
 
 def ref_names(top: Path) -> tuple[str, ...]:
     """The branches, branches of remotes, and tags of a repository; none if git cannot tell."""
-    done = run_git(
-        top,
-        "for-each-ref",
-        f"--count={_MAX_REFS}",
-        "--format=%(refname:short)",
-        *("refs/remotes", "refs/heads", "refs/tags"),
-    )
-    if done is None or done.returncode:
-        return ()
-    return tuple(done.stdout.decode(errors="replace").split())
+    options = (f"--count={_MAX_REFS}", "--format=%(refname:short)")
+    names = _output(top, "for-each-ref", *options, "refs/remotes", "refs/heads", "refs/tags")
+    return tuple((names or "").split())
 
 
 def commit_of(top: Path, revision: str) -> str | None:
     """The full name of the commit that a revision means; None if git knows no such commit."""
-    done = run_git(top, "rev-parse", "--verify", "--end-of-options", f"{revision}^{{commit}}")
-    if done is None or done.returncode:
-        return None
-    return done.stdout.decode().strip()
+    commit = _output(top, "rev-parse", "--verify", "--end-of-options", f"{revision}^{{commit}}")
+    return None if commit is None else commit.strip()

@@ -7,7 +7,6 @@ characters, and Ctrl-C waits for it. RE2 has no such case, and no backreferences
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 
 class PatternError(ValueError):
@@ -22,10 +21,8 @@ class PatternError(ValueError):
         self.part = part
 
 
-class LinePattern(NamedTuple):
-    """A compiled regular expression."""
-
-    is_in: Callable[[str], bool]
+LinePattern = Callable[[str], bool]
+"""Whether a line has a part that a regular expression matches."""
 
 
 def compile_line_pattern(text: str) -> LinePattern:
@@ -46,4 +43,4 @@ def compile_line_pattern(text: str) -> LinePattern:
         said, _, wrong = message.partition(": ")
         at = max(text.find(wrong), 0)
         raise PatternError(said, (at, min(len(wrong), len(text) - at) or 1)) from None
-    return LinePattern(lambda line: compiled.search(line) is not None)
+    return lambda line: compiled.search(line) is not None

@@ -123,7 +123,9 @@ def open_regular(path: Path, *, folders: Iterable[Path] | None = None) -> Binary
         _check_kind(place)
         _check_place(place, folders)
         note_read(path)
-        return os.fdopen(_open_itself(place), "rb")
+        # The very file that was examined.
+        flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
+        return os.fdopen(os.open(f"/proc/self/fd/{place}", flags), "rb")
     finally:
         os.close(place)
 
@@ -166,27 +168,6 @@ def read_bytes(
     return b"".join(blocks)
 
 
-def read_listed(path: str, *, max_bytes: int) -> bytes:
-    """The beginning of a file that the listing of a folder has just shown to be a regular one.
-
-    For hundreds of small files, of which `read_bytes` would take five times as long. Nobody is
-    told of the look-up, and a link is not followed.
-
-    Raises:
-        OSError: it is no regular file any more, or the system refuses.
-    """
-    flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
-    file = os.open(path, flags)
-    try:
-        status = os.fstat(file)
-        if not stat.S_ISREG(status.st_mode):
-            raise RefusedFileError("it is not a regular file")
-        # Files of the kernel have no size.
-        return os.read(file, min(status.st_size, max_bytes))
-    finally:
-        os.close(file)
-
-
 def read_text(
     path: Path,
     *,
@@ -210,30 +191,26 @@ def read_text(
 
 def is_regular(path: Path) -> bool:
     """Whether a path leads to a regular file; a name that no file can have does not."""
-    note_lookup(path)
-    try:
-        return stat.S_ISREG(path.stat().st_mode)
-    except (OSError, ValueError):
-        return False
+    return stat.S_ISREG(_mode(path))
 
 
 def is_there(path: Path) -> bool:
     """Whether a path leads to anything; a name that nothing can have does not."""
-    note_lookup(path)
-    try:
-        path.stat()
-    except (OSError, ValueError):
-        return False
-    return True
+    return _mode(path) != 0
 
 
 def is_folder(path: Path) -> bool:
     """Whether a path leads to a folder; a name that no folder can have does not."""
+    return stat.S_ISDIR(_mode(path))
+
+
+def _mode(path: Path) -> int:
+    """The kind of what a path leads to, and who may use it; 0 if there is nothing."""
     note_lookup(path)
     try:
-        return stat.S_ISDIR(path.stat().st_mode)
+        return path.stat().st_mode
     except (OSError, ValueError):
-        return False
+        return 0
 
 
 def names_in(folder: Path) -> list[str]:
@@ -244,6 +221,14 @@ def names_in(folder: Path) -> list[str]:
     """
     note_lookup(folder)
     return sorted(os.listdir(folder))  # noqa: PTH208 - names alone are asked for
+
+
+def names_if_any(folder: Path) -> list[str]:
+    """The same; none if there is no such folder, or it cannot be read."""
+    try:
+        return names_in(folder)
+    except OSError:
+        return []
 
 
 def _open_place(path: Path) -> int:
@@ -267,7 +252,7 @@ def _check_place(place: int, folders: Iterable[Path] | None) -> None:
     if real.startswith(_KERNEL_PATHS):
         raise OutsideFolderError("it is a file of the kernel, not of a disk")
     if folders is not None and not any(
-        Path(real).is_relative_to(real_path(each)) for each in folders
+        Path(real).is_relative_to(real_path(folder)) for folder in folders
     ):
         raise OutsideFolderError("it is a link out of its folder")
 
@@ -278,9 +263,3 @@ def real_path(path: Path) -> Path:
         return path.resolve()
     except (OSError, ValueError, RuntimeError):
         return path.absolute()
-
-
-def _open_itself(place: int) -> int:
-    """Open the very file that a place was opened for."""
-    flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
-    return os.open(f"/proc/self/fd/{place}", flags)

@@ -86,18 +86,11 @@ def check_schema(connection: sqlite3.Connection, tables: Collection[str]) -> Non
     wanted = {name.lower() for name in tables}
     for kind, name, sql in rows:
         if kind not in ("table", "index"):
-            raise RefusedDataError(f"it contains a {_kind_text(kind)}", hint=_HINT)
+            what = kind if kind in ("view", "trigger") else "part that is no table"
+            raise RefusedDataError(f"it contains a {what}", hint=_HINT)
         if _VIRTUAL.match(sql or ""):
             raise RefusedDataError("it contains a virtual table", hint=_HINT)
         if kind == "table" and str(name).lower() in wanted:
-            _check_columns(connection, str(name))
-
-
-def _check_columns(connection: sqlite3.Connection, table: str) -> None:
-    columns = connection.execute("SELECT hidden FROM pragma_table_xinfo(?)", (table,))
-    if any(hidden in _GENERATED for (hidden,) in columns):
-        raise RefusedDataError(f"its table {table!r} has a generated column", hint=_HINT)
-
-
-def _kind_text(kind: object) -> str:
-    return str(kind) if kind in ("view", "trigger") else "part that is no table"
+            columns = connection.execute("SELECT hidden FROM pragma_table_xinfo(?)", (name,))
+            if any(hidden in _GENERATED for (hidden,) in columns):
+                raise RefusedDataError(f"its table {name!r} has a generated column", hint=_HINT)

@@ -25,6 +25,7 @@ from r2bspec.wiring.python_source import (
     SourceNames,
     is_name,
     method_of_self,
+    own_nodes,
     program_class,
     self_references,
 )
@@ -35,16 +36,10 @@ _MAX_KEPT_BYTES = 10_000
 _SIMPLE_STATEMENTS = (ast.Expr, ast.Assign, ast.AnnAssign)
 """Statements of a constructor that are executed exactly once."""
 
-_NESTED_SCOPES = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda, ast.ClassDef)
 _CONDITIONAL_NODES = (
-    *_NESTED_SCOPES,
-    ast.IfExp,
-    ast.BoolOp,
-    ast.Compare,
-    ast.ListComp,
-    ast.SetComp,
-    ast.DictComp,
-    ast.GeneratorExp,
+    *(ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda, ast.ClassDef),
+    *(ast.IfExp, ast.BoolOp, ast.Compare),
+    *(ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp),
 )
 """Expressions whose parts may be evaluated several times, or not at all."""
 
@@ -53,23 +48,65 @@ _PARAMETER_OPTIONS = frozenset(
 )
 """Options of `Node` with which it has parameters that it does not declare by name."""
 
-_TYPES: dict[type, ParameterType] = {
-    bool: "bool",
-    int: "integer",
-    float: "double",
-    str: "string",
-}
+_TYPES: dict[type, ParameterType] = {bool: "bool", int: "integer", float: "double", str: "string"}
 
 
 @dataclass
 class _PartialInterface:
     """The interface so far; a part becomes None with the first call that is not literal."""
 
+    names: SourceNames
     topics: dict[str, dict[str, str] | None] = field(
         default_factory=lambda: {"create_publisher": {}, "create_subscription": {}}
     )
     parameters: dict[str, ParameterInfo] | None = field(default_factory=dict)
     qos: dict[str, QoS] = field(default_factory=dict)
+
+    def forget(self, method: str) -> None:
+        """Note that a method of `Node` may be called elsewhere."""
+        if method in self.topics:
+            self.topics[method] = None
+        elif method.startswith("destroy_"):
+            self.topics[method.replace("destroy_", "create_")] = None
+        else:
+            self.parameters = None
+
+    def add_call(self, call: ast.Call, *, certain: bool) -> None:
+        """Take a call of a method of `self` into account."""
+        method = method_of_self(call)
+        if method in self.topics:
+            self._add_topic(call, method, _topic(call, self.names) if certain else None)
+        elif method == "declare_parameter" and certain:
+            declared = _parameter(call)
+            if declared is None or self.parameters is None:
+                self.parameters = None
+            else:
+                self.parameters[declared[0]] = declared[1]
+        elif method == "__init__":
+            self._add_base_constructor(call)
+        elif method in PARAMETER_METHODS or method.startswith("destroy_"):
+            self.forget(method)
+
+    def _add_topic(self, call: ast.Call, method: str, topic: tuple[str, str] | None) -> None:
+        known = self.topics[method]
+        if topic is None or known is None or known.get(topic[0], topic[1]) != topic[1]:
+            self.topics[method] = None
+            return
+        known[topic[0]] = topic[1]
+        qos = _qos_from_depth(call, 2 if method == "create_publisher" else 3)
+        if qos is not None:
+            self.qos[topic[0]] = qos
+
+    def _add_base_constructor(self, call: ast.Call) -> None:
+        """Take the arguments of ``super().__init__`` into account.
+
+        They may declare every parameter that is set, and rename topics.
+        """
+        for keyword in call.keywords:
+            if keyword.arg == "cli_args":
+                self.topics = dict.fromkeys(self.topics)
+            if keyword.arg in _PARAMETER_OPTIONS and ast.unparse(keyword.value) != "False":
+                self.parameters = None
 
 
 def read_python_file(
@@ -104,20 +141,20 @@ def read_node_class(tree: ast.Module, name: str) -> InterfaceEntry | None:
         name: of the class, or of a function such as ``main`` (`program_class`).
     """
     names = SourceNames(tree)
-    found = names.definition(name)
-    if isinstance(found, ast.FunctionDef):
-        found = program_class(found, names)
-    if not isinstance(found, ast.ClassDef) or not _is_plain_node(found, names):
+    node_class = names.definition(name)
+    if isinstance(node_class, ast.FunctionDef):
+        node_class = program_class(node_class, names)
+    if not isinstance(node_class, ast.ClassDef) or not _is_plain_node(node_class, names):
         return None
-    uses = self_references(tree, found)
+    uses = self_references(tree, node_class)
     if uses.escapes:
         return None
-    result = _PartialInterface()
+    result = _PartialInterface(names)
     for method in uses.escaped_methods:
-        _forget(method, result)
-    for call, certain in _calls(found):
-        _add_call(call, names, result, certain=certain)
-    if not _passes_keywords_unchanged(found):
+        result.forget(method)
+    for call, certain in _calls(node_class):
+        result.add_call(call, certain=certain)
+    if not _passes_keywords_unchanged(node_class):
         result.topics, result.parameters = dict.fromkeys(result.topics), None
     return InterfaceEntry(
         subscribes=result.topics["create_subscription"],
@@ -138,20 +175,22 @@ def _passes_keywords_unchanged(found: ast.ClassDef) -> bool:
 
     Others may have any option of `Node`.
     """
-    constructors = (
-        each for each in found.body if isinstance(each, ast.FunctionDef) and each.name == "__init__"
-    )
-    for method in constructors:
+    for method in found.body:
+        if not isinstance(method, ast.FunctionDef) or method.name != "__init__":
+            continue
         own = method.args.kwarg.arg if method.args.kwarg else ""
-        uses = sum(isinstance(each, ast.Name) and each.id == own for each in ast.walk(method))
-        if uses != sum(_harmless_uses(each, own) for each in ast.walk(method)):
-            return False
-        if any(
-            isinstance(each, ast.Call)
-            and method_of_self(each) == "__init__"
-            and any(one.arg is None and not is_name(one.value, own) for one in each.keywords)
-            for each in ast.walk(method)
+        nodes = list(ast.walk(method))
+        if sum(is_name(node, own) for node in nodes) != sum(
+            _harmless_uses(node, own) for node in nodes
         ):
+            return False
+        base_calls = (
+            node
+            for node in nodes
+            if isinstance(node, ast.Call) and method_of_self(node) == "__init__"
+        )
+        keywords = (keyword for call in base_calls for keyword in call.keywords)
+        if any(keyword.arg is None and not is_name(keyword.value, own) for keyword in keywords):
             return False
     return True
 
@@ -167,18 +206,8 @@ def _harmless_uses(node: ast.AST, name: str) -> int:
         ):
             return is_name(value, name)
         case ast.Compare():
-            return sum(is_name(each, name) for each in (node.left, *node.comparators))
+            return sum(is_name(part, name) for part in (node.left, *node.comparators))
     return 0
-
-
-def _forget(method: str, found: _PartialInterface) -> None:
-    """Note that a method of `Node` may be called elsewhere."""
-    if method in found.topics:
-        found.topics[method] = None
-    elif method.startswith("destroy_"):
-        found.topics[method.replace("destroy_", "create_")] = None
-    else:
-        found.parameters = None
 
 
 def _calls(found: ast.ClassDef) -> Iterator[tuple[ast.Call, bool]]:
@@ -189,7 +218,8 @@ def _calls(found: ast.ClassDef) -> Iterator[tuple[ast.Call, bool]]:
             for statement in method.body:
                 simple = isinstance(statement, _SIMPLE_STATEMENTS)
                 yield from _calls_below(statement, certain=simple and not returned)
-                returned = returned or _may_return(statement)
+                ends = (isinstance(node, ast.Return) for node in own_nodes([statement]))
+                returned = returned or any(ends)
         else:
             yield from _calls_below(method, certain=False)
 
@@ -202,72 +232,15 @@ def _calls_below(top: ast.AST, *, certain: bool) -> Iterator[tuple[ast.Call, boo
         certain = certain and not isinstance(node, _CONDITIONAL_NODES)
         if isinstance(node, ast.Call) and method_of_self(node):
             yield node, certain
-        waiting.extend(reversed([(each, certain) for each in ast.iter_child_nodes(node)]))
-
-
-def _may_return(statement: ast.stmt) -> bool:
-    """Whether a method may end within a statement."""
-    waiting: list[ast.AST] = [statement]
-    while waiting:
-        node = waiting.pop()
-        if isinstance(node, ast.Return):
-            return True
-        if not isinstance(node, _NESTED_SCOPES):
-            waiting.extend(ast.iter_child_nodes(node))
-    return False
-
-
-def _add_call(
-    call: ast.Call, names: SourceNames, found: _PartialInterface, *, certain: bool
-) -> None:
-    method = method_of_self(call)
-    if method in found.topics:
-        _add_topic(call, method, _topic(call, names) if certain else None, found)
-    elif method == "declare_parameter" and certain:
-        declared = _parameter(call)
-        if declared is None or found.parameters is None:
-            found.parameters = None
-        else:
-            found.parameters[declared[0]] = declared[1]
-    elif method == "__init__":
-        _add_base_constructor(call, found)
-    elif method in PARAMETER_METHODS or method.startswith("destroy_"):
-        _forget(method, found)
-
-
-def _add_topic(
-    call: ast.Call, method: str, topic: tuple[str, str] | None, found: _PartialInterface
-) -> None:
-    known = found.topics[method]
-    if topic is None or known is None or known.get(topic[0], topic[1]) != topic[1]:
-        found.topics[method] = None
-        return
-    known[topic[0]] = topic[1]
-    qos = _qos_from_depth(call, 2 if method == "create_publisher" else 3)
-    if qos is not None:
-        found.qos[topic[0]] = qos
-
-
-def _add_base_constructor(call: ast.Call, found: _PartialInterface) -> None:
-    """Take the arguments of ``super().__init__`` into account.
-
-    They may declare every parameter that is set, and rename topics.
-    """
-    for keyword in call.keywords:
-        if keyword.arg == "cli_args":
-            found.topics = dict.fromkeys(found.topics)
-        if keyword.arg in _PARAMETER_OPTIONS and not (
-            isinstance(keyword.value, ast.Constant) and keyword.value.value is False
-        ):
-            found.parameters = None
+        waiting.extend(reversed([(child, certain) for child in ast.iter_child_nodes(node)]))
 
 
 def _argument(call: ast.Call, position: int, name: str) -> ast.expr | None:
-    if any(isinstance(each, ast.Starred) for each in call.args):
+    if any(isinstance(argument, ast.Starred) for argument in call.args):
         return None
     if len(call.args) > position:
         return call.args[position]
-    return next((each.value for each in call.keywords if each.arg == name), None)
+    return next((keyword.value for keyword in call.keywords if keyword.arg == name), None)
 
 
 def _topic(call: ast.Call, names: SourceNames) -> tuple[str, str] | None:
@@ -282,7 +255,7 @@ def _topic(call: ast.Call, names: SourceNames) -> tuple[str, str] | None:
 
 def _qos_from_depth(call: ast.Call, position: int) -> QoS | None:
     """The profile for a QoS argument that is a number."""
-    if any(each.arg == "qos_overriding_options" for each in call.keywords):
+    if any(keyword.arg == "qos_overriding_options" for keyword in call.keywords):
         return None
     given = _argument(call, position, "qos_profile")
     depth = given.value if isinstance(given, ast.Constant) else None

@@ -16,10 +16,7 @@ from r2bspec.language.spec import Node, QoS, Spec
 from r2bspec.wiring.companion_files import NO_COMPANION_FILES, CompanionFiles
 from r2bspec.wiring.name_resolution import Remapper, expand, join_namespaces, node_name
 from r2bspec.wiring.node_interface import (
-    Interface,
-    InterfaceEntry,
     InterfaceTable,
-    NamingContext,
     catalogue_entry,
     interface_of,
     reference_node_interfaces,
@@ -51,8 +48,9 @@ def build_wiring(
     """
     table = reference_node_interfaces() if table is None else table
     namespace = join_namespaces("/", spec.namespace)
-    before = _nodes(spec.preprocessors, ("preprocessors",), namespace, table, companion_files)
-    under_test = _nodes(spec.graph.nodes, ("graph", "nodes"), namespace, table, companion_files)
+    common = (namespace, table, companion_files)
+    before = tuple(_nodes(spec.preprocessors, ("preprocessors",), *common))
+    under_test = tuple(_nodes(spec.graph.nodes, ("graph", "nodes"), *common))
     return Wiring(
         namespace=namespace,
         preprocess=PhaseWiring(
@@ -81,7 +79,7 @@ def harness_topic(name: str, namespace: str) -> str:
     return expand(name, "", namespace)
 
 
-def has_ros_settings(node: Node) -> bool:
+def _has_ros_settings(node: Node) -> bool:
     """Whether the spec has settings of a node that need a ROS process.
 
     A `command` without such settings may be any program, and is run exactly as written.
@@ -101,59 +99,31 @@ def _nodes(
     section: Path,
     namespace: str,
     table: InterfaceTable,
-    companion_files: CompanionFiles,
-) -> tuple[NodeWiring, ...]:
-    return tuple(
-        _node(
-            key,
-            node,
-            (*section, key),
-            join_namespaces(namespace, node.namespace),
-            table,
-            companion_files,
+    files: CompanionFiles,
+) -> Iterator[NodeWiring]:
+    for key, node in nodes.items():
+        inner = join_namespaces(namespace, node.namespace)
+        names = Remapper(node.remappings, key, inner)
+        name = node_name(key, inner)
+        parameters = merged_parameters(node, name, files.parameter_files)
+        sources = (
+            files.interfaces.get(key),
+            catalogue_entry(node),
+            table.get(node.python) or files.sources.get(node.python),
         )
-        for key, node in nodes.items()
-    )
-
-
-def _node(
-    key: str,
-    node: Node,
-    path: Path,
-    namespace: str,
-    table: InterfaceTable,
-    companion_files: CompanionFiles,
-) -> NodeWiring:
-    name = node_name(key, namespace)
-    parameters = merged_parameters(node, name, companion_files.parameter_files)
-    naming = NamingContext(key, namespace, node.remappings, parameters)
-    return NodeWiring(
-        key=key,
-        name=name,
-        namespace=namespace,
-        path=path,
-        node=node,
-        interface=_interface(key, node, table, naming, companion_files),
-        is_ros_process=has_ros_settings(node),
-        parameters=parameters,
-        start=companion_files.starts.get(node.python, KEYWORDS),
-    )
-
-
-def _interface(
-    key: str,
-    node: Node,
-    table: InterfaceTable,
-    naming: NamingContext,
-    companion_files: CompanionFiles,
-) -> Interface:
-    sources: tuple[InterfaceEntry | None, ...] = (
-        companion_files.interfaces.get(key),
-        catalogue_entry(node),
-        None if node.python in table else companion_files.sources.get(node.python),
-    )
-    known = tuple(each for each in sources if each is not None)
-    return interface_of(node, table, naming=naming, sources=known)
+        entries = [entry for entry in sources if entry is not None]
+        yield NodeWiring(
+            key=key,
+            name=name,
+            namespace=inner,
+            path=(*section, key),
+            node=node,
+            names=names,
+            interface=interface_of(node, entries, names, parameters),
+            is_ros_process=_has_ros_settings(node),
+            parameters=parameters,
+            start=files.starts.get(node.python, KEYWORDS),
+        )
 
 
 def _data_endpoints(spec: Spec, namespace: str, types: Mapping[str, str]) -> Iterator[Endpoint]:
@@ -166,13 +136,13 @@ def _data_endpoints(spec: Spec, namespace: str, types: Mapping[str, str]) -> Ite
             path=("data_loader", "topics", bag_topic),
             qos=_HARNESS_QOS,
         )
-    for name, each in spec.playback.inputs.items():
+    for name, played in spec.playback.inputs.items():
         place: Path = ("playback", "inputs", name)
         yield Endpoint(
             owner="recorder",
             is_publisher=False,
-            topic=harness_topic(each.source, namespace),
-            type=each.format,
+            topic=harness_topic(played.source, namespace),
+            type=played.format,
             path=(*place, "from"),
             type_path=(*place, "format"),
         )
@@ -199,17 +169,17 @@ def _transform_endpoints(spec: Spec, owner: str) -> Iterator[Endpoint]:
 
 
 def _play_endpoints(spec: Spec, namespace: str) -> Iterator[Endpoint]:
-    for name, each in spec.playback.inputs.items():
+    for name, played in spec.playback.inputs.items():
         place: Path = ("playback", "inputs", name)
         yield Endpoint(
             owner="player",
             is_publisher=True,
             topic=harness_topic(name, namespace),
-            type=each.format,
+            type=played.format,
             path=place,
             topic_is_key=True,
             type_path=(*place, "format"),
-            qos=each.qos,
+            qos=played.qos,
             qos_path=(*place, "qos"),
         )
     for name, monitor in spec.monitors.items():
@@ -230,7 +200,6 @@ def _play_endpoints(spec: Spec, namespace: str) -> Iterator[Endpoint]:
 def _node_endpoints(nodes: tuple[NodeWiring, ...]) -> Iterator[Endpoint]:
     for node in nodes:
         interface = node.interface
-        remapper = Remapper(node.node.remappings, node.key, node.namespace)
         for section, topics, origin in (
             ("subscribes", interface.subscribes, interface.subscribes_from),
             ("publishes", interface.publishes, interface.publishes_from),
@@ -238,22 +207,14 @@ def _node_endpoints(nodes: tuple[NodeWiring, ...]) -> Iterator[Endpoint]:
             declared_under = section if origin == "spec" else ""
             publishes = section == "publishes"
             for own_name, kind in (topics or {}).items():
-                yield _endpoint(
-                    node, remapper, own_name, kind, declared_under, is_publisher=publishes
-                )
+                yield _endpoint(node, own_name, kind, declared_under, is_publisher=publishes)
 
 
 def _endpoint(
-    node: NodeWiring,
-    remapper: Remapper,
-    own_name: str,
-    kind: str,
-    declared_under: str,
-    *,
-    is_publisher: bool,
+    node: NodeWiring, own_name: str, kind: str, declared_under: str, *, is_publisher: bool
 ) -> Endpoint:
     """An endpoint of a node, with the place that decides its topic: remapping, key or node."""
-    topic, rule = remapper.resolve(own_name)
+    topic, rule = node.names.resolve(own_name)
     declared = (*node.path, declared_under, own_name) if declared_under else ()
     path = (*node.path, "remappings", rule) if rule is not None else declared or node.path
     parameter = "" if declared else node.interface.type_parameters.get(own_name, "")

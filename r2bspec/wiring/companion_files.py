@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import ast
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from functools import lru_cache
+from collections.abc import Mapping
+from functools import cache, lru_cache, partial
 from pathlib import Path
 
 import msgspec
@@ -24,11 +24,7 @@ from r2bspec.safe_io.looked_up_files import shared_lookup
 from r2bspec.safe_io.safe_yaml import load_values
 from r2bspec.wiring.ast_reader import read_node_class, read_python_file
 from r2bspec.wiring.node_interface import InterfaceEntry, origin_difference, parse_interface_entry
-from r2bspec.wiring.parameter_files import (
-    ParameterEffort,
-    ParameterFile,
-    read_parameter_file,
-)
+from r2bspec.wiring.parameter_files import ParameterEffort, ParameterFile, read_parameter_file
 from r2bspec.wiring.python_source import NodeStart, read_node_start
 
 INTERFACES_FOLDER = "interfaces"
@@ -94,14 +90,16 @@ class CompanionReader:
 
     def __init__(self, base_dir: Path) -> None:
         self._base_dir = base_dir
-        self._source_folder = source_folder(base_dir)
         self._recorded = safe_file.is_folder(base_dir / INTERFACES_FOLDER)
         self._yaml = safe_file.ByteBudget(MAX_YAML_BYTES)
         self._python = safe_file.ByteBudget(MAX_SOURCE_BYTES)
-        self._interfaces: dict[str, InterfaceEntry | str | None] = {}
-        self._trees: dict[str, ast.Module | None] = {}
-        self._sources: dict[str, tuple[InterfaceEntry | None, NodeStart | None]] = {}
-        self._parameter_files: dict[str, ParameterFile] = {}
+        self._interface = cache(partial(_read_interface, base_dir, self._yaml))
+        self._tree = cache(
+            lambda place: read_python_file(base_dir / place, source_folder(base_dir), self._python)
+        )
+        self._parameter_file = cache(
+            lambda path: read_parameter_file(base_dir / path, base_dir, self._yaml)
+        )
         self._effort = ParameterEffort()
 
     def read(self, spec: Spec) -> CompanionFiles:
@@ -111,59 +109,35 @@ class CompanionReader:
         sources: dict[str, InterfaceEntry] = {}
         starts: dict[str, NodeStart] = {}
         named: Counter[str] = Counter()
-        for key, node in _nodes(spec):
+        for key, node in (*spec.preprocessors.items(), *spec.graph.nodes.items()):
             recorded = self._usable_interface(key, node) if self._recorded else None
             if isinstance(recorded, str):
                 interface_errors[key] = recorded
             elif recorded is not None:
                 interfaces[key] = recorded
-            interface, start = self._source(node.python) if ":" in node.python else (None, None)
+            place, _, name = node.python.rpartition(":")
+            interface, start = _read_class(self._tree(place), name) if place else (None, None)
             if interface is not None:
                 sources[node.python] = interface
             if start is not None:
                 starts[node.python] = start
             named.update(set(node.parameter_files))
-        files = {path: self._parameter_file(path, number) for path, number in named.items()}
+        files = {
+            path: self._effort.limited(self._parameter_file(path), number)
+            for path, number in named.items()
+        }
         return CompanionFiles(interfaces, interface_errors, files, sources, starts)
 
     def _usable_interface(self, key: str, node: Node) -> InterfaceEntry | str | None:
         """The recorded interface, or why it cannot be used, for example for another target."""
-        found = self._interface(key)
-        if not isinstance(found, InterfaceEntry) or found.recorded_from is None:
-            return found
-        return origin_difference(found.recorded_from, node, self._base_dir) or found
-
-    def _interface(self, key: str) -> InterfaceEntry | str | None:
-        if key not in self._interfaces:
-            self._interfaces[key] = _read_interface(self._base_dir, key, self._yaml)
-        return self._interfaces[key]
-
-    def _source(self, target: str) -> tuple[InterfaceEntry | None, NodeStart | None]:
-        """What the source of ``./file.py:Class`` says of its interface and its start."""
-        if target not in self._sources:
-            place, _, name = target.rpartition(":")
-            if place not in self._trees:
-                self._trees[place] = read_python_file(
-                    self._base_dir / place, self._source_folder, self._python
-                )
-            self._sources[target] = _read_class(self._trees[place], name)
-        return self._sources[target]
-
-    def _parameter_file(self, path: str, number_of_nodes: int) -> ParameterFile:
-        if path not in self._parameter_files:
-            self._parameter_files[path] = read_parameter_file(
-                self._base_dir / path, self._base_dir, self._yaml
-            )
-        return self._effort.limited(self._parameter_files[path], number_of_nodes)
-
-
-def _nodes(spec: Spec) -> Iterator[tuple[str, Node]]:
-    yield from spec.preprocessors.items()
-    yield from spec.graph.nodes.items()
+        entry = self._interface(key)
+        if not isinstance(entry, InterfaceEntry) or entry.recorded_from is None:
+            return entry
+        return origin_difference(entry.recorded_from, node, self._base_dir) or entry
 
 
 def _read_interface(
-    base_dir: Path, key: str, budget: safe_file.ByteBudget
+    base_dir: Path, budget: safe_file.ByteBudget, key: str
 ) -> InterfaceEntry | str | None:
     """The recorded interface of a node, why it cannot be used, or None if there is none."""
     file = interface_file(base_dir, key)

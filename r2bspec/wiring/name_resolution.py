@@ -54,17 +54,11 @@ def expand(name: str, node: str, namespace: str) -> str:
     return name if name.startswith("/") else node_name(name, namespace)
 
 
-def remap(name: str, rules: Mapping[str, str], node: str, namespace: str) -> ResolvedName:
-    """The topic of a node after its remapping rules.
+class Remapper:
+    """The names of one node: its remapping rules are expanded once for all of its topics.
 
     As in rcl, both sides of a rule are expanded in the node's namespace, the first rule whose left
     side equals the expanded name is applied, and its result is not remapped again.
-    """
-    return Remapper(rules, node, namespace).resolve(name)
-
-
-class Remapper:
-    """The remapping rules of one node, expanded once for all of its topics.
 
     Args:
         rules: the rules in their order.
@@ -78,12 +72,16 @@ class Remapper:
         self._namespace = namespace
         self._first: dict[str, str] = {}
         for left in rules:
-            self._first.setdefault(expand(left, node, namespace), left)
+            self._first.setdefault(self.full(left), left)
+
+    def full(self, name: str) -> str:
+        """The full name of a topic of the node before remapping."""
+        return expand(name, self._node, self._namespace)
 
     def resolve(self, name: str) -> ResolvedName:
-        """The topic of the node after its remapping rules; see `remap`."""
-        full = expand(name, self._node, self._namespace)
+        """The topic of the node after its remapping rules."""
+        full = self.full(name)
         left = self._first.get(full)
         if left is None:
             return ResolvedName(full, None)
-        return ResolvedName(expand(self._rules[left], self._node, self._namespace), left)
+        return ResolvedName(self.full(self._rules[left]), left)

@@ -11,7 +11,7 @@ after it was recorded.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
@@ -22,7 +22,7 @@ from r2bspec.language.declaration import decode_text
 from r2bspec.language.spec import Node, ParameterValue, QoS
 from r2bspec.safe_io import safe_file
 from r2bspec.safe_io.safe_yaml import load_values
-from r2bspec.wiring.name_resolution import expand, remap
+from r2bspec.wiring.name_resolution import Remapper
 
 _MAX_FILE_BYTES = 64_000_000
 
@@ -54,8 +54,7 @@ def files_digest(node: Node, base_dir: Path) -> str:
     """SHA-256 of the files of a node in the folder of its spec; empty if there are none."""
     import hashlib
 
-    digest = hashlib.sha256()
-    found = False
+    digests = []
     for name in _files(node):
         try:
             data = safe_file.read_bytes(
@@ -63,9 +62,8 @@ def files_digest(node: Node, base_dir: Path) -> str:
             )
         except (OSError, ValueError):
             continue
-        found = True
-        digest.update(hashlib.sha256(data).digest())
-    return digest.hexdigest() if found else ""
+        digests.append(hashlib.sha256(data).digest())
+    return hashlib.sha256(b"".join(digests)).hexdigest() if digests else ""
 
 
 def _files(node: Node) -> Iterator[str]:
@@ -153,13 +151,8 @@ class Interface(msgspec.Struct, frozen=True):
         return (*self.subscribes, *(name for name in self.publishes if name not in self.subscribes))
 
 
-class InterfaceEntry(msgspec.Struct, frozen=True):
-    """The interface of a kind of node in one source; unknown parts are None.
-
-    Types and names may contain ``$(parameter x)``, the value of a parameter. A name may be
-    ``$(camera_info of TOPIC)``: the topic `camera_info` in the namespace to which TOPIC is
-    remapped.
-    """
+class _InterfaceRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A node in an interface file."""
 
     subscribes: Mapping[str, str] | None = msgspec.field(default_factory=dict)
     publishes: Mapping[str, str] | None = msgspec.field(default_factory=dict)
@@ -167,21 +160,22 @@ class InterfaceEntry(msgspec.Struct, frozen=True):
     services: Mapping[str, str] = msgspec.field(default_factory=dict)
     qos: Mapping[str, QoS] = msgspec.field(default_factory=dict)
     executable: str = ""
-    origin: InterfaceSource = "table"
-    described_package: str = ""
     recorded_from: RecordOrigin | None = None
 
 
+class InterfaceEntry(_InterfaceRow, frozen=True, kw_only=True):
+    """The interface of a kind of node in one source; unknown parts are None.
+
+    Types and names may contain ``$(parameter x)``, the value of a parameter. A name may be
+    ``$(camera_info of TOPIC)``: the topic `camera_info` in the namespace to which TOPIC is
+    remapped.
+    """
+
+    origin: InterfaceSource = "table"
+    described_package: str = ""
+
+
 InterfaceTable = Mapping[str, InterfaceEntry]
-
-
-class NamingContext(msgspec.Struct, frozen=True):
-    """What name resolution needs of a node: name, absolute namespace, rules and parameters."""
-
-    name: str = ""
-    namespace: str = "/"
-    remappings: Mapping[str, str] = msgspec.field(default_factory=dict)
-    parameters: Mapping[str, ParameterValue] = msgspec.field(default_factory=dict)
 
 
 @cache
@@ -200,18 +194,6 @@ def read_interface_table(
     }
 
 
-class _InterfaceRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A node in an interface file."""
-
-    subscribes: dict[str, str] | None = None
-    publishes: dict[str, str] | None = None
-    parameters: dict[str, ParameterInfo] | None = None
-    services: dict[str, str] | None = None
-    qos: dict[str, QoS] | None = None
-    executable: str = ""
-    recorded_from: RecordOrigin | None = None
-
-
 def parse_interface_entry(
     row: Any, origin: InterfaceSource = "table", described_package: str = ""
 ) -> InterfaceEntry:
@@ -220,112 +202,104 @@ def parse_interface_entry(
     Raises:
         msgspec.ValidationError: the row is invalid.
     """
+    if isinstance(row, dict):
+        row = {key: value for key, value in row.items() if value is not None}
     read = msgspec.convert(row, _InterfaceRow, dec_hook=decode_text)
     return InterfaceEntry(
-        subscribes=read.subscribes or {},
-        publishes=read.publishes or {},
-        parameters=read.parameters or {},
-        services=read.services or {},
-        qos=read.qos or {},
-        executable=read.executable,
-        origin=origin,
-        described_package=described_package,
-        recorded_from=read.recorded_from,
+        **msgspec.structs.asdict(read), origin=origin, described_package=described_package
     )
 
 
 def interface_of(
     node: Node,
-    table: InterfaceTable,
-    *,
-    naming: NamingContext | None = None,
-    sources: tuple[InterfaceEntry, ...] = (),
+    entries: Sequence[InterfaceEntry],
+    names: Remapper,
+    parameters: Mapping[str, ParameterValue],
 ) -> Interface:
     """The interface of a node; each part is from the first source that describes it.
 
     Args:
         node: the node as the spec has it.
-        table: interfaces of Python nodes, by target.
-        naming: how its names are resolved; by default in the root namespace.
-        sources: further sources for this node, best first, all with precedence over the table.
+        entries: what sources say of this node, best first.
+        names: how its names are resolved.
+        parameters: its parameters.
     """
-    if naming is None:
-        naming = NamingContext(remappings=node.remappings, parameters=node.parameters)
-    entry = table.get(node.python) if node.python else None
-    entries = (*sources, *((entry,) if entry is not None else ()))
     unknown = InterfaceEntry(None, None, None, origin="")
     subscribes_entry = next((row for row in entries if row.subscribes is not None), unknown)
     publishes_entry = next((row for row in entries if row.publishes is not None), unknown)
     parameters_entry = next((row for row in entries if row.parameters is not None), unknown)
     return Interface(
         subscribes=node.subscribes
-        or _topics(subscribes_entry, subscribes_entry.subscribes, naming),
-        publishes=node.publishes or _topics(publishes_entry, publishes_entry.publishes, naming),
+        or _topics(subscribes_entry, subscribes_entry.subscribes, names, parameters),
+        publishes=node.publishes
+        or _topics(publishes_entry, publishes_entry.publishes, names, parameters),
         parameters=parameters_entry.parameters,
         subscribes_from="spec" if node.subscribes else subscribes_entry.origin,
         publishes_from="spec" if node.publishes else publishes_entry.origin,
         parameters_from=parameters_entry.origin,
-        type_parameters=_type_parameters(entries, naming),
-        qos={name: qos for each in reversed(entries) for name, qos in each.qos.items()},
+        type_parameters=_type_parameters(entries, parameters),
+        qos={name: qos for entry in reversed(entries) for name, qos in entry.qos.items()},
         other_remappable_names=tuple(
-            name for each in entries for name in _other_remappable_names(each)
+            name for entry in entries for name in _other_remappable_names(entry)
         ),
         described_package=next(
-            (each.described_package for each in entries if each.described_package), ""
+            (entry.described_package for entry in entries if entry.described_package), ""
         ),
     )
 
 
 def _topics(
-    entry: InterfaceEntry, topics: Mapping[str, str] | None, naming: NamingContext
+    entry: InterfaceEntry,
+    topics: Mapping[str, str] | None,
+    names: Remapper,
+    parameters: Mapping[str, ParameterValue],
 ) -> dict[str, str] | None:
     if topics is None:
         return None
     return {
-        _substitute_parameters(_derived_topic(name, naming), naming, entry): _substitute_parameters(
-            kind, naming, entry
+        _substitute(_derived_topic(name, names), parameters, entry): _substitute(
+            kind, parameters, entry
         )
         for name, kind in topics.items()
     }
 
 
-def _derived_topic(name: str, naming: NamingContext) -> str:
+def _derived_topic(name: str, names: Remapper) -> str:
     """The name of a derived topic: in the namespace to which its base is remapped."""
     derived = _DERIVED_TOPIC.fullmatch(name)
     if derived is None:
         return name
-    base = expand(derived[1], naming.name, naming.namespace)
-    full = remap(derived[1], naming.remappings, naming.name, naming.namespace).name
-    if full != base:
-        return f"{full.rpartition('/')[0]}/camera_info"
-    folder, slash, _ = derived[1].rpartition("/")
+    topic = names.resolve(derived[1]).name
+    base = derived[1] if topic == names.full(derived[1]) else topic
+    folder, slash, _ = base.rpartition("/")
     return f"{folder}{slash}camera_info"
 
 
 def _other_remappable_names(entry: InterfaceEntry) -> tuple[str, ...]:
     topics = (*(entry.subscribes or ()), *(entry.publishes or ()))
-    bases = (found[1] for each in topics if (found := _DERIVED_TOPIC.fullmatch(each)))
+    bases = (derived[1] for topic in topics if (derived := _DERIVED_TOPIC.fullmatch(topic)))
     return (*entry.services, *bases)
 
 
-def _type_parameters(entries: tuple[InterfaceEntry, ...], naming: NamingContext) -> dict[str, str]:
-    found = {}
-    for entry in entries:
-        for topics in (entry.subscribes or {}, entry.publishes or {}):
-            for name, kind in topics.items():
-                decides = _PARAMETER.fullmatch(kind)
-                if decides is not None:
-                    found[_substitute_parameters(name, naming, entry)] = decides[1]
-    return found
+def _type_parameters(
+    entries: Sequence[InterfaceEntry], parameters: Mapping[str, ParameterValue]
+) -> dict[str, str]:
+    return {
+        _substitute(name, parameters, entry): decides[1]
+        for entry in entries
+        for topics in (entry.subscribes or {}, entry.publishes or {})
+        for name, kind in topics.items()
+        if (decides := _PARAMETER.fullmatch(kind)) is not None
+    }
 
 
-def _substitute_parameters(text: str, naming: NamingContext, entry: InterfaceEntry) -> str:
+def _substitute(text: str, parameters: Mapping[str, ParameterValue], entry: InterfaceEntry) -> str:
     """Insert the values of the node's parameters; an unset one is replaced by nothing."""
 
-    def value(found: re.Match[str]) -> str:
-        name = found[1]
-        if name in naming.parameters:
-            return str(naming.parameters[name])
+    def value(reference: re.Match[str]) -> str:
+        name = reference[1]
+        if name in parameters:
+            return str(parameters[name])
         declared = (entry.parameters or {}).get(name)
         return "" if declared is None or declared.default is None else str(declared.default)
 
@@ -358,7 +332,7 @@ def catalogue_entry(node: Node) -> InterfaceEntry | None:
     """The catalogue entry of a node, if there is one."""
     if not node.package:
         return None
-    known = catalogue_nodes(node.package)
+    entries = catalogue_nodes(node.package)
     if node.plugin:
-        return known.get(node.plugin)
-    return next((each for each in known.values() if each.executable == node.executable), None)
+        return entries.get(node.plugin)
+    return next((entry for entry in entries.values() if entry.executable == node.executable), None)

@@ -13,15 +13,17 @@ precedence.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from r2bspec.language.spec import Node, ParameterValue
+from r2bspec.safe_io.line_pattern import LinePattern, PatternError, compile_line_pattern
 from r2bspec.safe_io.safe_file import ByteBudget, OutsideFolderError, read_text, real_path
 from r2bspec.safe_io.safe_yaml import RefusedYamlError, load_values
 
@@ -38,7 +40,6 @@ MAX_VALUES_OF_NODES = 200_000
 MAX_VALUES_OF_CASES = 1_000_000
 """The same of all files and in all cases of a spec; a key with wildcards counts as a value."""
 
-_ANY_TOKENS = "**"
 _PARAMETERS_KEY = "ros__parameters"
 _OUTSIDE_PROBLEM = f"is no parameter file: each node needs a map '{_PARAMETERS_KEY}'"
 
@@ -75,10 +76,10 @@ class ParameterFile:
     @cached_property
     def _positions(self) -> dict[str, list[int]]:
         """The positions of each key without wildcards, and below the empty key all others."""
-        found: dict[str, list[int]] = {"": []}
+        positions: dict[str, list[int]] = {"": []}
         for position, (key, _) in enumerate(self.nodes):
-            found.setdefault("" if "*" in key else key, []).append(position)
-        return found
+            positions.setdefault("" if "*" in key else key, []).append(position)
+        return positions
 
     def matching(self, full_name: str) -> list[Mapping[str, ParameterValue]]:
         """The parameters of every key that matches a full node name, in the order of the file."""
@@ -125,13 +126,15 @@ def read_parameter_file(
     if not isinstance(document, dict):
         return ParameterFile(problem="is not a map of nodes")
     try:
-        nodes = tuple(_nodes(document, "", 0, _Budget()))
+        file = ParameterFile(tuple(_nodes(document)))
     except ValueError as error:
         inside = real_path(path.parent).is_relative_to(real_path(home))
         return ParameterFile(problem=str(error) if inside else _OUTSIDE_PROBLEM)
-    if sum("*" in key for key, _ in nodes) > _MAX_WILDCARD_KEYS:
+    if file.number_of_values + len(file.nodes) > _MAX_VALUES:
+        return ParameterFile(problem=f"expands to more than {_MAX_VALUES:,} values")
+    if file.number_of_wildcards > _MAX_WILDCARD_KEYS:
         return ParameterFile(problem=f"has more than {_MAX_WILDCARD_KEYS} keys with wildcards")
-    return ParameterFile(nodes)
+    return file
 
 
 class ParameterEffort:
@@ -160,28 +163,10 @@ class ParameterEffort:
         return file
 
 
-class _Budget:
-    """A limit on the number of values."""
-
-    def __init__(self) -> None:
-        self._left = _MAX_VALUES
-
-    def spend(self) -> None:
-        """Count one more value.
-
-        Raises:
-            ValueError: there are too many.
-        """
-        self._left -= 1
-        if self._left < 0:
-            raise ValueError(f"expands to more than {_MAX_VALUES:,} values")
-
-
 def _nodes(
-    document: Mapping[Any, Any], above: str, depth: int, budget: _Budget
+    document: Mapping[Any, Any], above: str = "", depth: int = 0
 ) -> Iterator[tuple[str, Mapping[str, ParameterValue]]]:
     for key, value in document.items():
-        budget.spend()
         name = f"{above}/{str(key).strip('/')}"
         if not isinstance(value, dict) or depth > _MAX_DEPTH:
             raise ValueError(f"has no '{_PARAMETERS_KEY}' below {str(key)!r}")
@@ -189,64 +174,42 @@ def _nodes(
             given = value[_PARAMETERS_KEY]
             if not isinstance(given, dict | None):
                 raise ValueError(f"has a '{_PARAMETERS_KEY}' of {str(key)!r} that is not a map")
-            yield name, dict(_flatten(given or {}, "", 0, budget))
+            yield name, dict(_flatten(given or {}))
         elif value:
-            yield from _nodes(value, name, depth + 1, budget)
+            yield from _nodes(value, name, depth + 1)
 
 
 def _flatten(
-    given: Mapping[Any, Any], above: str, depth: int, budget: _Budget
+    given: Mapping[Any, Any], above: str = "", depth: int = 0
 ) -> Iterator[tuple[str, Any]]:
     for key, value in given.items():
-        budget.spend()
         name = f"{above}{key}"
         if isinstance(value, dict) and depth <= _MAX_DEPTH:
-            yield from _flatten(value, f"{name}.", depth + 1, budget)
+            yield from _flatten(value, f"{name}.", depth + 1)
         elif isinstance(value, bool | int | float | str | list):
             yield name, value
+
+
+@lru_cache(maxsize=1000)
+def _key_pattern(key: str) -> LinePattern:
+    """Whether a full node name matches a key with wildcards, in time linear in the name."""
+    tokens = (
+        "(?:/[^/]*)*" if part == "**" else "/" + "[^/]+".join(map(re.escape, part.split("*")))
+        for part in key.split("/")[1:]
+    )
+    try:
+        return compile_line_pattern(f"^{''.join(tokens)}$")
+    except PatternError:
+        # What is too large to be compiled is no name.
+        return lambda _: False
 
 
 def node_key_matches(key: str, full_name: str) -> bool:
     """Whether a node key of a `ParameterFile` matches a full node name.
 
-    Time is proportional to the product of their numbers of tokens: of several ``**``, only the last
-    one that was met is extended. An earlier one never needs to be, because the tokens between the
-    two match at their first place, and a later place leaves fewer tokens to the rest.
+    ``*`` is one character or more of a token, and ``**`` any number of tokens.
     """
-    pattern, name = key.split("/"), full_name.split("/")
-    at = start = 0
-    any_number = -1
-    for_any = 0
-    while start < len(name):
-        if at < len(pattern) and pattern[at] == _ANY_TOKENS:
-            any_number, for_any = at, start
-            at += 1
-        elif at < len(pattern) and _token_matches(pattern[at], name[start]):
-            at += 1
-            start += 1
-        elif any_number >= 0:
-            for_any += 1
-            at, start = any_number + 1, for_any
-        else:
-            return False
-    return all(token == _ANY_TOKENS for token in pattern[at:])
-
-
-def _token_matches(pattern: str, token: str) -> bool:
-    """Whether a token matches; ``*`` is one character or more. Time is linear."""
-    first, *others = pattern.split("*")
-    if not others:
-        return pattern == token
-    *middle, last = others
-    if not token.startswith(first):
-        return False
-    at = len(first)
-    for part in middle:
-        found = token.find(part, at + 1)
-        if found < 0:
-            return False
-        at = found + len(part)
-    return token.endswith(last) and len(token) - len(last) > at
+    return _key_pattern(key)(full_name) if "*" in key else key == full_name
 
 
 def merged_parameters(
@@ -261,10 +224,10 @@ def merged_parameters(
     """
     if not node.parameter_sources:
         return dict(node.parameters)
-    found: dict[str, ParameterValue] = {}
+    merged: dict[str, ParameterValue] = {}
     for source in node.parameter_sources:
         if source.file and source.file in files:
             for values in files[source.file].matching(full_name):
-                found |= values
-        found |= source.values
-    return found
+                merged |= values
+        merged |= source.values
+    return merged

@@ -67,8 +67,8 @@ class SourceNames:
             return f"{above}.{node.attr}" if above else ""
         if not isinstance(node, ast.Name) or node.id in self._bound or self._has_star_import:
             return ""
-        found = self._imported.get(node.id, set())
-        full = next(iter(found)) if len(found) == 1 else ""
+        imported = self._imported.get(node.id, set())
+        full = next(iter(imported)) if len(imported) == 1 else ""
         return "" if full.startswith(".") else full
 
 
@@ -121,16 +121,13 @@ KEYWORDS = NodeStart()
 def read_node_start(tree: ast.Module, name: str) -> NodeStart | None:
     """How the class or function `name` of a file is started; None if the file does not say."""
     names = SourceNames(tree)
-    found = names.definition(name)
-    match found:
-        case ast.FunctionDef():
-            if found.decorator_list:
-                return None
-            if _is_program(found):
-                return NodeStart("main", _required(found.args, 0))
-            return _start(found.args, 0)
+    match definition := names.definition(name):
+        case ast.FunctionDef(decorator_list=[]):
+            if _is_program(definition):
+                return NodeStart("main", _required(definition.args, 0))
+            return _start(definition.args, 0)
         case ast.ClassDef():
-            constructor = _constructor(names, found)
+            constructor = _constructor(names, definition)
             return None if constructor is None else _start(constructor.args, 1)
     return None
 
@@ -140,12 +137,11 @@ def _constructor(names: SourceNames, found: ast.ClassDef) -> ast.FunctionDef | N
     for _ in range(_MAX_BASES):
         if found.decorator_list or found.keywords:
             return None
-        named = {each.name: each for each in found.body if isinstance(each, ast.FunctionDef)}
-        if "__new__" in named:
+        methods = {part.name: part for part in found.body if isinstance(part, ast.FunctionDef)}
+        if "__new__" in methods:
             return None
-        if "__init__" in named:
-            made = named["__init__"]
-            return None if made.decorator_list else made
+        if (constructor := methods.get("__init__")) is not None:
+            return None if constructor.decorator_list else constructor
         base = found.bases[0] if len(found.bases) == 1 else None
         above = names.definition(base.id) if isinstance(base, ast.Name) else None
         if not isinstance(above, ast.ClassDef):
@@ -156,13 +152,11 @@ def _constructor(names: SourceNames, found: ast.ClassDef) -> ast.FunctionDef | N
 
 def _start(arguments: ast.arguments, bound: int) -> NodeStart:
     """The start of a callable; its first `bound` parameters are not the caller's."""
-    named = {each.arg for each in (*arguments.args[bound:], *arguments.kwonlyargs)}
-    takes_all = arguments.kwarg is not None or named.issuperset(KEYWORD_ARGUMENTS)
+    names = {parameter.arg for parameter in (*arguments.args[bound:], *arguments.kwonlyargs)}
     required = _required(arguments, bound)
-    if takes_all:
-        missing = tuple(each for each in required if each not in KEYWORD_ARGUMENTS)
-        return NodeStart("keywords", missing)
-    return NodeStart("ros_arguments", required)
+    if arguments.kwarg is None and not names.issuperset(KEYWORD_ARGUMENTS):
+        return NodeStart("ros_arguments", required)
+    return NodeStart("keywords", tuple(name for name in required if name not in KEYWORD_ARGUMENTS))
 
 
 def _required(arguments: ast.arguments, bound: int) -> tuple[str, ...]:
@@ -170,26 +164,35 @@ def _required(arguments: ast.arguments, bound: int) -> tuple[str, ...]:
     positional = [*arguments.posonlyargs, *arguments.args]
     without_default = positional[bound : len(positional) - len(arguments.defaults)]
     keyword_only = [
-        each
-        for each, default in zip(arguments.kwonlyargs, arguments.kw_defaults, strict=True)
+        parameter
+        for parameter, default in zip(arguments.kwonlyargs, arguments.kw_defaults, strict=True)
         if default is None
     ]
-    return tuple(each.arg for each in (*without_default, *keyword_only))
+    return tuple(parameter.arg for parameter in (*without_default, *keyword_only))
 
 
 def _is_program(function: ast.FunctionDef) -> bool:
     """Whether a function initialises ROS itself and returns no node."""
-    calls = False
-    waiting: list[ast.AST] = list(function.body)
+    nodes = list(own_nodes(function.body))
+    returned = (node.value for node in nodes if isinstance(node, ast.Return))
+    called = (node.func for node in nodes if isinstance(node, ast.Call))
+    return all(map(_is_exit_status, returned)) and any(map(_calls_init, called))
+
+
+_NESTED_SCOPES = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda, ast.ClassDef)
+
+
+def own_nodes(statements: Iterable[ast.AST]) -> Iterator[ast.AST]:
+    """The nodes of statements, without those of nested functions and classes.
+
+    Without recursion: each `elif` is one level deeper than the one before.
+    """
+    waiting = list(statements)
     while waiting:
         node = waiting.pop()
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda | ast.ClassDef):
-            continue
-        if isinstance(node, ast.Return) and not _is_exit_status(node.value):
-            return False
-        calls = calls or (isinstance(node, ast.Call) and _calls_init(node.func))
-        waiting.extend(ast.iter_child_nodes(node))
-    return calls
+        if not isinstance(node, _NESTED_SCOPES):
+            yield node
+            waiting.extend(ast.iter_child_nodes(node))
 
 
 _PROGRAM_CALLS = frozenset(
@@ -219,22 +222,22 @@ def program_class(function: ast.FunctionDef, names: SourceNames) -> ast.ClassDef
     """
     if function.decorator_list or not _is_program(function):
         return None
-    made: list[ast.ClassDef] = []
+    classes: list[ast.ClassDef] = []
     created = _created_locals(function)
-    waiting: list[tuple[ast.AST, bool]] = [(each, True) for each in function.body]
+    waiting: list[tuple[ast.AST, bool]] = [(statement, True) for statement in function.body]
     while waiting:
         node, once = waiting.pop()
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda | ast.ClassDef):
+        if isinstance(node, _NESTED_SCOPES):
             return None
         if isinstance(node, ast.Call):
             of_file = names.definition(node.func.id) if isinstance(node.func, ast.Name) else None
             if isinstance(of_file, ast.ClassDef) and once and not (node.args or node.keywords):
-                made.append(of_file)
+                classes.append(of_file)
             elif not _is_program_call(node.func, names, created):
                 return None
         once = once and not isinstance(node, _REPEATED)
-        waiting.extend((each, once) for each in ast.iter_child_nodes(node))
-    return made[0] if len(made) == 1 else None
+        waiting.extend((child, once) for child in ast.iter_child_nodes(node))
+    return classes[0] if len(classes) == 1 else None
 
 
 def _created_locals(function: ast.FunctionDef) -> frozenset[str]:
@@ -268,17 +271,13 @@ def _is_exit_status(value: ast.expr | None) -> bool:
 
 
 def _calls_init(called: ast.expr) -> bool:
-    return (
-        isinstance(called, ast.Attribute)
-        and called.attr == "init"
-        and isinstance(called.value, ast.Name)
-        and called.value.id == "rclpy"
-    )
+    return isinstance(called, ast.Attribute) and ast.unparse(called) == "rclpy.init"
 
 
-TOPIC_METHODS = frozenset({"create_publisher", "create_subscription"})
 PARAMETER_METHODS = frozenset({"declare_parameter", "declare_parameters", "undeclare_parameter"})
-_CREATING = TOPIC_METHODS | PARAMETER_METHODS | {"destroy_publisher", "destroy_subscription"}
+_CREATING = PARAMETER_METHODS | {
+    *("create_publisher", "create_subscription", "destroy_publisher", "destroy_subscription")
+}
 
 _HARMLESS_ATTRIBUTES = frozenset({"default_callback_group", "context", "handle"})
 """Attributes of `Node` that may be passed to other code."""
@@ -336,7 +335,7 @@ def is_name(node: ast.AST, name: str) -> bool:
 
 def _is_changed_elsewhere(tree: ast.Module, found: ast.ClassDef) -> bool:
     """Whether code of the file may replace attributes of the class, or of `Node`."""
-    inside = {id(each) for each in ast.walk(found)}
+    inside = {id(node) for node in ast.walk(found)}
     for node in ast.walk(tree):
         match node:
             case ast.Attribute(attr=name, ctx=ast.Store() | ast.Del()) if name in _CREATING:
@@ -350,42 +349,29 @@ def _is_changed_elsewhere(tree: ast.Module, found: ast.ClassDef) -> bool:
             case ast.Call() if id(node) not in inside and _passes(node, found.name):
                 return True
             case ast.ClassDef() if node is not found and found.name in {
-                each.id for each in node.decorator_list if isinstance(each, ast.Name)
+                name.id for name in node.decorator_list if isinstance(name, ast.Name)
             }:
                 return True
     return False
 
 
 def _passes(call: ast.Call, name: str) -> bool:
-    """Whether a call has this name among its arguments."""
-    arguments = (*call.args, *(each.value for each in call.keywords))
-    return any(is_name(each, name) for argument in arguments for each in ast.walk(argument)) and (
-        not _is_constructor_argument(arguments, name)
-    )
-
-
-def _is_constructor_argument(arguments: Iterable[ast.expr], name: str) -> bool:
-    """Whether the name occurs in arguments only as what is called, as in ``spin(Detector())``."""
-    uses = [each for argument in arguments for each in ast.walk(argument) if is_name(each, name)]
-    called = [
-        each.func
-        for argument in arguments
-        for each in ast.walk(argument)
-        if isinstance(each, ast.Call) and is_name(each.func, name)
-    ]
-    return len(uses) == len(called)
+    """Whether a call has a name in its arguments, other than as what is called: ``spin(N())``."""
+    arguments = (*call.args, *(keyword.value for keyword in call.keywords))
+    below = [node for argument in arguments for node in ast.walk(argument)]
+    called = sum(isinstance(node, ast.Call) and is_name(node.func, name) for node in below)
+    return sum(is_name(node, name) for node in below) != called
 
 
 def _has_plain_body(found: ast.ClassDef) -> bool:
     """Whether a class consists of plain methods and values, and overrides nothing that creates."""
-    for each in found.body:
-        match each:
+    for part in found.body:
+        match part:
             case ast.FunctionDef() | ast.AsyncFunctionDef():
-                if not _is_plain_method(each):
+                if not _is_plain_method(part):
                     return False
             case ast.Assign() | ast.AnnAssign():
-                names = {one.id for one in ast.walk(each) if isinstance(one, ast.Name)}
-                if names & _CREATING:
+                if any(isinstance(n, ast.Name) and n.id in _CREATING for n in ast.walk(part)):
                     return False
             case ast.Pass() | ast.Expr(value=ast.Constant()):
                 pass
@@ -398,7 +384,7 @@ def _is_plain_method(method: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
     special = method.name.startswith("__") and method.name not in _SPECIAL_METHODS
     if special or method.name in _CREATING:
         return False
-    decorators = [each.id if isinstance(each, ast.Name) else "" for each in method.decorator_list]
+    decorators = [name.id if isinstance(name, ast.Name) else "" for name in method.decorator_list]
     if not _METHOD_DECORATORS.issuperset(decorators):
         return False
     if {"staticmethod", "classmethod"} & set(decorators):
@@ -414,19 +400,19 @@ class _Scan:
         self._class = found.name
         self._result = result
         functions = (ast.FunctionDef, ast.AsyncFunctionDef)
-        self._methods = {each.name for each in found.body if isinstance(each, functions)}
+        self._methods = {part.name for part in found.body if isinstance(part, functions)}
         self._data = {
-            each.attr
-            for each in ast.walk(found)
-            if isinstance(each, ast.Attribute)
-            and is_self(each.value)
-            and isinstance(each.ctx, ast.Store)
+            node.attr
+            for node in ast.walk(found)
+            if isinstance(node, ast.Attribute)
+            and is_self(node.value)
+            and isinstance(node.ctx, ast.Store)
         } | {
-            each.id
+            node.id
             for statement in found.body
             if isinstance(statement, ast.Assign | ast.AnnAssign)
-            for each in ast.walk(statement)
-            if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)
+            for node in ast.walk(statement)
+            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
         }
 
     def visit(self, top: ast.AST) -> None:
@@ -450,7 +436,7 @@ class _Scan:
     def _arguments(self, call: ast.Call) -> Iterator[ast.AST]:
         """The arguments of a method of self, other than methods that `Node` takes as callbacks."""
         of_node = method_of_self(call) not in self._methods | self._data
-        for argument in (*call.args, *(each.value for each in call.keywords)):
+        for argument in (*call.args, *(keyword.value for keyword in call.keywords)):
             if of_node and isinstance(argument, ast.Attribute) and is_self(argument.value):
                 self._attribute(argument, called=False, harmless_target=True)
             else:

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 from typing import Literal
 
 import msgspec
 
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.spec import Node, ParameterValue, QoS
+from r2bspec.wiring.name_resolution import Remapper
 from r2bspec.wiring.node_interface import Interface
 from r2bspec.wiring.python_source import KEYWORDS, NodeStart
 
@@ -25,6 +27,7 @@ class NodeWiring(msgspec.Struct, frozen=True):
         key: its key in the spec, which is also its ROS name.
         name: full name, such as ``/r2b/apriltag``.
         path: its place in the spec.
+        names: how the names of its topics are resolved.
         is_ros_process: False for a command without settings that are specific to ROS.
         parameters: its parameters, merged from all files and values.
         start: how a Python node is started.
@@ -35,6 +38,7 @@ class NodeWiring(msgspec.Struct, frozen=True):
     namespace: str
     path: Path
     node: Node
+    names: Remapper
     interface: Interface
     is_ros_process: bool = True
     parameters: Mapping[str, ParameterValue] = msgspec.field(default_factory=dict)
@@ -87,6 +91,18 @@ class Endpoint(msgspec.Struct, frozen=True):
         return self.owner.startswith("/")
 
 
+_TOPIC = attrgetter("topic")
+
+
+def _grouped(
+    endpoints: Iterable[Endpoint], key: Callable[[Endpoint], str]
+) -> dict[str, tuple[Endpoint, ...]]:
+    groups: dict[str, list[Endpoint]] = {}
+    for endpoint in endpoints:
+        groups.setdefault(key(endpoint), []).append(endpoint)
+    return {name: tuple(group) for name, group in groups.items()}
+
+
 @dataclass(frozen=True)
 class PhaseWiring:
     """The nodes and endpoints of one phase."""
@@ -96,37 +112,21 @@ class PhaseWiring:
     endpoints: tuple[Endpoint, ...]
 
     @cached_property
-    def _by_topic(self) -> dict[str, list[Endpoint]]:
-        found: dict[str, list[Endpoint]] = {}
-        for endpoint in self.endpoints:
-            found.setdefault(endpoint.topic, []).append(endpoint)
-        return found
-
-    @cached_property
     def _publishers(self) -> dict[str, tuple[Endpoint, ...]]:
-        return {
-            topic: tuple(each for each in found if each.is_publisher)
-            for topic, found in self._by_topic.items()
-        }
+        return _grouped((end for end in self.endpoints if end.is_publisher), _TOPIC)
 
     @cached_property
     def _subscriptions(self) -> dict[str, tuple[Endpoint, ...]]:
-        return {
-            topic: tuple(each for each in found if not each.is_publisher)
-            for topic, found in self._by_topic.items()
-        }
+        return _grouped((end for end in self.endpoints if not end.is_publisher), _TOPIC)
 
     @cached_property
-    def _by_owner(self) -> dict[str, list[Endpoint]]:
-        found: dict[str, list[Endpoint]] = {}
-        for endpoint in self.endpoints:
-            found.setdefault(endpoint.owner, []).append(endpoint)
-        return found
+    def _by_owner(self) -> dict[str, tuple[Endpoint, ...]]:
+        return _grouped(self.endpoints, attrgetter("owner"))
 
-    @property
+    @cached_property
     def topics(self) -> tuple[str, ...]:
         """Every known topic, sorted."""
-        return tuple(sorted(self._by_topic))
+        return tuple(sorted(self._publishers.keys() | self._subscriptions.keys()))
 
     def publishers(self, topic: str) -> tuple[Endpoint, ...]:
         """The known publishers of a topic."""
@@ -146,17 +146,17 @@ class PhaseWiring:
 
     def endpoints_of(self, owner: str) -> tuple[Endpoint, ...]:
         """The endpoints of a node or of a part of the harness."""
-        return tuple(self._by_owner.get(owner, ()))
+        return self._by_owner.get(owner, ())
 
     @cached_property
     def possible_publishers(self) -> tuple[NodeWiring, ...]:
         """Nodes that may publish any topic, because their publishers are unknown."""
-        return tuple(each for each in self.nodes if each.interface.publishes is None)
+        return tuple(node for node in self.nodes if node.interface.publishes is None)
 
     @cached_property
     def possible_subscribers(self) -> tuple[NodeWiring, ...]:
         """Nodes that may subscribe to any topic, because their subscriptions are unknown."""
-        return tuple(each for each in self.nodes if each.interface.subscribes is None)
+        return tuple(node for node in self.nodes if node.interface.subscribes is None)
 
     def downstream_of(self, topics: Iterable[str]) -> frozenset[str]:
         """The topics reachable from `topics` through nodes, including themselves."""

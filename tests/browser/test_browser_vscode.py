@@ -39,14 +39,19 @@ F1, SPACE, ENTER, END = (
 CONTROL = 2
 
 
-@pytest.fixture(scope="module")
-def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two specs; the environment of these tests is that of the workspace."""
-    folder = tmp_path_factory.mktemp("robot")
+def write_environment(folder: Path) -> None:
+    """The environment of these tests as that of a workspace."""
     programs = folder / ".venv" / "bin"
     programs.mkdir(parents=True)
     (programs / "r2bspec").write_text(f'#!/bin/sh\nexec {sys.executable} -m r2bspec "$@"\n')
     (programs / "r2bspec").chmod(0o755)
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two specs."""
+    folder = tmp_path_factory.mktemp("robot")
+    write_environment(folder)
     text = RELAY.read_text("utf-8")
     (folder / "right.r2b.yaml").write_text(text)
     # The mistake is in the first lines, which the window shows.

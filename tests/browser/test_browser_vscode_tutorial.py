@@ -7,8 +7,6 @@ Keys are pressed, and proposals are accepted; only names and numbers are typed. 
 from __future__ import annotations
 
 import json
-import runpy
-import sys
 import time
 from pathlib import Path
 
@@ -20,12 +18,13 @@ from test_browser_vscode import (
     TIMEOUT_S,
     Window,
     pytestmark,
+    write_environment,
 )
 from test_browser_vscode import address as address
 from test_browser_vscode import window as window
 
 from r2bspec.api import validate
-from tutorial_page import page_files
+from tutorial_page import page_files, steps, write_robot
 
 __all__ = ["pytestmark"]
 
@@ -58,15 +57,8 @@ MOST_ROWS = 400
 def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the user of the tutorial has: the node, and the recording; and an empty file."""
     folder = tmp_path_factory.mktemp("robot")
-    programs = folder / ".venv" / "bin"
-    programs.mkdir(parents=True)
-    (programs / "r2bspec").write_text(f'#!/bin/sh\nexec {sys.executable} -m r2bspec "$@"\n')
-    (programs / "r2bspec").chmod(0o755)
-    for name in ("stereo_brightness.py", "make_drive.py"):
-        (folder / name).write_text(page_files()[name])
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        runpy.run_path("make_drive.py")
+    write_environment(folder)
+    write_robot(folder)
     (folder / "stereo.r2b.yaml").touch()
     (folder / ".vscode").mkdir()
     (folder / ".vscode" / "settings.json").write_text(json.dumps(SETTINGS))
@@ -82,12 +74,12 @@ class Typist:
     def type(self, text: str) -> None:
         self._window.type(text)
 
-    def line(self, indent: int, text: str = "") -> None:
+    def line(self, text: str) -> None:
         """Begin a line, out of the snippet that was accepted last."""
         self._window.press(ESCAPE)
-        self._window.type("\n" + " " * indent + text)
+        self._window.type(text)
 
-    def next_stop(self) -> None:
+    def next_stop(self, _: str) -> None:
         self._window.press(TAB)
 
     def accept(self, label: str) -> None:
@@ -114,7 +106,9 @@ class Typist:
 
 def test_the_spec_of_the_tutorial(window: Window, workspace: Path) -> None:
     window.open("stereo.r2b.yaml")
-    write(Typist(window))
+    typist = Typist(window)
+    for kind, text in steps():
+        getattr(typist, kind)(text)
     window.press(SAVE, CONTROL)
     file = workspace / "stereo.r2b.yaml"
     deadline = time.monotonic() + TIMEOUT_S
@@ -123,89 +117,3 @@ def test_the_spec_of_the_tutorial(window: Window, workspace: Path) -> None:
         time.sleep(0.1)
     assert yaml.safe_load(file.read_text()) == yaml.safe_load(page_files()["stereo.r2b.yaml"])
     assert [each.message for each in validate(file) if each.severity != "info"] == []
-
-
-def write(editor: Typist) -> None:
-    editor.accept("r2bspec")
-    editor.accept("1")
-    editor.line(0)
-    editor.accept("name")
-    editor.type("stereo_brightness")
-
-    editor.line(0)
-    editor.accept("data_loader")
-    editor.accept("bag")
-    editor.accept("./drive")
-    editor.line(2)
-    editor.accept("topics")
-    for number, side in enumerate(("left", "right")):
-        if number:
-            editor.line(4)
-        editor.accept(f"/{side}/image_raw")
-        editor.type(f"recorded/{side}")
-
-    editor.line(0)
-    editor.accept("playback")
-    editor.accept("pairing")
-    editor.accept("slop")
-    editor.type("10 ")
-    editor.accept("ms")
-    editor.line(2)
-    editor.accept("inputs")
-    for number, side in enumerate(("left", "right")):
-        if number:
-            editor.line(4)
-        editor.accept(f"{side}/image_raw")
-        editor.accept(f"recorded/{side}")
-        editor.next_stop()
-        editor.accept("sensor_msgs/msg/Image")
-
-    editor.line(0)
-    editor.accept("graph")
-    editor.accept("nodes")
-    editor.type("brightness:")
-    editor.line(6)
-    editor.accept("python")
-    editor.accept("./stereo_brightness.py:StereoBrightness")
-
-    editor.line(0)
-    editor.accept("monitors")
-    editor.accept("a monitor")
-    editor.type("brightness")
-    editor.next_stop()
-    editor.accept("brightness")
-    editor.next_stop()
-    editor.accept("geometry_msgs/msg/PointStamped")
-
-    editor.line(0)
-    editor.accept("benchmark")
-    editor.accept("rates")
-    editor.type("[20 ")
-    editor.accept("Hz")
-    editor.type("]")
-    editor.line(2)
-    editor.accept("duration")
-    editor.type("1500 ")
-    editor.accept("ms")
-    editor.line(2)
-    editor.accept("iterations")
-    editor.type("4")
-
-    editor.line(0)
-    editor.accept("slos")
-    editor.accept("an objective")
-    editor.type("keeps_up")
-    editor.next_stop()
-    editor.accept("20 Hz")
-    editor.next_stop()
-    editor.accept("latency.p90")
-    editor.type(" ")
-    editor.accept("<")
-    editor.type(" 200 ")
-    editor.accept("ms")
-    editor.line(6, "- ")
-    editor.accept("drop_rate")
-    editor.type(" ")
-    editor.accept("<=")
-    editor.type(" 5 ")
-    editor.accept("%")

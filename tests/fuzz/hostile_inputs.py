@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import copy
 import json
-import os
 import random
 import shutil
-import sqlite3
 import struct
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from hostile_calls import INSERT_RUN, change_database, make_history, make_special
 
 from data_bags import text, write_bag, write_mcap, write_ros1
 from run_simulation import Played, Simulation, objective
@@ -196,14 +196,11 @@ class Prototypes:
             segments=[Played(10, [0.01, 0.02])],
             objectives={"fast": objective("latency.p99 < 60 ms", at="10 Hz")},
         ).write(self.run)
-        from r2bspec.compare.history import open_history
         from r2bspec.judge.judge_run import result_of, to_json
         from r2bspec.record.run_folder import open_run
 
         (self.run / "result.json").write_bytes(to_json(result_of(open_run(self.run))))
-        self.history = folder / "history.sqlite"
-        with open_history(self.history, create=True):
-            pass
+        self.history = make_history(folder)
 
 
 def families(made: Prototypes) -> dict[str, Family]:
@@ -279,7 +276,7 @@ def families(made: Prototypes) -> dict[str, Family]:
     def database(rng: random.Random, folder: Path) -> HostileInput:
         statement = rng.choice(STATEMENTS)
         shutil.copytree(made.bag, folder / "bag")
-        execute(folder / "bag" / "bag.db3", statement)
+        change_database(folder / "bag" / "bag.db3", statement)
         if rng.random() < 0.5:
             (folder / "bag" / "bag.db3").rename(folder / "x.db3")
             return of_bag(folder, f"lone: {statement[:30]}", "x.db3")
@@ -288,9 +285,7 @@ def families(made: Prototypes) -> dict[str, Family]:
     def bombs(rng: random.Random, folder: Path) -> HostileInput:
         shutil.copytree(made.packed, folder / "packed")
         frame = zeros(rng.choice([70, 300])) * rng.choice([1, 4])
-        with sqlite3.connect(folder / "packed" / "packed.db3") as database:
-            database.execute("UPDATE messages SET data = ?", (frame,))
-        database.close()
+        change_database(folder / "packed" / "packed.db3", "UPDATE messages SET data = ?", frame)
         return of_bag(folder, f"a bomb of {len(frame)} bytes", "packed")
 
     def run_calls(rng: random.Random) -> tuple[tuple[str, ...], ...]:
@@ -338,9 +333,8 @@ def families(made: Prototypes) -> dict[str, Family]:
         if rng.random() < 0.5:
             file.write_bytes(damaged(rng, file.read_bytes()))
         else:
-            names = rng.choice(["\x1b]0;x\x07::error::", "x" * 100_000, "a\0b"])
-            values = "?, ?, ?, ?, ?, ?, ?, ?, ?, 1, ''"
-            execute(file, f"INSERT INTO runs VALUES ({values})", [names] * 9)  # noqa: S608
+            name = rng.choice(["\x1b]0;x\x07::error::", "x" * 100_000, "a\0b"])
+            change_database(file, INSERT_RUN, *[name] * 9)
         calls = [
             ("history", "list", "--file", str(file), "--format", form) for form in ("text", "json")
         ]
@@ -390,18 +384,11 @@ def damaged(rng: random.Random, data: bytes, alphabet: bytes = b"\x00\xff\x7f\x8
     return bytes(changed)
 
 
-def execute(file: Path, statement: str, values: list[str] | None = None) -> None:
-    """Execute a statement in a database."""
-    connection = sqlite3.connect(file)
-    with connection:
-        connection.execute(statement, values or [])
-    connection.close()
-
-
-def zeros(mebibytes: int) -> bytes:
-    """A frame of zstd that unpacks to zeros."""
+def zeros(mebibytes: int, *, stated: bool = True) -> bytes:
+    """A frame of zstd that unpacks to zeros, with its size in its header or without."""
     packer = zstd.ZstdCompressor()
-    packer.set_pledged_input_size(mebibytes << 20)
+    if stated:
+        packer.set_pledged_input_size(mebibytes << 20)
     return b"".join([*(packer.compress(bytes(1 << 20)) for _ in range(mebibytes)), packer.flush()])
 
 
@@ -419,21 +406,3 @@ def replace(document: Any, path: tuple[Any, ...], value: Any) -> None:
     for key in path[:-1]:
         document = document[key]
     document[path[-1]] = copy.deepcopy(value)
-
-
-def make_special(path: Path, kind: str) -> None:
-    """Make what is no regular file, or no usual one."""
-    match kind:
-        case "pipe":
-            os.mkfifo(path)
-        case "zeros":
-            path.symlink_to("/dev/zero")
-        case "itself":
-            path.symlink_to(path.name)
-        case "folder":
-            path.mkdir()
-        case "environment":
-            path.symlink_to("/proc/self/environ")
-        case _:
-            with path.open("wb") as stream:
-                stream.truncate(10**12)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import random
 import struct
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -173,3 +175,28 @@ def test_damage_never_crashes_the_player(playing: Playing, files: list[Files]) -
         ends["played" if found.startswith("played") else "refused"] += 1
     # Both happen, or the damage is not what it should be.
     assert min(ends.values()) > ROUNDS / 100, ends
+
+
+def test_a_file_that_changes_while_it_is_played_never_crashes_the_player(
+    playing: Playing, files: list[Files], tmp_path: Path
+) -> None:
+    chance = random.Random(17)  # noqa: S311 - damage that is the same each time
+    whole = files[0]
+    playing(whole.playlist, whole.playback, whole.buffers)
+    ended = threading.Event()
+
+    def damage() -> None:
+        with (tmp_path / "playback").open("r+b", buffering=0) as file:
+            while not ended.is_set():
+                place = 8 * chance.randrange(len(whole.playback) // 8)
+                os.pwrite(file.fileno(), struct.pack("<q", chance.choice(INTERESTING)), place)
+
+    thread = threading.Thread(target=damage)
+    thread.start()
+    try:
+        for _ in range(100):
+            said = playing(whole.playlist, whole.playback, whole.buffers)
+            assert "played" in said or "damaged" in said
+    finally:
+        ended.set()
+        thread.join()

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import sqlite3
 from pathlib import Path
 
 import pytest
-from test_hostile_bags import _history
-from test_hostile_files import LONGEST_S, r2bspec
+from hostile_calls import INSERT_RUN, LONGEST_S, answered, change_database, make_history
 
 pytestmark = pytest.mark.timeout(4 * LONGEST_S)
 
@@ -29,29 +27,19 @@ CALLS = {
 
 @pytest.mark.parametrize("verb", CALLS)
 def test_a_name_that_no_file_can_have_is_answered(verb: str, tmp_path: Path) -> None:
-    status, said = r2bspec(*CALLS[verb], cwd=tmp_path)
-    assert status in (1, 2), said
-    assert "error" in said.lower()
+    assert "error" in answered(*CALLS[verb], cwd=tmp_path, status=(1, 2)).lower()
 
 
 def test_a_history_whose_texts_are_not_utf_8_is_answered(tmp_path: Path) -> None:
-    file = tmp_path / "history.sqlite"
-    _history(file)
+    file = make_history(tmp_path)
     content = file.read_bytes()
     place = content.index(b"CREATE TABLE runs") + len(b"CREATE TABLE ru")
     file.write_bytes(content[:place] + b"\xff\xfe" + content[place + 2 :])
-    status, said = r2bspec("history", "list", "--file", file, cwd=tmp_path)
-    assert status in (2, 4), said
-    assert "the history" in said
+    calls = ("history", "list", "--file", file)
+    answered(*calls, cwd=tmp_path, status=(2, 4), says="the history")
 
 
 def test_long_texts_of_a_history_are_clipped(tmp_path: Path) -> None:
-    file = tmp_path / "history.sqlite"
-    _history(file)
-    with sqlite3.connect(file) as database:
-        row = ["x" * 1_000_000] * 9
-        database.execute("INSERT INTO runs VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, 1, '')", row)
-    database.close()
-    status, said = r2bspec("history", "list", "--file", file, cwd=tmp_path)
-    assert status == 0
-    assert len(said) < 10_000
+    file = make_history(tmp_path)
+    change_database(file, INSERT_RUN, *["x" * 1_000_000] * 9)
+    assert len(answered("history", "list", "--file", file, cwd=tmp_path, status=0)) < 10_000

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from test_hostile_files import LONGEST_S, r2bspec
+from hostile_calls import LONGEST_S, answered, make_special
 
 from run_simulation import Played, Simulation, objective
 
 pytestmark = pytest.mark.timeout(4 * LONGEST_S)
 
 DEEP = b'{"a":' * 100_000
-EVERY_FILE = ("record.json", "plan.json", "monitor", "resources.npy")
 
 
 def run_folder(path: Path) -> Path:
@@ -25,23 +22,6 @@ def run_folder(path: Path) -> Path:
     return path
 
 
-def _pipe(path: Path) -> None:
-    os.mkfifo(path)
-
-
-def _zeros(path: Path) -> None:
-    path.symlink_to("/dev/zero")
-
-
-def _itself(path: Path) -> None:
-    path.symlink_to(path.name)
-
-
-def _terabyte(path: Path) -> None:
-    with path.open("wb") as stream:
-        stream.truncate(10**12)
-
-
 def replaced(folder: Path, name: str) -> Path:
     """The place of a file that was removed."""
     (file,) = list(folder.rglob(f"{name}*"))[:1]
@@ -49,16 +29,12 @@ def replaced(folder: Path, name: str) -> Path:
     return file
 
 
-@pytest.mark.parametrize("make", [_pipe, _zeros, _itself, _terabyte])
-@pytest.mark.parametrize("name", EVERY_FILE)
-def test_a_file_of_a_run_without_an_end_is_refused(
-    name: str, make: Callable[[Path], None], tmp_path: Path
-) -> None:
+@pytest.mark.parametrize("kind", ["pipe", "zeros", "itself", "terabyte"])
+@pytest.mark.parametrize("name", ["record.json", "plan.json", "monitor", "resources.npy"])
+def test_a_file_of_a_run_without_an_end_is_refused(name: str, kind: str, tmp_path: Path) -> None:
     folder = run_folder(tmp_path / "run")
-    make(replaced(folder, name))
-    status, said = r2bspec("judge", folder, cwd=tmp_path)
-    assert status == 2, said
-    assert "R2B650" in said
+    make_special(replaced(folder, name), kind)
+    answered("judge", folder, cwd=tmp_path, says="R2B650")
 
 
 @pytest.mark.parametrize(
@@ -68,9 +44,7 @@ def test_a_file_of_a_run_without_an_end_is_refused(
 def test_hostile_json_of_a_run_is_refused(name: str, content: bytes, tmp_path: Path) -> None:
     folder = run_folder(tmp_path / "run")
     replaced(folder, name).write_bytes(content)
-    status, said = r2bspec("judge", folder, cwd=tmp_path)
-    assert status == 2, said
-    assert "R2B650" in said
+    answered("judge", folder, cwd=tmp_path, says="R2B650")
 
 
 @pytest.mark.parametrize(
@@ -90,35 +64,26 @@ def test_a_hostile_header_of_an_array_is_refused(header: bytes, tmp_path: Path) 
     folder = run_folder(tmp_path / "run")
     size = len(header).to_bytes(2, "little")
     replaced(folder, "monitor").write_bytes(b"\x93NUMPY\x01\x00" + size + header)
-    status, said = r2bspec("judge", folder, cwd=tmp_path)
-    assert status == 2, said
-    assert "R2B650" in said
+    answered("judge", folder, cwd=tmp_path, says="R2B650")
 
 
-@pytest.mark.parametrize("make", [_pipe, _zeros, lambda path: path.write_bytes(b"\xff")])
-def test_a_hostile_spec_of_a_run_is_refused(make: Callable[[Path], None], tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["pipe", "zeros", "not UTF-8"])
+def test_a_hostile_spec_of_a_run_is_refused(kind: str, tmp_path: Path) -> None:
     folder = run_folder(tmp_path / "run")
-    make(replaced(folder, "spec.yaml"))
-    status, said = r2bspec("report", folder, "--report", "html=a.html", cwd=tmp_path)
-    assert status == 2, said
-    assert "R2B650" in said
+    file = replaced(folder, "spec.yaml")
+    file.write_bytes(b"\xff") if kind == "not UTF-8" else make_special(file, kind)
+    answered("report", folder, "--report", "html=a.html", cwd=tmp_path, says="R2B650")
 
 
-@pytest.mark.parametrize(
-    "make", [_pipe, _zeros, _itself, _terabyte, lambda path: path.write_bytes(DEEP)]
-)
+@pytest.mark.parametrize("kind", ["pipe", "zeros", "itself", "terabyte", "deep"])
 @pytest.mark.parametrize("verb", ["import", "compare", "report"])
-def test_a_hostile_result_or_report_is_refused(
-    verb: str, make: Callable[[Path], None], tmp_path: Path
-) -> None:
+def test_a_hostile_result_or_report_is_refused(verb: str, kind: str, tmp_path: Path) -> None:
     file = tmp_path / "result.json"
-    make(file)
+    file.write_bytes(DEEP) if kind == "deep" else make_special(file, kind)
     arguments = (file, file) if verb == "compare" else (file,)
-    status, said = r2bspec(verb, *arguments, cwd=tmp_path)
-    assert status == 2, said
+    answered(verb, *arguments, cwd=tmp_path)
 
 
 def test_a_plan_that_is_a_pipe_is_refused(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "plan.json")
-    status, said = r2bspec("run", "plan.json", "--output", "out", cwd=tmp_path)
-    assert status == 2, said
+    make_special(tmp_path / "plan.json", "pipe")
+    answered("run", "plan.json", "--output", "out", cwd=tmp_path)

@@ -5,12 +5,12 @@ As in `test_hostile_files`, every command runs in little address space.
 
 from __future__ import annotations
 
-import sqlite3
 from pathlib import Path
 
 import pytest
+from hostile_calls import LIVE, LONGEST_S, answered, change_database
 from test_hostile_bags import MESSAGES, refused
-from test_hostile_files import COMMAND, LONGEST_S, SPEC, r2bspec
+from test_hostile_files import COMMAND
 
 from data_bags import text, write_bag, write_mcap, write_ros1
 from r2bspec.bags.metadata import MAX_ENTRIES
@@ -25,8 +25,7 @@ TOO_MANY = MAX_ENTRIES + 1
 def validate(folder: Path, spec: str) -> str:
     file = folder / "hostile.r2b.yaml"
     file.write_text(spec, encoding="utf-8")
-    status, said = r2bspec("validate", file, cwd=folder)
-    assert status in (0, 1), said
+    said = answered("validate", file, cwd=folder, status=(0, 1))
     assert len(said) < 1_000_000
     return said
 
@@ -36,23 +35,23 @@ def test_extended_files_have_a_limit_together(tmp_path: Path) -> None:
     for number in range(30):
         (tmp_path / f"b{number}.yaml").write_text(f"title: '{'x' * size}'\n", encoding="utf-8")
     names = ", ".join(f"./b{number}.yaml" for number in range(30))
-    said = validate(tmp_path, SPEC.replace("PLACE", COMMAND) + f"extends: [{names}]\n")
+    said = validate(tmp_path, LIVE.replace("PLACE", COMMAND) + f"extends: [{names}]\n")
     assert "the extended files have more than 10 MB together" in said
     names = ", ".join(f"./b{number}.yaml" for number in range(10))
-    said = validate(tmp_path, SPEC.replace("PLACE", COMMAND) + f"extends: [{names}]\n")
+    said = validate(tmp_path, LIVE.replace("PLACE", COMMAND) + f"extends: [{names}]\n")
     assert "together" not in said
 
 
 def test_one_file_that_is_extended_often_counts_often(tmp_path: Path) -> None:
     (tmp_path / "base.yaml").write_text("# x\n" * 250_000, encoding="utf-8")
     names = ", ".join(["./base.yaml"] * 90)
-    said = validate(tmp_path, SPEC.replace("PLACE", COMMAND) + f"extends: [{names}]\n")
+    said = validate(tmp_path, LIVE.replace("PLACE", COMMAND) + f"extends: [{names}]\n")
     assert "the extended files have more than 10 MB together" in said
 
 
 def nodes(entry: str, number: int) -> str:
     lines = (f"    n{i}: {{{entry.replace('@', str(i))}}}\n" for i in range(number))
-    return SPEC.replace("graph: {nodes: {n: {PLACE}}}", "graph:\n  nodes:\n" + "".join(lines))
+    return LIVE.replace("graph: {nodes: {n: {PLACE}}}", "graph:\n  nodes:\n" + "".join(lines))
 
 
 def test_parameter_files_have_a_limit_together(tmp_path: Path) -> None:
@@ -143,9 +142,7 @@ type_description_hash FROM n, topics WHERE id = 1
 def test_topics_in_a_database_have_limits(change: str, reason: str, tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag", MESSAGES)
     file = bag / "bag.db3"
-    with sqlite3.connect(file) as database:
-        database.execute(change)
-    database.close()
+    change_database(file, change)
     (bag / "metadata.yaml").unlink()
     file.rename(tmp_path / "lone.db3")
     refused(tmp_path / "lone.db3", reason, code="R2B304")

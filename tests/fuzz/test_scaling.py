@@ -29,6 +29,9 @@ PLAYBACK = "playback: {inputs: {image: {from: image_raw, format: sensor_msgs/msg
 GRAPH = "graph: {nodes: {relay: {python: r2bspec.nodes.RelayNode, remappings: {input: image}}}}\n"
 MONITORS = "monitors: {output: {topic: output, format: sensor_msgs/msg/Image}}\n"
 HEAD = "r2bspec: 1\nname: large\nbenchmark: {rates: [30 Hz]}\n"
+NO_MONITORS = HEAD + DATA + PLAYBACK + GRAPH
+NO_INPUTS = HEAD + DATA + MONITORS + GRAPH
+REQUIRE = "slos:\n  fast:\n    at: 30 Hz\n    require:"
 WITHOUT_GRAPH = HEAD + DATA + PLAYBACK + MONITORS
 MINIMAL = WITHOUT_GRAPH + GRAPH
 
@@ -57,6 +60,7 @@ def _of_one_node(key: str, entry: str) -> Family:
 
 
 def _section(head: str, template: str, base: str = MINIMAL) -> Family:
+    template = template.replace("FORMAT", "format: sensor_msgs/msg/Image")
     return lambda n: base + head + "\n" + _lines(template, n)
 
 
@@ -75,6 +79,11 @@ def _exclusions(n: int) -> str:
     )
 
 
+def _variables_in_use(n: int) -> str:
+    variables = "variables:\n" + _lines("  v@: @", n)
+    return MINIMAL + variables + "labels:\n" + _lines("  k@: $(var v@)", n)
+
+
 RELAY = "python: r2bspec.nodes.RelayNode"
 
 FAMILIES: dict[str, tuple[Family, int]] = {
@@ -90,58 +99,25 @@ FAMILIES: dict[str, tuple[Family, int]] = {
         500,
     ),
     "inputs": (
-        lambda n: (
-            HEAD
-            + DATA
-            + MONITORS
-            + GRAPH
-            + "playback:\n  inputs:\n"
-            + _lines("    i@: {from: image_raw, format: sensor_msgs/msg/Image}", n)
-        ),
+        _section("playback:\n  inputs:", "    i@: {from: image_raw, FORMAT}", NO_INPUTS),
         1200,
     ),
-    "monitors": (
-        _section(
-            "monitors:",
-            "  m@: {topic: o@, format: sensor_msgs/msg/Image}",
-            HEAD + DATA + PLAYBACK + GRAPH,
-        ),
-        1500,
-    ),
+    "monitors": (_section("monitors:", "  m@: {topic: o@, FORMAT}", NO_MONITORS), 1500),
     "monitors of one topic": (
-        _section(
-            "monitors:",
-            "  m@: {topic: output, format: sensor_msgs/msg/Image}",
-            HEAD + DATA + PLAYBACK + GRAPH,
-        ),
+        _section("monitors:", "  m@: {topic: output, FORMAT}", NO_MONITORS),
         1500,
     ),
-    "equal requirements": (
-        _section("slos:\n  fast:\n    at: 30 Hz\n    require:", "    - latency.p90 < 50 ms"),
-        2500,
-    ),
-    "requirements": (
-        _section("slos:\n  fast:\n    at: 30 Hz\n    require:", "    - latency.p90 < 1@ ms"),
-        2500,
-    ),
+    "equal requirements": (_section(REQUIRE, "    - latency.p90 < 50 ms"), 2500),
+    "requirements": (_section(REQUIRE, "    - latency.p90 < 1@ ms"), 2500),
     "slos": (_section("slos:", "  s@: {at: 30 Hz, require: [latency.p90 < 50 ms]}"), 1200),
     "cases": (_matrix, 60),
     "named cases": (
-        lambda n: MINIMAL + "variables: {a: 1}\nmatrix:\n  cases:\n" + _lines("    c@: {a: @}", n),
+        _section("variables: {a: 1}\nmatrix:\n  cases:", "    c@: {a: @}"),
         100,
     ),
     "exclusions": (_exclusions, 450),
     "variables": (_section("variables:", "  v@: @"), 2500),
-    "variables in use": (
-        lambda n: (
-            MINIMAL
-            + "labels:\n"
-            + _lines("  k@: $(var v@)", n)
-            + "variables:\n"
-            + _lines("  v@: @", n)
-        ),
-        2500,
-    ),
+    "variables in use": (_variables_in_use, 2500),
     "unknown variables": (_section("labels:", "  k@: $(var v@)"), 2500),
     "waivers": (_section("labels:", "  k@: 1 # r2bspec: ignore[R2B512] x"), 2500),
     "unclosed references": (lambda n: MINIMAL + f"title: '{'$(' * n}'\n", 200_000),
@@ -149,9 +125,10 @@ FAMILIES: dict[str, tuple[Family, int]] = {
     "unknown keys": (_section("", "k@: 1"), 2500),
     "duplicate keys": (_section("labels:", "  k: 1"), 5000),
     "topics": (
-        lambda n: (
-            HEAD + PLAYBACK + MONITORS + GRAPH + "data_loader:\n  bag: r2b_storage\n  topics:\n"
-            "    /d455_1_rgb_image: image_raw\n" + _lines("    /t@: u@", n)
+        _section(
+            "data_loader:\n  bag: r2b_storage\n  topics:\n    /d455_1_rgb_image: image_raw",
+            "    /t@: u@",
+            HEAD + PLAYBACK + MONITORS + GRAPH,
         ),
         2000,
     ),

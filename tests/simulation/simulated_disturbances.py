@@ -83,12 +83,9 @@ def _run(
     busy = random.random(2 * iterations) < machine.share
     for row in np.flatnonzero(busy):
         latency[row] = _disturbed(random, machine.kind, latency[row])
-    samples = run_of(latency)
-    around = [
-        replace(one, interference=_BUSY if hit else _CALM)
-        for one, hit in zip(samples.iterations[RATE_HZ], busy.tolist(), strict=True)
-    ]
-    first, again = around[:iterations], around[iterations:]
+    samples = run_of(latency, interference=[_BUSY if hit else _CALM for hit in busy])
+    played = samples.iterations[RATE_HZ]
+    first, again = played[:iterations], played[iterations:]
     reruns = {
         one.segment.id: replace(
             other, segment=msgspec.structs.replace(other.segment, rerun_of=one.segment.id)
@@ -96,7 +93,7 @@ def _run(
         for one, other, hit in zip(first, again, busy.tolist()[:iterations], strict=True)
         if hit
     }
-    return replace(samples, iterations={RATE_HZ: tuple(first)}, reruns=reruns)
+    return replace(samples, iterations={RATE_HZ: first}, reruns=reruns)
 
 
 def _latencies(random: np.random.Generator, iterations: int) -> NDArray[np.float64]:

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from simulated_gates import heads
 from simulated_runs import RATE_HZ, run_of
 
-from r2bspec.judge.affected_iterations import InterferencePolicy
 from r2bspec.judge.confirmation import confirm_run, needs_confirmation
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.pair_comparison import (
@@ -28,6 +27,7 @@ from r2bspec.judge.pair_comparison import (
     confirmation_terms,
     judge_pair_set,
 )
+from r2bspec.judge.verdict import InterferencePolicy
 from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.samples import RunSamples
 from r2bspec.record.comparison_folder import Side
@@ -183,7 +183,6 @@ class Outcomes:
 def _run(random: np.random.Generator, level: float, slower: float, taken: float) -> RunSamples:
     """One run: 2 s at 30 Hz."""
     noise = np.exp(random.normal(0, 0.05, (1, MESSAGES)))
-    samples = run_of(LATENCY_S * level * slower / (1 - taken) * noise)
     around = HostInterference(
         seconds=MESSAGES / RATE_HZ,
         cores=_CORES,
@@ -192,8 +191,8 @@ def _run(random: np.random.Generator, level: float, slower: float, taken: float)
         own_cores=_OWN_CORES * slower,
         own_waited=taken * slower,
     )
-    (one,) = samples.iterations[RATE_HZ]
-    return replace(samples, iterations={RATE_HZ: (replace(one, interference=around),)})
+    latency = LATENCY_S * level * slower / (1 - taken) * noise
+    return run_of(latency, interference=[around])
 
 
 def _is_affected(run: RunSamples) -> bool:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import Verdict
+from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.matching import match_monitor
 from r2bspec.measure.samples import (
     RunSamples,
@@ -29,8 +32,18 @@ from run_simulation import (
 RATE_HZ = 30.0
 
 
-def run_of(latency: NDArray[np.float64]) -> RunSamples:
-    """A run with these latencies in seconds, shape (iterations, messages); NaN is lost."""
+def run_of(
+    latency: NDArray[np.float64],
+    starts: Sequence[int] = (),
+    interference: Sequence[HostInterference] = (),
+) -> RunSamples:
+    """A run without files.
+
+    Args:
+        latency: in seconds, shape (iterations, messages); NaN is lost.
+        starts: of the iterations; one start without them.
+        interference: during each of them.
+    """
     segments = []
     start_ns = EPOCH_NS
     for index, row in enumerate(latency, start=1):
@@ -46,6 +59,7 @@ def run_of(latency: NDArray[np.float64]) -> RunSamples:
             began_ns=start_ns,
             ended_ns=ended_ns,
             complete=True,
+            start=starts[index - 1] if starts else 1,
         )
         segments.append(
             SegmentSamples(
@@ -61,6 +75,7 @@ def run_of(latency: NDArray[np.float64]) -> RunSamples:
                 },
                 processes={},
                 machine=None,
+                interference=interference[index - 1] if interference else None,
             )
         )
         start_ns = ended_ns + 500_000_000

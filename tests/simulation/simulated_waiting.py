@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
-from simulated_runs import RATE_HZ, run_of
+from simulated_runs import run_of
 
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.pipeline import judge
@@ -52,7 +52,7 @@ def fails(load: float, share: float, *, stricter: float, runs: int, seed: int = 
     for _ in range(runs):
         known = _run(random, load, share)
         for number, samples in enumerate(
-            (_with(known, _nothing), _with(known, _only_pressure), known)
+            (_with(known, lambda _: None), _with(known, _only_pressure), known)
         ):
             verdict = judge({"slo": objective(*asked)}, samples, DecisionPolicy())
             counts[number] += verdict.outcome == "fail"
@@ -75,12 +75,10 @@ def _run(random: np.random.Generator, load: float, share: float) -> RunSamples:
         disturbed(load, depth=DEPTH, stalls=_stalls(random, share), seconds=SECONDS)
         for _ in range(ITERATIONS)
     ]
-    samples = run_of(np.array([each.measured for each in played]))
-    iterations = tuple(
-        replace(one, interference=each.interference)
-        for one, each in zip(samples.iterations[RATE_HZ], played, strict=True)
+    return run_of(
+        np.array([each.measured for each in played]),
+        interference=[each.interference for each in played],
     )
-    return replace(samples, iterations={RATE_HZ: iterations})
 
 
 def _stalls(random: np.random.Generator, share: float) -> Stalls:
@@ -111,10 +109,6 @@ def _with(
             for rate, found in samples.iterations.items()
         },
     )
-
-
-def _nothing(_: HostInterference) -> None:
-    return None
 
 
 def _only_pressure(known: HostInterference) -> HostInterference:

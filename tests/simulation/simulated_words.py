@@ -7,17 +7,15 @@ read: in its limits, which every report shows, and in the notes of the requireme
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from simulated_runs import run_of
-from simulated_starts import DEFAULT, QUANTITIES, WORLDS, Shape, limit_of, outcome
+from simulated_starts import DEFAULT, QUANTITIES, WORLDS, limit_of, outcome
 
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import Verdict
-from r2bspec.measure.samples import RunSamples
 from run_simulation import objective
 
 MEDIAN_S = 0.02
@@ -28,21 +26,14 @@ HOUR = "another hour may differ"
 BURSTS = "burst"
 STALLS = "stall"
 
+OF_STALLS = {"p99": BURSTS, "drop rate 1 %": BURSTS, "mean, throughput": STALLS}
 SAID: dict[str, dict[str, str]] = {
     "messages resemble (0.99)": {"p99": BURSTS, "drop rate 1 %": BURSTS},
     "iterations resemble (0.5), 5 %": {"p99": RESEMBLE, "drop rate 1 %": RESEMBLE},
     "iterations resemble (0.8), 5 %": dict.fromkeys(QUANTITIES, RESEMBLE),
     "starts resemble (0.5), 2.7 %": {"p99": RESEMBLE, "drop rate 1 %": RESEMBLE},
-    "stalls of 20 messages": {
-        "p99": BURSTS,
-        "drop rate 1 %": BURSTS,
-        "mean, throughput": STALLS,
-    },
-    "stalls of 40 messages": {
-        "p99": BURSTS,
-        "drop rate 1 %": BURSTS,
-        "mean, throughput": STALLS,
-    },
+    "stalls of 20 messages": OF_STALLS,
+    "stalls of 40 messages": OF_STALLS,
     "1 iteration in 10 is slow": dict.fromkeys(QUANTITIES, UNSEEN),
     "1 start in 5 is slow": dict.fromkeys(QUANTITIES, UNSEEN),
     "the hour differs by 2.7 %": dict.fromkeys(QUANTITIES, HOUR),
@@ -90,15 +81,4 @@ def judged(values: NDArray[np.float64], quantity: str, limit: float) -> Verdict:
         latency, text = np.where(values > limit, np.nan, latency), "drop_rate <= 1 %"
     if quantity == "mean, throughput":
         text = f"latency.mean < {limit * MEDIAN_S * 1e3:.6f} ms"
-    return judge({"slo": objective(text)}, with_starts(latency, DEFAULT))
-
-
-def with_starts(latency: NDArray[np.float64], shape: Shape) -> RunSamples:
-    """A run whose iterations know their starts."""
-    samples = run_of(latency)
-    ((rate, iterations),) = samples.iterations.items()
-    numbered = tuple(
-        replace(one, segment=msgspec.structs.replace(one.segment, start=start))
-        for one, start in zip(iterations, shape.numbers, strict=True)
-    )
-    return replace(samples, iterations={rate: numbered})
+    return judge({"slo": objective(text)}, run_of(latency, DEFAULT.numbers))

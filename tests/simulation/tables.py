@@ -3,8 +3,7 @@
     PYTHONPATH=tests/support python tests/simulation/tables.py [NAME ...]
 
 Seeds are fixed. NAME is that of a function below; without a name, all are printed. As many are made
-at a time as there are processors, and each is printed when it is made, the longest ones begun
-first. Progress goes to standard error. The exit status is 1 if a table could not be made.
+at a time as there are processors. The exit status is 1 if a table could not be made.
 """
 
 from __future__ import annotations
@@ -13,10 +12,9 @@ import contextlib
 import io
 import os
 import sys
-import time
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +23,7 @@ from simulated_batches import KINDS, Gates, aa_gates, history_gates
 from simulated_disturbances import Kind as Disturbance
 from simulated_disturbances import Machine, outcomes
 from simulated_gates import (
+    Rates,
     bootstrap_gate,
     history_gate,
     looked_gate,
@@ -36,7 +35,7 @@ from simulated_gates import (
 from simulated_runs import judged
 from simulated_waiting import fails
 from simulated_worlds import WORLDS
-from start_tables import START_TABLES
+from start_tables import START_TABLES, show
 
 from compared_searches import Method, csit, probabilistic_bisection, rfc_2544
 from r2bspec.judge.decision_policy import InterimLooks
@@ -50,13 +49,6 @@ from simulated_speeds import WORLDS as SPEEDS
 from simulated_speeds import Graph, World, find
 
 RUNS = 2000
-
-
-def show(title: str, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    lines = [title, "", f"| {' | '.join(head)} |", f"|{' --- |' * len(head)}"]
-    lines += [f"| {' | '.join(map(str, row))} |" for row in rows]
-    sys.stdout.write("\n".join(lines) + "\n\n")
-    sys.stdout.flush()
 
 
 def messages() -> None:
@@ -223,21 +215,24 @@ def gates() -> None:
 
 
 def baselines() -> None:
-    rows: list[Sequence[object]] = [
-        ["pairs, paired t on logs, no margin"]
-        + [f"{100 * paired_gate(1, 1, pairs=n, runs=RUNS).failed:.1f}" for n in (5, 10, 30)],
-        ["pairs, paired t on logs, 5 % margin"]
-        + [f"{100 * paired_gate(1, 0.95, pairs=n, runs=RUNS).failed:.1f}" for n in (5, 10, 30)],
-        ["pairs, bootstrap of the ratio, no margin"]
-        + [f"{100 * bootstrap_gate(1, pairs=n, runs=1000).failed:.1f}" for n in (5, 10, 30)],
-        ["two stored runs of one start, Welch, no margin"]
-        + [f"{100 * stored_gate(n, runs=RUNS).failed:.1f}" for n in (5, 10, 30)],
-        ["history of so many runs, no margin"]
-        + [f"{100 * history_gate(1, 1, history=n, runs=RUNS).failed:.1f}" for n in (5, 10, 30)],
-        ["history of so many runs, 5 % margin"]
-        + [f"{100 * history_gate(1, 0.95, history=n, runs=RUNS).failed:.1f}" for n in (5, 10, 30)],
-    ]
-    show("A against A: 'worse', in % of comparisons", ["method", "5", "10", "30"], rows)
+    methods: dict[str, Callable[[int], Rates]] = {
+        "pairs, paired t on logs, no margin": lambda n: paired_gate(1, 1, pairs=n, runs=RUNS),
+        "pairs, paired t on logs, 5 % margin": lambda n: paired_gate(1, 0.95, pairs=n, runs=RUNS),
+        "pairs, bootstrap of the ratio, no margin": lambda n: bootstrap_gate(1, pairs=n, runs=1000),
+        "two stored runs of one start, Welch, no margin": lambda n: stored_gate(n, runs=RUNS),
+        "history of so many runs, no margin": lambda n: history_gate(1, 1, history=n, runs=RUNS),
+        "history of so many runs, 5 % margin": lambda n: history_gate(
+            1, 0.95, history=n, runs=RUNS
+        ),
+    }
+    show(
+        "A against A: 'worse', in % of comparisons",
+        ["method", "5", "10", "30"],
+        (
+            [name, *(f"{100 * gate(n).failed:.1f}" for n in (5, 10, 30))]
+            for name, gate in methods.items()
+        ),
+    )
 
 
 def sustained() -> None:
@@ -446,45 +441,33 @@ TABLES = (
     waiting,
 )
 
-_LONGEST = ("peak_methods", "peak_worlds", "peaks", "sustained", "power", "starts", "shapes")
-"""These begin first, so that none of them is left alone at the end."""
-
 
 def main(names: Sequence[str]) -> int:
     """Print the tables of these names, or all."""
-    known = {table.__name__: table for table in TABLES}
-    if unknown := sorted(set(names) - set(known)):
+    known = [table.__name__ for table in TABLES]
+    if unknown := sorted({*names} - {*known}):
         sys.stderr.write(f"no table is called {', '.join(unknown)}; there are {', '.join(known)}\n")
         return 2
-    wanted = [name for name in known if not names or name in names]
-    urgent = [name for name in _LONGEST if name in wanted]
-    failed, began_s = False, time.monotonic()
-    with ProcessPoolExecutor(min(len(wanted), len(os.sched_getaffinity(0)))) as pool:
-        ordered = (*urgent, *(each for each in wanted if each not in urgent))
-        made = {pool.submit(_made, name): name for name in ordered}
-        for number, future in enumerate(as_completed(made), start=1):
-            text, problem = future.result()
+    problems = []
+    with ProcessPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        for text, problem in pool.map(_made, [name for name in known if name in (names or known)]):
             sys.stdout.write(text)
             sys.stdout.flush()
-            failed |= bool(problem)
-            seconds = time.monotonic() - began_s
-            state = f"could not be made: {problem}" if problem else "made"
-            sys.stderr.write(
-                f"{number} of {len(wanted)} after {seconds:.0f} s: {made[future]} {state}\n"
-            )
-            sys.stderr.flush()
-    return int(failed)
+            problems += problem
+    sys.stderr.writelines(problems)
+    return int(bool(problems))
 
 
-def _made(name: str) -> tuple[str, str]:
-    """What a table prints, and why it ended early; empty if it did not."""
-    table = next(each for each in TABLES if each.__name__ == name)
+def _made(name: str) -> tuple[str, list[str]]:
+    """What a table prints, and why it ended early, if it did."""
     with contextlib.redirect_stdout(io.StringIO()) as printed:
         try:
-            table()
+            next(table for table in TABLES if table.__name__ == name)()
         except Exception as error:  # the others are printed all the same
-            return printed.getvalue(), f"{type(error).__name__}: {error}"
-    return printed.getvalue(), ""
+            return printed.getvalue(), [
+                f"{name} could not be made: {type(error).__name__}: {error}\n"
+            ]
+    return printed.getvalue(), []
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import stats
 from simulated_gates import (
     bootstrap_gate,
     history_gate,
@@ -14,6 +15,7 @@ from simulated_gates import (
 )
 
 from nightly import noise, size
+from r2bspec.judge.baseline_comparison import HISTORY_CONFIRMATION_CONFIDENCE
 from r2bspec.judge.statistics.t_interval import (
     noise_floor,
     paired_ratio,
@@ -100,6 +102,19 @@ def test_one_stored_run_cries_wolf_the_louder_the_longer() -> None:
 def test_a_history_does_not(runs: int) -> None:
     assert history_gate(1.0, 1.0, history=runs, runs=GATES).failed <= 0.06 + noise(0.03)
     assert history_gate(1.0, 0.95, history=runs, runs=size(100, 600)).failed <= 0.01
+
+
+@pytest.mark.parametrize("runs", [5, 10, 30])
+def test_both_runs_fail_by_one_history_in_at_most_one_percent(runs: int) -> None:
+    """More gates than can be judged one by one: the formula of `prediction` on whole arrays."""
+    random = np.random.default_rng(26)
+    earlier, new = random.normal(0, 1, (100_000, runs)), random.normal(0, 1, (100_000, 2))
+    error = earlier.std(axis=1, ddof=1) * np.sqrt(1 + 1 / runs)
+    t = (new - earlier.mean(axis=1)[:, np.newaxis]) / error[:, np.newaxis]
+    first = t[:, 0] < stats.t.ppf(1 - 0.95, runs - 1)
+    second = t[:, 1] < stats.t.ppf(1 - HISTORY_CONFIRMATION_CONFIDENCE, runs - 1)
+    assert np.mean(first) == pytest.approx(0.05, abs=0.002)
+    assert np.mean(first & second) <= 0.01
 
 
 def test_a_history_finds_a_fifth() -> None:

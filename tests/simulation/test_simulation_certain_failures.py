@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Literal
 
 import msgspec
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from simulated_runs import RATE_HZ, run_of
 
 from nightly import size
@@ -37,19 +35,7 @@ def run_with(
         if count:
             row[:: MESSAGES // count][:count] = np.nan if lost else 0.2
         rows.append(row)
-    return in_starts(np.array(rows), starts)
-
-
-def in_starts(latency: NDArray[np.float64], starts: Sequence[int]) -> RunSamples:
-    samples = run_of(latency)
-    numbered = tuple(
-        replace(
-            iteration,
-            segment=msgspec.structs.replace(iteration.segment, start=start),
-        )
-        for iteration, start in zip(samples.iterations[RATE_HZ], starts, strict=False)
-    )
-    return replace(samples, iterations={RATE_HZ: numbered})
+    return run_of(np.array(rows), starts)
 
 
 def plan_of(

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from simulated_comparisons import RUN_WORLDS, history_errors, pairs_errors, stored_errors
+from simulated_runs import run_of
 from simulated_starts import (
     QUANTITIES,
     WINDOWS,
@@ -22,7 +23,7 @@ from simulated_starts import (
     limit_of,
     outcome,
 )
-from simulated_words import SAID, said, with_starts
+from simulated_words import SAID, said
 from start_tables import chance, held
 
 from nightly import noise, size
@@ -95,9 +96,7 @@ def test_where_no_test_holds_the_verdict_says_so(name: str, quantity: str) -> No
 
 
 def test_what_is_not_held_is_said() -> None:
-    assert {(name, one) for name in NOT_HELD for one in NOT_HELD[name]} - {
-        (name, one) for name in SAID for one in SAID[name]
-    } == set()
+    assert all(SAID[name].keys() >= NOT_HELD[name].keys() for name in NOT_HELD)
 
 
 @pytest.mark.parametrize("shape", [Shape(2, 2, 750), Shape(3, 2, 500), Shape(10, 2, 150)])
@@ -173,7 +172,7 @@ def test_the_verdict_of_a_run_is_the_simulated_one(quantity: str) -> None:
     runs = size(10, 40)
     for _ in range(runs):
         values = world.run(random, shape)
-        samples = with_starts(values * 0.02, shape)
+        samples = run_of(values * 0.02, shape.numbers)
         asked = {"slo": objective(f"latency.{quantity} < {limit * 20:.6f} ms")}
         verdict = judge(asked, samples, DecisionPolicy())
         simulated = words[outcome(values, shape, quantity, limit)]

@@ -22,8 +22,12 @@ from git_repositories import git
 from pipelines import ACTION, read_outputs
 
 _WORD = re.compile(
-    r"\s*(?:(?P<word>\|\||&&|==|!=|!|\(|\)|'(?:[^']|'')*'|-?\d+|[A-Za-z_][\w.-]*)|(?P<end>$))"
+    r"(?P<operator>\|\||&&|==|!=|!|\(|\))|'(?P<text>(?:[^']|'')*)'|(?P<number>-?\d+)"
+    r"|(?P<status>[a-z]+)\(\)|(?P<path>[A-Za-z_][\w.-]*)"
 )
+_PYTHON = {"||": " or ", "&&": " and ", "!": "~"}
+"""Operators in Python, where ``~`` binds as ``!`` does."""
+_CONSTANTS = {"true": True, "false": False, "null": None}
 _EXPRESSION = re.compile(r"\$\{\{(.*?)\}\}", re.DOTALL)
 _OF_STATUS = re.compile(r"\b(always|cancelled|failure|success)\(\)")
 
@@ -35,20 +39,68 @@ class ExpressionError(Exception):
     """An expression that a runner would refuse."""
 
 
+@dataclass(frozen=True, eq=False)
+class _Operand:
+    """A part of an expression; what is missing equals an empty text."""
+
+    value: Value
+
+    def __bool__(self) -> bool:
+        return bool(self.value)
+
+    def __eq__(self, other: object) -> Any:
+        same = (
+            isinstance(other, _Operand) and _text(self.value).lower() == _text(other.value).lower()
+        )
+        return _Operand(same)
+
+    def __ne__(self, other: object) -> Any:
+        return ~(self == other)
+
+    def __invert__(self) -> _Operand:
+        return _Operand(not self.value)
+
+
 def evaluate(text: str, contexts: Mapping[str, Value], *, failed: bool = False) -> Value:
     """The value of an expression.
 
     Raises:
         ExpressionError: it is malformed, or names a context that does not exist.
     """
-    words: list[str] = []
-    place = 0
-    while match := _WORD.match(text, place):
-        if match["word"] is None:
-            return _Expression(words, contexts, failed=failed).value()
-        words.append(match["word"])
-        place = match.end()
-    raise ExpressionError(text)
+    statuses = {"always": True, "cancelled": False, "failure": failed, "success": not failed}
+    operands: list[_Operand] = []
+
+    def translated(word: re.Match[str]) -> str:
+        if word["operator"]:
+            return _PYTHON.get(word["operator"], word["operator"])
+        if word["text"] is not None:
+            value: Value = word["text"].replace("''", "'")
+        elif word["number"]:
+            value = int(word["number"])
+        elif word["status"]:
+            value = statuses[word["status"]]
+        else:
+            value = _property(word["path"], contexts)
+        operands.append(_Operand(value))
+        return f"operands[{len(operands) - 1}]"
+
+    try:
+        python = _WORD.sub(translated, text)
+        result: _Operand = eval(python.strip(), {"operands": operands})  # noqa: S307 - our own words
+    except (SyntaxError, KeyError) as error:
+        raise ExpressionError(text) from error
+    return result.value
+
+
+def _property(path: str, contexts: Mapping[str, Value]) -> Value:
+    """The value of a path such as ``github.event.name``; raises KeyError without its context."""
+    if path in _CONSTANTS:
+        return _CONSTANTS[path]
+    context, *names = path.split(".")
+    value: Value = contexts[context]
+    for name in names:
+        value = value.get(name) if isinstance(value, Mapping) else None
+    return value
 
 
 def expand(text: object, contexts: Mapping[str, Value]) -> str:
@@ -60,89 +112,6 @@ def _text(value: Value) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return "" if value is None else str(value)
-
-
-class _Expression:
-    """A parser that computes: ``||`` binds least, then ``&&``, comparisons, ``!``."""
-
-    def __init__(self, words: list[str], contexts: Mapping[str, Value], *, failed: bool) -> None:
-        self._words = words
-        self._contexts = contexts
-        self._failed = failed
-
-    def value(self) -> Value:
-        value = self._or()
-        if self._words:
-            raise ExpressionError(" ".join(self._words))
-        return value
-
-    def _takes(self, *words: str) -> str:
-        return self._words.pop(0) if self._words and self._words[0] in words else ""
-
-    def _or(self) -> Value:
-        value = self._and()
-        while self._takes("||"):
-            right = self._and()
-            value = value or right
-        return value
-
-    def _and(self) -> Value:
-        value = self._comparison()
-        while self._takes("&&"):
-            right = self._comparison()
-            value = value and right
-        return value
-
-    def _comparison(self) -> Value:
-        value = self._unary()
-        while sign := self._takes("==", "!="):
-            right = self._unary()
-            # What is missing equals an empty text.
-            value = (_text(value).lower() == _text(right).lower()) == (sign == "==")
-        return value
-
-    def _unary(self) -> Value:
-        if self._takes("!"):
-            return not self._unary()
-        if self._takes("("):
-            value = self._or()
-            if not self._takes(")"):
-                raise ExpressionError("a parenthesis is open")
-            return value
-        if not self._words:
-            raise ExpressionError("an operand is missing")
-        word = self._words.pop(0)
-        if word.startswith("'"):
-            return word[1:-1].replace("''", "'")
-        if re.fullmatch(r"-?\d+", word):
-            return int(word)
-        if word in ("true", "false", "null"):
-            return {"true": True, "false": False, "null": None}[word]
-        if self._takes("("):
-            return self._call(word)
-        return self._property(word)
-
-    def _call(self, name: str) -> bool:
-        if not self._takes(")"):
-            raise ExpressionError(f"{name} has arguments")
-        values = {
-            "always": True,
-            "cancelled": False,
-            "failure": self._failed,
-            "success": not self._failed,
-        }
-        if name not in values:
-            raise ExpressionError(f"{name} is no function")
-        return values[name]
-
-    def _property(self, path: str) -> Value:
-        context, *names = path.split(".")
-        if context not in self._contexts:
-            raise ExpressionError(f"{context} is no context")
-        value: Value = self._contexts[context]
-        for name in names:
-            value = value.get(name) if isinstance(value, Mapping) else None
-        return value
 
 
 @dataclass(frozen=True)

@@ -2,26 +2,124 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlparse
 
 from lsprotocol import types
 from pygls.protocol import default_converter
 from pytest_lsp import LanguageClient
 from pytest_lsp.client import DEFAULT_CLIENT_FEATURES, register_lsp_features
 
+SPEC = """\
+r2bspec: 1
+name: simulated
+environment: [CELL_PORT]
+variables:
+  rate: 10 Hz
+  threads: 2
+containers:
+  vision: {executable: python, nice: $(var threads)}
+playback:
+  mode: looping
+  inputs:
+    image: {from: camera/image, format: sensor_msgs/msg/Image}
+data_loader:
+  bag: r2b_storage
+  topics:
+    /d455_1_rgb_image: camera/image
+graph:
+  nodes:
+    relay:
+      python: ./nodes.py:Relay
+      container: vision
+      parameters: {gain: 2.0}
+      remappings:
+        input: image
+        output: copied
+monitors:
+  copies: {topic: copied, format: sensor_msgs/msg/Image}
+benchmark:
+  duration: 2 s
+  rates: [$(var rate)]
+slos:
+  fast:
+    at: $(var rate)
+    require:
+      - latency.p90 < 250 ms
+      - copies.drop_rate <= 5 %
+      - cpu.vision.max < 90 %
+"""
+"""A spec without findings, whose node is that of `NODES` in the same folder."""
+
+UNKNOWN = """\
+    other:
+      package: cell_vision
+      plugin: cell_vision::Detector
+      remappings: {found: copied}
+monitors:
+"""
+"""In place of ``monitors:``: a further node, of which nothing is known."""
+
+NODES = """\
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import Image
+
+
+class Relay(Node):
+    def __init__(self, **kwargs):
+        super().__init__("relay", **kwargs)
+        self.declare_parameter("gain", 1.5)
+        self.publisher = self.create_publisher(Image, "output", 7)
+        self.create_subscription(Image, "input", self.publisher.publish, qos_profile_sensor_data)
+"""
+
+
+def changed(old: str, new: str) -> str:
+    """The spec with the only place of a text replaced."""
+    assert SPEC.count(old) == 1
+    return SPEC.replace(old, new)
+
 
 class VersionedClient(LanguageClient):
-    """A client that knows of which version of a text the published diagnostics are."""
+    """A client that knows of which version of a text the published diagnostics are.
+
+    Attributes:
+        refreshes: how often the server asked for new lenses.
+    """
 
     def __init__(self) -> None:
         super().__init__(converter_factory=default_converter)
         self.published_versions: dict[str, int | None] = {}
+        self.refreshes = 0
         register_lsp_features(
             self,
             {**DEFAULT_CLIENT_FEATURES, types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS: keep_diagnostics},
         )
+
+        @self.feature(types.WORKSPACE_CODE_LENS_REFRESH)
+        def refresh(_: None) -> None:
+            """An editor would ask for the lenses again."""
+            self.refreshes += 1
+
+    async def shown_text(self, command: str, *arguments: object) -> str:
+        """The text of the document that a command shows."""
+        before = len(self.shown_documents)
+        await self.workspace_execute_command_async(
+            types.ExecuteCommandParams(command, list(arguments))
+        )
+        while len(self.shown_documents) == before:
+            await asyncio.sleep(0.02)
+        return path_of(self.shown_documents[-1].uri).read_text()
+
+
+def path_of(uri: str) -> Path:
+    """The file of a URI."""
+    return Path(unquote(urlparse(uri).path))
 
 
 def keep_diagnostics(client: VersionedClient, params: types.PublishDiagnosticsParams) -> None:
@@ -81,6 +179,13 @@ class OpenDocument:
     def found(self) -> dict[str, types.Diagnostic]:
         return {str(each.code): each for each in self.client.diagnostics[self.uri]}
 
+    def worse(self) -> list[str]:
+        """The messages of errors and warnings."""
+        return [each.message for each in self.found().values() if (each.severity or 1) <= 2]
+
+    def line_of(self, where: types.Range) -> str:
+        return self.text.split("\n")[where.start.line].strip()
+
     def range_text(self, where: types.Range) -> str:
         lines = self.text.split("\n")
         assert where.start.line == where.end.line
@@ -93,6 +198,45 @@ class OpenDocument:
         )
         assert isinstance(answer, types.CompletionList)
         return {each.label: each for each in answer.items}
+
+    async def hover(self, text: str) -> str:
+        position = await self.write(text)
+        answer = await self.client.text_document_hover_async(types.HoverParams(self.id, position))
+        assert answer is not None
+        assert isinstance(answer.contents, types.MarkupContent)
+        return answer.contents.value
+
+    async def definitions(self, text: str) -> list[types.Location]:
+        position = await self.write(text)
+        answer = await self.client.text_document_definition_async(
+            types.DefinitionParams(self.id, position)
+        )
+        assert isinstance(answer, list | tuple)
+        return [each for each in answer if isinstance(each, types.Location)]
+
+    async def rename(self, position: types.Position, name: str) -> types.WorkspaceEdit | None:
+        return await self.client.text_document_rename_async(
+            types.RenameParams(self.id, position, name)
+        )
+
+    async def actions(self, where: types.Range) -> dict[str, Any]:
+        """What can be done about a range, by titles."""
+        answer = await self.client.text_document_code_action_async(
+            types.CodeActionParams(self.id, where, types.CodeActionContext([]))
+        )
+        return {each.title: each for each in answer or ()}
+
+    async def lenses(self) -> list[types.Command]:
+        answer = await self.client.text_document_code_lens_async(types.CodeLensParams(self.id))
+        return [each.command for each in answer or () if each.command is not None]
+
+    async def apply(self, edit: types.WorkspaceEdit | None) -> int:
+        """Write what is edited here; returns the number of edits."""
+        assert edit is not None
+        assert edit.changes is not None
+        edits = edit.changes[self.uri]
+        await self.write(edited(self.text, edits))
+        return len(edits)
 
 
 def edited(text: str, edits: Sequence[types.TextEdit | object]) -> str:

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.language.quantities import Duration, Rate
 from r2bspec.language.requirement_grammar import parse_requirement
 from r2bspec.language.spec import Objective
+from r2bspec.measure.host_usage import HostInterference
+from r2bspec.measure.samples import RunSamples, SegmentSamples
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import DatasetPlan, MonitorPlan, Plan
 from r2bspec.record.run_folder import Run, RunFolder, open_run
@@ -281,3 +284,30 @@ def probe(rate_hz: float, *, holds: bool, reason: str = "delivered as offered") 
         holds=holds,
         reason=reason,
     )
+
+
+def with_starts(samples: RunSamples, starts: Sequence[int]) -> RunSamples:
+    """The run with its iterations in these starts."""
+    return _with_iterations(
+        samples,
+        lambda place, one: replace(
+            one, segment=msgspec.structs.replace(one.segment, start=starts[place])
+        ),
+    )
+
+
+def with_interference(samples: RunSamples, *around: HostInterference | None) -> RunSamples:
+    """The run with this host interference during its iterations; the last one lasts."""
+    return _with_iterations(
+        samples, lambda place, one: replace(one, interference=around[min(place, len(around) - 1)])
+    )
+
+
+def _with_iterations(
+    samples: RunSamples, change: Callable[[int, SegmentSamples], SegmentSamples]
+) -> RunSamples:
+    changed = {
+        rate: tuple(change(place, one) for place, one in enumerate(played))
+        for rate, played in samples.iterations.items()
+    }
+    return replace(samples, iterations=changed)

@@ -43,16 +43,11 @@ class TypingEditor:
         selected = start == self.cursor and end > start
         self._replace(self.cursor, end if selected else self.cursor, text)
 
-    def enter(self, indent: int, text: str = "") -> None:
+    def line(self, text: str) -> None:
         """Begin a line; the snippet has ended."""
         self._stops = []
         self._place = (self.cursor, self.cursor)
-        self.type("\n" + " " * indent + text)
-
-    def backspace(self, count: int) -> None:
-        """Remove the indentation of a new line."""
-        assert self.text[self.cursor - count : self.cursor] == " " * count
-        self._replace(self.cursor - count, self.cursor, "")
+        self.type(text)
 
     async def accept(self, label: str) -> None:
         """Accept a proposal, as VS Code does: with its indentation, over the range that it says."""

@@ -17,7 +17,7 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from r2bspec.bags.recording import STORAGE_UNREADABLE, DataError, Message, unreadable
+from r2bspec.bags.recording import DataError, Message, unreadable
 from r2bspec.bags.storage.storage import decompress_message, stored_topic
 from r2bspec.safe_io.decompression_budget import (
     DecompressionBudget,
@@ -46,10 +46,12 @@ class McapStorage:
 
     def __init__(self, path: Path, display_path: Path) -> None:
         from rosbags.rosbag2 import Reader
+        from rosbags.rosbag2.storage_mcap import DECOMPRESSORS
 
         _check_profile(path, display_path)
         _check_summary(path)
-        _bound_decompression()
+        # Let `rosbags` unpack chunks no further than they state, and than a limit.
+        DECOMPRESSORS.update(zstd=unpack_zstd, lz4=unpack_lz4)
         self._stored_bytes = path.stat().st_size
         with ExitStack() as stack, DecompressionBudget(self._stored_bytes).active():
             reader = stack.enter_context(Reader(path))
@@ -78,8 +80,6 @@ class McapStorage:
     ) -> Iterator[Message]:
         """As `Storage.messages`."""
         connections = [each for each in self._connections if each.topic in names]
-        if not connections:
-            return
         found = (
             self._file.messages(connections, start_ns, stop_ns)
             if self._indexed
@@ -118,13 +118,6 @@ class McapStorage:
             while heap and (number + 1 == len(times) or heap[0][0] <= oldest[number + 1]):
                 earliest_ns, _, of, content = heapq.heappop(heap)
                 yield of, earliest_ns, content
-
-
-def _bound_decompression() -> None:
-    """Let `rosbags` unpack chunks no further than they state, and than a limit."""
-    from rosbags.rosbag2 import storage_mcap
-
-    storage_mcap.DECOMPRESSORS.update(zstd=unpack_zstd, lz4=unpack_lz4)
 
 
 def _check_unpacked_sizes(stored_bytes: int, chunks: list[Any]) -> None:
@@ -173,7 +166,7 @@ def _check_profile(path: Path, display_path: Path) -> None:
     if profile != "ros2":
         raise DataError(
             f"{display_path} has the MCAP profile {profile!r}; only 'ros2' is supported",
-            code=STORAGE_UNREADABLE,
+            code="R2B304",
             hint="convert it with 'mcap convert', or record it with 'ros2 bag record'",
         )
 
@@ -193,8 +186,7 @@ def _check_chunks(path: Path, chunks: list[Any]) -> None:
             kind, _, start_ns, end_ns = _CHUNK.unpack(stream.read(_CHUNK.size))
             stated = (chunk.message_start_time, chunk.message_end_time)
             if kind != _CHUNK_RECORD or (start_ns, end_ns) != stated:
-                msg = "its index does not match a chunk"
-                raise ValueError(msg)
+                raise ValueError("its index does not match a chunk")
 
 
 def _check_summary(path: Path) -> None:
@@ -208,13 +200,11 @@ def _check_summary(path: Path) -> None:
     with open_regular(path) as stream:
         size = stream.seek(0, 2)
         if size < _FOOTER.size + len(_MAGIC):
-            msg = "it ends before its footer"
-            raise ValueError(msg)
+            raise ValueError("it ends before its footer")
         stream.seek(size - _FOOTER.size)
         _, _, start, _, stated, magic = _FOOTER.unpack(stream.read(_FOOTER.size))
         if magic != _MAGIC:
-            msg = "it ends before its footer"
-            raise ValueError(msg)
+            raise ValueError("it ends before its footer")
         if not stated:
             return
         end = size - len(_MAGIC) - 4
@@ -224,5 +214,4 @@ def _check_summary(path: Path) -> None:
             found = crc32(block, found)
             begin += len(block)
     if found != stated:
-        msg = "the checksum of its summary is wrong"
-        raise ValueError(msg)
+        raise ValueError("the checksum of its summary is wrong")

@@ -12,8 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from r2bspec.bags.recording import SERIALIZATION_UNSUPPORTED, DataError, Message
-from r2bspec.bags.storage.storage import StoredTopic
+from r2bspec.bags.recording import DataError, Message, TopicInfo, error_text
 from r2bspec.safe_io.decompression_budget import (
     DecompressionBudget,
     spend_for_each,
@@ -40,8 +39,10 @@ class Ros1Storage:
 
     def __init__(self, path: Path, display_path: Path) -> None:
         from rosbags.rosbag1 import Reader
+        from rosbags.rosbag1.reader import decompressors
 
-        _bound_decompression()
+        # Let `rosbags` unpack chunks up to a limit.
+        decompressors.update(bz2=unpack_bz2, lz4=unpack_lz4)
         self._stored_bytes = path.stat().st_size
         self._display_path = display_path
         self._reader = Reader(path)
@@ -51,12 +52,11 @@ class Ros1Storage:
         except BaseException:
             self._reader.close()
             raise
-        counts = {each.id: each.msgcount for each in self._reader.connections}
         self.topics = tuple(
-            StoredTopic(each.topic, _type(each), "cdr", counts[each.id])
+            TopicInfo(name=each.topic, type=_type(each), count=each.msgcount)
             for each in self._reader.connections
         )
-        self.message_count = sum(counts.values())
+        self.message_count = sum(topic.count for topic in self.topics)
         self.start_ns = self._reader.start_time
         # rosbags gives the first instant after the last message.
         self.end_ns = self._reader.end_time - 1
@@ -70,8 +70,6 @@ class Ros1Storage:
             DataError: a type cannot be converted (R2B306).
         """
         connections = [each for each in self._reader.connections if each.topic in names]
-        if not connections:
-            return
         converters = {each.id: self._converter(each) for each in connections}
         stored = spend_for_each(
             self._reader.messages(connections, start_ns, stop_ns),
@@ -90,21 +88,12 @@ class Ros1Storage:
             return _converter(connection.msgtype, connection.msgdef.data, _type(connection))
         # Definitions are text of the recording, so parsing them may raise any exception.
         except Exception as error:
-            reason = " ".join(str(error).split()) or type(error).__name__
             raise DataError(
-                f"{self._display_path} has {connection.topic} as {connection.msgtype}, "
-                "which cannot be"
-                f" converted to ROS 2: {reason}",
-                code=SERIALIZATION_UNSUPPORTED,
+                f"{self._display_path} has {connection.topic} as {connection.msgtype}, which "
+                f"cannot be converted to ROS 2: {error_text(error)}",
+                code="R2B306",
                 hint="convert the bag with a tool that supports the type",
             ) from error
-
-
-def _bound_decompression() -> None:
-    """Let `rosbags` unpack chunks up to a limit."""
-    from rosbags.rosbag1 import reader
-
-    reader.decompressors.update(bz2=unpack_bz2, lz4=unpack_lz4)
 
 
 def _check_index(path: Path, reader: Reader) -> None:
@@ -128,14 +117,12 @@ def _check_index(path: Path, reader: Reader) -> None:
         len(reader.connections),
         len(reader.chunk_infos),
     ):
-        msg = "the numbers of chunks or connections in its header and its index differ"
-        raise ValueError(msg)
+        raise ValueError("the numbers of chunks or connections in its header and its index differ")
     stated: Counter[int] = Counter()
     for chunk in reader.chunk_infos:
         stated.update(chunk.connection_counts)
     if +stated != +Counter({each.id: each.msgcount for each in reader.connections}):
-        msg = "the numbers of messages in its index and its chunks differ"
-        raise ValueError(msg)
+        raise ValueError("the numbers of messages in its index and its chunks differ")
 
 
 def _type(connection: Connection) -> str:

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from r2bspec.bags.recording import RECORDING_NOT_CLOSED, DataError, Message, unreadable
+from r2bspec.bags.recording import DataError, Message, unreadable
 from r2bspec.bags.storage.storage import check_topics, decompress_ahead, stored_topic
 from r2bspec.safe_io.decompression_budget import DecompressionBudget
 from r2bspec.safe_io.safe_file import RefusedDataError, is_regular, open_regular
@@ -27,7 +27,6 @@ _JOURNALS = {
 }
 # Characters that have a meaning in the URI by which the file is opened.
 _URI_SPECIAL = frozenset("?#%")
-# The longest header of a zstd frame, magic number included.
 
 
 class SqliteStorage:
@@ -68,8 +67,6 @@ class SqliteStorage:
     ) -> Iterator[Message]:
         """As `Storage.messages`."""
         connections = [each for each in self._reader.connections if each.topic in names]
-        if not connections:
-            return
         stored = (
             (
                 ((connection.topic, time_ns), data)
@@ -192,7 +189,7 @@ def _check_complete(path: Path, display_path: Path) -> None:
                     raise DataError(
                         f"{display_path} was not closed: some of its messages are only in "
                         f"{journal.name}",
-                        code=RECORDING_NOT_CLOSED,
+                        code="R2B313",
                         hint="end the recorder, or after a crash merge both files with"
                         f" \"sqlite3 '{path}' 'PRAGMA wal_checkpoint(TRUNCATE)'\"",
                     )

@@ -15,7 +15,6 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, TypeVar
 
@@ -26,12 +25,10 @@ from r2bspec.bags.metadata import (
     normalise_type,
 )
 from r2bspec.bags.recording import (
-    BAG_NOT_FOUND,
-    STORAGE_MISSING,
-    STORAGE_UNREADABLE,
     SUFFIXES_TEXT,
     DataError,
     Message,
+    TopicInfo,
     error_hint,
     error_text,
     format_of_suffix,
@@ -49,20 +46,14 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection
 
 
-@dataclass(frozen=True)
-class StoredTopic:
-    """A topic of one storage file; the type is normalised."""
-
-    name: str
-    type: str
-    serialization: str
-    count: int
-
-
-def stored_topic(connection: Connection, count: int) -> StoredTopic:
+def stored_topic(connection: Connection, count: int) -> TopicInfo:
     """The topic of a connection, as `rosbags` has it, with the number of its messages."""
-    serialization = str(getattr(connection.ext, "serialization_format", "cdr"))
-    return StoredTopic(connection.topic, normalise_type(connection.msgtype), serialization, count)
+    return TopicInfo(
+        name=connection.topic,
+        type=normalise_type(connection.msgtype),
+        count=count,
+        serialization=str(getattr(connection.ext, "serialization_format", "cdr")),
+    )
 
 
 class Storage(Protocol):
@@ -75,7 +66,7 @@ class Storage(Protocol):
         end_ns: time of the last message; meaningless without messages.
     """
 
-    topics: tuple[StoredTopic, ...]
+    topics: tuple[TopicInfo, ...]
     message_count: int
     start_ns: int
     end_ns: int
@@ -89,10 +80,6 @@ class Storage(Protocol):
     def close(self) -> None:
         """Close the file."""
         ...
-
-
-StorageReader = Callable[[Path, Path], Storage]
-"""Opens a file; its second argument is what errors call the file."""
 
 
 @contextmanager
@@ -119,15 +106,13 @@ def storage_paths(path: Path, files: tuple[str, ...]) -> tuple[Path, ...]:
     """
     # Unlike the method of pathlib, this returns False for a name that is too long.
     if not os.path.exists(path):  # noqa: PTH110
-        raise DataError(
-            f"{path} does not exist", code=BAG_NOT_FOUND, hint="check the path of the bag"
-        )
+        raise DataError(f"{path} does not exist", code="R2B301", hint="check the path of the bag")
     paths = tuple(path / name for name in files) if path.is_dir() else (path,)
     missing = [candidate.name for candidate in paths if not os.path.isfile(candidate)]  # noqa: PTH113
     if missing:
         raise DataError(
             f"{path} has no {', '.join(missing)}, which its metadata.yaml names",
-            code=STORAGE_MISSING,
+            code="R2B303",
             hint=f"copy the whole folder again, or run 'ros2 bag reindex {path}'",
         )
     for candidate in paths:
@@ -159,7 +144,7 @@ def open_storages(paths: tuple[Path, ...], *, compressed_files: bool) -> Iterato
                 plain = stack.enter_context(unpack(path)) if compressed_files else path
                 storage = _open(plain, path)
                 stack.callback(storage.close)
-                names = [name for each in storage.topics for name in (each.name, each.type)]
+                names = [name for topic in storage.topics for name in (topic.name, topic.type)]
                 check_topics(len(storage.topics), max(map(len, names), default=0))
             storages.append(storage)
         yield storages
@@ -183,15 +168,15 @@ def check_topics(number: int, longest: int) -> None:
 
 def _open(path: Path, display_path: Path) -> Storage:
     """Open one file; `display_path` is what errors call it."""
-    found = format_of_suffix(path.suffix)
-    if found is None:
+    bag_format = format_of_suffix(path.suffix)
+    if bag_format is None:
         raise DataError(
             f"{display_path} is not named as a storage file",
-            code=STORAGE_UNREADABLE,
+            code="R2B304",
             hint=f"storage files end in {SUFFIXES_TEXT}; "
             "if it is compressed, metadata.yaml must say so",
         )
-    reader: StorageReader = import_from_storage(found.reader)
+    reader: Callable[[Path, Path], Storage] = import_from_storage(bag_format.reader)
     return reader(path, display_path)
 
 
@@ -222,8 +207,9 @@ def decompress_message(data: bytes) -> bytes:
     if data[:4] == _MAGIC:
         data = unpack_zstd(data)
     if data[:1] != b"\x00":
-        msg = f"a message begins with {data[:4].hex(' ') or 'no bytes'}, which is not CDR"
-        raise ValueError(msg)
+        raise ValueError(
+            f"a message begins with {data[:4].hex(' ') or 'no bytes'}, which is not CDR"
+        )
     return data
 
 
@@ -280,16 +266,16 @@ def unpack(path: Path) -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="r2bspec-") as folder:
         plain = Path(folder) / path.stem
         with open_regular(path) as stored, plain.open("wb") as unpacked:
-            _unpack_file(stored, unpacked, Path(folder))
+            _unpack_file(stored, unpacked)
         yield plain
 
 
-def _unpack_file(stored: BinaryIO, unpacked: BinaryIO, folder: Path) -> None:
+def _unpack_file(stored: BinaryIO, unpacked: BinaryIO) -> None:
     """Unpack a whole file; what it states is compared with the limits and the room first."""
     stored_bytes = os.fstat(stored.fileno()).st_size
     stated = zstd_size(stored.read(_HEADER_BYTES)) or 0
     DecompressionBudget(stored_bytes).spend(stated)
-    if stated > shutil.disk_usage(folder).free:
+    if stated > shutil.disk_usage(unpacked.fileno()).free:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     stored.seek(0)
     budget = DecompressionBudget(stored_bytes)

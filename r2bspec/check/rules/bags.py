@@ -1,14 +1,18 @@
-"""Recordings: whether a bag can be used, and has what the data loader takes from it.
+"""Recordings: whether a bag can be used, has what is loaded from it, and which part is played.
 
 A bag that cannot be used is one finding with the code of its error; the other rules say nothing of
-it then. Nothing here is said offline, where no bag is looked at.
+it then. Nothing here is said offline, where no bag is looked at. How many messages a window has is
+estimated from the index of the bag where that is enough, and otherwise counted
+(`r2bspec.check.bag_facts`).
 """
 
 from __future__ import annotations
 
+from r2bspec.check.bag_facts import MessageCount, window_message_counts
 from r2bspec.check.check_context import Context
-from r2bspec.check.rule import Finding, Findings, quoted_list, rule, suggestion, value_key
-from r2bspec.diagnostics.quote import quote
+from r2bspec.check.rule import Finding, Findings, Pointer, rule, value_key
+from r2bspec.diagnostics.quote import pluralize, quote, quoted_list, suggestion
+from r2bspec.language.quantities import Duration
 
 
 @rule("R2B301")
@@ -100,4 +104,146 @@ def real_time_without_effect(context: Context) -> Findings:
             path=("data_loader", "real_time"),
             key=True,
             help="to play at the recorded times, set 'mode: timeline' under 'playback'",
+        )
+
+
+_WINDOW = ("data_loader", "window")
+
+
+@rule("R2B309")
+def window_outside_bag(context: Context) -> Findings:
+    """Windows that extend beyond the bag."""
+    bag, window = context.bag, context.spec.data_loader.window
+    if bag is None or (window.end is not None and window.end.ns <= window.start.ns):
+        return
+    lasts_ns = _duration_ns(context)
+    lasts = f"bag {quote(bag.name)} lasts {lasts_ns / 1e9:g} s"
+    rendered = context.is_rendered
+    if window.start.ns > lasts_ns:
+        yield Finding(
+            message=f"the window starts at {window.start}, but {lasts}",
+            path=(*_WINDOW, "start"),
+            help="window times count from the beginning of the bag",
+            suppresses={value_key(_WINDOW)},
+        )
+    elif window.end is not None and window.end.ns > lasts_ns:
+        yield Finding(
+            message=f"the window ends at {window.end}, but {lasts}",
+            path=(*_WINDOW, "end"),
+            help=f"write {Duration(lasts_ns)}"
+            if rendered
+            else "remove 'end' to use the bag to its end",
+            severity=None if rendered else "warning",
+            suppresses={value_key(_WINDOW)} if rendered else set(),
+        )
+
+
+def _duration_ns(context: Context) -> int:
+    """The latest end of a window: a rendered sequence lasts longer than its last message."""
+    from r2bspec.datasets.catalogue import DURATION_NS
+
+    if context.is_rendered:
+        return DURATION_NS
+    return context.bag.duration_ns if context.bag is not None else 0
+
+
+@rule("R2B320")
+def window_end_before_start(context: Context) -> Findings:
+    """Windows that end before they start."""
+    window = context.spec.data_loader.window
+    if window.end is not None and window.end.ns <= window.start.ns:
+        yield Finding(
+            message=f"window end {window.end} is not after window start {window.start}",
+            path=(*_WINDOW, "end"),
+            help="both times count from the beginning of the bag; 'end' is not a length",
+            related=(Pointer("window start", (*_WINDOW, "start")),),
+            suppresses={value_key(_WINDOW)},
+        )
+
+
+@rule("R2B321")
+def window_without_messages(context: Context) -> Findings:
+    """Loaded topics without messages in the window."""
+    bag = context.bag
+    window = context.spec.data_loader.window
+    if bag is None or (window.end is not None and window.end.ns <= window.start.ns):
+        return
+    for name, message_count in window_message_counts(context).items():
+        info = bag.find(name)
+        if message_count.messages or info is None:
+            continue
+        empty = info.count == 0
+        yield Finding(
+            message=f"no messages of {quote(name)} in the bag"
+            if empty
+            else f"no messages of {quote(name)} in the window",
+            path=("data_loader", "topics", name) if empty else _WINDOW,
+            key=empty,
+            help=""
+            if empty
+            else f"the bag has {info.count:,} of them, {info.rate_hz:.3g} per second",
+            suppressed_by={value_key(_WINDOW)},
+            suppresses={value_key(("data_loader", "topics", name))},
+        )
+
+
+_ESTIMATE_TOLERANCE = 1.5
+"""Findings from an estimated count must exceed it by this factor."""
+
+
+@rule("R2B322")
+def buffer_larger_than_data(context: Context) -> Findings:
+    """Buffers for more messages than the window has."""
+    buffer = context.spec.playback.buffer
+    if not buffer:
+        return
+    smallest: tuple[str, MessageCount] | None = None
+    for name, message_count in _counts_by_input(context).items():
+        enough = (
+            message_count.messages
+            if message_count.exact
+            else message_count.messages * _ESTIMATE_TOLERANCE
+        )
+        if buffer > enough and (smallest is None or message_count.messages < smallest[1].messages):
+            smallest = (name, message_count)
+    if smallest is not None:
+        name, message_count = smallest
+        about = "" if message_count.exact else "about "
+        yield Finding(
+            message=f"the buffer has {pluralize(buffer, 'message')}, but the window has "
+            f"{about}{message_count.messages:,} of {quote(name)}",
+            path=("playback", "buffer"),
+            help="set 'buffer: 0' to play all messages of the window",
+            suppressed_by={value_key(("data_loader", "window"))},
+        )
+
+
+def _counts_by_input(context: Context) -> dict[str, MessageCount]:
+    """The maximum number of messages of each playback input.
+
+    Preprocessors are assumed to publish at most one message for each loaded one.
+    """
+    loaded = {
+        context.harness_topic(context.spec.data_loader.topics[name]): message_count
+        for name, message_count in window_message_counts(context).items()
+    }
+    reached = {topic: context.wiring.preprocess.downstream_of([topic]) for topic in loaded}
+    counts = {}
+    for name, played in context.spec.playback.inputs.items():
+        source = context.harness_topic(played.source)
+        feeding = [loaded[topic] for topic, below in reached.items() if source in below]
+        if feeding:
+            counts[name] = max(feeding, key=lambda message_count: message_count.messages)
+    return counts
+
+
+@rule("R2B323")
+def buffer_of_one_message(context: Context) -> Findings:
+    """Buffers of one message."""
+    playback = context.spec.playback
+    if playback.buffer == 1 and playback.mode in {"looping", "sweeping"}:
+        yield Finding(
+            message="a buffer of one message repeats the same message",
+            path=("playback", "buffer"),
+            help="set 'buffer' to 10 or more, unless every message costs the same",
         )

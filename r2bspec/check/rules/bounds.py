@@ -9,8 +9,8 @@ import msgspec
 
 from r2bspec.check.check_context import Context
 from r2bspec.check.requirement_metrics import KnownMetric, LocatedRequirement
-from r2bspec.check.rule import Finding, Findings, Pointer, rule, suggestion
-from r2bspec.diagnostics.quote import quote
+from r2bspec.check.rule import Finding, Findings, Pointer, rule
+from r2bspec.diagnostics.quote import quote, suggestion
 from r2bspec.language.located_tree import ListNode, to_plain
 
 _EXAMPLES = {

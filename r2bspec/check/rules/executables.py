@@ -10,19 +10,18 @@ from pathlib import Path as FilePath
 
 from r2bspec.check.check_context import Context
 from r2bspec.check.installation_advice import ros_package_advice
-from r2bspec.check.installed_packages import (
+from r2bspec.check.rule import Finding, Findings, Pointer, rule, value_key
+from r2bspec.diagnostics.diagnostic import Path
+from r2bspec.diagnostics.quote import did_you_mean, pluralize, quote, suggestion
+from r2bspec.language.node_kinds import EXECUTABLE, PLUGIN
+from r2bspec.plan.installed_packages import (
     ament_packages,
     ament_prefixes,
     is_on_path,
     package_executables,
     package_share,
 )
-from r2bspec.check.rule import Finding, Findings, Pointer, pluralize, rule, suggestion, value_key
-from r2bspec.diagnostics import did_you_mean
-from r2bspec.diagnostics.diagnostic import Path
-from r2bspec.diagnostics.quote import quote
-from r2bspec.language.node_kinds import EXECUTABLE, PLUGIN
-from r2bspec.safe_io.safe_file import is_regular, names_in
+from r2bspec.safe_io.safe_file import is_regular, names_if_any
 from r2bspec.wiring.node_interface import ROS_DISTRIBUTION, catalogue_nodes, catalogue_packages
 
 
@@ -42,27 +41,21 @@ def launch_file_not_found(context: Context) -> Findings:
             )
         elif launch.package:
             share = package_share(launch.package)
-            if share is not None and not _has_launch_file(share, launch.file):
+            names = _launch_files(share) if share is not None else []
+            if share is not None and not (is_regular(share / launch.file) or launch.file in names):
                 yield Finding(
                     message=f"ROS package {quote(launch.package)} has no launch file "
                     f"{quote(launch.file)} on this machine",
                     path=(*node.path, "launch", "file"),
-                    help=suggestion(launch.file, _launch_files(share), "its launch files"),
+                    help=suggestion(launch.file, names, "its launch files"),
                     severity="warning",
                     machine_dependent=True,
                 )
 
 
-def _has_launch_file(share: FilePath, file: str) -> bool:
-    return is_regular(share / file) or file in _launch_files(share)
-
-
 def _launch_files(share: FilePath) -> list[str]:
     folder = share / "launch"
-    try:
-        return [name for name in names_in(folder) if is_regular(folder / name)]
-    except OSError:
-        return []
+    return [name for name in names_if_any(folder) if is_regular(folder / name)]
 
 
 @rule("R2B621")
@@ -80,12 +73,7 @@ def program_not_found(context: Context) -> Findings:
             message = f"program {quote(program)} not found on the PATH of this machine"
             advice = "install it, or correct the command"
         if not exists:
-            yield Finding(
-                message=message,
-                path=path,
-                help=advice,
-                machine_dependent=True,
-            )
+            yield Finding(message=message, path=path, help=advice, machine_dependent=True)
 
 
 def _programs(context: Context) -> Iterator[tuple[Path, str, FilePath]]:

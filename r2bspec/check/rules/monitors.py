@@ -2,21 +2,11 @@
 
 from __future__ import annotations
 
+from r2bspec.bags.message_types import begins_with_header
 from r2bspec.check.check_context import Context
-from r2bspec.check.message_types import begins_with_header
-from r2bspec.check.rule import (
-    MEASURE_FLOW,
-    Finding,
-    Findings,
-    Pointer,
-    quoted_list,
-    rule,
-    topic_key,
-    value_key,
-)
+from r2bspec.check.rule import MEASURE_FLOW, Finding, Findings, Pointer, rule, topic_key, value_key
 from r2bspec.datasets.catalogue import TruthNames, truth_names
-from r2bspec.diagnostics import did_you_mean
-from r2bspec.diagnostics.quote import quote
+from r2bspec.diagnostics.quote import did_you_mean, quote, quoted_list
 from r2bspec.language.spec import Monitor, Truth
 from r2bspec.measure.metric_catalogue import TRUTHS
 

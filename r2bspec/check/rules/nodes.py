@@ -1,15 +1,21 @@
-"""Nodes: their names, what is known of their topics, and interface files."""
+"""Nodes and their processes: names, containers, and who shares a process with whom.
+
+What is known of the topics of nodes, and interface files, are here, too.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 from r2bspec.check.check_context import Context
-from r2bspec.check.rule import Finding, Findings, Pointer, quoted_list, rule
+from r2bspec.check.rule import Finding, Findings, Pointer, rule
 from r2bspec.diagnostics.diagnostic import Path
-from r2bspec.diagnostics.quote import quote
-from r2bspec.plan.process_plans import reserved_names
-from r2bspec.wiring.wiring import PhaseWiring
+from r2bspec.diagnostics.quote import did_you_mean, quote, quoted_list, suggestion
+from r2bspec.language.node_kinds import PROCESS_KEYS
+from r2bspec.language.spec import Container
+from r2bspec.plan.plan import ProcessPlan
+from r2bspec.plan.process_plans import Place, find_places, graph_processes, reserved_names
+from r2bspec.wiring.wiring import NodeWiring, PhaseWiring
 
 
 @rule("R2B203")
@@ -125,3 +131,223 @@ def command_without_ros_arguments(context: Context) -> Findings:
                 path=(*node.path, "command"),
                 help="if it is a ROS node, state its topics with 'subscribes:' and 'publishes:'",
             )
+
+
+@rule("R2B217")
+def container_unknown(context: Context) -> Findings:
+    """References to containers that are not declared."""
+    containers = context.spec.containers
+    for _, node in context.nodes:
+        name = node.node.container
+        if name and name not in containers:
+            close = did_you_mean(name, containers)
+            yield Finding(
+                message=f"unknown container {quote(name)}",
+                path=(*node.path, "container"),
+                help=suggestion(name, containers, "declared containers")
+                or f"declare it: {quote(f'containers: {{{name}: {{}}}}')}",
+                related=(
+                    Pointer(f"{quote(close)} is declared here", ("containers", close), key=True),
+                )
+                if close
+                else (),
+                suppresses={"containers"},
+            )
+
+
+@rule("R2B218")
+def container_unused(context: Context) -> Findings:
+    """Containers without nodes."""
+    used = {node.node.container for _, node in context.nodes}
+    for name in context.spec.containers:
+        if name not in used:
+            yield Finding(
+                message=f"container {quote(name)} has no nodes",
+                path=("containers", name),
+                key=True,
+                help=f"set {quote(f'container: {name}')} for a node, or remove the container",
+                suppressed_by={"containers"},
+            )
+
+
+@rule("R2B219")
+def container_kind_mismatch(context: Context) -> Findings:
+    """Nodes of a kind that their container cannot load."""
+    for _, node in context.nodes:
+        container = context.spec.containers.get(node.node.container)
+        if container is None:
+            continue
+        is_python = container.executable == "python"
+        if node.node.kind.role == ("host" if is_python else "container"):
+            continue
+        contents = "Python nodes" if is_python else "C++ components"
+        yield Finding(
+            message=f"{node.key} cannot run in {quote(node.node.container)}, which loads "
+            f"{contents}",
+            path=(*node.path, "container"),
+            help="use another container, or none",
+            related=(
+                Pointer(
+                    f"container executable: {container.executable}",
+                    ("containers", node.node.container, "executable"),
+                ),
+            ),
+        )
+
+
+@rule("R2B221")
+def process_setting_without_effect(context: Context) -> Findings:
+    """Process settings of nodes that share a process by their placement."""
+    for _, node in context.nodes:
+        for name in PROCESS_KEYS if _is_placed_with_others(context, node) else ():
+            if getattr(node.node, name):
+                yield Finding(
+                    message=f"{quote(name)} of {node.key} has no effect: with 'placement: "
+                    f"{context.spec.graph.placement}' the node shares a process",
+                    path=(*node.path, name),
+                    key=True,
+                    help="give the node its own container or process",
+                )
+
+
+def _is_placed_with_others(context: Context, node: NodeWiring) -> bool:
+    """Whether a node shares a process by its placement.
+
+    The language refuses settings of a process, and `env`, for a node in a container.
+    """
+    in_graph = node.path[0] == "graph" and context.spec.graph.placement != "separate"
+    return in_graph and node.shares_process
+
+
+@rule("R2B222")
+def threads_without_effect(context: Context) -> Findings:
+    """Thread counts of containers whose executor does not use them."""
+    for name, container in context.spec.containers.items():
+        why = _why_unused_threads(container) if container.threads > 1 else ""
+        if why:
+            yield Finding(
+                message=f"{quote(f'threads: {container.threads}')} of {quote(name)} has no effect: "
+                f"{why}",
+                path=("containers", name, "threads"),
+                help="set 'executor: multi_threaded'"
+                if container.executable == "python"
+                else "set 'executable: component_container_mt'",
+            )
+
+
+def _why_unused_threads(container: Container) -> str:
+    if container.executable == "component_container_mt":
+        return ""
+    if container.executable == "python":
+        return "" if container.executor == "multi_threaded" else "its executor is single-threaded"
+    return f"{container.executable} has no such setting"
+
+
+@rule("R2B615")
+def environment_conflict(context: Context) -> Findings:
+    """Nodes of one process that set an environment variable to different values."""
+    first: dict[tuple[str, str], tuple[str, Path]] = {}
+    for _, node in context.nodes:
+        for name, value in node.node.env.items() if _is_placed_with_others(context, node) else ():
+            path = (*node.path, "env", name)
+            process = node.node.kind.name
+            other_value, other_path = first.setdefault((process, name), (value, path))
+            if other_value != value:
+                yield Finding(
+                    message=f"nodes of one process set different values of {name}",
+                    path=path,
+                    help="use the same value, or run the nodes in separate processes",
+                    related=(Pointer("the other value", other_path),),
+                )
+
+
+@rule("R2B626")
+def placement_in_harness(context: Context) -> Findings:
+    """Nodes in the process of the harness."""
+    graph = context.spec.graph
+    if graph.placement != "harness":
+        return
+    colocated = [
+        node.key
+        for node in context.wiring.measure.nodes
+        if node.role == "host" and node.shares_process and not node.node.container
+    ]
+    if colocated:
+        yield Finding(
+            message=f"{quoted_list(colocated)} share{'s' if len(colocated) == 1 else ''} one "
+            "process, and the GIL of Python, with player and monitors",
+            path=("graph", "placement"),
+            help="use 'placement: separate' to run each node in its own process",
+        )
+
+
+@rule("R2B672")
+def harness_place_unknown(context: Context) -> Findings:
+    """Parts of the harness whose process in the graph is not decided."""
+    spec, wiring = context.spec, context.wiring
+    if spec.harness.placement != "graph":
+        return
+    if spec.graph.placement == "harness":
+        yield Finding(
+            message="the nodes are placed in the process of the harness, and the harness in the "
+            "processes of the nodes",
+            path=("graph", "placement"),
+            help="remove one of 'graph.placement: harness' and 'harness.placement: graph'",
+        )
+        return
+    for place in find_places(spec, wiring, graph_processes(spec, wiring)):
+        if not place.process:
+            yield Finding(
+                message=_place_message(place),
+                path=(*place.path, "in") if place.named else place.path,
+                help=_place_help(place),
+            )
+
+
+def _place_message(place: Place) -> str:
+    what = "the player" if place.path == ("harness",) else f"monitor {quote(place.part)}"
+    does = "read the inputs" if place.path == ("harness",) else "publish its topic"
+    if place.named:
+        return f"no process of the graph is, or has a node, named {quote(place.named)}"
+    if place.external:
+        return f"{what} cannot join a process of the graph: external nodes {does}"
+    return f"it is not decided which process gets {what}: several may {does}"
+
+
+def _place_help(place: Place) -> str:
+    if place.external or not place.choices:
+        return "let r2bspec start the nodes, or write 'harness: {placement: separate}'"
+    where = "harness" if place.path == ("harness",) else f"monitors.{place.part}"
+    return f"set '{where}.in' to one of the processes: {quoted_list(place.choices)}"
+
+
+_TYPICAL = (
+    "between two processes 0.04 ms for small messages and 1 ms for images of 1280x720, within one "
+    "process 0.01 and 0.4 ms"
+)
+
+
+@rule("R2B673")
+def harness_outside_process(context: Context) -> Findings:
+    """A graph in one process, with player and monitors in others."""
+    spec = context.spec
+    if spec.harness.placement == "graph" or spec.graph.placement == "harness":
+        return
+    processes = graph_processes(spec, context.wiring)
+    if len(processes) != 1 or spec.has_external_nodes or not _shared_by_design(processes[0]):
+        return
+    container = processes[0].container
+    yield Finding(
+        message=f"the graph is in one process, {quote(processes[0].name)}, and player and monitors "
+        "run in others: every latency contains the way there and back",
+        path=("containers", container) if container else ("graph",),
+        key=True,
+        help="write 'harness: {placement: graph}' to play and monitor in that process; "
+        "'r2bspec run --scan harness.placement=separate,graph' shows both. "
+        f"Typical overheads (docs/performance.md): {_TYPICAL}",
+    )
+
+
+def _shared_by_design(process: ProcessPlan) -> bool:
+    """Whether it is a process for several nodes: one that a robot shares between nodes, too."""
+    return process.role == "container" or len(process.nodes) > 1

@@ -11,18 +11,9 @@ from collections.abc import Iterator
 import msgspec
 
 from r2bspec.check.check_context import Context
-from r2bspec.check.rule import (
-    Finding,
-    Findings,
-    as_version_warning,
-    quoted_list,
-    rule,
-    suggestion,
-    value_key,
-    with_record,
-)
+from r2bspec.check.rule import Finding, Findings, as_version_warning, rule, value_key, with_record
 from r2bspec.diagnostics.diagnostic import Path
-from r2bspec.diagnostics.quote import clip, quote
+from r2bspec.diagnostics.quote import clip, quote, quoted_list, suggestion
 from r2bspec.language.located_tree import ListNode
 from r2bspec.language.spec import ParameterValue
 from r2bspec.wiring.node_interface import ParameterInfo, ParameterType

@@ -6,22 +6,19 @@ messages that can be played together or at their times.
 
 from __future__ import annotations
 
+from r2bspec.bags.message_types import begins_with_header
 from r2bspec.check.bag_facts import window_message_counts, window_stamps
 from r2bspec.check.check_context import Context
-from r2bspec.check.message_types import begins_with_header
 from r2bspec.check.rule import (
     PREPROCESS_FLOW,
     Finding,
     Findings,
     Pointer,
-    quoted_list,
     rule,
-    suggestion,
     topic_key,
     value_key,
 )
-from r2bspec.diagnostics import did_you_mean
-from r2bspec.diagnostics.quote import quote
+from r2bspec.diagnostics.quote import did_you_mean, quote, quoted_list, suggestion
 from r2bspec.plan.nearest_stamps import pair_nearest
 from r2bspec.plan.topic_plans import direct_bag_topic
 from r2bspec.record.run_record import UNPAIRED_HELP, UnplayedMessages

@@ -13,16 +13,16 @@ from msgspec.structs import replace
 
 from r2bspec.check.check_context import Context
 from r2bspec.check.installation_advice import python_module_advice
-from r2bspec.check.installed_packages import (
+from r2bspec.check.rule import Finding, Findings, rule, value_key
+from r2bspec.diagnostics.diagnostic import Path as DocumentPath
+from r2bspec.diagnostics.quote import quote, quoted_list, suggestion
+from r2bspec.plan.installed_packages import (
     PythonTarget,
-    find_module,
     missing_imports,
     python_target,
     top_level_names,
 )
-from r2bspec.check.rule import Finding, Findings, quoted_list, rule, suggestion, value_key
-from r2bspec.diagnostics.diagnostic import Path as DocumentPath
-from r2bspec.diagnostics.quote import quote
+from r2bspec.plan.this_machine import find_module
 from r2bspec.safe_io.safe_file import is_regular
 from r2bspec.wiring.companion_files import source_folder
 from r2bspec.wiring.node_interface import reference_node_interfaces

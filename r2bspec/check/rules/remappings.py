@@ -5,20 +5,16 @@ from __future__ import annotations
 from r2bspec.check.check_context import Context
 from r2bspec.check.rule import (
     COMPLETE_SOURCES,
-    MAX_SUGGESTIONS,
     Finding,
     Findings,
     Pointer,
     as_version_warning,
     flow_key,
-    quoted_list,
     rule,
     topic_key,
     with_record,
 )
-from r2bspec.diagnostics import did_you_mean
-from r2bspec.diagnostics.quote import quote
-from r2bspec.wiring.name_resolution import Remapper, expand
+from r2bspec.diagnostics.quote import MAX_SUGGESTIONS, did_you_mean, quote, quoted_list
 from r2bspec.wiring.wiring import NodeWiring
 
 _COMMON_TOPICS = ("/rosout", "/parameter_events", "/clock")
@@ -34,7 +30,7 @@ def remapping_unmatched(context: Context) -> Findings:
         for left, right in node.node.remappings.items():
             if left in _NODE_REMAPPINGS:
                 yield _node_remapping_finding(phase, node, left)
-            elif topics.known is not None and topics.full(left) not in topics.known:
+            elif topics.known is not None and node.names.full(left) not in topics.known:
                 count += 1
                 finding = _unmatched_finding(topics, left, right, suggest=count <= MAX_SUGGESTIONS)
                 interface = node.interface
@@ -60,12 +56,8 @@ class _NodeTopics:
         all_known = node.interface.topics is not None and not node.node.kind.names_own_nodes
         if node.node.remappings and all_known:
             names = (*self.own, *node.interface.other_remappable_names)
-            self.known = frozenset((*_COMMON_TOPICS, *map(self.full, names)))
+            self.known = frozenset((*_COMMON_TOPICS, *map(node.names.full, names)))
         self._remapped: frozenset[str] | None = None
-
-    def full(self, name: str) -> str:
-        """The full name of a topic before remapping."""
-        return expand(name, self.node.key, self.node.namespace)
 
     def used_instead(self, close: str) -> frozenset[str]:
         """The topics that may be used instead of the intended one.
@@ -75,9 +67,8 @@ class _NodeTopics:
         """
         if not close and self._remapped is not None:
             return frozenset()
-        node = self.node
-        remapper = Remapper(node.node.remappings, node.key, node.namespace)
-        names = frozenset(remapper.resolve(name).name for name in ((close,) if close else self.own))
+        own = (close,) if close else self.own
+        names = frozenset(self.node.names.resolve(name).name for name in own)
         if not close:
             self._remapped = names
         return names
@@ -88,7 +79,7 @@ def _unmatched_finding(topics: _NodeTopics, left: str, right: str, *, suggest: b
     close = did_you_mean(left, own) if suggest else ""
     # The spec may state topics only; services are remapped in the same way.
     sources = {node.interface.subscribes_from, node.interface.publishes_from}
-    instead = {topics.full(left), topics.full(right), *topics.used_instead(close)}
+    instead = {node.names.full(left), node.names.full(right), *topics.used_instead(close)}
     finding = Finding(
         message=f"{node.key} has no topic {quote(left)} to remap",
         path=(*node.path, "remappings", left),
@@ -126,7 +117,7 @@ def remapping_shadowed(context: Context) -> Findings:
     for phase, node in context.nodes:
         first: dict[str, str] = {}
         for left, right in node.node.remappings.items():
-            full = expand(left, node.key, node.namespace)
+            full = node.names.full(left)
             if full not in first:
                 first[full] = left
                 continue
@@ -137,7 +128,7 @@ def remapping_shadowed(context: Context) -> Findings:
                 key=True,
                 help="remove one of them; ROS applies only the first",
                 related=(Pointer("first remapping of the topic", (*place, first[full]), key=True),),
-                suppresses={topic_key(phase, expand(right, node.key, node.namespace))},
+                suppresses={topic_key(phase, node.names.full(right))},
             )
 
 
@@ -146,8 +137,8 @@ def remapping_identity(context: Context) -> Findings:
     """Remappings of a topic to itself."""
     for _, node in context.nodes:
         for left, right in node.node.remappings.items():
-            full = expand(left, node.key, node.namespace)
-            if full == expand(right, node.key, node.namespace):
+            full = node.names.full(left)
+            if full == node.names.full(right):
                 also = "" if left == right else f": both names resolve to {full}"
                 yield Finding(
                     message=f"{quote(left)} is remapped to itself{also}",

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 
 from r2bspec.check.check_context import Context
-from r2bspec.check.rule import Finding, Findings, quoted_list, rule, suggestion, topic_key
-from r2bspec.diagnostics.quote import quote
+from r2bspec.check.rule import Finding, Findings, rule, topic_key
+from r2bspec.diagnostics.quote import quote, quoted_list, suggestion
 from r2bspec.safe_io.line_pattern import PatternError, compile_line_pattern
 
 

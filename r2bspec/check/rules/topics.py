@@ -12,21 +12,17 @@ from functools import cached_property
 
 from r2bspec.check.check_context import Context
 from r2bspec.check.rule import (
-    MAX_SUGGESTIONS,
     Finding,
     Findings,
     Pointer,
     flow_key,
-    quoted_list,
     rule,
-    suggestion,
     topic_key,
     value_key,
     with_record,
 )
-from r2bspec.diagnostics import did_you_mean
 from r2bspec.diagnostics.diagnostic import Path
-from r2bspec.diagnostics.quote import quote
+from r2bspec.diagnostics.quote import MAX_SUGGESTIONS, did_you_mean, quote, quoted_list, suggestion
 from r2bspec.wiring.name_resolution import SHARED_TOPICS
 from r2bspec.wiring.node_interface import InterfaceSource
 from r2bspec.wiring.wiring import Endpoint, NodeWiring, PhaseWiring

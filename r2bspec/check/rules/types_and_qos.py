@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from pathlib import Path as FilePath
 
-from r2bspec.check import message_types
+from r2bspec.bags import message_types
 from r2bspec.check.check_context import Context
 from r2bspec.check.installation_advice import ros_package_advice
-from r2bspec.check.installed_packages import find_module, top_level_names
 from r2bspec.check.rule import (
     Finding,
     Findings,
@@ -22,9 +21,10 @@ from r2bspec.check.rule import (
     value_key,
     with_endpoint_records,
 )
-from r2bspec.diagnostics import did_you_mean
 from r2bspec.diagnostics.diagnostic import Path
-from r2bspec.diagnostics.quote import quote
+from r2bspec.diagnostics.quote import did_you_mean, quote
+from r2bspec.plan.installed_packages import top_level_names
+from r2bspec.plan.this_machine import find_module
 from r2bspec.wiring.wiring import Endpoint, PhaseWiring
 
 

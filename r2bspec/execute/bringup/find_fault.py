@@ -57,8 +57,7 @@ def path_to(facts: GraphFacts, silent: str) -> tuple[str, ...]:
     upstream = {silent}
     pending = [silent]
     for topic in pending:
-        known = facts.topics.get(topic)
-        for node in sorted(known.all_publishers - {*HARNESS}) if known else ():
+        for node in sorted(facts.topic(topic).all_publishers - {*HARNESS}):
             for name in facts.topics_subscribed_by(node):
                 if name not in upstream:
                     upstream.add(name)
@@ -92,52 +91,40 @@ def _reachable_topics(facts: GraphFacts) -> list[str]:
 def first_fault(facts: GraphFacts, silent: str) -> Fault | None:
     """The first fault on the path to a topic without messages; None if none is observed."""
     path = path_to(facts, silent)
-    on_path = {*path}
-    for name in path:
-        topic = facts.topics.get(name, TopicFacts(name))
-        found = _fault_at(facts, topic, silent=silent, on_path=on_path)
-        if found is not None:
-            return found
-    return None
+    faults = (_fault_at(facts, facts.topic(name), silent, path) for name in path)
+    return next((fault for fault in faults if fault is not None), None)
 
 
 def find_input_fault(facts: GraphFacts, name: str) -> Fault | None:
     """The fault of the subscriptions of an input; None if none is observed."""
-    topic = facts.topics.get(name, TopicFacts(name))
-    wanted = sorted(topic.all_subscribers)
-    return (
-        _type_mismatch(topic, wanted)
-        or _qos_mismatch(topic, wanted)
-        or _no_subscription(facts, topic, wanted)
-    )
+    topic = facts.topic(name)
+    readers = sorted(topic.all_subscribers)
+    return _mismatch(topic, readers) or _no_subscription(facts, topic, readers)
 
 
 def _fault_at(
-    facts: GraphFacts, topic: TopicFacts, *, silent: str, on_path: set[str]
+    facts: GraphFacts, topic: TopicFacts, silent: str, path: Iterable[str]
 ) -> Fault | None:
     if not topic.publishers:
         return _no_publisher(facts, topic)
-    wanted = sorted(_downstream_nodes(facts, topic, silent, on_path))
-    found = _type_mismatch(topic, wanted) or _qos_mismatch(topic, wanted)
-    if found is None and topic.passed == 0 and facts.played:
-        found = _no_output(facts, topic)
-    return found or _no_subscription(facts, topic, wanted)
+    # The nodes that must subscribe to it for messages to continue along the path.
+    onward = {
+        node for name in path if name != topic.name for node in facts.topic(name).all_publishers
+    }
+    readers = sorted(
+        node
+        for node in topic.all_subscribers
+        if (topic.name == silent if node in HARNESS else node in onward)
+    )
+    fault = _mismatch(topic, readers)
+    if fault is None and topic.passed == 0 and facts.played:
+        fault = _no_output(facts, topic)
+    return fault or _no_subscription(facts, topic, readers)
 
 
-def _downstream_nodes(
-    facts: GraphFacts, topic: TopicFacts, silent: str, on_path: set[str]
-) -> Iterator[str]:
-    """The nodes that must subscribe to a topic for messages to continue along the path."""
-    for node in topic.all_subscribers:
-        if node in HARNESS:
-            if topic.name == silent:
-                yield node
-        elif any(
-            node in facts.topics[name].all_publishers
-            for name in on_path - {topic.name}
-            if name in facts.topics
-        ):
-            yield node
+def _mismatch(topic: TopicFacts, readers: Collection[str]) -> Fault | None:
+    """Two endpoints that ROS does not match, because of their types or their QoS."""
+    return _type_mismatch(topic, readers) or _qos_mismatch(topic, readers)
 
 
 def _no_publisher(facts: GraphFacts, topic: TopicFacts) -> Fault:
@@ -145,16 +132,15 @@ def _no_publisher(facts: GraphFacts, topic: TopicFacts) -> Fault:
     instead = facts.topics_published_by(owner) if owner else ()
     unused = [
         name
-        for name, each in facts.topics.items()
-        if each.publishers and not each.subscriptions and not each.planned_publishers
+        for name, other in facts.topics.items()
+        if other.publishers and not other.subscriptions and not other.planned_publishers
     ]
     close = _closest_name(topic.name, instead) or _closest_name(topic.name, unused)
     sentence = f"no publisher on {topic.name}"
-    if topic.all_subscribers:
-        subscribers = sorted(topic.all_subscribers)
-        sentence += f", to which {_names(subscribers)} {_verb('subscribe', subscribers)}"
+    if subscribers := sorted(topic.all_subscribers):
+        sentence += f", to which {_who(subscribers, 'subscribe')}"
     if close:
-        by = _names(each.node for each in facts.topics[close].publishers)
+        by = _names(facts.topics[close].publisher_nodes)
         sentence += f"; the closest name is {close}, published by {by}"
     elif instead:
         sentence += f"; its planned publisher {owner} publishes on {_names(instead)}"
@@ -163,15 +149,15 @@ def _no_publisher(facts: GraphFacts, topic: TopicFacts) -> Fault:
     elif owner:
         sentence += f"; its planned publisher {owner} publishes nothing"
     elif unused:
-        by = _names(each.node for each in facts.topics[unused[0]].publishers)
+        by = _names(facts.topics[unused[0]].publisher_nodes)
         sentence += f"; {unused[0]}, published by {by}, has no subscription"
     return Fault("no publisher", topic.name, owner, sentence)
 
 
-def _type_mismatch(topic: TopicFacts, wanted: Iterable[str]) -> Fault | None:
+def _type_mismatch(topic: TopicFacts, readers: Collection[str]) -> Fault | None:
     for publisher in topic.publishers:
         for subscription in topic.subscriptions:
-            if subscription.node in wanted and subscription.type != publisher.type:
+            if subscription.node in readers and subscription.type != publisher.type:
                 return Fault(
                     "types",
                     topic.name,
@@ -181,7 +167,8 @@ def _type_mismatch(topic: TopicFacts, wanted: Iterable[str]) -> Fault | None:
                     "match them",
                 )
         # A monitor subscribes only after it has discovered a publisher of its type.
-        if topic.type and publisher.type != topic.type and not _has_subscription(topic, wanted):
+        reads = any(node in readers for node in topic.subscriber_nodes)
+        if topic.type and publisher.type != topic.type and not reads:
             return Fault(
                 "types",
                 topic.name,
@@ -192,9 +179,9 @@ def _type_mismatch(topic: TopicFacts, wanted: Iterable[str]) -> Fault | None:
     return None
 
 
-def _qos_mismatch(topic: TopicFacts, wanted: Iterable[str]) -> Fault | None:
+def _qos_mismatch(topic: TopicFacts, readers: Collection[str]) -> Fault | None:
     for pair in topic.qos_mismatches:
-        if pair.reader in wanted:
+        if pair.reader in readers:
             return Fault(
                 "qos",
                 topic.name,
@@ -206,7 +193,7 @@ def _qos_mismatch(topic: TopicFacts, wanted: Iterable[str]) -> Fault | None:
 
 
 def _no_output(facts: GraphFacts, topic: TopicFacts) -> Fault:
-    publishers = sorted({each.node for each in topic.publishers})
+    publishers = sorted(topic.publisher_nodes)
     owner = publishers[0]
     if topic.name in facts.inputs:
         sentence = f"{_messages(facts.played)} were played on {topic.name}, but none arrived"
@@ -214,34 +201,35 @@ def _no_output(facts: GraphFacts, topic: TopicFacts) -> Fault:
     subscribed = [
         facts.topics[name] for node in publishers for name in facts.topics_subscribed_by(node)
     ]
-    supplied = [each for each in subscribed if each.passed]
-    starved = [each for each in subscribed if not each.passed and each.name != topic.name]
-    subscribes = _verb("subscribe", publishers)
-    it = "it" if len(publishers) == 1 else "they"
-    sentence = f"{_names(publishers)} {_verb('publish', publishers)} nothing on {topic.name}"
+    supplied = [other for other in subscribed if other.passed]
+    starved = [other for other in subscribed if not other.passed and other.name != topic.name]
+    it, subscribes = ("it", "subscribes") if len(publishers) == 1 else ("they", "subscribe")
+    sentence = f"{_who(publishers, 'publish')} nothing on {topic.name}"
     if supplied:
-        counts = " and ".join(f"{each.name} ({_messages(each.passed)})" for each in supplied)
+        counts = " and ".join(f"{other.name} ({_messages(other.passed)})" for other in supplied)
         sentence += f", although {it} {subscribes} to {counts}"
-    for each in starved[:1]:
-        state = "no messages" if each.publishers else "no publisher"
-        sentence += f"; {it} also {subscribes} to {each.name}, which has {state}"
+    if starved:
+        state = "no messages" if starved[0].publishers else "no publisher"
+        sentence += f"; {it} also {subscribes} to {starved[0].name}, which has {state}"
     return Fault("no output", topic.name, owner, sentence)
 
 
-def _no_subscription(facts: GraphFacts, topic: TopicFacts, wanted: list[str]) -> Fault | None:
-    missing = [each for each in wanted if not _has_subscription(topic, [each])]
-    if not missing and (wanted or _has_any_subscription(topic)):
+def _no_subscription(facts: GraphFacts, topic: TopicFacts, readers: list[str]) -> Fault | None:
+    missing = [node for node in readers if node not in topic.subscriber_nodes]
+    has_any = not {*topic.subscriber_nodes} <= {*HARNESS}
+    if not missing and (readers or has_any):
         return None
     owner = missing[0] if missing else ""
-    others = [
-        name
-        for name, each in facts.topics.items()
+    is_node = bool(owner) and owner not in HARNESS
+    others = {
+        name: other
+        for name, other in facts.topics.items()
         if name != topic.name
-        and any(not owner or owner in HARNESS or end.node == owner for end in each.subscriptions)
-    ]
+        and (owner in other.subscriber_nodes if is_node else other.subscriptions)
+    }
     sentence = (
         f"{owner} does not subscribe to {topic.name}"
-        if owner and _has_any_subscription(topic)
+        if owner and has_any
         else f"no subscription to {topic.name}"
     )
     if topic.passed:
@@ -249,26 +237,18 @@ def _no_subscription(facts: GraphFacts, topic: TopicFacts, wanted: list[str]) ->
         sentence += f", on which {_messages(topic.passed)} {verb}"
     elif topic.name in facts.inputs:
         sentence += ", which is played"
-    close = _closest_name(
-        topic.name, [name for name in others if not facts.topics[name].publishers]
-    ) or _closest_name(topic.name, others)
+    unpublished = [name for name, other in others.items() if not other.publishers]
+    close = _closest_name(topic.name, unpublished) or _closest_name(topic.name, others)
+    unused = [name for name in unpublished if not others[name].is_planned]
     if close:
-        by = [each.node for each in facts.topics[close].subscriptions]
-        sentence += f"; the closest name is {close}, to which {_names(by)} {_verb('subscribe', by)}"
-    elif owner and owner not in HARNESS:
-        subscribed = [
-            name
-            for name in others
-            if any(end.node == owner for end in facts.topics[name].subscriptions)
-        ]
-        sentence += f"; its planned subscriber {owner} " + (
-            f"subscribes to {_names(subscribed)}" if subscribed else "has no subscriptions"
-        )
-    elif unused := [name for name in others if _is_unused(facts.topics[name])]:
-        by = [each.node for each in facts.topics[unused[0]].subscriptions]
-        sentence += (
-            f"; {unused[0]}, to which {_names(by)} {_verb('subscribe', by)}, has no publisher"
-        )
+        who = _who(others[close].subscriber_nodes, "subscribe")
+        sentence += f"; the closest name is {close}, to which {who}"
+    elif is_node:
+        subscribed = f"subscribes to {_names(others)}" if others else "has no subscriptions"
+        sentence += f"; its planned subscriber {owner} {subscribed}"
+    elif unused:
+        who = _who(others[unused[0]].subscriber_nodes, "subscribe")
+        sentence += f"; {unused[0]}, to which {who}, has no publisher"
     return Fault("no subscription", topic.name, owner, sentence)
 
 
@@ -279,29 +259,15 @@ def _closest_name(wrong: str, names: Iterable[str]) -> str:
     return by_end[close] if close else ""
 
 
-def _has_subscription(topic: TopicFacts, nodes: Iterable[str]) -> bool:
-    subscribers = {each.node for each in topic.subscriptions}
-    return any(each in subscribers for each in nodes)
-
-
-def _is_unused(topic: TopicFacts) -> bool:
-    """Whether a topic that is not in the plan has subscriptions, and nothing publishes it."""
-    return not (topic.publishers or topic.planned_publishers or topic.planned_subscribers)
-
-
-def _has_any_subscription(topic: TopicFacts) -> bool:
-    return any(each.node not in HARNESS for each in topic.subscriptions)
-
-
 def _names(names: Iterable[str]) -> str:
     return " and ".join(dict.fromkeys(names))
 
 
-def _verb(verb: str, subjects: Iterable[str]) -> str:
-    """The form of a verb, such as "publish", for one or several subjects."""
-    if len({*subjects}) > 1:
-        return verb
-    return f"{verb}es" if verb.endswith("sh") else f"{verb}s"
+def _who(subjects: Collection[str], verb: str) -> str:
+    """One or several subjects with the form of their verb, such as "publish"."""
+    several = len({*subjects}) > 1
+    ending = "" if several else "es" if verb.endswith("sh") else "s"
+    return f"{_names(subjects)} {verb}{ending}"
 
 
 def _messages(count: int | None) -> str:
@@ -312,7 +278,7 @@ def path_lines(facts: GraphFacts, path: Iterable[str]) -> list[str]:
     """The path as lines: publishers, subscriptions, types, QoS and message count of each topic."""
     lines = []
     for name in path:
-        topic = facts.topics.get(name, TopicFacts(name))
+        topic = facts.topic(name)
         passed = "" if topic.passed is None else f"; {_messages(topic.passed)}"
         lines.append(
             f"  {name} ({topic.type or 'type unknown'}): "
@@ -339,46 +305,9 @@ def find_faults(
 
     Each topic is reported once.
     """
-    faults_of_silent = [first_fault(facts, each) for each in silent]
-    found = [*(find_input_fault(facts, each) for each in inputs), *faults_of_silent]
-    return tuple({each.topic: each for each in found if each is not None}.values())
-
-
-@dataclass(frozen=True)
-class FaultReport:
-    """What is wrong with a graph, in words.
-
-    Attributes:
-        sentences: one for each fault.
-        also: other differences of the nodes with faults; may be empty.
-        path: a line for each topic on the way of the messages.
-    """
-
-    sentences: tuple[str, ...]
-    also: str
-    path: tuple[str, ...]
-
-    def text(self, state: str, said: Collection[str] = ()) -> str:
-        """The report as a text that begins with the state of the graph.
-
-        Args:
-            state: such as ``no messages on /out``.
-            said: sentences that the reader knows.
-        """
-        left = "; ".join(each for each in self.sentences if each not in said) + self.also
-        head = f"{state}: {left.removeprefix('; ')}" if left else state
-        return "\n".join([head, *self.path])
-
-
-def fault_report(
-    facts: GraphFacts, silent: Iterable[str], faults: Iterable[Fault], also: str = ""
-) -> FaultReport:
-    """The sentences of the faults, then `also`, and below them the complete path."""
-    path = dict.fromkeys(name for each in silent for name in full_path(facts, each))
-    sentences = [each.sentence for each in faults]
-    if not sentences:
-        sentences = ["publishers and subscriptions are matched, and no fault was found"]
-    return FaultReport(tuple(sentences), also, tuple(path_lines(facts, path)))
+    faults = [find_input_fault(facts, name) for name in inputs]
+    faults += [first_fault(facts, name) for name in silent]
+    return tuple({fault.topic: fault for fault in faults if fault is not None}.values())
 
 
 @dataclass(frozen=True)
@@ -409,77 +338,68 @@ def certain_topics(
         missing: topics on which the harness, or a node, has fewer matches than planned.
         remapped: the remappings of the plan.
     """
-    targets = {each.topic for each in unmatched(facts, remapped)}
+    targets = {rule.topic for rule in unmatched(facts, remapped)}
     return frozenset(
         name
         for name in missing
-        if _mismatch(facts, name) or any(_misplaced(facts, name, remapped=name in targets))
+        if _never_matches(facts, name) or _is_misplaced(facts, name, remapped=name in targets)
     )
 
 
 def unmatched(facts: GraphFacts, remapped: Iterable[RemappedTopic]) -> Iterator[RemappedTopic]:
     """The remappings to topics on which their node has no endpoint."""
-    planned = {
-        node
-        for topic in facts.topics.values()
-        for node in (*topic.planned_publishers, *topic.planned_subscribers)
-    }
-    for each in remapped:
-        topic = facts.topics.get(each.topic, TopicFacts(each.topic))
-        nodes = {end.node for end in (*topic.publishers, *topic.subscriptions)} - {*HARNESS}
-        own = {each.node} if each.own_node_name else nodes - (planned - {each.node})
+    for rule in remapped:
+        topic = facts.topic(rule.topic)
+        nodes = {*topic.publisher_nodes, *topic.subscriber_nodes} - {*HARNESS}
+        own = {rule.node} if rule.own_node_name else nodes - (facts.planned_nodes - {rule.node})
         if not nodes & own:
-            yield each
+            yield rule
 
 
-def _mismatch(facts: GraphFacts, name: str) -> bool:
+def _never_matches(facts: GraphFacts, name: str) -> bool:
     """Whether two endpoints of a topic exist that ROS does not match."""
     fault = find_input_fault(facts, name) if name in facts.inputs else first_fault(facts, name)
     return fault is not None and fault.topic == name and fault.kind in {"types", "qos"}
 
 
-def _misplaced(facts: GraphFacts, name: str, *, remapped: bool) -> Iterator[str]:
-    """The topics with an endpoint that was meant for a topic.
+def _is_misplaced(facts: GraphFacts, name: str, *, remapped: bool) -> bool:
+    """Whether another topic has an endpoint that was meant for a topic.
 
     Args:
         facts: of the graph.
         name: the topic that lacks an endpoint.
         remapped: whether a name is remapped to it, without effect.
     """
-    topic = facts.topics.get(name, TopicFacts(name))
+    topic = facts.topic(name)
     as_publisher = not topic.publishers
     there = topic.subscriptions if as_publisher else topic.publishers
-    types = {topic.type} - {""} or {each.type for each in there}
+    types = {topic.type} - {""} or {end.type for end in there}
     owners = topic.planned_publishers if as_publisher else topic.planned_subscribers
     running = {*owners} - {*HARNESS} & facts.nodes
     for other in facts.topics.values():
         ends = other.publishers if as_publisher else other.subscriptions
         counterparts = other.subscriptions if as_publisher else other.publishers
-        if other.name == name or counterparts or _is_planned(other):
+        if other.name == name or counterparts or other.is_planned or other.name in SHARED_TOPICS:
             continue
         meant = [
-            each
-            for each in ends
-            if each.node not in HARNESS
-            and (not types or each.type in types)
-            and (not running or each.node in running)
+            end.node
+            for end in ends
+            if end.node not in HARNESS
+            and (not types or end.type in types)
+            and (not running or end.node in running)
         ]
-        moved = any(_is_moved(facts, each.node, owners) for each in meant)
+        moved = any(_is_moved(facts, node, owners) for node in meant)
         if meant and (_is_similar(name, other.name) or ((remapped or moved) and types)):
-            yield other.name
+            return True
+    return False
 
 
 def _is_moved(facts: GraphFacts, node: str, planned: Iterable[str]) -> bool:
     """Whether a node is a planned one in another namespace, where no node has the planned name."""
     return any(
-        each not in facts.nodes and each.rpartition("/")[2] == node.rpartition("/")[2]
-        for each in planned
+        name not in facts.nodes and name.rpartition("/")[2] == node.rpartition("/")[2]
+        for name in planned
     )
-
-
-def _is_planned(topic: TopicFacts) -> bool:
-    planned = topic.planned_publishers or topic.planned_subscribers
-    return bool(planned) or topic.name in SHARED_TOPICS
 
 
 def _is_similar(wanted: str, found: str) -> bool:

@@ -14,35 +14,35 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import msgspec
 
 from r2bspec.execute.bringup.find_fault import (
     Fault,
-    FaultReport,
     RemappedTopic,
     certain_topics,
-    fault_report,
     find_faults,
+    full_path,
+    path_lines,
     unmatched,
 )
 from r2bspec.execute.bringup.launcher import Launcher
-from r2bspec.execute.bringup.observe_graph import (
-    GraphFacts,
-    GraphObserver,
-    weakest_offer,
-)
+from r2bspec.execute.bringup.observe_graph import HARNESS, GraphFacts, GraphObserver
 from r2bspec.execute.bringup.readiness import IdleNodes, StartDeadline, patience_s
-from r2bspec.execute.bringup.spec_mismatches import (
-    graph_mismatches,
-)
+from r2bspec.execute.bringup.spec_mismatches import find_undeclared, unmatched_remapping
 from r2bspec.execute.errors import GraphMismatchError, NotReadyError, RunError
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
+from r2bspec.ipc.protocol import weakest_offer
+from r2bspec.plan.command_lines import has_planned_name
 from r2bspec.plan.plan import MonitorPlan, Plan
+from r2bspec.record.run_record import Difference
 from r2bspec.wiring.name_resolution import expand
+
+_NO_FAULT = "publishers and subscriptions are matched, and no fault was found"
 
 EndpointKey = tuple[str, str, str]
 """An endpoint: topic, type, and ``publishes`` or ``subscribes``."""
@@ -78,239 +78,323 @@ class MonitorSubscriptions:
         Raises:
             RunError: a process does not respond, or exited.
         """
-        if not self.waiting:
-            return
-        found = self._discover(tuple(each.topic for each in self.waiting if each.qos is None))
+        topics = tuple(monitor.topic for monitor in self.waiting if monitor.qos is None)
+        writers: Mapping[str, tuple[protocol.Endpoint, ...]] = {}
+        if topics:
+            command = protocol.Discover(topics=topics)
+            writers = self.supervisor.request(self.observer, command, protocol.Discovered).writers
         ready = tuple(
-            msgspec.structs.replace(each, qos=each.qos or weakest_offer(found.writers[each.topic]))
-            for each in self.waiting
-            if each.qos is not None or found.writers[each.topic]
-        )
-        names = {each.name for each in ready}
-        self.waiting = tuple(each for each in self.waiting if each.name not in names)
-        if ready:
-            command = protocol.Subscribe(monitors=ready)
-            self.supervisor.request(self.monitor, command, protocol.Matched)
-
-    def _discover(self, topics: tuple[str, ...]) -> protocol.Discovered:
-        if not topics:
-            return protocol.Discovered(writers={}, readers={})
-        command = protocol.Discover(topics=topics)
-        return self.supervisor.request(self.observer, command, protocol.Discovered)
-
-
-def wait_until_matched(
-    supervisor: ProcessSupervisor,
-    launcher: Launcher,
-    expected_matches: dict[ManagedProcess, dict[str, int]],
-    plan: Plan,
-    phase: str,
-    deadline: StartDeadline,
-    note: Callable[[str], None],
-    subscribe: Callable[[], None] = lambda: None,
-) -> None:
-    """Wait until the endpoints of the harness are matched.
-
-    Args:
-        supervisor: all processes.
-        launcher: has the endpoints of the nodes.
-        expected_matches: for each harness process, its topics, and with how many endpoints of
-            other processes each must be matched.
-        plan: for the text of errors.
-        phase: ``preprocess`` or ``measure``.
-        deadline: of the start.
-        note: is told once what is missing, while the start is still waited for.
-        subscribe: to what could not be subscribed to before.
-
-    Raises:
-        GraphMismatchError: an endpoint is not matched, and never will be.
-        NotReadyError: an endpoint is not matched at the deadline, or the nodes are idle, for
-            another reason.
-    """
-    idle = IdleNodes(plan, phase, supervisor)
-    diagnosis = EarlyDiagnosis(
-        plan,
-        phase,
-        lambda: graph_observer(supervisor, launcher, plan, phase).look(),
-        idle_s=idle.update,
-        answer=lambda: idle.answer(supervisor.observer()),
-    )
-    told = False
-    while True:
-        subscribe()
-        missing: dict[str, tuple[int, int]] = {}
-        for child, wanted in expected_matches.items():
-            matched = supervisor.request(child, protocol.CountMatches(), protocol.Matched)
-            missing |= {
-                topic: (matched.counts.get(topic, 0), count)
-                for topic, count in wanted.items()
-                if matched.counts.get(topic, 0) < count
-            }
-        if not missing:
-            return
-        certain = diagnosis.certain(missing)
-        if certain or diagnosis.stalled_s or deadline.over:
-            raise _not_ready_error(
-                supervisor, launcher, plan, phase, missing, certain, diagnosis.stalled_s
+            msgspec.structs.replace(
+                monitor, qos=monitor.qos or weakest_offer(writers[monitor.topic])
             )
-        if diagnosis.facts is not None and not told:
-            told = True
-            silent = [topic for topic in missing if topic not in diagnosis.facts.inputs]
-            inputs = [topic for topic in missing if topic in diagnosis.facts.inputs]
-            faults = find_faults(diagnosis.facts, silent, inputs)
-            note(f"not ready so far: {'; '.join(each.sentence for each in faults)}")
-        supervisor.pump(_POLL_S)
+            for monitor in self.waiting
+            if monitor.qos is not None or writers[monitor.topic]
+        )
+        names = {monitor.name for monitor in ready}
+        self.waiting = tuple(monitor for monitor in self.waiting if monitor.name not in names)
+        if ready:
+            subscribe = protocol.Subscribe(monitors=ready)
+            self.supervisor.request(self.monitor, subscribe, protocol.Matched)
 
 
-def graph_observer(
-    supervisor: ProcessSupervisor,
-    launcher: Launcher,
-    plan: Plan,
-    phase: str,
-    monitor: ManagedProcess | None = None,
-) -> GraphObserver:
-    """Observes the graph of a phase; with a monitor, messages can be traced."""
-    known = tuple(launcher.endpoints_in(plan, phase))
-    return GraphObserver(supervisor, supervisor.observer(), plan, phase, known, monitor)
+@dataclass(frozen=True)
+class PhaseGraph:
+    """The graph of one phase, from its start on.
 
-
-def _not_ready_error(
-    supervisor: ProcessSupervisor,
-    launcher: Launcher,
-    plan: Plan,
-    phase: str,
-    missing: dict[str, tuple[int, int]],
-    certain: Collection[str],
-    stalled_s: float,
-) -> RunError:
-    """The error that names the first fault on each path.
-
-    Args:
-        supervisor: all processes.
-        launcher: has the endpoints of the nodes.
+    Attributes:
         plan: of the run.
         phase: ``preprocess`` or ``measure``.
-        missing: the topics, with the matches that they have and need.
-        certain: those that will never be matched, if that was found before the deadline.
-        stalled_s: for how long nothing has changed; 0 if the nodes are not idle.
-    """
-    facts = graph_observer(supervisor, launcher, plan, phase).observe()
-    remapped = [each for each in remapped_topics(plan, phase) if each.topic in {*missing}]
-    launcher.add_unmatched_remappings(unmatched(facts, remapped), facts)
-    inputs = [topic for topic in missing if topic in facts.inputs]
-    silent = [topic for topic in missing if topic not in facts.inputs]
-    faults = find_faults(facts, silent, inputs)
-    state = f"was not ready after {plan.start_timeout_ns / 1e9:g} s"
-    if certain:
-        state = "will not be ready"
-    elif stalled_s:
-        state = f"is not ready and has not changed for {stalled_s:.0f} s, with all nodes idle"
-    counted = ", ".join(
-        f"{topic}: {have} of {want} endpoints matched" for topic, (have, want) in missing.items()
-    )
-    return graph_error(
-        launcher,
-        faults,
-        f"the {phase} graph {state} ({counted})",
-        fault_report(facts, silent or inputs, faults),
-        otherwise=NotReadyError,
-        hint="Check remappings, message types and QoS of the nodes on these topics.",
-        certain=certain,
-    )
-
-
-def graph_error(
-    launcher: Launcher,
-    faults: Sequence[Fault],
-    state: str,
-    report: FaultReport,
-    *,
-    otherwise: type[RunError],
-    hint: str,
-    certain: Collection[str] = (),
-) -> RunError:
-    """The error for a graph whose messages do not arrive.
-
-    Args:
-        launcher: has the nodes.
-        faults: on the paths of the messages.
-        state: of the graph, in words.
-        report: on the faults.
-        otherwise: the error if the graph does not clearly differ from the spec, so that another
-            attempt might succeed.
-        hint: for that error.
-        certain: topics whose faults persist in any case.
-    """
-    differences = graph_mismatches(
-        faults,
-        launcher.differences,
-        lambda each: each.topic in certain or launcher.is_permanent(each),
-    )
-    if differences:
-        return GraphMismatchError(
-            differences,
-            report.text(state),
-            differences[0].help or hint,
-            details=report.text(state, {each.message for each in differences}),
-        )
-    return otherwise(report.text(state), hint=hint)
-
-
-def subscription_counts(launcher: Launcher, topics: Iterable[str]) -> dict[str, int]:
-    """How many subscriptions each topic has among the Python nodes that have been started."""
-    return {
-        topic: sum(
-            name == topic and does == "subscribes" for _, name, _, does in launcher.endpoints
-        )
-        for topic in topics
-    }
-
-
-def expected_subscriptions(plan: Plan, topic: str, phase: str) -> int:
-    """How many subscriptions a topic of the harness must match: those planned, at least one."""
-    planned = (each for each in plan.topics if each.name == topic and each.phase == phase)
-    subscribers = {
-        node for each in planned for node in each.readers if node not in {"loader", "monitor"}
-    }
-    return max(1, len(subscribers))
-
-
-def wait_for_mutual_discovery(
-    supervisor: ProcessSupervisor, launcher: Launcher, harness_endpoints: Iterable[EndpointKey]
-) -> None:
-    """Wait until the nodes and the harness have discovered each other from both sides.
-
-    A publisher may have discovered a subscription that has not yet discovered the publisher;
-    messages published in this time are lost. The wait is bounded by `_MAX_DISCOVERY_S`: some
-    pairs never match, for example those with incompatible QoS.
-
-    Args:
         supervisor: all processes.
-        launcher: has the nodes that can be queried.
-        harness_endpoints: the harness's own endpoints, as (topic, type, ``publishes`` or
-            ``subscribes``).
+        launcher: has started the nodes.
+        note: is told what the user should know.
     """
-    known = [(topic, kind, does) for _, topic, kind, does in launcher.endpoints] + [
-        *harness_endpoints
+
+    plan: Plan
+    phase: str
+    supervisor: ProcessSupervisor
+    launcher: Launcher
+    note: Callable[[str], None]
+
+    def wait_until_matched(
+        self,
+        expected_matches: Mapping[ManagedProcess, Mapping[str, int]],
+        deadline: StartDeadline,
+        subscribe: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Wait until the endpoints of the harness are matched; says once what is missing.
+
+        Args:
+            expected_matches: for each harness process, its topics, and with how many endpoints of
+                other processes each must be matched.
+            deadline: of the start.
+            subscribe: to what could not be subscribed to before.
+
+        Raises:
+            GraphMismatchError: an endpoint is not matched, and never will be.
+            NotReadyError: an endpoint is not matched at the deadline, or the nodes are idle, for
+                another reason.
+        """
+        idle = IdleNodes(self.plan, self.phase, self.supervisor)
+        diagnosis = EarlyDiagnosis(
+            self.plan,
+            self.remapped_topics(),
+            lambda: self.observer().look(),
+            idle_s=idle.update,
+            answer=lambda: idle.answer(self.supervisor.observer()),
+        )
+        told = False
+        while True:
+            subscribe()
+            missing: dict[str, tuple[int, int]] = {}
+            for child, topics in expected_matches.items():
+                counts = self.supervisor.request(
+                    child, protocol.CountMatches(), protocol.Matched
+                ).counts
+                missing |= {
+                    topic: (counts.get(topic, 0), count)
+                    for topic, count in topics.items()
+                    if counts.get(topic, 0) < count
+                }
+            if not missing:
+                return
+            certain = diagnosis.certain(missing)
+            if certain or diagnosis.stalled_s or deadline.over:
+                raise self._not_ready_error(missing, certain, diagnosis.stalled_s)
+            if diagnosis.facts is not None and not told:
+                told = True
+                faults = _faults_of(diagnosis.facts, missing)
+                self.note(f"not ready so far: {'; '.join(fault.sentence for fault in faults)}")
+            self.supervisor.pump(_POLL_S)
+
+    def observer(self, monitor: ManagedProcess | None = None) -> GraphObserver:
+        """Observes the graph; with a monitor, messages can be traced."""
+        plan, phase, supervisor = self.plan, self.phase, self.supervisor
+        known = tuple(self.launcher.endpoints_in(plan, phase))
+        return GraphObserver(supervisor, supervisor.observer(), plan, phase, known, monitor)
+
+    def _not_ready_error(
+        self, missing: Mapping[str, tuple[int, int]], certain: Collection[str], stalled_s: float
+    ) -> RunError:
+        """The error that names the first fault on each path.
+
+        Args:
+            missing: the topics, with the matches that they have and need.
+            certain: those that will never be matched, if that was found before the deadline.
+            stalled_s: for how long nothing has changed; 0 if the nodes are not idle.
+        """
+        facts = self.observer().observe()
+        self.add_unmatched_remappings(facts, missing)
+        state = f"was not ready after {self.plan.start_timeout_ns / 1e9:g} s"
+        if certain:
+            state = "will not be ready"
+        elif stalled_s:
+            state = f"is not ready and has not changed for {stalled_s:.0f} s, with all nodes idle"
+        counted = ", ".join(
+            f"{topic}: {have} of {want} endpoints matched"
+            for topic, (have, want) in missing.items()
+        )
+        return self.error(
+            facts,
+            _faults_of(facts, missing),
+            [topic for topic in missing if topic not in facts.inputs] or missing,
+            f"the {self.phase} graph {state} ({counted})",
+            "Check remappings, message types and QoS of the nodes on these topics.",
+            otherwise=NotReadyError,
+            certain=certain,
+            names_related=False,
+        )
+
+    def error(
+        self,
+        facts: GraphFacts,
+        faults: Sequence[Fault],
+        silent: Iterable[str],
+        state: str,
+        hint: str,
+        *,
+        otherwise: type[RunError],
+        certain: Collection[str] = (),
+        names_related: bool = True,
+    ) -> RunError:
+        """The error for a graph whose messages do not arrive, with the complete path below it.
+
+        Args:
+            facts: of the graph.
+            faults: on the paths of the messages.
+            silent: the topics at the ends of these paths.
+            state: of the graph, in words.
+            hint: for the error if the graph does not clearly differ from the spec.
+            otherwise: that error; another attempt might succeed.
+            certain: topics whose faults persist in any case.
+            names_related: whether it says what else is wrong with the nodes that have faults.
+        """
+        known = self.launcher.differences
+        differences = graph_mismatches(
+            faults, known, lambda fault: fault.topic in certain or self._is_permanent(fault)
+        )
+        sentences = [fault.sentence for fault in faults] or [_NO_FAULT]
+        also = related_differences(faults, known) if names_related else ""
+        path = dict.fromkeys(name for topic in silent for name in full_path(facts, topic))
+
+        def text(said: Collection[str] = ()) -> str:
+            left = "; ".join(sentence for sentence in sentences if sentence not in said) + also
+            head = f"{state}: {left.removeprefix('; ')}" if left else state
+            return "\n".join([head, *path_lines(facts, path)])
+
+        if not differences:
+            return otherwise(text(), hint=hint)
+        details = text({difference.message for difference in differences})
+        return GraphMismatchError(differences, text(), differences[0].help or hint, details=details)
+
+    def _is_permanent(self, fault: Fault) -> bool:
+        """Whether a fault persists, so that neither a longer wait nor another attempt helps.
+
+        A mismatch of two existing endpoints persists. A missing endpoint persists once its node
+        has been created.
+        """
+        return fault.kind in {"types", "qos"} or self.launcher.has_created(fault.owner)
+
+    def check_parameters(self, observer: ManagedProcess) -> None:
+        """Ask nodes that are not in Python hosts for their parameters; tells of undeclared ones.
+
+        Args:
+            observer: a monitor or a loader.
+
+        Raises:
+            GraphMismatchError: a node does not declare a parameter that is certainly misspelt.
+            RunError: the observer does not respond.
+        """
+        differences = find_undeclared(self.plan, self.phase, self.supervisor, observer)
+        for difference in differences:
+            self.note(f"{difference.message}; ROS ignores it")
+        self.launcher.differences += differences
+
+    def remapped_topics(self) -> tuple[RemappedTopic, ...]:
+        """The topics to which the plan remaps the names of nodes."""
+        return tuple(
+            RemappedTopic(
+                node.name,
+                before,
+                expand(after, node.node, node.namespace),
+                has_planned_name(process, node),
+            )
+            for process in self.plan.processes
+            if process.phase == self.phase
+            for node in process.nodes
+            for before, after in node.remappings.items()
+        )
+
+    def add_unmatched_remappings(self, facts: GraphFacts, topics: Collection[str]) -> None:
+        """Record remappings to some topics without effect, which discovery has shown.
+
+        What Python nodes say of themselves is already recorded.
+        """
+        differences = self.launcher.differences
+        known = {(difference.owner, difference.name) for difference in differences}
+        rules = [rule for rule in self.remapped_topics() if rule.topic in topics]
+        differences += [
+            unmatched_remapping(rule.node, rule.before, rule.topic, facts.topics_of(rule.node))
+            for rule in unmatched(facts, rules)
+            if (rule.node, rule.before) not in known
+        ]
+
+    def subscription_counts(self, topics: Iterable[str]) -> dict[str, int]:
+        """How many subscriptions topics have among the Python nodes that have been started."""
+        subscribed = Counter(
+            topic for _, topic, _, does in self.launcher.endpoints if does == "subscribes"
+        )
+        return {topic: subscribed[topic] for topic in topics}
+
+    def expected_subscriptions(self, topic: str) -> int:
+        """How many subscriptions a topic of the harness must match: the planned, at least one."""
+        planned = (
+            each for each in self.plan.topics if each.name == topic and each.phase == self.phase
+        )
+        return max(1, len({node for each in planned for node in each.readers} - {*HARNESS}))
+
+    def wait_for_mutual_discovery(self, harness_endpoints: Iterable[EndpointKey]) -> None:
+        """Wait until the nodes and the harness have discovered each other from both sides.
+
+        A publisher may have discovered a subscription that has not yet discovered the publisher;
+        messages published in this time are lost. The wait is bounded by `_MAX_DISCOVERY_S`: some
+        pairs never match, for example those with incompatible QoS.
+
+        Args:
+            harness_endpoints: the harness's own endpoints, as (topic, type, ``publishes`` or
+                ``subscribes``).
+        """
+        launcher, supervisor = self.launcher, self.supervisor
+        of_nodes = ((topic, kind, does) for _, topic, kind, does in launcher.endpoints)
+        counterparts = {"publishes": Counter[Any](), "subscribes": Counter[Any]()}
+        for topic, kind, does in (*of_nodes, *harness_endpoints):
+            counterparts["publishes" if does == "subscribes" else "subscribes"][topic, kind] += 1
+        deadline = time.monotonic() + _MAX_DISCOVERY_S
+        undiscovered = {child: {*launcher.host_endpoints(child)} for child in launcher.hosts}
+        with supervisor.waiting("nodes: discovery of the harness"):
+            while any(undiscovered.values()) and time.monotonic() < deadline:
+                for child, waiting in undiscovered.items():
+                    if waiting:
+                        found = supervisor.request(child, protocol.CountMatches(), protocol.Matched)
+                        counts = {
+                            "publishes": found.counts,
+                            "subscribes": found.publisher_counts,
+                        }
+                        waiting -= {
+                            (topic, kind, does)
+                            for topic, kind, does in waiting
+                            if counts[does].get(topic, 0) >= counterparts[does][topic, kind]
+                        }
+                supervisor.pump(_POLL_S)
+
+
+def _faults_of(facts: GraphFacts, missing: Iterable[str]) -> tuple[Fault, ...]:
+    """The faults of topics whose endpoints are not matched, inputs or not."""
+    inputs = [topic for topic in missing if topic in facts.inputs]
+    return find_faults(facts, [topic for topic in missing if topic not in inputs], inputs)
+
+
+def graph_mismatches(
+    faults: Iterable[Fault],
+    launch_differences: Iterable[Difference],
+    is_permanent: Callable[[Fault], bool] = lambda _: True,
+) -> tuple[Difference, ...]:
+    """The differences between the graph and the plan, causes before consequences.
+
+    A remapping that changed no name is the cause of a fault on the topic that it names; that fault
+    is then not reported separately.
+
+    Args:
+        faults: on the paths of messages. A node without output is not a difference.
+        launch_differences: found when the nodes were created.
+        is_permanent: whether a fault persists; only these are differences.
+    """
+    faults = [fault for fault in faults if fault.kind != "no output"]
+    missing = {fault.topic for fault in faults}
+    causes = [
+        msgspec.structs.replace(difference, harmless=False)
+        for difference in launch_differences
+        if difference.topic and difference.topic in missing
     ]
-    publishers = Counter((topic, kind) for topic, kind, does in known if does == "publishes")
-    subscriptions = Counter((topic, kind) for topic, kind, does in known if does == "subscribes")
-    deadline = time.monotonic() + _MAX_DISCOVERY_S
-    undiscovered = {child: {*launcher.host_endpoints(child)} for child in launcher.hosts}
-    with supervisor.waiting("nodes: discovery of the harness"):
-        while any(undiscovered.values()) and time.monotonic() < deadline:
-            for child, waiting in undiscovered.items():
-                if waiting:
-                    found = supervisor.request(child, protocol.CountMatches(), protocol.Matched)
-                    waiting -= {
-                        (topic, kind, does)
-                        for topic, kind, does in waiting
-                        if (found.counts if does == "publishes" else found.publisher_counts).get(
-                            topic, 0
-                        )
-                        >= (subscriptions if does == "publishes" else publishers)[topic, kind]
-                    }
-            supervisor.pump(_POLL_S)
+    explained = {difference.topic for difference in causes}
+    consequences = (
+        Difference(
+            code=fault.code,
+            message=fault.sentence,
+            part="endpoint",
+            owner=fault.owner,
+            name=fault.topic,
+        )
+        for fault in faults
+        if fault.topic not in explained and is_permanent(fault)
+    )
+    return (*causes, *consequences)
+
+
+def related_differences(faults: Iterable[Fault], launch_differences: Iterable[Difference]) -> str:
+    """Other differences of the nodes with faults, as text to append to a sentence."""
+    owners = {fault.owner for fault in faults}
+    related = (each.message for each in launch_differences if each.owner in owners)
+    return "".join(f"; {message}" for message in related)
 
 
 class EarlyDiagnosis:
@@ -318,7 +402,7 @@ class EarlyDiagnosis:
 
     Args:
         plan: of the run.
-        phase: ``preprocess`` or ``measure``.
+        remapped: the topics to which it remaps the names of nodes.
         observe: returns the facts of the graph, as discovery shows them now.
         clock: a monotonic clock in seconds.
         idle_s: for how many seconds the nodes have been idle.
@@ -335,7 +419,7 @@ class EarlyDiagnosis:
     def __init__(
         self,
         plan: Plan,
-        phase: str,
+        remapped: Sequence[RemappedTopic],
         observe: Callable[[], GraphFacts],
         clock: Callable[[], float] = time.monotonic,
         *,
@@ -347,7 +431,7 @@ class EarlyDiagnosis:
         self._idle_s = idle_s
         self._answer = answer
         self._patience_s = patience_s(plan)
-        self._remapped = tuple(remapped_topics(plan, phase))
+        self._remapped = remapped
         self._last: GraphFacts | None = None
         self._unchanged_since = self._next = clock() + _LOOK_S
 
@@ -374,13 +458,3 @@ class EarlyDiagnosis:
         if quiet_s >= self._patience_s and self._answer():
             self.stalled_s = unchanged_s
         return certain_topics(facts, missing, self._remapped)
-
-
-def remapped_topics(plan: Plan, phase: str) -> Iterator[RemappedTopic]:
-    """The topics to which a plan remaps the names of nodes."""
-    for process in plan.processes:
-        for node in process.nodes if process.phase == phase else ():
-            own_name = process.role != "command" or f"__node:={node.node}" in process.argv
-            for before, after in node.remappings.items():
-                full = expand(after, node.node, node.namespace)
-                yield RemappedTopic(node.name, before, full, own_name)

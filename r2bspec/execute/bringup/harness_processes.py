@@ -28,7 +28,8 @@ import msgspec
 
 from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.bringup.readiness import IdleTime, idle_patience_s, starts_others
-from r2bspec.execute.processes.prerequisites import build_errors, not_joinable
+from r2bspec.execute.processes.elf import not_joinable
+from r2bspec.execute.processes.prerequisites import build_errors
 from r2bspec.execute.processes.resources import family
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
@@ -218,7 +219,7 @@ class GraphJoins:
         Raises:
             NotJoinableError: it answers that it cannot, or does not answer.
         """
-        command = ",".join(parts).encode() + b" " + os.fsencode(self._files.library)
+        command = ",".join(parts).encode() + b" " + os.fsencode(self._files.library) + b"\n"
         with contextlib.suppress(OSError):
             asking.connection.sendall(command)
         asking.connection.setblocking(False)

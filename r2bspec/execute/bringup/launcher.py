@@ -11,12 +11,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from r2bspec.execute.bringup.find_fault import Fault, RemappedTopic
-from r2bspec.execute.bringup.observe_graph import GraphFacts, topics_of
 from r2bspec.execute.bringup.readiness import StartDeadline, wait_for_exit
 from r2bspec.execute.bringup.spec_mismatches import (
     require_declared_parameters,
-    unmatched_remapping,
     unmatched_remappings,
 )
 from r2bspec.execute.processes.environment import RunEnvironment
@@ -310,31 +307,14 @@ class Launcher:
         """Record that the graph has nodes that the run neither starts nor can query."""
         self._has_opaque_nodes = True
 
-    def is_permanent(self, found: Fault) -> bool:
-        """Whether a fault persists, so that neither a longer wait nor another attempt helps.
+    def has_created(self, owner: str) -> bool:
+        """Whether a node, or every node if it is unknown, has all of its endpoints.
 
-        A mismatch of two existing endpoints persists. A missing endpoint persists once its node
-        has been created; a node that cannot be queried may still create it.
+        A node that cannot be queried may still create one.
         """
-        if found.kind in {"types", "qos"}:
-            return True
-        if found.owner.startswith("/"):
-            return found.owner in self._created_nodes
+        if owner.startswith("/"):
+            return owner in self._created_nodes
         return not self._has_opaque_nodes
-
-    def add_unmatched_remappings(
-        self, remapped: Iterable[RemappedTopic], facts: GraphFacts
-    ) -> None:
-        """Record remappings without effect, which discovery has shown.
-
-        What Python nodes say of themselves is already recorded.
-        """
-        known = {(each.owner, each.name) for each in self.differences}
-        self.differences += [
-            unmatched_remapping(each.node, each.before, each.topic, topics_of(facts, each.node))
-            for each in remapped
-            if (each.node, each.before) not in known
-        ]
 
     def _load_components(self, plans: Iterable[ProcessPlan], deadline: StartDeadline) -> None:
         """Load the components of containers that have been started.

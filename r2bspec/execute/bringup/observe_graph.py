@@ -9,18 +9,19 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 
+import msgspec
+
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.arrivals import ArrivalReader
-from r2bspec.ipc.protocol import Endpoint, QosMismatch
+from r2bspec.ipc.protocol import Endpoint, QosMismatch, weakest_offer
 from r2bspec.ipc.sample_files import RowReader
-from r2bspec.language.spec import QoS
 from r2bspec.middleware.middleware import RMW_VARIABLE, middleware_of
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.plan.taps import all_taps
@@ -41,7 +42,6 @@ _MAX_QUIET_WAIT_S = 5.0
 _MAX_DISCOVERY_S = 10.0
 """Discovery takes a fraction of a second, and much longer on a busy machine."""
 
-_SUBSCRIPTION_DEPTH = 1000
 _POLL_S = 0.02
 _DISCOVERY_INTERVAL_S = 0.3
 _Answer = TypeVar("_Answer")
@@ -73,15 +73,30 @@ class TopicFacts:
     qos_mismatches: tuple[QosMismatch, ...] = ()
     passed: int | None = None
 
+    @property
+    def publisher_nodes(self) -> tuple[str, ...]:
+        """The nodes whose publishers were discovered."""
+        return tuple(dict.fromkeys(end.node for end in self.publishers))
+
+    @property
+    def subscriber_nodes(self) -> tuple[str, ...]:
+        """The nodes whose subscriptions were discovered."""
+        return tuple(dict.fromkeys(end.node for end in self.subscriptions))
+
+    @property
+    def is_planned(self) -> bool:
+        """Whether something is to publish it, or to subscribe to it."""
+        return bool(self.planned_publishers or self.planned_subscribers)
+
     @cached_property
     def all_publishers(self) -> frozenset[str]:
         """The nodes that publish it, planned or discovered."""
-        return frozenset(self.planned_publishers) | {each.node for each in self.publishers}
+        return frozenset(self.planned_publishers + self.publisher_nodes)
 
     @cached_property
     def all_subscribers(self) -> frozenset[str]:
         """The nodes that subscribe to it, planned or discovered."""
-        return frozenset(self.planned_subscribers) | {each.node for each in self.subscriptions}
+        return frozenset(self.planned_subscribers + self.subscriber_nodes)
 
 
 @dataclass(frozen=True)
@@ -100,102 +115,99 @@ class GraphFacts:
     played: int | None = None
     nodes: frozenset[str] = frozenset()
 
+    def topic(self, name: str) -> TopicFacts:
+        """A topic by its name; one of which nothing is known has no endpoints."""
+        return self.topics.get(name, TopicFacts(name))
+
+    @property
+    def planned_nodes(self) -> frozenset[str]:
+        """The nodes, and the parts of the harness, that the plan names."""
+        topics = self.topics.values()
+        return frozenset(
+            name
+            for topic in topics
+            for name in (*topic.planned_publishers, *topic.planned_subscribers)
+        )
+
     def topics_subscribed_by(self, node: str) -> tuple[str, ...]:
         """The topics to which a node subscribes, planned or discovered, sorted."""
-        return tuple(sorted(n for n, each in self.topics.items() if node in each.all_subscribers))
+        return tuple(sorted(name for name, t in self.topics.items() if node in t.all_subscribers))
 
     def topics_published_by(self, node: str) -> tuple[str, ...]:
         """The topics on which a node has a publisher, sorted."""
-        return tuple(
-            sorted(
-                n for n, t in self.topics.items() if any(each.node == node for each in t.publishers)
-            )
-        )
+        return tuple(sorted(name for name, t in self.topics.items() if node in t.publisher_nodes))
 
-
-def topics_of(facts: GraphFacts, node: str) -> tuple[str, ...]:
-    """The topics of a running node; if it is not found, those of nodes that are not in the plan."""
-    planned = {
-        each
-        for topic in facts.topics.values()
-        for each in (*topic.planned_publishers, *topic.planned_subscribers)
-    }
-    by_node: dict[str, list[str]] = {}
-    for name, topic in sorted(facts.topics.items()):
-        for end in (*topic.publishers, *topic.subscriptions):
-            if end.node not in HARNESS:
-                by_node.setdefault(end.node, []).append(name)
-    if node in by_node:
-        return tuple(dict.fromkeys(by_node[node]))
-    found = (name for each, names in by_node.items() if each not in planned for name in names)
-    return tuple(dict.fromkeys(found))
+    def topics_of(self, node: str) -> tuple[str, ...]:
+        """The topics of a running node; if it is not found, of nodes that are not in the plan."""
+        by_node: dict[str, dict[str, None]] = {}
+        for name, topic in sorted(self.topics.items()):
+            for owner in (*topic.publisher_nodes, *topic.subscriber_nodes):
+                if owner not in HARNESS:
+                    by_node.setdefault(owner, {})[name] = None
+        if node in by_node:
+            return tuple(by_node[node])
+        unplanned = by_node.keys() - self.planned_nodes
+        names = (name for owner, names in by_node.items() if owner in unplanned for name in names)
+        return tuple(dict.fromkeys(names))
 
 
 def gather_facts(
     plan: Plan,
     phase: str,
-    discovered: Mapping[str, tuple[tuple[Endpoint, ...], tuple[Endpoint, ...]]],
-    qos_mismatches: Iterable[QosMismatch] = (),
-    *,
+    discovered: protocol.Discovered,
     nodes: Iterable[str] = (),
     passed: Mapping[str, int] | None = None,
-    played: int | None = None,
 ) -> GraphFacts:
     """Combine the plan with the observations.
 
     Args:
         plan: of the run.
         phase: ``preprocess`` or ``measure``.
-        discovered: publishers and subscriptions of each topic.
-        qos_mismatches: pairs that never match.
+        discovered: publishers and subscriptions of each topic, and the pairs that never match.
         nodes: the discovered nodes.
-        passed: messages counted, by topic.
-        played: steps that were played in that time.
+        passed: messages counted, by topic, while `TRACE_STEPS` steps were played.
     """
-    planned = {each.name: each for each in plan.topics if each.phase == phase}
-    mismatches = [*qos_mismatches]
+    planned = {topic.name: topic for topic in plan.topics if topic.phase == phase}
     topics = {}
-    for name in sorted({*planned, *discovered}):
+    for name in sorted({*planned, *discovered.writers}):
         plan_topic = planned.get(name)
-        publishers, subscriptions = discovered.get(name, ((), ()))
         expected_subscribers = plan_topic.readers if plan_topic else ()
+        subscriptions = map(_with_plan_name, discovered.readers.get(name, ()))
         topics[name] = TopicFacts(
             name=name,
             type=plan_topic.type if plan_topic else "",
             planned_publishers=plan_topic.writers if plan_topic else (),
             planned_subscribers=expected_subscribers,
-            publishers=tuple(_with_plan_name(each) for each in publishers),
+            publishers=tuple(map(_with_plan_name, discovered.writers.get(name, ()))),
             subscriptions=tuple(
-                found
-                for each in subscriptions
-                if (found := _with_plan_name(each)).node not in HARNESS
-                or found.node in expected_subscribers
+                end
+                for end in subscriptions
+                if end.node not in HARNESS or end.node in expected_subscribers
             ),
             qos_mismatches=tuple(
-                QosMismatch(_name(each.writer), _name(each.reader), each.topic, each.why)
-                for each in mismatches
-                if each.topic == name
+                QosMismatch(_plan_name(pair.writer), _plan_name(pair.reader), name, pair.why)
+                for pair in discovered.qos_mismatches
+                if pair.topic == name
             ),
             passed=None if passed is None else passed.get(name),
         )
     begin = "loader" if phase == "preprocess" else "player"
-    inputs = tuple(name for name, each in topics.items() if begin in each.planned_publishers)
-    return GraphFacts(topics=topics, inputs=inputs, played=played, nodes=frozenset(nodes))
+    return GraphFacts(
+        topics=topics,
+        inputs=tuple(name for name, topic in topics.items() if begin in topic.planned_publishers),
+        played=None if passed is None else TRACE_STEPS,
+        nodes=frozenset(nodes),
+    )
 
 
-def _name(node: str) -> str:
+def _plan_name(node: str) -> str:
     """The name of a node in the plan: of a part of the harness its role."""
     role = node.removeprefix("/r2bspec/")
     return role if role in HARNESS else node
 
 
 def _with_plan_name(end: Endpoint) -> Endpoint:
-    return Endpoint(
-        node=_name(end.node),
-        type=end.type,
-        reliability=end.reliability,
-        durability=end.durability,
-    )
+    return msgspec.structs.replace(end, node=_plan_name(end.node))
 
 
 @dataclass(frozen=True)
@@ -221,8 +233,7 @@ class GraphObserver:
 
     def look(self) -> GraphFacts:
         """The endpoints that discovery shows at this moment; there may be more."""
-        found = self._ask(protocol.ListGraph(), protocol.GraphSnapshot)
-        return self._gather(found, self._discover(found))
+        return self._gather(*self._discover())
 
     def observe(self) -> GraphFacts:
         """The endpoints of every topic; nothing is played."""
@@ -235,7 +246,7 @@ class GraphObserver:
             rows_dir: the folder where the monitor's process writes its rows.
             play: plays the steps and returns when they have been published.
         """
-        found, discovered = self._wait_for_discovery()
+        nodes, discovered = self._wait_for_discovery()
         # A run may be traced more than once, and a file of rows is never opened again.
         now = time.monotonic_ns()
         watches = tuple(
@@ -253,9 +264,9 @@ class GraphObserver:
         self._ask_monitor(protocol.StartTap(monitors=watches))
         self._wait_for_matches({each.topic for each in watches})
         files = {
-            each.topic: ArrivalReader(rows_dir / f"{each.name}.rows", MONITOR_FIELDS)
-            for each in watches
-            if (rows_dir / f"{each.name}.rows").exists()
+            watch.topic: ArrivalReader(path, MONITOR_FIELDS)
+            for watch in watches
+            if (path := rows_dir / f"{watch.name}.rows").exists()
         }
         # Messages that publishers keep for late subscriptions arrive now; they are not counted.
         self._wait_for_quiet(files.values())
@@ -264,58 +275,45 @@ class GraphObserver:
         self._wait_for_quiet(files.values())
         passed = {topic: rows.count() - before[topic] for topic, rows in files.items()}
         self._ask_monitor(protocol.StopTap())
-        return self._gather(found, discovered, passed)
+        return self._gather(nodes, discovered, passed)
 
-    def _wait_for_discovery(self) -> tuple[protocol.GraphSnapshot, protocol.Discovered]:
+    def _wait_for_discovery(self) -> tuple[tuple[str, ...], protocol.Discovered]:
         """The result of discovery when it no longer changes; at first it is incomplete."""
         deadline = time.monotonic() + _MAX_DISCOVERY_S
-        found = self._ask(protocol.ListGraph(), protocol.GraphSnapshot)
-        discovered = self._discover(found)
+        nodes, discovered = self._discover()
         while time.monotonic() < deadline:
             before = _endpoints(discovered)
             self.supervisor.pump(_DISCOVERY_INTERVAL_S)
-            found = self._ask(protocol.ListGraph(), protocol.GraphSnapshot)
-            discovered = self._discover(found)
+            nodes, discovered = self._discover()
             if _endpoints(discovered) == before and self._knows_all_endpoints(discovered):
                 break
-        return found, discovered
+        return nodes, discovered
 
     def _knows_all_endpoints(self, discovered: protocol.Discovered) -> bool:
         for node, topic, _, does in self.known:
             ends = discovered.writers if does == "publishes" else discovered.readers
-            if topic not in _COMMON_TOPICS and node not in {
-                each.node for each in ends.get(topic, ())
-            }:
+            if topic not in _COMMON_TOPICS and all(end.node != node for end in ends.get(topic, ())):
                 return False
         return all(
-            discovered.writers.get(each.name)
-            for each in self.plan.topics
-            if each.phase == self.phase and {"player", "loader"} & {*each.writers}
+            discovered.writers.get(topic.name)
+            for topic in self.plan.topics
+            if topic.phase == self.phase and {"player", "loader"} & {*topic.writers}
         )
 
-    def _discover(self, found: protocol.GraphSnapshot) -> protocol.Discovered:
-        planned = {each.name for each in self.plan.topics if each.phase == self.phase}
-        names = tuple(sorted({*planned, *found.topics} - {*_COMMON_TOPICS}))
-        return self._ask(protocol.Discover(topics=names), protocol.Discovered)
+    def _discover(self) -> tuple[tuple[str, ...], protocol.Discovered]:
+        """The nodes and the endpoints that discovery shows now."""
+        graph = self._ask(protocol.ListGraph(), protocol.GraphSnapshot)
+        planned = {topic.name for topic in self.plan.topics if topic.phase == self.phase}
+        names = tuple(sorted({*planned, *graph.topics} - {*_COMMON_TOPICS}))
+        return graph.nodes, self._ask(protocol.Discover(topics=names), protocol.Discovered)
 
     def _gather(
         self,
-        found: protocol.GraphSnapshot,
+        nodes: Iterable[str],
         discovered: protocol.Discovered,
-        passed: dict[str, int] | None = None,
+        passed: Mapping[str, int] | None = None,
     ) -> GraphFacts:
-        return gather_facts(
-            self.plan,
-            self.phase,
-            {
-                topic: (publishers, discovered.readers[topic])
-                for topic, publishers in discovered.writers.items()
-            },
-            discovered.qos_mismatches,
-            nodes=found.nodes,
-            passed=passed,
-            played=None if passed is None else TRACE_STEPS,
-        )
+        return gather_facts(self.plan, self.phase, discovered, nodes, passed)
 
     def _ask(self, command: object, kind: type[_Answer]) -> _Answer:
         return self.supervisor.request(self.observer, command, kind)
@@ -348,21 +346,10 @@ class GraphObserver:
             self.supervisor.pump(_POLL_S)
 
 
-def weakest_offer(publishers: Sequence[protocol.Endpoint]) -> QoS:
-    """A QoS that is compatible with all publishers of a topic."""
-    reliable = all(each.reliability == "reliable" for each in publishers)
-    transient = all(each.durability == "transient_local" for each in publishers)
-    return QoS(
-        reliability="reliable" if reliable else "best_effort",
-        durability="transient_local" if transient else "volatile",
-        depth=_SUBSCRIPTION_DEPTH,
-    )
-
-
 def _endpoints(discovered: protocol.Discovered) -> list[tuple[str, str]]:
     """All endpoints, sorted."""
-    both = (discovered.writers.items(), discovered.readers.items())
-    return sorted((topic, repr(end)) for side in both for topic, ends in side for end in ends)
+    both = (*discovered.writers.items(), *discovered.readers.items())
+    return sorted((topic, repr(end)) for topic, ends in both for end in ends)
 
 
 def guarded_topics(plan: Plan) -> tuple[str, ...]:
@@ -373,10 +360,8 @@ def guarded_topics(plan: Plan) -> tuple[str, ...]:
     """
     if plan.external or any(RMW_VARIABLE in each.env for each in plan.processes):
         return ()
-    topics = [each.topic for each in plan.inputs]
-    topics += [each.topic for each in plan.monitors]
-    topics += [each.topic for each in all_taps(plan.monitors)]
-    return tuple(dict.fromkeys(topics))
+    sources = (*plan.inputs, *plan.monitors, *all_taps(plan.monitors))
+    return tuple(dict.fromkeys(source.topic for source in sources))
 
 
 def foreign_publishers(supervisor: ProcessSupervisor, observer: ManagedProcess) -> tuple[str, ...]:
@@ -388,11 +373,9 @@ def foreign_publishers(supervisor: ProcessSupervisor, observer: ManagedProcess) 
         return ()
     # The observer knows processes by their environment, which one may have lost or may hide.
     pids = supervisor.pids()
-    middleware = middleware_of(os.environ)
-    foreign = [
-        each for each in seen if not middleware.may_be_endpoint_of(bytes.fromhex(each.gid), pids)
-    ]
-    return tuple(dict.fromkeys(_describe(each) for each in foreign))
+    is_own = middleware_of(os.environ).may_be_endpoint_of
+    foreign = (_describe(each) for each in seen if not is_own(bytes.fromhex(each.gid), pids))
+    return tuple(dict.fromkeys(foreign))
 
 
 def _describe(publisher: protocol.ForeignPublisher) -> str:

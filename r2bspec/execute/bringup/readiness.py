@@ -30,7 +30,7 @@ from r2bspec.execute.processes.prerequisites import resolve_command
 from r2bspec.execute.processes.resources import RunQueueWaits, family
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor, describe_exit
 from r2bspec.ipc import protocol
-from r2bspec.plan.command_lines import INCLUDED_LAUNCH, container_node_name
+from r2bspec.plan.command_lines import INCLUDED_LAUNCH, container_node_name, has_planned_name
 from r2bspec.plan.plan import Plan, ProbePlan, ProcessPlan, SetupPlan
 from r2bspec.private_files import user_umask
 from r2bspec.record.run_folder import RunFolder
@@ -167,7 +167,7 @@ def all_answer(processes: Iterable[ProcessPlan], found: protocol.ParameterLists)
         if process.role == "container":
             named.add(container_node_name(process.argv))
         for node in process.nodes:
-            if process.role != "command" or f"__node:={node.node}" in process.argv:
+            if has_planned_name(process, node):
                 named.add(node.name)
             else:
                 unnamed += 1
@@ -352,7 +352,7 @@ class LogSearch:
         lines = (self._last_line + chunk).split(b"\n")
         self._last_line = lines[-1][-_MAX_LINE_BYTES:]
         return any(
-            self._pattern.is_in(part)
+            self._pattern(part)
             for line in lines
             for part in line.decode(errors="replace").splitlines()
         )

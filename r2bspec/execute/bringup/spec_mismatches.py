@@ -8,16 +8,16 @@ parameter that is not declared, so that a graph with a misspelt one runs, with a
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import msgspec
 
 from r2bspec.diagnostics import did_you_mean
-from r2bspec.execute.bringup.find_fault import Fault
 from r2bspec.execute.errors import GraphMismatchError
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
+from r2bspec.plan.command_lines import has_planned_name
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_record import Difference
 
@@ -39,14 +39,17 @@ def require_declared_parameters(ready: protocol.Ready) -> None:
     Raises:
         GraphMismatchError: a node does not declare one.
     """
-    found = [
+    differences = [
         undeclared_parameter(node, name, sorted(ready.parameters.get(node, ())))
         for node, name in ready.undeclared
     ]
-    if found:
-        raise GraphMismatchError(
-            found, "; ".join(each.message for each in found), hint=found[0].help
-        )
+    if differences:
+        raise _mismatch(differences)
+
+
+def _mismatch(differences: Sequence[Difference]) -> GraphMismatchError:
+    message = "; ".join(difference.message for difference in differences)
+    return GraphMismatchError(differences, message, hint=differences[0].help)
 
 
 def undeclared_parameter(node: str, name: str, known: Sequence[str]) -> Difference:
@@ -100,51 +103,6 @@ def unmatched_remapping(node: str, before: str, after: str, own: Iterable[str]) 
     )
 
 
-def graph_mismatches(
-    faults: Iterable[Fault],
-    launch_differences: Iterable[Difference],
-    is_permanent: Callable[[Fault], bool] = lambda _: True,
-) -> tuple[Difference, ...]:
-    """The differences between the graph and the plan, causes before consequences.
-
-    A remapping that changed no name is the cause of a fault on the topic that it names; that fault
-    is then not reported separately.
-
-    Args:
-        faults: on the paths of messages. A node without output is not a difference.
-        launch_differences: found when the nodes were created.
-        is_permanent: whether a fault persists; only these are differences.
-    """
-    faults = [each for each in faults if each.kind != "no output"]
-    missing = {each.topic for each in faults}
-    causes = [
-        msgspec.structs.replace(each, harmless=False)
-        for each in launch_differences
-        if each.topic and each.topic in missing
-    ]
-    explained = {each.topic for each in causes}
-    return (
-        *causes,
-        *(
-            Difference(
-                code=each.code,
-                message=each.sentence,
-                part="endpoint",
-                owner=each.owner,
-                name=each.topic,
-            )
-            for each in faults
-            if each.topic not in explained and is_permanent(each)
-        ),
-    )
-
-
-def related_differences(faults: Iterable[Fault], launch_differences: Iterable[Difference]) -> str:
-    """Other differences of the nodes with faults, as text to append to a sentence."""
-    owners = {each.owner for each in faults}
-    return "".join(f"; {each.message}" for each in launch_differences if each.owner in owners)
-
-
 @dataclass(frozen=True)
 class ExpectedParameters:
     """The parameters that a plan sets for a node.
@@ -164,49 +122,15 @@ class ExpectedParameters:
 def expected_parameters(plan: Plan, phase: str) -> Iterator[ExpectedParameters]:
     """The parameters of nodes that run in processes other than Python hosts."""
     for process in plan.processes:
-        if process.phase != phase or process.role not in {"container", "command"}:
-            continue
-        for node in process.nodes:
-            names = tuple(each for each in node.parameters if not _is_common(each))
-            own_name = process.role == "container" or f"__node:={node.node}" in process.argv
-            if names:
-                yield ExpectedParameters(node.name, names, own_name)
+        if process.phase == phase and process.role in {"container", "command"}:
+            for node in process.nodes:
+                names = tuple(name for name in node.parameters if not _is_common(name))
+                if names:
+                    yield ExpectedParameters(node.name, names, has_planned_name(process, node))
 
 
 def _is_common(name: str) -> bool:
     return name in _COMMON_PARAMETERS or name.startswith("qos_overrides.")
-
-
-def check_parameters(
-    plan: Plan,
-    phase: str,
-    supervisor: ProcessSupervisor,
-    observer: ManagedProcess,
-    differences: list[Difference],
-    note: Callable[[str], None],
-) -> None:
-    """Ask nodes that are not in Python hosts for their parameters.
-
-    Args:
-        plan: of the run.
-        phase: ``preprocess`` or ``measure``.
-        supervisor: all processes.
-        observer: a monitor or a loader.
-        differences: receives those that fail nothing.
-        note: is told of them.
-
-    Raises:
-        GraphMismatchError: a node does not declare a parameter that is certainly misspelt.
-        RunError: the observer does not respond.
-    """
-    found = find_undeclared(plan, phase, supervisor, observer)
-    wrong = [each for each in found if not each.harmless]
-    if wrong:
-        message = "; ".join(each.message for each in wrong)
-        raise GraphMismatchError(wrong, message, hint=wrong[0].help)
-    for each in found:
-        note(f"{each.message}; ROS ignores it")
-    differences += found
 
 
 def find_undeclared(
@@ -224,25 +148,25 @@ def find_undeclared(
         observer: a monitor or a loader.
 
     Raises:
+        GraphMismatchError: a node does not declare a parameter that is certainly misspelt.
         RunError: the observer does not respond.
     """
     expected = tuple(expected_parameters(plan, phase))
     if not expected:
         return ()
-    hosted = {
-        node.name
-        for process in plan.processes
-        if process.role in {"host", "harness"}
-        for node in process.nodes
-    }
-    command = protocol.ListParameters(exclude=tuple(sorted(hosted)), timeout_ns=_CALL_NS)
+    hosts = (process for process in plan.processes if process.role in {"host", "harness"})
+    hosted = sorted({node.name for process in hosts for node in process.nodes})
+    command = protocol.ListParameters(exclude=tuple(hosted), timeout_ns=_CALL_NS)
     deadline = time.monotonic() + _PATIENCE_S
     while True:
-        found = supervisor.request(observer, command, protocol.ParameterLists, _REPLY_TIMEOUT_S)
-        differences = tuple(undeclared(expected, found))
+        lists = supervisor.request(observer, command, protocol.ParameterLists, _REPLY_TIMEOUT_S)
+        differences = tuple(undeclared(expected, lists))
         if not differences or time.monotonic() > deadline:
-            return differences
+            break
         supervisor.pump(_POLL_S)
+    if wrong := [difference for difference in differences if not difference.harmless]:
+        raise _mismatch(wrong)
+    return differences
 
 
 def undeclared(
@@ -250,17 +174,17 @@ def undeclared(
 ) -> Iterator[Difference]:
     """The parameters that are not declared; none for a process of which no node has responded."""
     expected = tuple(expected)
-    named = {each.node for each in expected if each.own_node_name}
-    for each in expected:
-        nodes = {each.node} if each.own_node_name else found.parameters.keys() - named
-        answered = [name for name in sorted(nodes) if name in found.parameters]
-        declared = {one for name in answered for one in found.parameters[name]}
-        for name in each.names:
+    named = {node.node for node in expected if node.own_node_name}
+    for node in expected:
+        nodes = {node.node} if node.own_node_name else found.parameters.keys() - named
+        answered = nodes & found.parameters.keys()
+        declared = {name for other in answered for name in found.parameters[other]}
+        for name in node.names:
             if answered and name not in declared:
-                known = [one for one in sorted(declared) if not _is_common(one)]
-                difference = undeclared_parameter(each.node, name, known)
-                certain = any(is_typing_error(name, one) for one in known)
-                lifecycle = not {*answered}.isdisjoint(found.lifecycle)
+                known = [other for other in sorted(declared) if not _is_common(other)]
+                difference = undeclared_parameter(node.node, name, known)
+                certain = any(is_typing_error(name, other) for other in known)
+                lifecycle = not answered.isdisjoint(found.lifecycle)
                 yield msgspec.structs.replace(difference, harmless=lifecycle or not certain)
 
 

@@ -16,26 +16,19 @@ import os
 import re
 import struct
 from collections.abc import Iterator
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import Final
 
+from r2bspec.execute.processes.elf import DAMAGED, ELF, ElfFile, read_elf
 from r2bspec.record.graph_identity import FileDigest
-from r2bspec.safe_io.safe_file import is_regular, names_in, open_regular, read_bytes, read_listed
+from r2bspec.safe_io.safe_file import is_regular, open_regular, read_bytes
 
 _MAX_DIGEST_BYTES: Final = 512_000_000
-_MAX_NOTE_BYTES: Final = 65_536
-_MAX_SEGMENTS: Final = 512
-_BLOCK_BYTES: Final = 1 << 20
+_NOTE_SEGMENT: Final = 4
+"""PT_NOTE: it has notes of the linker."""
 
-_ELF: Final = b"\x7fELF"
-_PT_NOTE: Final = 4
-_NT_GNU_BUILD_ID: Final = 3
-_HEADERS: Final = {
-    # The format after the identification, and that of an entry of the program header.
-    1: ("HHIIIIIHHHHHH", "IIIIIIII"),
-    2: ("HHIQQQIHHHHHH", "IIQQQQQQ"),
-}
+_BUILD_ID_NOTE: Final = 3
 
 
 class FileDigests:
@@ -48,7 +41,7 @@ class FileDigests:
     def __init__(self, top: Path) -> None:
         self._top = os.path.realpath(top)
         self._digests: dict[str, str] = {}
-        self._real_folders: dict[str, str] = {}
+        self._real_folder = cache(os.path.realpath)
 
     def digest(self, path: Path) -> FileDigest | None:
         """The digest of a file; None if it cannot be read.
@@ -68,9 +61,7 @@ class FileDigests:
         folder, name = os.path.split(path)
         if name in {"", ".", ".."}:
             return os.path.realpath(path)
-        if folder not in self._real_folders:
-            self._real_folders[folder] = os.path.realpath(folder)
-        place = os.path.join(self._real_folders[folder], name)  # noqa: PTH118 - for many files
+        place = os.path.join(self._real_folder(folder), name)  # noqa: PTH118 - for many files
         return os.path.realpath(place) if os.path.islink(place) else place  # noqa: PTH114
 
     def shown(self, place: str) -> str:
@@ -89,20 +80,17 @@ def file_sha256(path: Path) -> str:
     Raises:
         OSError: it is none, is larger than half a gigabyte, or cannot be read.
     """
-    digest = hashlib.sha256()
     with open_regular(path) as file:
         if os.fstat(file.fileno()).st_size > _MAX_DIGEST_BYTES:
             raise OSError(f"{path} is too large for a digest")
-        while block := file.read(_BLOCK_BYTES):
-            digest.update(block)
-    return digest.hexdigest()
+        return hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
 
 
 def is_elf(path: Path) -> bool:
     """Whether a file is an executable or a library of this system."""
     try:
         with open_regular(path) as file:
-            return file.read(len(_ELF)) == _ELF
+            return file.read(len(ELF)) == ELF
     except OSError:
         return False
 
@@ -115,70 +103,37 @@ def build_id(path: Path) -> str:
     try:
         with open_regular(path) as file:
             try:
-                note = _build_id_note(file)
-            except (struct.error, ValueError, OverflowError):
+                note = _build_id_note(read_elf(file))
+            except DAMAGED:
                 note = ""
         return note or f"sha256:{file_sha256(path)}"
     except OSError:
         return ""
 
 
-def _build_id_note(file: BinaryIO) -> str:
-    """The note of the linker, in hexadecimal digits; empty without one.
-
-    Raises:
-        struct.error: the file ends too early.
-        ValueError: an offset is none.
-    """
-    identification = file.read(16)
-    if len(identification) < 16 or identification[:4] != _ELF or identification[4] not in _HEADERS:
+def _build_id_note(elf: ElfFile | None) -> str:
+    """The note of the linker, in hexadecimal digits; empty without one."""
+    if elf is None:
         return ""
-    order = "<" if identification[5] == 1 else ">"
-    header, entry = (struct.Struct(order + each) for each in _HEADERS[identification[4]])
-    fields = header.unpack(file.read(header.size))
-    table, entry_bytes, count = fields[4], fields[8], fields[9]
-    file.seek(table)
-    entries = file.read(entry_bytes * min(count, _MAX_SEGMENTS))
-    for start in range(0, len(entries), max(entry_bytes, 1)):
-        segment = entry.unpack(entries[start : start + entry.size])
-        # In files of 32 bits the flags come later.
-        offset, size = (
-            (segment[2], segment[5]) if identification[4] == 2 else (segment[1], segment[4])
-        )
-        if segment[0] == _PT_NOTE:
-            file.seek(offset)
-            found = _note_value(file.read(min(size, _MAX_NOTE_BYTES)), order)
-            if found:
-                return found
+    head = struct.Struct(f"{elf.order}III")
+    for notes in elf.segments(_NOTE_SEGMENT):
+        # Each note has the lengths of name and value, a type, and both, padded to four bytes.
+        while len(notes) >= head.size:
+            name_bytes, value_bytes, kind = head.unpack_from(notes)
+            name = notes[head.size : head.size + name_bytes]
+            value_at = head.size + (name_bytes + 3 & ~3)
+            if kind == _BUILD_ID_NOTE and name == b"GNU\0":
+                return notes[value_at : value_at + value_bytes].hex()
+            notes = notes[value_at + (value_bytes + 3 & ~3) :]
     return ""
 
 
-def _note_value(notes: bytes, order: str) -> str:
-    """The build id among notes: each has the lengths of name and value, a type, and both."""
-    head = struct.Struct(f"{order}III")
-    place = 0
-    while place + head.size <= len(notes):
-        name_bytes, value_bytes, kind = head.unpack_from(notes, place)
-        value_at = place + head.size + _padded(name_bytes)
-        name = notes[place + head.size : place + head.size + name_bytes]
-        if kind == _NT_GNU_BUILD_ID and name == b"GNU\0":
-            return notes[value_at : value_at + value_bytes].hex()
-        place = value_at + _padded(value_bytes)
-    return ""
-
-
-def _padded(size: int) -> int:
-    return (size + 3) & ~3
-
-
-MANIFEST: Final = "package.xml"
+_MANIFEST: Final = "package.xml"
 
 _MAX_MANIFEST_BYTES: Final = 1_000_000
 _MAX_DEPTH: Final = 6
 _MAX_FOLDERS: Final = 5_000
 _MAX_FILES: Final = 5_000
-_INDEX: Final = "share/ament_index/resource_index"
-_VERSION: Final = re.compile(rb"<version[^>]*>([^<]{1,100})</version>")
 _NAME: Final = re.compile(rb"<name>\s*([A-Za-z0-9_-]+)\s*</name>")
 _DEPENDENCY: Final = re.compile(
     rb"<(?:build_|exec_|run_|build_export_)?depend[^>]*>\s*([A-Za-z0-9_-]+)\s*<"
@@ -187,70 +142,6 @@ _MARKERS: Final = frozenset({"COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE"})
 _NO_SOURCES: Final = frozenset({"build", "install", "log", "node_modules", "__pycache__"})
 _NOT_RUN: Final = frozenset({"test", "tests", "doc", "docs", "__pycache__"})
 _NOT_RUN_FILES: Final = re.compile(r"(?i)(readme|changelog|license|contributing).*|.*\.py[co]|\..*")
-
-
-class InstalledPackages:
-    """The ROS packages of ``AMENT_PREFIX_PATH``, each looked up once.
-
-    Attributes:
-        prefixes: where packages are installed, in the order in which they are searched.
-    """
-
-    def __init__(self) -> None:
-        listed = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-        self.prefixes = tuple(prefix for prefix in listed if prefix)
-        self._found: dict[str, str] = {}
-
-    def prefix(self, package: str) -> str:
-        """Where a package is installed; empty if it is not."""
-        if package not in self._found:
-            self._found[package] = self.first_with(f"{_INDEX}/packages/{package}")
-        return self._found[package]
-
-    def first_with(self, inside: str) -> str:
-        """The first prefix that has a file, by its path below the prefix; empty if none has."""
-        # Without objects for paths: colcon gives each package of a workspace a prefix of its own.
-        return next((each for each in self.prefixes if os.path.exists(f"{each}/{inside}")), "")  # noqa: PTH110
-
-    @cached_property
-    def names(self) -> frozenset[str]:
-        """The names of all packages."""
-        names: set[str] = set()
-        for prefix in self.prefixes:
-            with contextlib.suppress(OSError):
-                names.update(names_in(Path(prefix, _INDEX, "packages")))
-        return frozenset(names)
-
-    def share(self, package: str) -> Path | None:
-        """The share folder of a package; None if it is not installed."""
-        prefix = self.prefix(package)
-        return Path(prefix, "share", package) if prefix else None
-
-    def version(self, package: str) -> str:
-        """The version of a package; empty if it is not known."""
-        share = self.share(package) if package else None
-        match = _VERSION.search(_manifest(share)) if share is not None else None
-        return match[1].decode(errors="replace").strip() if match is not None else ""
-
-    def executable(self, package: str, name: str) -> Path | None:
-        """The file of an executable; None if the package has none of that name."""
-        inside = f"lib/{package}/{name}"
-        prefix = self.first_with(inside)
-        return Path(prefix, inside) if prefix else None
-
-    def component_library(self, package: str, plugin: str) -> Path | None:
-        """The library that the index names for a component; None if it names none."""
-        prefix = self.first_with(f"{_INDEX}/rclcpp_components/{package}")
-        index = Path(prefix, _INDEX, "rclcpp_components", package)
-        try:
-            text = read_bytes(index, max_bytes=_MAX_MANIFEST_BYTES) if prefix else b""
-        except (OSError, ValueError):
-            text = b""
-        for line in text.decode(errors="replace").splitlines():
-            name, _, library = line.partition(";")
-            if name.strip() == plugin and library.strip():
-                return Path(prefix, library.strip())
-        return None
 
 
 class WorkspacePackages:
@@ -273,11 +164,10 @@ class WorkspacePackages:
             folder, depth = waiting.pop()
             visited += 1
             names, below = _entries(folder)
-            if not _MARKERS.isdisjoint(names):
+            if not names.isdisjoint(_MARKERS):
                 continue
-            if MANIFEST in names:
-                manifest = _listed_manifest(folder) if names[MANIFEST] else _manifest(Path(folder))
-                if match := _NAME.search(manifest):
+            if _MANIFEST in names:
+                if match := _NAME.search(_manifest(folder)):
                     packages.setdefault(match[1].decode(), Path(folder))
             elif depth < _MAX_DEPTH:
                 waiting += [(path, depth + 1) for path in below]
@@ -296,49 +186,30 @@ class WorkspacePackages:
                 continue
             seen.add(name)
             yield from _files_of(folder)
-            waiting += [each.decode() for each in _DEPENDENCY.findall(_manifest(folder))]
+            waiting += [match.decode() for match in _DEPENDENCY.findall(_manifest(folder))]
 
     def counterpart(self, package: str, inside: str) -> Path | None:
         """The source of an installed module of a package, by its path below the installation."""
         folder = self.folders.get(package)
-        if folder is None:
-            return None
-        for path in (folder / inside, folder / "src" / inside):
-            if is_regular(path):
-                return path
-        return None
+        places = (folder / inside, folder / "src" / inside) if folder is not None else ()
+        return next(filter(is_regular, places), None)
 
 
-def _entries(folder: str) -> tuple[dict[str, bool], list[str]]:
-    """What may count of a folder.
-
-    Returns:
-        The names of its files, and whether each is a regular one; and the folders below it that
-        may have packages.
-    """
-    names, below = dict[str, bool](), list[str]()
-    try:
-        with os.scandir(folder) as entries:
-            for entry in entries:
-                if not entry.is_dir(follow_symlinks=False):
-                    names[entry.name] = entry.is_file(follow_symlinks=False)
-                elif not entry.name.startswith(".") and entry.name not in _NO_SOURCES:
-                    below.append(entry.path)
-    except OSError:
-        pass
+def _entries(folder: str) -> tuple[set[str], list[str]]:
+    """The names of the files of a folder, and the folders below it that may have packages."""
+    names, below = set[str](), list[str]()
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if not entry.is_dir(follow_symlinks=False):
+                names.add(entry.name)
+            elif not entry.name.startswith(".") and entry.name not in _NO_SOURCES:
+                below.append(entry.path)
     return names, sorted(below, reverse=True)
 
 
-def _listed_manifest(folder: str) -> bytes:
+def _manifest(folder: str | Path) -> bytes:
     try:
-        return read_listed(f"{folder}/{MANIFEST}", max_bytes=_MAX_MANIFEST_BYTES)
-    except OSError:
-        return b""
-
-
-def _manifest(folder: Path) -> bytes:
-    try:
-        return read_bytes(folder / MANIFEST, max_bytes=_MAX_MANIFEST_BYTES)
+        return read_bytes(Path(folder, _MANIFEST), max_bytes=_MAX_MANIFEST_BYTES)
     except (OSError, ValueError):
         return b""
 

@@ -16,6 +16,7 @@ import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Final
 
@@ -23,13 +24,24 @@ import msgspec
 
 from r2bspec.execute.identity.file_digests import (
     FileDigests,
-    InstalledPackages,
     WorkspacePackages,
     build_id,
     is_elf,
 )
-from r2bspec.execute.identity.python_sources import ModuleSearch, PythonSources, Sources
+from r2bspec.execute.identity.python_sources import (
+    ModuleSearch,
+    Sources,
+    sources_of_file,
+    sources_of_module,
+)
 from r2bspec.plan.command_lines import INCLUDED_LAUNCH
+from r2bspec.plan.installed_packages import (
+    AMENT_INDEX,
+    ament_packages,
+    ament_prefixes,
+    package_share,
+    package_version,
+)
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
 from r2bspec.record.graph_identity import (
     FileDigest,
@@ -104,9 +116,9 @@ class _GraphIdentifier:
         self._base_dir = base_dir
         self._digests = FileDigests(top)
         self._workspace = WorkspacePackages(top)
-        self._installed = InstalledPackages()
+        self._version = cache(package_version)
+        self._share = cache(package_share)
         self._search = ModuleSearch()
-        self._python = PythonSources(self._search)
         self._distributions: set[str] = set()
         self._has_python = False
 
@@ -146,7 +158,7 @@ class _GraphIdentifier:
             digest="",
             files=tuple(parts.files[path] for path in sorted(parts.files)),
             package=parts.package,
-            version=self._installed.version(parts.package),
+            version=self._version(parts.package),
             build_id=" ".join(dict.fromkeys(parts.build_ids)),
             unknown="; ".join(dict.fromkeys(parts.unknown)),
         )
@@ -183,12 +195,14 @@ class _GraphIdentifier:
     def _add_target(self, parts: _Parts, target: str) -> None:
         path, colon, _ = target.rpartition(":")
         if colon:
-            self._add_sources(parts, self._python.of_file((self._base_dir / path).resolve()))
+            self._add_sources(
+                parts, sources_of_file(self._search, (self._base_dir / path).resolve())
+            )
         else:
             self._add_module(parts, target.rpartition(".")[0])
 
     def _add_module(self, parts: _Parts, name: str) -> None:
-        sources = self._python.of_module(name)
+        sources = sources_of_module(self._search, name)
         if sources is None:
             parts.unknown.append(f"module {name} is not installed")
             return
@@ -197,7 +211,7 @@ class _GraphIdentifier:
         if owner is not None:
             self._distributions.add(owner.name)
             if owner.kind == "egg-info" and not parts.package:
-                parts.package = owner.name if self._installed.prefix(owner.name) else ""
+                parts.package = owner.name if self._share(owner.name) else ""
         self._add_sources(parts, sources)
 
     def _add_sources(self, parts: _Parts, sources: Sources) -> None:
@@ -231,7 +245,7 @@ class _GraphIdentifier:
 
     def _add_plugin(self, parts: _Parts, package: str, plugin: str) -> None:
         parts.package = package
-        library = self._installed.component_library(package, plugin)
+        library = _component_library(package, plugin)
         if library is None:
             parts.unknown.append(f"{package} registers no component {plugin}")
         else:
@@ -245,7 +259,7 @@ class _GraphIdentifier:
 
     def _add_executable(self, parts: _Parts, package: str, name: str) -> None:
         parts.package = parts.package or package
-        program = self._installed.executable(package, name)
+        program = _installed_file(f"lib/{package}/{name}")
         if program is None:
             parts.unknown.append(f"package {package} has no executable {name} here")
             self._add_package(parts, package)
@@ -274,7 +288,7 @@ class _GraphIdentifier:
                 parts.files.pop(self._digests.shown(self._digests.real_path(program)), None)
                 self._add_module(parts, module)
                 return
-        self._add_sources(parts, self._python.of_file(program))
+        self._add_sources(parts, sources_of_file(self._search, program))
 
     def _add_command(self, parts: _Parts, argv: Sequence[str], folder: Path) -> None:
         """A command: its program, and the files of the work tree that it names.
@@ -325,7 +339,7 @@ class _GraphIdentifier:
                 path = folder / name
                 if is_regular(path) and self._digests.is_inside(path):
                     if path.suffix == ".py":
-                        self._add_sources(parts, self._python.of_file(path.resolve()))
+                        self._add_sources(parts, sources_of_file(self._search, path.resolve()))
                     elif is_elf(path):
                         parts.build_ids.append(build_id(path))
                     else:
@@ -338,7 +352,7 @@ class _GraphIdentifier:
         """
         places = dict(word.split(":=", 1) for word in argv if ":=" in word)
         name, package = places.get("file", ""), places.get("package", "")
-        share = self._installed.share(package) if package else self._base_dir
+        share = self._share(package) if package else self._base_dir
         parts.package = package
         file = share / name if share is not None else None
         if file is None or not is_regular(file):
@@ -348,13 +362,31 @@ class _GraphIdentifier:
         if package:
             self._add_package(parts, package)
         text = _read(file).decode(errors="replace")
-        installed = self._installed.names | self._workspace.folders.keys()
+        installed = ament_packages() | self._workspace.folders.keys()
         for quoted in dict.fromkeys(_QUOTED.findall(text)):
             if quoted in installed:
                 self._add_package(parts, quoted)
             elif "." in quoted and is_regular(path := file.parent / quoted):
                 self._add_file(parts, path)
         parts.unknown.append("what a launch file starts is decided when it is executed")
+
+
+def _installed_file(inside: str) -> Path | None:
+    """A file of the ROS packages, in the first prefix that has it, by its path below the prefix."""
+    files = (prefix / inside for prefix in ament_prefixes())
+    return next((file for file in files if file.exists()), None)
+
+
+def _component_library(package: str, plugin: str) -> Path | None:
+    """The library that the index names for a component; None if it names none."""
+    inside = f"{AMENT_INDEX}/rclcpp_components/{package}"
+    index = _installed_file(inside)
+    if index is not None:
+        for line in _read(index).decode(errors="replace").splitlines():
+            name, _, library = map(str.strip, line.partition(";"))
+            if name == plugin and library:
+                return Path(str(index).removesuffix(inside), library)
+    return None
 
 
 def container_image() -> str:

@@ -24,9 +24,10 @@ import os
 import re
 import sys
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property, partial
 from importlib.machinery import ModuleSpec, PathFinder
+from itertools import chain
 from pathlib import Path
 from typing import Final
 
@@ -82,11 +83,20 @@ class Distribution:
         roots = ("/usr/", "/opt/ros/", f"{sys.prefix}/", f"{sys.base_prefix}/")
         return self.folder.startswith(roots)
 
+    def _description(self) -> bytes:
+        """The fields of its metadata."""
+        return (self.read("METADATA") or self.read("PKG-INFO")).partition(b"\n\n")[0]
+
+    @property
+    def stated_version(self) -> str:
+        """Its version as its metadata has it; empty without one."""
+        match = _VERSION_FIELD.search(self._description())
+        return match[1].decode(errors="replace").strip() if match is not None else ""
+
     @property
     def requirements(self) -> Iterator[str]:
         """The names of what it requires, extras left out."""
-        text = self.read("METADATA") or self.read("PKG-INFO")
-        for name, condition in _REQUIREMENT.findall(text.partition(b"\n\n")[0]):
+        for name, condition in _REQUIREMENT.findall(self._description()):
             if b"extra" not in condition.partition(b";")[2]:
                 yield name.decode()
 
@@ -102,7 +112,14 @@ class Distribution:
 
 
 class ModuleSearch:
-    """Where the processes of the graph find modules, and what is installed there."""
+    """Where the processes of the graph find modules, and what is installed there.
+
+    Attributes:
+        folders: in the order in which they are searched.
+        find: a module by its dotted name, and by folders in which it is looked for first; no parent
+            package is imported.
+        imports_of: what a file imports.
+    """
 
     def __init__(self) -> None:
         started_with = _python_path(_variable_at_start("PYTHONPATH"))
@@ -110,24 +127,13 @@ class ModuleSearch:
         self._gone = frozenset(started_with) - frozenset(self._current)
         inherited = [path for path in sys.path if path and path not in self._gone]
         self.folders = tuple(dict.fromkeys([*self._current, *inherited]))
-        self._found: dict[tuple[str, tuple[str, ...]], ModuleSpec | None] = {}
-        self._records: dict[Distribution, bytes] = {}
-        self._names: dict[str, list[str] | None] = {}
-        self._first_parts: dict[str, frozenset[str] | None] = {}
+        self.find = cache(self._find)
+        self.imports_of = cache(_imports_of)
+        self._record = cache(partial(Distribution.read, name="RECORD"))
+        self._names_in = cache(_listed_names)
+        self._first_parts = cache(self._first_parts_in)
 
-    def find(self, name: str, first: tuple[str, ...] = ()) -> ModuleSpec | None:
-        """A module by its dotted name; no parent package is imported.
-
-        Args:
-            name: of the module.
-            first: the folders in which modules are looked for first.
-        """
-        key = (name, first)
-        if key not in self._found:
-            self._found[key] = self._find(name, first)
-        return self._found[key]
-
-    def _find(self, name: str, first: tuple[str, ...]) -> ModuleSpec | None:
+    def _find(self, name: str, first: tuple[str, ...] = ()) -> ModuleSpec | None:
         parent, _, last = name.rpartition(".")
         if not parent:
             return self._find_top(last, first)
@@ -167,9 +173,7 @@ class ModuleSearch:
 
     def _owns(self, distribution: Distribution, module: str, inside: str) -> bool:
         """Whether a distribution has installed a file or a folder, by its path below the folder."""
-        if distribution.kind == "dist-info" and distribution not in self._records:
-            self._records[distribution] = distribution.read("RECORD")
-        record = self._records.get(distribution, b"")
+        record = self._record(distribution) if distribution.kind == "dist-info" else b""
         if not record:
             named = distribution.read("top_level.txt").decode(errors="replace").split()
             return module in named or (not named and _plain(module) == distribution.plain)
@@ -196,22 +200,12 @@ class ModuleSearch:
 
     def _may_have(self, folder: str, module: str) -> bool:
         """Whether a folder has anything of the name of a top-level module, or cannot be listed."""
-        if folder not in self._first_parts:
-            names = self._names_in(folder)
-            self._first_parts[folder] = (
-                None if names is None else frozenset(name.partition(".")[0] for name in names)
-            )
-        parts = self._first_parts[folder]
+        parts = self._first_parts(folder)
         return parts is None or module in parts
 
-    def _names_in(self, folder: str) -> list[str] | None:
-        """What is in a folder; None if it cannot be listed, such as an archive."""
-        if folder not in self._names:
-            try:
-                self._names[folder] = names_in(Path(folder))
-            except OSError:
-                self._names[folder] = None
-        return self._names[folder]
+    def _first_parts_in(self, folder: str) -> frozenset[str] | None:
+        names = self._names_in(folder)
+        return None if names is None else frozenset(name.partition(".")[0] for name in names)
 
     @cached_property
     def _by_folder(self) -> dict[str, list[Distribution]]:
@@ -224,11 +218,8 @@ class ModuleSearch:
     @cached_property
     def _installed(self) -> dict[str, Distribution]:
         """What is installed, by plain names; what is found first counts."""
-        installed: dict[str, Distribution] = {}
-        for distributions in self._by_folder.values():
-            for distribution in distributions:
-                installed.setdefault(distribution.plain, distribution)
-        return installed
+        in_order = list(chain.from_iterable(self._by_folder.values()))
+        return {distribution.plain: distribution for distribution in reversed(in_order)}
 
 
 def _distributions_in(folder: str, names: Iterable[str]) -> Iterator[Distribution]:
@@ -238,14 +229,15 @@ def _distributions_in(folder: str, names: Iterable[str]) -> Iterator[Distributio
         )
         if match:
             parts = match.groupdict()
-            yield Distribution(
+            distribution = Distribution(
                 name=parts["name"].replace("_", "-"),
                 plain=_plain(parts["name"]),
-                version=parts.get("version") or _version_inside(Path(folder, name)),
+                version=parts.get("version", ""),
                 folder=folder,
                 metadata=name,
                 kind=parts["kind"],
             )
+            yield replace(distribution, version=distribution.version or distribution.stated_version)
 
 
 def _python_path(text: str) -> list[str]:
@@ -288,17 +280,6 @@ def _root(spec: ModuleSpec) -> Path | None:
 
 def _plain(name: str) -> str:
     return name.translate(_SEPARATORS).lower()
-
-
-def _version_inside(metadata: Path) -> str:
-    for name in ("PKG-INFO", "METADATA"):
-        with contextlib.suppress(OSError, ValueError):
-            match = _VERSION_FIELD.search(
-                read_bytes(metadata / name, max_bytes=_MAX_METADATA_BYTES)
-            )
-            if match is not None:
-                return match[1].decode(errors="replace").strip()
-    return ""
 
 
 _MAX_SOURCE_BYTES: Final = 4_000_000
@@ -345,105 +326,79 @@ class Sources:
     incomplete: str = ""
 
 
-@dataclass(frozen=True)
-class _Imports:
-    """What a file imports: pairs of a module and of the names that are taken from it.
+Import = tuple[int, str, tuple[str, ...]]
+"""The number of dots before a module, its name, and the names that are taken from it."""
 
-    Attributes:
-        modules: each with the number of dots before it.
-        computed: whether it may import more.
+
+def sources_of_file(search: ModuleSearch, file: Path) -> Sources:
+    """The sources of a program or of a file that is imported by its path.
+
+    The modules of its package, if it is in one, and those beside it are found first.
     """
-
-    modules: tuple[tuple[int, str, tuple[str, ...]], ...]
-    computed: bool
-
-
-class PythonSources:
-    """Follows imports; each file is read once in a run.
-
-    Args:
-        search: where modules are found.
-    """
-
-    def __init__(self, search: ModuleSearch) -> None:
-        self._search = search
-        self._imports: dict[Path, _Imports] = {}
-
-    def of_file(self, file: Path) -> Sources:
-        """The sources of a program or of a file that is imported by its path.
-
-        The modules of its package, if it is in one, and those beside it are found first.
-        """
-        place = module_of(file)
-        first = tuple(dict.fromkeys((str(place.folder), str(file.parent))))
-        own = place.package.partition(".")[0]
-        trail = _Trail(self, self._search, first, own=own)
-        if own:
-            trail.add_module(place.package, ())
-        trail.add_file(file, place.package)
-        return trail.follow()
-
-    def of_module(self, name: str) -> Sources | None:
-        """The sources of a module; None if there is no such module."""
-        if self._search.find(name) is None:
-            return None
-        trail = _Trail(self, self._search, (), own=name.partition(".")[0])
-        trail.add_module(name, ())
-        return trail.follow()
-
-    def imports_of(self, file: Path) -> _Imports:
-        """What a file imports; nothing if it cannot be read."""
-        if file not in self._imports:
-            try:
-                text = read_bytes(file, max_bytes=_MAX_SOURCE_BYTES)
-            except (OSError, ValueError):
-                text = b""
-            text = _FOR_TYPES.sub(rb"", text)
-            self._imports[file] = _Imports(
-                tuple(_import_statements(text)), _COMPUTED_IMPORT.search(text) is not None
-            )
-        return self._imports[file]
+    place = module_of(file)
+    first = tuple(dict.fromkeys((str(place.folder), str(file.parent))))
+    own = place.package.partition(".")[0]
+    trail = _Trail(search, first, own)
+    if own:
+        trail.add_module(place.package, ())
+    trail.add_file(file, place.package)
+    return trail.follow()
 
 
+def sources_of_module(search: ModuleSearch, name: str) -> Sources | None:
+    """The sources of a module; None if there is no such module."""
+    if search.find(name) is None:
+        return None
+    trail = _Trail(search, (), own=name.partition(".")[0])
+    trail.add_module(name, ())
+    return trail.follow()
+
+
+def _imports_of(file: Path) -> tuple[tuple[Import, ...], bool]:
+    """What a file imports, and whether it may import more; nothing if it cannot be read."""
+    try:
+        text = read_bytes(file, max_bytes=_MAX_SOURCE_BYTES)
+    except (OSError, ValueError):
+        return (), False
+    text = _FOR_TYPES.sub(rb"", text)
+    return tuple(_import_statements(text)), _COMPUTED_IMPORT.search(text) is not None
+
+
+@dataclass
 class _Trail:
     """The imports of one node.
 
-    Args:
-        sources: reads files.
+    Attributes:
         search: where modules are found.
         first: the folders in which they are found first.
         own: the top-level package that is followed wherever it is installed.
     """
 
-    def __init__(
-        self, sources: PythonSources, search: ModuleSearch, first: tuple[str, ...], own: str = ""
-    ) -> None:
-        self._sources = sources
-        self._search = search
-        self._first = first
-        self._own = own
-        self._found = Sources()
-        self._waiting: list[tuple[Path, str]] = []
-        self._is_installed: dict[str, bool] = {}
+    search: ModuleSearch
+    first: tuple[str, ...]
+    own: str
+    _sources: Sources = field(default_factory=Sources)
+    _waiting: list[tuple[Path, str]] = field(default_factory=list)
+    _is_installed: dict[str, bool] = field(default_factory=dict)
 
     def follow(self) -> Sources:
         """Follow everything that was added; the result is complete afterwards."""
         while self._waiting:
-            if len(self._found.files) > _MAX_FILES:
-                self._found.incomplete = f"it has more than {_MAX_FILES:,} modules"
+            if len(self._sources.files) > _MAX_FILES:
+                self._sources.incomplete = f"it has more than {_MAX_FILES:,} modules"
                 break
             file, package = self._waiting.pop()
-            imports = self._sources.imports_of(file)
-            if imports.computed:
+            imports, computed = self.search.imports_of(file)
+            if computed:
                 self._add_surroundings(file, package)
-            for level, name, taken in imports.modules:
+            for level, name, taken in imports:
                 self._add_import(level, name, taken, package)
-        return self._found
+        return self._sources
 
     def add_file(self, file: Path, package: str) -> None:
         """Add a source; `package` is the one that its relative imports start from."""
-        if file not in self._found.files:
-            self._found.files[file] = None
+        if file not in self._sources.files:
+            self._sources.files[file] = None
             if file.suffix == _SUFFIX or not file.suffix:
                 self._waiting.append((file, package))
 
@@ -452,7 +407,7 @@ class _Trail:
         parts = name.split(".")
         spec: ModuleSpec | None = None
         for end in range(1, len(parts) + 1):
-            spec = self._search.find(".".join(parts[:end]), self._first)
+            spec = self.search.find(".".join(parts[:end]), self.first)
             if spec is None:
                 return
             self._add_spec(spec)
@@ -461,7 +416,7 @@ class _Trail:
         for part in taken:
             if part == "*":
                 self._add_tree(spec.name, spec.submodule_search_locations)
-            elif (below := self._search.find(f"{name}.{part}", self._first)) is not None:
+            elif (below := self.search.find(f"{name}.{part}", self.first)) is not None:
                 self._add_spec(below)
 
     def _add_spec(self, spec: ModuleSpec) -> None:
@@ -487,14 +442,14 @@ class _Trail:
     def _installed(self, top: str) -> bool:
         """Whether a top-level module is known by a version; it is taken down then."""
         if top not in self._is_installed:
-            spec = self._search.find(top, self._first)
-            owner = self._search.owner(spec) if spec is not None else None
+            spec = self.search.find(top, self.first)
+            owner = self.search.owner(spec) if spec is not None else None
             if owner is not None:
-                self._found.distributions.add(owner.name)
+                self._sources.distributions.add(owner.name)
             versioned = owner is not None and (
                 not owner.is_from_folder if owner.kind == "dist-info" else owner.is_of_system
             )
-            self._is_installed[top] = spec is None or (versioned and top != self._own)
+            self._is_installed[top] = spec is None or (versioned and top != self.own)
         return self._is_installed[top]
 
     def _add_surroundings(self, file: Path, package: str) -> None:
@@ -508,7 +463,7 @@ class _Trail:
     def _add_tree(self, name: str, folders: Iterable[str]) -> None:
         """Every module below a package."""
         waiting = [(Path(folder), name) for folder in folders]
-        while waiting and len(self._found.files) <= _MAX_FILES:
+        while waiting and len(self._sources.files) <= _MAX_FILES:
             folder, package = waiting.pop()
             for module in _modules_in(folder):
                 self.add_file(module, package)
@@ -516,25 +471,26 @@ class _Trail:
 
 
 def _modules_in(folder: Path) -> Iterator[Path]:
-    for name in _names(folder):
+    for name in _listed_names(folder) or ():
         if name.endswith(_SUFFIX) and is_regular(folder / name):
             yield folder / name
 
 
 def _packages_in(folder: Path) -> Iterator[Path]:
-    for name in _names(folder):
+    for name in _listed_names(folder) or ():
         if name.isidentifier() and name != _BYTECODE_FOLDER and is_folder(folder / name):
             yield folder / name
 
 
-def _names(folder: Path) -> list[str]:
+def _listed_names(folder: str | Path) -> list[str] | None:
+    """What is in a folder; None if it cannot be listed, such as an archive."""
     try:
-        return names_in(folder)
+        return names_in(Path(folder))
     except OSError:
-        return []
+        return None
 
 
-def _import_statements(text: bytes) -> Iterator[tuple[int, str, tuple[str, ...]]]:
+def _import_statements(text: bytes) -> Iterator[Import]:
     statements = [*_STATEMENT.findall(text), *_INLINE_STATEMENT.findall(text)]
     nodes: list[ast.AST] = []
     try:

@@ -359,7 +359,7 @@ Outputs = Sequence[tuple[frozenset[int], Any]]
 
 
 def _decoded(kind: str, outputs: Sequence[tuple[frozenset[int], bytes]]) -> Outputs:
-    from r2bspec.bags.bag_writer import typestore
+    from r2bspec.bags.message_types import typestore
 
     store = typestore()
     return [(stamps, store.deserialize_cdr(data, kind)) for stamps, data in outputs]

@@ -177,13 +177,7 @@ class SecretReferences:
 
     def in_value(self, value: Any) -> Any:
         """A value as JSON has it, with the values in all of its texts."""
-        if isinstance(value, str):
-            return self.in_text(value)
-        if isinstance(value, dict):
-            return {key: self.in_value(each) for key, each in value.items()}
-        if isinstance(value, list | tuple):
-            return [self.in_value(each) for each in value]
-        return value
+        return replaced_texts(value, self.in_text)
 
     def in_text(self, text: str) -> str:
         """A text with the values in it, each inserted once: a value is not looked into.
@@ -199,8 +193,7 @@ class SecretReferences:
         Raises:
             SecretNotSetError: a variable is not set.
         """
-        for text in texts(msgspec.to_builtins((plan.processes, plan.setup, plan.after_ready))):
-            self.in_text(text)
+        self.in_value(msgspec.to_builtins((plan.processes, plan.setup, plan.after_ready)))
 
     def _value(self, found: re.Match[str]) -> str:
         name = found["name"]
@@ -218,6 +211,17 @@ class SecretReferences:
         if found["kind"] == "env":
             return value
         return json.dumps(value, ensure_ascii=False)[1:-1]
+
+
+def replaced_texts(value: Any, replace: Callable[[str], str]) -> Any:
+    """A value of dictionaries and lists, with all texts in it replaced, apart from keys."""
+    if isinstance(value, str):
+        return replace(value)
+    if isinstance(value, dict):
+        return {key: replaced_texts(part, replace) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [replaced_texts(part, replace) for part in value]
+    return value
 
 
 def texts(value: Any) -> Iterator[str]:

@@ -26,12 +26,12 @@ from typing import Any, Final
 import psutil
 
 from r2bspec._version import __version__
-from r2bspec.check.this_machine import LABELS_VARIABLE, this_machine, unmet
 from r2bspec.diagnostics.quote import printable
 from r2bspec.errors import R2bspecError
 from r2bspec.execute.errors import OtherMachineError
 from r2bspec.middleware.middleware import middleware_of, selected_rmw
 from r2bspec.plan.plan import Plan
+from r2bspec.plan.this_machine import LABELS_VARIABLE, this_machine, unmet
 
 _NEEDED_BYTES = 64 << 10
 """What a disk that is not full has room for; a node prints less at once."""

@@ -274,7 +274,11 @@ class _ScriptEvaluation:
         if isinstance(description, ScriptFunction):
             # launch_testing may pass a test context as an argument.
             made = self.evaluator.call(description, place=place)
-            given = made.get("launch_setup", 0, made.get("nodes", 0)) if _is_call(made) else None
+            given = (
+                made.get("launch_setup", 0, made.get("nodes", 0))
+                if isinstance(made, Construct)
+                else None
+            )
             if isinstance(given, list | tuple):
                 return list(given)
             setup = given if isinstance(given, ScriptFunction) else setup
@@ -310,7 +314,9 @@ class _ScriptEvaluation:
         except UnusableScriptError as error:
             self.notes.append(Note(error.finding.message, include.source.place))
             return None
-        if not any(_is_call(action) and action.short_name == _LOADER for action in actions):
+        if not any(
+            isinstance(action, Construct) and action.short_name == _LOADER for action in actions
+        ):
             return None
         self.notes += notes
         return actions
@@ -339,7 +345,7 @@ def launch_file_actions(
         entities = made.get("initial_entities", 0) if isinstance(made, Construct) else made
         actions = _without_opaque(evaluator, _as_list(entities), place)
         for action in actions:
-            if _is_call(action) and action.short_name == "DeclareLaunchArgument":
+            if isinstance(action, Construct) and action.short_name == "DeclareLaunchArgument":
                 name, default = action.get("name", 0), action.get("default_value")
                 if isinstance(name, str) and default is not None:
                     values.setdefault(name, default)
@@ -350,17 +356,13 @@ def _without_opaque(evaluator: Evaluator, actions: list[Any], place: Span) -> li
     """Actions with the results of functions that are called at launch in their places."""
     plain: list[Any] = []
     for action in actions:
-        function = action.get("function", 0) if _is_call(action) else None
+        function = action.get("function", 0) if isinstance(action, Construct) else None
         if isinstance(function, ScriptFunction) and action.short_name == "OpaqueFunction":
             contexts = [_context(place)][: len(function.node.args.args)]
             plain += _as_list(evaluator.call(function, *contexts, place=action.place))
         else:
             plain.append(action)
     return plain
-
-
-def _is_call(value: Any) -> bool:
-    return isinstance(value, Construct)
 
 
 def _context(place: Span) -> Construct:

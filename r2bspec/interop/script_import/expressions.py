@@ -38,11 +38,12 @@ from r2bspec.interop.script_import.values import (
     ScriptModule,
     StepCounter,
     Unknown,
-    unknown_in,
+    require_known,
 )
 
 _NAMES = frozenset({"print", "super", "isinstance", "open"})
 """Functions of Python that are understood without being called."""
+_UNDEFINED = object()
 _ADDING = frozenset({"append", "extend", "insert", "update"})
 
 
@@ -133,10 +134,10 @@ class Expressions:
             case (
                 ast.ListComp(elt=element) | ast.GeneratorExp(elt=element) | ast.SetComp(elt=element)
             ):
-                scopes = self._scopes(node.generators, scope)
+                scopes = self._rounds(node.generators, Scope(scope.module, {}, scope))
                 return self._limited(self.value(element, inner) for inner in scopes)
             case ast.DictComp(key=key, value=element):
-                scopes = self._scopes(node.generators, scope)
+                scopes = self._rounds(node.generators, Scope(scope.module, {}, scope))
                 return dict(
                     self._limited(
                         (self._key(key, inner), self.value(element, inner)) for inner in scopes
@@ -159,12 +160,11 @@ class Expressions:
 
     @staticmethod
     def _name(name: str, scope: Scope) -> Any:
-        try:
-            return scope.find(name)
-        except KeyError:
-            if known_functions.has_function(name) or name in _NAMES:
-                return Foreign(f"builtins.{name}")
-        raise NotKnownError(f"the name {name!r} is not defined in the script")
+        is_builtin = known_functions.has_function(name) or name in _NAMES
+        value = scope.find(name, Foreign(f"builtins.{name}") if is_builtin else _UNDEFINED)
+        if value is _UNDEFINED:
+            raise NotKnownError(f"the name {name!r} is not defined in the script")
+        return value
 
     def attribute(self, owner: Any, name: str) -> Any:
         """The value of ``owner.name``.
@@ -176,10 +176,7 @@ class Expressions:
             case Foreign(name=full):
                 return foreign_constant(f"{full}.{name}") or Foreign(f"{full}.{name}")
             case ScriptModule():
-                try:
-                    return owner.scope.find(name)
-                except KeyError:
-                    return Foreign(f"{owner.file.stem}.{name}")
+                return owner.scope.find(name, Foreign(f"{owner.file.stem}.{name}"))
             case Instance():
                 if name in owner.names:
                     return owner.names[name]
@@ -198,10 +195,7 @@ class Expressions:
 
     @staticmethod
     def _class_attribute(kind: ScriptClass, owner: Any, name: str) -> Any:
-        try:
-            value = kind.find(name)
-        except KeyError:
-            return Method(kind, name)
+        value = kind.find(name, Method(kind, name))
         if not isinstance(value, ScriptFunction) or value.kind == "staticmethod":
             return value
         if value.kind == "classmethod":
@@ -232,10 +226,11 @@ class Expressions:
     def _key(self, node: ast.expr, scope: Scope) -> Any:
         key = self.value(node, scope)
         self.steps.count_items(key)
-        if isinstance(key, str | int | float | tuple) and _is_hashable(key):
-            return key
-        place = scope.place(node)
-        raise NotKnownError(Unknown("a key of this map is not known", place))
+        if isinstance(key, str | int | float | tuple):
+            with contextlib.suppress(TypeError):
+                hash(key)
+                return key
+        raise NotKnownError(Unknown("a key of this map is not known", scope.place(node)))
 
     def _dict(self, node: ast.Dict, scope: Scope) -> PlacedDict:
         values = PlacedDict()
@@ -338,11 +333,8 @@ class Expressions:
             pass
         raise NotKnownError("the slice is not known")
 
-    def _scopes(self, generators: list[ast.comprehension], scope: Scope) -> Iterator[Scope]:
-        """The scope of each round of a comprehension."""
-        return self._rounds(generators, Scope(scope.module, {}, scope))
-
     def _rounds(self, generators: list[ast.comprehension], scope: Scope) -> Iterator[Scope]:
+        """The scope of each round of a comprehension."""
         if not generators:
             yield scope
             return
@@ -445,7 +437,7 @@ class Expressions:
             case Method(owner=owner, name=name):
                 if not (isinstance(owner, list | dict) and name in _ADDING):
                     self.steps.count_items(owner)
-                    _require_known([arguments, keywords])
+                    require_known(arguments, keywords)
                 return known_functions.call_method(owner, name, arguments, keywords)
             case Construct(name=name):
                 return Construct(f"{name}()", arguments, keywords, place, owner=function)
@@ -461,7 +453,7 @@ class Expressions:
             return None
         if name == "super":
             return Construct("super", [], {}, place)
-        _require_known([arguments, keywords])
+        require_known(arguments, keywords)
         return known_functions.call_function(name, arguments, keywords)
 
     @staticmethod
@@ -469,10 +461,7 @@ class Expressions:
         kind: ScriptClass, name: str, arguments: list[Any], keywords: dict[str, Any], place: Span
     ) -> Any:
         """A method that the class of the benchmark inherits from ros2_benchmark."""
-        try:
-            config = kind.find("config")
-        except KeyError:
-            config = None
+        config = kind.find("config")
         if not isinstance(config, Construct):
             config = Construct("config", [], {}, place)
         if name == "get_assets_root_path":
@@ -483,7 +472,7 @@ class Expressions:
             return Construct(name, arguments, keywords, place)
         root = config.get("benchmark_namespace", default="r2b")
         parts = [part for part in (root, *arguments) if part]
-        _require_known(parts)
+        require_known(parts)
         if not all(isinstance(part, str) for part in parts):
             raise NotKnownError("the namespace is not a text")
         return ("" if keywords.get("absolute") is False else "/") + "/".join(parts)
@@ -492,10 +481,7 @@ class Expressions:
         self, kind: ScriptClass, arguments: list[Any], keywords: dict[str, Any]
     ) -> Instance:
         instance = Instance(kind)
-        try:
-            constructor = kind.find("__init__")
-        except KeyError:
-            return instance
+        constructor = kind.find("__init__")
         if isinstance(constructor, ScriptFunction):
             with contextlib.suppress(NotKnownError):
                 self.call_script(constructor, [instance, *arguments], keywords)
@@ -510,17 +496,3 @@ class Expressions:
             NotKnownError: it raises; here always, because statements are a matter of `Evaluator`.
         """
         raise NotKnownError("functions are not called here")
-
-
-def _require_known(values: list[Any]) -> None:
-    missing = unknown_in(values)
-    if missing is not None:
-        raise NotKnownError(missing)
-
-
-def _is_hashable(key: Any) -> bool:
-    try:
-        hash(key)
-    except TypeError:
-        return False
-    return True

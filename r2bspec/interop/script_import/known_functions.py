@@ -29,7 +29,7 @@ from r2bspec.interop.script_import.values import (
     LaunchText,
     NotKnownError,
     ScriptLimitError,
-    unknown_in,
+    require_known,
 )
 
 ASSETS: Final = "$(assets)"
@@ -254,9 +254,7 @@ def foreign_call(
     function = _CALLS.get(name) or _CALLS_BY_LAST.get(last)
     if function is None:
         return Construct(name, arguments, keywords, place)
-    missing = unknown_in([arguments, keywords])
-    if missing is not None:
-        raise NotKnownError(missing)
+    require_known(arguments, keywords)
     try:
         return function(*arguments, **keywords)
     except (TypeError, ValueError, IndexError, KeyError, AttributeError, ArithmeticError) as error:

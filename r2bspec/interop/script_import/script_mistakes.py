@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from r2bspec.diagnostics import Diagnostic, Severity, Span
+from r2bspec.diagnostics.code_pages import all_pages
 from r2bspec.interop.script_import.benchmark_script import BenchmarkScript, Settings
 from r2bspec.interop.script_import.launch_actions import NodeAction, Remapping, topic_in
 from r2bspec.interop.script_import.node_roles import (
@@ -66,7 +67,6 @@ class _Mistakes:
                 if side and _side(remapping.target) not in {"", side}:
                     yield _finding(
                         "R2B720",
-                        Severity.WARNING,
                         f"{owner!r} gets {remapping.target!r} as its {side} {remapping.source!r}",
                         "both sides then process the same camera: disparity and matching have no "
                         "work that a stereo pair would give, and the result is not that of the "
@@ -78,7 +78,6 @@ class _Mistakes:
             if side and _side(each.topic) not in {"", side}:
                 yield _finding(
                     "R2B720",
-                    Severity.WARNING,
                     f"the {side} buffer {each.source!r} is played on {each.topic!r}",
                     "the graph gets the cameras exchanged",
                     each.player.source.place_of("remappings"),
@@ -91,7 +90,6 @@ class _Mistakes:
             if key in seen:
                 yield _finding(
                     "R2B721",
-                    Severity.ERROR,
                     f"two nodes are named {node.namespace}/{node.name}; the other one is in line "
                     f"{seen[key].source.place.line}",
                     "parameters, services and private topics of one reach the other; the container "
@@ -109,11 +107,11 @@ class _Mistakes:
                     is_identity = remapping.source == remapping.target
                     yield _finding(
                         "R2B722",
-                        Severity.INFO if is_identity else Severity.WARNING,
                         text,
                         "the node keeps its own topic: if the remapping was meant to connect it, "
                         "it gets no messages, and the run ends with '0 messages recorded'",
                         remapping.place,
+                        Severity.INFO if is_identity else None,
                     )
 
     @staticmethod
@@ -143,7 +141,6 @@ class _Mistakes:
                     if str(name) not in listed.parameters:
                         yield _finding(
                             "R2B723",
-                            Severity.WARNING,
                             f"{node.plugin} has no parameter {name!r}",
                             "the value is ignored without a word, so the node runs with its "
                             "default",
@@ -156,7 +153,6 @@ class _Mistakes:
             if number > 1:
                 yield _finding(
                     "R2B724",
-                    Severity.ERROR,
                     f"{number} monitors have the index {index}, and so one service name",
                     "the controller reads one of them; the topics of the others are not measured",
                     monitors[index].source.place_of("parameters"),
@@ -168,7 +164,6 @@ class _Mistakes:
             if index not in monitors:
                 yield _finding(
                     "R2B724",
-                    Severity.ERROR,
                     f"no monitor of the script has the service monitor_node{index}",
                     "the controller waits for the service until its timeout, and the run fails",
                     place,
@@ -177,10 +172,10 @@ class _Mistakes:
             if index not in listed:
                 yield _finding(
                     "R2B724",
-                    Severity.WARNING,
                     f"{node.name!r} has the index {index}, which monitor_info_list does not have",
                     "it costs processor time during the run, and its topic is in no report",
                     node.source.place_of("parameters"),
+                    Severity.WARNING,
                 )
 
     def _listed(self) -> dict[int, Span] | None:
@@ -206,7 +201,6 @@ class _Mistakes:
             if prefix in prefixes:
                 yield _finding(
                     "R2B725",
-                    Severity.WARNING,
                     f"two monitors report under the prefix {prefix!r}",
                     "their figures have the same keys in the report: the later ones replace "
                     "the earlier ones",
@@ -222,7 +216,6 @@ class _Mistakes:
         if len(self.inputs) != len(formats):
             yield _finding(
                 "R2B726",
-                Severity.WARNING,
                 f"the player has {len(formats)} formats, and remappings for {len(self.inputs)} "
                 "inputs",
                 "an input without a remapping is played on 'inputN', where nothing subscribes, or "
@@ -244,7 +237,6 @@ class _Mistakes:
             if is_renamed and topic not in loaded and not is_recorded:
                 yield _finding(
                     "R2B727",
-                    Severity.WARNING,
                     f"nothing publishes {topic!r}, which input {each.number} of the player buffers",
                     "the run ends with 'start_recording service returned with a timeout (0 "
                     "messages recorded)'",
@@ -258,7 +250,6 @@ class _Mistakes:
             if topic in played:
                 yield _finding(
                     "R2B728",
-                    Severity.ERROR,
                     f"{node.name!r} monitors {topic!r}, which the player publishes",
                     "it measures the transport from the player to the monitor, and nothing of the "
                     "graph",
@@ -270,7 +261,6 @@ class _Mistakes:
         if self.config.get(key) == 1 and self.mode == "looping":
             yield _finding(
                 "R2B729",
-                Severity.INFO,
                 "one message is buffered, and played again and again",
                 "caches and branch predictors know it: the graph is faster than on a recording, "
                 "and work that depends on the content has no spread",
@@ -283,7 +273,6 @@ class _Mistakes:
             return
         yield _finding(
             "R2B730",
-            Severity.INFO,
             "messages have no keys (revise_timestamps_as_message_ids is off)",
             "the latencies of the report are those of the first and the last message of a run: "
             "there is no mean, no maximum and no percentile",
@@ -303,7 +292,6 @@ class _Mistakes:
         if drop >= lower / 2:
             yield _finding(
                 "R2B731",
-                Severity.INFO,
                 f"from {lower:g} Hz on, the search accepts {drop:g} Hz less than it sends",
                 f"at {lower:g} Hz that is {min(1.0, drop / lower):.0%} of the messages: the peak "
                 "can be a rate that the graph does not sustain; and it is the upper bound "
@@ -316,7 +304,6 @@ class _Mistakes:
             if effect.name == "time.sleep" and effect.arguments:
                 yield _finding(
                     "R2B733",
-                    Severity.INFO,
                     "the script sleeps until the graph should be ready",
                     "on a slower machine the measurement starts before that: the first messages "
                     "are lost or late, and count as those of the graph",
@@ -331,7 +318,6 @@ class _Mistakes:
         if "tf2_msgs/msg/TFMessage" in formats:
             yield _finding(
                 "R2B734",
-                Severity.WARNING,
                 "transforms are an input of a timeline",
                 "every message of /tf counts as a frame that was sent, so most frames are "
                 "reported as missed",
@@ -339,8 +325,11 @@ class _Mistakes:
             )
 
 
-def _finding(code: str, severity: Severity, what: str, effect: str, place: Span) -> Diagnostic:
-    return Diagnostic(code, severity, what, place, help=effect)
+def _finding(
+    code: str, what: str, effect: str, place: Span, severity: Severity | None = None
+) -> Diagnostic:
+    """A mistake, of the severity of its code where no other one is given."""
+    return Diagnostic(code, severity or all_pages()[code].severity, what, place, help=effect)
 
 
 def _side(text: str) -> str:

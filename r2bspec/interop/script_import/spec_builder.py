@@ -2,8 +2,8 @@
 
 Everything that the spec says is in the script, or a default of ros2_benchmark. What is not
 understood becomes a comment in the spec and a finding with the line of the script. This module
-writes what is loaded, played, monitored and measured; `spec_nodes` writes the nodes, and
-`setup_steps` what happens around the launch.
+writes what is loaded, played, monitored and measured; `spec_entries` writes the nodes and
+what happens around the launch.
 """
 
 from __future__ import annotations
@@ -24,9 +24,8 @@ from r2bspec.interop.script_import.node_roles import (
     played_inputs,
     ros_format,
 )
-from r2bspec.interop.script_import.setup_steps import add_steps
 from r2bspec.interop.script_import.source_files import MODULE_MISSING
-from r2bspec.interop.script_import.spec_nodes import NodeWriter
+from r2bspec.interop.script_import.spec_entries import NodeWriter, add_steps
 from r2bspec.interop.script_import.spec_text import (
     Block,
     SpecValues,

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -55,6 +55,14 @@ class Block:
 
     entries: list[Entry] = field(default_factory=list)
     below: list[str] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> Block:
+        """A map with these keys."""
+        block = cls()
+        for key, value in values.items():
+            block.add(key, value)
+        return block
 
     def add(self, key: str, value: Any, above: Iterable[str] = (), after: str = "") -> None:
         """Add a key; empty values are left out."""

@@ -133,6 +133,13 @@ def unknown_in(value: Any) -> Unknown | None:
     return None
 
 
+def require_known(*values: Any) -> None:
+    """Raises NotKnownError if a part of a value is unknown."""
+    missing = unknown_in(values)
+    if missing is not None:
+        raise NotKnownError(missing)
+
+
 @dataclass(frozen=True, slots=True)
 class Foreign:
     """Something imported that is not in the script: a module, a class or a function."""
@@ -249,14 +256,14 @@ class Scope:
     names: dict[str, Any]
     above: Scope | None = None
 
-    def find(self, name: str) -> Any:
-        """The value of a name; raises KeyError."""
+    def find(self, name: str, default: Any) -> Any:
+        """The value of a name; `default` where it has none."""
         scope: Scope | None = self
         while scope is not None:
             if name in scope.names:
                 return scope.names[name]
             scope = scope.above
-        raise KeyError(name)
+        return default
 
     def place(self, node: ast.AST, last: ast.AST | None = None) -> Span:
         """The place of a part of the syntax tree, or from its beginning to the end of another."""
@@ -318,12 +325,12 @@ class ScriptClass:
         """The full names of its bases outside of the script, over all levels."""
         return [base.name for base in self.lineage() if isinstance(base, Foreign)]
 
-    def find(self, name: str) -> Any:
-        """An attribute of the class or its bases in the script; raises KeyError."""
+    def find(self, name: str, default: Any = None) -> Any:
+        """An attribute of the class or its bases in the script; `default` where none has it."""
         for kind in self.lineage():
             if isinstance(kind, ScriptClass) and name in kind.names:
                 return kind.names[name]
-        raise KeyError(name)
+        return default
 
 
 @dataclass(slots=True, eq=False)

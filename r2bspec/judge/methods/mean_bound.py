@@ -15,7 +15,12 @@ import math
 from dataclasses import replace
 
 from r2bspec.judge.caveats import correlation_notes, stall_notes
-from r2bspec.judge.requirement_case import Decision, DecisionMethod, RequirementCase
+from r2bspec.judge.requirement_case import (
+    Decision,
+    DecisionMethod,
+    RequirementCase,
+    undecided,
+)
 from r2bspec.judge.statistics.t_interval import (
     HierarchicalInterval,
     hierarchical_interval,
@@ -46,11 +51,11 @@ _PAGE_BYTES = 4096.0
 def judge_mean(case: RequirementCase) -> Decision:
     """Decide a requirement on a mean."""
     values: list[float] = []
-    for one in case.iterations:
-        found = metric_value(case.info, case.monitor, one)
-        if found is None:
-            return _no_value(case, one)
-        values.append(found)
+    for iteration in case.iterations:
+        value = metric_value(case.info, case.monitor, iteration)
+        if value is None:
+            return _no_value(case, iteration)
+        values.append(value)
     if len(values) < 2:
         estimate = values[0] if values else None
         return Decision(
@@ -62,11 +67,13 @@ def judge_mean(case: RequirementCase) -> Decision:
             estimate=estimate,
             n=len(values),
         )
+    segment = case.iterations[0].segment
+    window_s = (segment.ended_ns - segment.began_ns) / 1e9
     sample = hierarchical_interval(
         values,
         starts_of(case.iterations),
         case.confidence,
-        _resolution(case, values),
+        resolution(case.info, max(values), window_s),
     )
     interval = sample.interval
     outcome = case.outcome_of_bounds(interval.lower, interval.upper)
@@ -133,23 +140,21 @@ def _no_value(case: RequirementCase, iteration: SegmentSamples) -> Decision:
             reason=f"Monitor '{case.monitor}' received too little in {where} for a "
             f"{case.info.name}.",
         )
-    return Decision(
-        outcome="inconclusive",
-        method="none",
-        reason=f"{case.info.name} was not sampled in {where}.",
-        remedy="Make the iterations longer to get more samples.",
+    return undecided(
+        f"{case.info.name} was not sampled in {where}.",
+        "Make the iterations longer to get more samples.",
     )
 
 
-def _resolution(case: RequirementCase, values: list[float]) -> float:
-    """The smallest difference in a value of this metric that the clocks can show."""
-    segment = case.iterations[0].segment
-    window_s = (segment.ended_ns - segment.began_ns) / 1e9
-    return resolution(case.info, max(values), max(window_s, _CLOCK_RESOLUTION_S))
-
-
 def resolution(info: MetricInfo, typical: float, window_s: float) -> float:
-    """The resolution of a metric of the size `typical` over a window of `window_s` seconds."""
+    """The smallest difference in a value of a metric that the clocks can show.
+
+    Args:
+        info: the metric.
+        typical: its size.
+        window_s: the length of the window in which it was measured.
+    """
+    window_s = max(window_s, _CLOCK_RESOLUTION_S)
     match info.dimension:
         case "time":
             return _CLOCK_RESOLUTION_S

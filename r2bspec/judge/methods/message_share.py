@@ -22,17 +22,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
+import msgspec
 import numpy as np
 
 from r2bspec.judge.caveats import correlation_notes, share_notes
-from r2bspec.judge.methods.wording import (
+from r2bspec.judge.methods import Method
+from r2bspec.judge.methods.share_wording import (
     level_sentence,
     levels_remedy,
     share_remedy,
     share_sentence,
 )
-from r2bspec.judge.requirement_case import Decision, DecisionMethod, RequirementCase
+from r2bspec.judge.requirement_case import (
+    Decision,
+    DecisionMethod,
+    RequirementCase,
+    undecided,
+)
 from r2bspec.judge.statistics.autocorrelation import serial_inflation
 from r2bspec.judge.statistics.binomial import burst_tolerance, lower_bound, upper_bound
 from r2bspec.judge.statistics.effective_sample_size import EffectiveSample, effective_sample
@@ -54,29 +62,36 @@ def judge_share(case: RequirementCase) -> Decision:
         [np.logical_not(one.steps.answered) for one in seen], case.design(case.limit)
     )
     if not sample.n:
-        return Decision(outcome="inconclusive", method="none", reason="No step was played.")
+        return undecided("No step was played.")
     test = share_test(
-        sample,
-        case.limit,
-        case.confidence,
-        lost=sample.bad,
-        ceiling=case.is_upper_bound,
+        sample, case.limit, case.confidence, lost=sample.bad, ceiling=case.is_upper_bound
     )
     outcome = case.outcome_of_bounds(test.lower, test.upper)
-    return Decision(
-        outcome=outcome,
-        method="exact binomial",
+    return decision_by_share(
+        test,
+        outcome,
         reason=share_sentence(case, test, outcome),
         remedy=share_remedy(case, test) if outcome == "inconclusive" else "",
         notes=_notes(case, seen, outcome),
         estimate=test.share,
         lower=test.lower,
         upper=test.upper,
+    )
+
+
+def decision_by_share(
+    test: ShareTest, outcome: Outcome, *, method: Method = "exact binomial", **details: Any
+) -> Decision:
+    """The decision that a binomial test makes; `details` are further fields of it."""
+    return Decision(
+        outcome=outcome,
+        method=method,
         n=test.n,
         effective_n=test.effective_n,
         over=test.over,
         bursts=test.bursts,
         share=test,
+        **details,
     )
 
 
@@ -144,68 +159,55 @@ def judge_percentile(case: RequirementCase) -> Decision:
     pieces, lost = _values_by_iteration(case)
     ranked = RankedMessages(pieces, case.design(allowed_share(quantile)))
     if not ranked.n:
-        return Decision(
-            outcome="inconclusive", method="none", reason="There is no message to judge."
-        )
+        return undecided("There is no message to judge.")
     interval = percentile_interval(ranked, quantile, case.confidence)
-    share = _share_test(case, ranked, lost, quantile)
-    outcome = case.outcome_of_bounds(interval.lower, interval.upper)
-    reason, remedy = percentile_texts(case, share, interval, outcome)
-    return Decision(
-        outcome=outcome,
-        method="exact binomial",
-        reason=reason,
-        remedy=remedy,
-        notes=percentile_notes(case, interval, outcome),
-        estimate=interval.estimate,
-        lower=interval.lower,
-        upper=interval.upper,
-        n=share.n,
-        effective_n=share.effective_n,
-        over=share.over,
-        bursts=share.bursts,
-        share=share,
+    test = _share_test(case, ranked, lost, quantile)
+    return percentile_decision(
+        case, test, interval, case.outcome_of_bounds(interval.lower, interval.upper)
     )
 
 
-def percentile_texts(
+def percentile_decision(
     case: RequirementCase,
     test: ShareTest,
     interval: PercentileInterval,
     outcome: Outcome,
+    *,
+    method: Method = "exact binomial",
     things: str = "messages",
-) -> tuple[str, str]:
-    """The reason of a decision by an interval, and what would settle an open one.
+) -> Decision:
+    """A decision by an interval, and what would settle an open one.
 
     Args:
-        case: that was decided.
+        case: that is decided.
         test: the binomial test of the same messages.
         interval: the bounds, in the metric's unit.
         outcome: by these bounds.
+        method: of the decision.
         things: what was counted, in the plural.
     """
-    levels = interval.levels
+    levels, notes = interval.levels, share_notes(case, outcome)
     counts_decide = test.upper <= test.allowed or test.lower > test.allowed
-    if outcome != "inconclusive" or levels is None or not counts_decide:
+    reason, remedy = share_sentence(case, test, outcome), ""
+    if outcome != "inconclusive":
+        if levels is not None:
+            notes += correlation_notes(levels.pieces, levels.number, levels.inflation)
+    elif levels is not None and counts_decide:
+        reason = level_sentence(case, interval, levels)
+        remedy = levels_remedy(case, interval, levels)
+    else:
         remedy = share_remedy(case, test, things)
-        return (
-            share_sentence(case, test, outcome),
-            remedy if outcome == "inconclusive" else "",
-        )
-    return (
-        level_sentence(case, interval, levels),
-        levels_remedy(case, interval, levels),
+    return decision_by_share(
+        test,
+        outcome,
+        method=method,
+        reason=reason,
+        remedy=remedy,
+        notes=notes,
+        estimate=interval.estimate,
+        lower=interval.lower,
+        upper=interval.upper,
     )
-
-
-def percentile_notes(
-    case: RequirementCase, interval: PercentileInterval, outcome: Outcome
-) -> tuple[str, ...]:
-    """What a decided percentile cannot know."""
-    notes, levels = share_notes(case, outcome), interval.levels
-    if levels is None or outcome == "inconclusive":
-        return notes
-    return (*notes, *correlation_notes(levels.pieces, levels.number, levels.inflation))
 
 
 def _values_by_iteration(case: RequirementCase) -> tuple[list[Seconds], int]:
@@ -229,29 +231,14 @@ def _share_test(
     # '<' and '>=' share one boundary, '<=' and '>' the other.
     side = "left" if case.requirement.op in {"<", ">="} else "right"
     within = int(np.searchsorted(ranked.ordered, case.limit, side=side))  # type: ignore[call-overload]
-    n, above = ranked.n, ranked.n - within
+    above = ranked.n - within
     sample = ranked.effective_sample(above, largest=case.is_upper_bound)
-    counts = above / sample.inflation, n / sample.inflation
-    lower = lower_bound(*counts, case.confidence)
-    upper = upper_bound(*counts, case.confidence)
     if case.is_upper_bound:
-        allowed = allowed_share(quantile)
-        tolerance = burst_tolerance(above, n, allowed, case.confidence)
-    else:
-        lower, upper = 1 - upper, 1 - lower
-        allowed, tolerance = quantile, None
-    return ShareTest(
-        n=n,
-        effective_n=sample.messages,
-        over=sample.bad,
-        bursts=sample.bursts,
-        clustering=sample.cause,
-        lost=lost,
-        share=sample.bad / n,
-        lower=lower,
-        upper=upper,
-        allowed=allowed,
-        burst_tolerance=tolerance,
+        return share_test(sample, allowed_share(quantile), case.confidence, lost=lost)
+    test = share_test(sample, quantile, case.confidence, lost=lost, ceiling=False)
+    counts = above / sample.inflation, sample.messages, case.confidence
+    return msgspec.structs.replace(
+        test, lower=1 - upper_bound(*counts), upper=1 - lower_bound(*counts)
     )
 
 

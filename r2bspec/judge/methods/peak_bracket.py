@@ -35,7 +35,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.judge.affected_iterations import REMEDY
-from r2bspec.judge.requirement_case import Decision, DecisionMethod, RequirementCase, decide
+from r2bspec.judge.requirement_case import (
+    Decision,
+    DecisionMethod,
+    RequirementCase,
+    decide,
+    undecided,
+)
 from r2bspec.judge.statistics.autocorrelation import trend
 from r2bspec.judge.statistics.binomial import lower_bound
 from r2bspec.judge.statistics.t_interval import mean_interval
@@ -48,23 +54,23 @@ from r2bspec.record.run_record import SearchRecord
 def judge_peak(case: RequirementCase, search: SearchRecord | None) -> Decision:
     """Decide a requirement on ``peak.rate``."""
     if search is None or not search.probes:
-        return Decision(
-            outcome="inconclusive",
-            method="none",
-            reason="This run did not search for a peak.",
-            remedy="Add benchmark.search to the spec and run again.",
+        return undecided(
+            "This run did not search for a peak.", "Add benchmark.search to the spec and run again."
         )
     lower = search.holds_hz
     upper = search.upper_hz
     proven = lower if search.proof != "open" and not search.refuted else None
     at_least = _at_least(case, proven and proven / search.unsteady_ratio)
-    below = upper is not None and _below(case, upper * search.unsteady_ratio)
+    # Every rate of the bracket, which ends before `upper`, is below the limit.
+    below = upper is not None and upper * search.unsteady_ratio <= case.limit
     passes, fails = (below, at_least) if case.is_upper_bound else (at_least, below)
     outcome = decide(passes=passes, fails=fails)
     return Decision(
         outcome=outcome,
         method="search bracket",
-        reason=_reason(search, lower, upper),
+        reason=" ".join(
+            [_bracket_text(search, lower, upper), *(f"{doubt}." for doubt in peak_doubts(search))]
+        ),
         remedy=_remedy(search) if outcome == "inconclusive" else "",
         estimate=lower,
         lower=proven,
@@ -81,16 +87,6 @@ def _at_least(case: RequirementCase, lower: float | None) -> bool:
     return lower >= case.limit if case.requirement.op in {"<", ">="} else (lower > case.limit)
 
 
-def _below(case: RequirementCase, upper: float) -> bool:
-    """Whether every rate of the bracket, which ends before `upper`, is below the limit."""
-    return upper <= case.limit
-
-
-def _reason(search: SearchRecord, lower: float | None, upper: float | None) -> str:
-    doubts = peak_doubts(search)
-    return " ".join([_bracket_text(search, lower, upper), *(f"{each}." for each in doubts)])
-
-
 def _bracket_text(search: SearchRecord, lower: float | None, upper: float | None) -> str:
     probes = f"{len(search.probes)} probe{'s' if len(search.probes) > 1 else ''}"
     if lower is None:
@@ -102,7 +98,8 @@ def _bracket_text(search: SearchRecord, lower: float | None, upper: float | None
     if upper is not None:
         others = _interference_text(search)
         between = f"{_undecided_text(search)}{f'; {others}' if others else ''}"
-        above = "is above the capacity" if _by_capacity(search) else "was not"
+        played = any(probe.rate_hz == search.fails_hz for probe in search.probes)
+        above = "was not" if played else "is above the capacity"
         return (
             f"{probes}: {show(lower, 'Hz')} {_kept(search)}, {show(upper, 'Hz')} {above}{between}."
         )
@@ -116,11 +113,6 @@ def _bracket_text(search: SearchRecord, lower: float | None, upper: float | None
 
 def _kept(search: SearchRecord) -> str:
     return "was not shown to be sustained" if search.proof == "open" else "was sustained"
-
-
-def _by_capacity(search: SearchRecord) -> bool:
-    """Whether the upper end is a bound of the capacity, and not a rate that was played."""
-    return all(probe.rate_hz != search.fails_hz for probe in search.probes)
 
 
 def peak_doubts(search: SearchRecord) -> tuple[str, ...]:
@@ -144,9 +136,8 @@ def _undecided_text(search: SearchRecord) -> str:
     rates = search.open_hz
     if not rates:
         return ""
-    if len(rates) == 1:
-        return f"; {show(rates[0], 'Hz')} was undecided"
-    return f"; {show(rates[0], 'Hz')} to {show(rates[-1], 'Hz')} was undecided"
+    range_ = " to ".join(show(rate, "Hz") for rate in dict.fromkeys((rates[0], rates[-1])))
+    return f"; {range_} was undecided"
 
 
 def _interference_text(search: SearchRecord) -> str:

@@ -35,8 +35,13 @@ from typing import Final
 
 import numpy as np
 
-from r2bspec.judge.methods.wording import counted_noun
-from r2bspec.judge.requirement_case import Decision, DecisionMethod, RequirementCase
+from r2bspec.judge.methods.share_wording import counted_noun
+from r2bspec.judge.requirement_case import (
+    Decision,
+    DecisionMethod,
+    RequirementCase,
+    undecided,
+)
 from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.verdict import Outcome
 from r2bspec.measure.metric_catalogue import kind_of
@@ -45,7 +50,7 @@ from r2bspec.measure.metrics import pool_monitor
 from r2bspec.measure.samples import LOSS_SENSITIVE_FAMILIES
 from r2bspec.measure.times import percentile
 from r2bspec.measure.units import show
-from r2bspec.record.run_record import AccuracyRecord, Probe, RunRecord
+from r2bspec.record.run_record import Probe, RunRecord
 
 _COUNT_METRICS = ("sent", "received", "missed", "duplicates", "reordered", "unmatched")
 _FAULT_COUNTS = ("missed", "duplicates", "reordered", "unmatched")
@@ -56,11 +61,7 @@ def judge_observation(case: RequirementCase) -> Decision:
     """Compare the observed value of all iterations with the limit."""
     seen = observed_value(case)
     if seen is None:
-        return Decision(
-            outcome="inconclusive",
-            method="none",
-            reason=f"{case.info.name} has no value in these iterations.",
-        )
+        return undecided(f"{case.info.name} has no value in these iterations.")
     n = _count_messages(case)
     is_met = case.is_met(seen)
     counts = is_met and n > 0 and _bounds_single_messages(case, seen)
@@ -171,39 +172,22 @@ def judge_accuracy(case: RequirementCase, record: RunRecord) -> Decision:
         None,
     )
     if found is None:
-        return Decision(
-            outcome="inconclusive",
-            method="none",
-            reason="The messages of this run were not compared with a truth.",
-            remedy=f"Add 'truth: {{kind: {kind}, ...}}' to the monitor, and run to the end.",
+        return undecided(
+            "The messages of this run were not compared with a truth.",
+            f"Add 'truth: {{kind: {kind}, ...}}' to the monitor, and run to the end.",
         )
     if found.problem:
-        return Decision(
-            outcome="inconclusive",
-            method="none",
-            reason=found.problem,
-            remedy="Use a recording with a ground truth of its images.",
-        )
+        return undecided(found.problem, "Use a recording with a ground truth of its images.")
     value = found.values.get(case.info.name)
-    if value is None:
-        return Decision(
-            outcome="fail",
-            method="comparison with truth",
-            reason=f"{case.info.name} has no value. {_extent(found)}",
-            n=found.outputs,
-        )
+    seen = "has no value" if value is None else f"is {show(value, case.info.unit)}"
+    answers = f"{found.outputs:,} of {found.steps:,} steps were answered and compared."
     return Decision(
-        outcome="pass" if case.is_met(value) else "fail",
+        outcome="pass" if value is not None and case.is_met(value) else "fail",
         method="comparison with truth",
-        reason=f"{case.info.name} is {show(value, case.info.unit)}. {_extent(found)}",
+        reason=f"{case.info.name} {seen}. {f'{found.text} {answers}'.strip()}",
         estimate=value,
         n=found.outputs,
     )
-
-
-def _extent(found: AccuracyRecord) -> str:
-    answers = f"{found.outputs:,} of {found.steps:,} steps were answered and compared."
-    return f"{found.text} {answers}".strip()
 
 
 TRUTH_COMPARISON = DecisionMethod(
@@ -235,12 +219,7 @@ def judge_sustained(case: RequirementCase, probes: Iterable[Probe]) -> Decision:
     ]
     if not found:
         where = f" at {show(case.at_hz, 'Hz')}" if case.at_hz is not None else ""
-        return Decision(
-            outcome="inconclusive",
-            method="none",
-            reason=f"This run has no probe{where}.",
-            remedy="Run the spec of this objective.",
-        )
+        return undecided(f"This run has no probe{where}.", "Run the spec of this objective.")
     probe = found[-1]
     said = f": {probe.reason}" if probe.reason else ""
     throughput = f"throughput {show(probe.delivered_hz, 'Hz')}"

@@ -16,18 +16,22 @@ import numpy as np
 
 from r2bspec.judge.caveats import share_notes
 from r2bspec.judge.methods.mean_bound import MAX_LOST_SHARE
-from r2bspec.judge.methods.message_share import percentile_notes, percentile_texts, share_test
-from r2bspec.judge.methods.wording import counted_noun, share_remedy, share_sentence
+from r2bspec.judge.methods.message_share import (
+    decision_by_share,
+    percentile_decision,
+    share_test,
+)
+from r2bspec.judge.methods.share_wording import counted_noun, share_remedy, share_sentence
 from r2bspec.judge.requirement_case import (
     Decision,
     DecisionMethod,
     RequirementCase,
     WindowCondition,
     decide,
+    undecided,
 )
 from r2bspec.judge.statistics.effective_sample_size import (
     BadFlags,
-    EffectiveSample,
     effective_sample,
 )
 from r2bspec.judge.statistics.percentile_interval import (
@@ -35,7 +39,6 @@ from r2bspec.judge.statistics.percentile_interval import (
     allowed_share,
     percentile_interval,
 )
-from r2bspec.judge.verdict import Outcome, ShareTest
 from r2bspec.measure.metric_values import WindowValues, has_windows, window_values
 from r2bspec.measure.samples import LOSS_SENSITIVE_FAMILIES
 from r2bspec.measure.times import Seconds
@@ -110,12 +113,7 @@ def _without_windows(
         reason = f"A window of {length} has too few messages for {case.info.name}."
     else:
         reason = f"No iteration is as long as a window of {length}."
-    return Decision(
-        outcome="inconclusive",
-        method="none",
-        reason=reason,
-        remedy="Use longer windows, or make the iterations longer.",
-    )
+    return undecided(reason, "Use longer windows, or make the iterations longer.")
 
 
 def _judge_ordered(
@@ -127,25 +125,15 @@ def _judge_ordered(
         [sign * piece for piece in pieces], case.design(allowed_share(windows.share))
     )
     interval = percentile_interval(ranked, windows.share, case.confidence)
-    outcome = decide(
-        passes=case.is_met(sign * interval.upper),
-        fails=not case.is_met(sign * interval.lower),
-    )
-    bad = sum(int(np.count_nonzero(flags)) for flags in _bad(case, pieces))
-    test = _test(case, windows, ranked.effective_sample(bad))
     lower, upper = sorted((sign * interval.lower, sign * interval.upper))
-    estimate = sign * interval.estimate
-    decision = _decision(case, test, outcome)
-    shown = replace(interval, estimate=estimate, lower=lower, upper=upper)
-    reason, remedy = percentile_texts(case, test, shown, outcome, counted_noun(case))
-    return replace(
-        decision,
-        estimate=estimate,
-        lower=lower,
-        upper=upper,
-        reason=reason,
-        remedy=remedy,
-        notes=percentile_notes(case, interval, outcome),
+    bad = sum(int(np.count_nonzero(flags)) for flags in _bad(case, pieces))
+    return percentile_decision(
+        case,
+        share_test(ranked.effective_sample(bad), allowed_share(windows.share), case.confidence),
+        replace(interval, estimate=sign * interval.estimate, lower=lower, upper=upper),
+        case.outcome_of_bounds(lower, upper),
+        method="binomial over windows",
+        things=counted_noun(case),
     )
 
 
@@ -153,35 +141,25 @@ def _judge_equality(
     case: RequirementCase, windows: WindowCondition, pieces: list[Seconds]
 ) -> Decision:
     """The test alone: with == and != the windows' values have no order that matters."""
-    design = case.design(allowed_share(windows.share))
-    test = _test(case, windows, effective_sample(_bad(case, pieces), design))
+    allowed = allowed_share(windows.share)
+    sample = effective_sample(_bad(case, pieces), case.design(allowed))
+    test = share_test(sample, allowed, case.confidence)
     outcome = decide(passes=test.upper <= test.allowed, fails=test.lower > test.allowed)
-    return _decision(case, test, outcome)
+    things = counted_noun(case)
+    return decision_by_share(
+        test,
+        outcome,
+        method="binomial over windows",
+        reason=share_sentence(case, test, outcome),
+        remedy=share_remedy(case, test, things) if outcome == "inconclusive" else "",
+        notes=share_notes(case, outcome),
+    )
 
 
 def _bad(case: RequirementCase, pieces: list[Seconds]) -> list[BadFlags]:
     return [
         np.array([not case.is_met(value) for value in piece], dtype=np.bool_) for piece in pieces
     ]
-
-
-def _test(case: RequirementCase, windows: WindowCondition, sample: EffectiveSample) -> ShareTest:
-    return share_test(sample, allowed_share(windows.share), case.confidence)
-
-
-def _decision(case: RequirementCase, test: ShareTest, outcome: Outcome) -> Decision:
-    return Decision(
-        outcome=outcome,
-        method="binomial over windows",
-        reason=share_sentence(case, test, outcome),
-        remedy=share_remedy(case, test, counted_noun(case)) if outcome == "inconclusive" else "",
-        notes=share_notes(case, outcome),
-        n=test.n,
-        effective_n=test.effective_n,
-        over=test.over,
-        bursts=test.bursts,
-        share=test,
-    )
 
 
 WINDOW_SHARE = DecisionMethod(

@@ -15,7 +15,7 @@ from typing import Final
 
 from r2bspec.diagnostics.quote import clip
 from r2bspec.record.run_folder import Stacks
-from r2bspec.report.html.chart import PALETTE, Chart
+from r2bspec.report.html.chart import Chart
 from r2bspec.report.html.templates import render_text
 
 _WIDTH: Final = 605.0
@@ -70,7 +70,6 @@ def flame_graph(name: str, title: str, stacks: Stacks) -> Chart | None:
         "font": _FONT,
         "character": _CHAR,
         "min_characters": _MIN_CHARS,
-        "palette": PALETTE,
     }
     return Chart(name, title, description, render_text("flame_graph.svg.j2", context), note)
 

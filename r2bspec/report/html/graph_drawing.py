@@ -167,14 +167,10 @@ class TextLine:
 
 
 @dataclass(frozen=True)
-class PlacedBox:
-    """A box with its place, in pixels."""
+class PlacedBox(Rectangle):
+    """A box with its place and its text."""
 
     kind: BoxKind
-    x: float
-    y: float
-    width: float
-    height: float
     lines: tuple[TextLine, ...]
     title: str
 
@@ -188,14 +184,16 @@ class Edge:
 
 
 @dataclass(frozen=True)
-class PhaseFrame:
+class PhaseFrame(Rectangle):
     """The boxes of one phase, with its name."""
 
     title: str
-    x: float
-    y: float
-    width: float
-    height: float
+
+    @property
+    def heading(self) -> Rectangle:
+        """The place of the title, from the top of the frame."""
+        width = len(self.title) * _CHARACTER_WIDTH
+        return Rectangle(TITLE_X, self.y + 4, width, _TITLE_HEIGHT - 10)
 
 
 @dataclass(frozen=True)
@@ -229,26 +227,19 @@ def lay_out(plan: Plan, annotations: Mapping[str, Sequence[str]]) -> Drawing:
         # Room on the left for arrows that come from another frame.
         found = _layers(boxes, sketch.arrows, annotations, _COLUMN_GAP / 2 + _PADDING, top)
         placed |= found
-        right = max(one.x + one.width for one in found.values()) + _COLUMN_GAP / 2 + _PADDING
-        bottom = max(one.y + one.height for one in found.values()) + _PADDING
+        right = max(box.right for box in found.values()) + _COLUMN_GAP / 2 + _PADDING
+        bottom = max(box.bottom for box in found.values()) + _PADDING
         if title:
-            frames.append(PhaseFrame(title, 0, y, right, bottom - y))
+            frames.append(PhaseFrame(0, y, right, bottom - y, title))
         widest = max(widest, right)
         y = bottom + _ROW_GAP
-    rectangles = {name: _rectangle(box) for name, box in placed.items()}
-    obstacles = [*rectangles.values(), *map(_title_rectangle, frames)]
+    obstacles = [*placed.values(), *(frame.heading for frame in frames)]
     edges = tuple(
         Edge(
-            route(
-                rectangles[each.tail],
-                rectangles[each.head],
-                obstacles,
-                _COLUMN_GAP,
-                _ROW_GAP,
-            ),
-            each.stored,
+            route(placed[arrow.tail], placed[arrow.head], obstacles, _COLUMN_GAP, _ROW_GAP),
+            arrow.stored,
         )
-        for each in sketch.arrows
+        for arrow in sketch.arrows
     )
     return Drawing(
         width=widest + 2,
@@ -336,15 +327,6 @@ def _place_box(box: FigureBox, lines: list[str], x: float, y: float, width: floa
     )
 
 
-def _rectangle(box: PlacedBox) -> Rectangle:
-    return Rectangle(box.x, box.y, box.width, box.height)
-
-
-def _title_rectangle(frame: PhaseFrame) -> Rectangle:
-    """The place of a frame's title, from the top of the frame."""
-    return Rectangle(TITLE_X, frame.y + 4, len(frame.title) * _CHARACTER_WIDTH, _TITLE_HEIGHT - 10)
-
-
 def _description(arrows: Sequence[Arrow], placed: Mapping[str, PlacedBox]) -> str:
     texts = [f"{placed[a.tail].title} to {placed[a.head].title}" for a in arrows]
     return (
@@ -369,7 +351,6 @@ def render_graph(plan: Plan) -> bytes:
         "title": plan.title or plan.name,
         "time": estimate_time(plan).text(),
         "graph": lay_out(plan, {}),
-        "palette": PALETTE,
         "style": style,
         "style_hash": f"sha256-{digest}",
     }

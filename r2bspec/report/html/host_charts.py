@@ -23,7 +23,7 @@ from r2bspec.report.html.chart import (
     plain_numbers,
 )
 from r2bspec.report.html.latency_charts import MIN_LOG_RATIO, percentile_axes
-from r2bspec.report.suite_summary import SuiteSummary
+from r2bspec.report.suite import SuiteSummary
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

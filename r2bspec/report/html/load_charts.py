@@ -104,15 +104,9 @@ def _process(
     `again` leaves it out of the legend, which has another process of its name.
     """
     rows = rows[np.argsort(rows["time_ns"], kind="stable")]
-    rows = rows[spaced_indices(rows["time_ns"])]
-    group = max(1, -(-rows.size // _MAX_POINTS))
-    # Processor time adds up, so the difference over a group is exactly the group's mean.
-    ends = np.unique(np.append(np.arange(0, rows.size, group), rows.size - 1))
+    rows, ends, group = _grouped(rows)
     times = (rows["time_ns"][ends] - start_ns) / 1e9
-    spans = np.diff(times)
-    cpu = np.divide(
-        np.diff(rows["cpu_s"][ends]) * 100, spans, where=spans > 0, out=np.zeros(spans.size)
-    )
+    cpu = _percent(rows["cpu_s"][ends], times)
     machine = name == "whole machine"
     style: dict[str, Any] = {
         "color": PALETTE["quiet"] if machine else colour(number),
@@ -128,6 +122,24 @@ def _process(
         (line,) = panels[1].plot(times[1:], memory, **style)
         sketch.series(line, f"{name}: memory")
     return group
+
+
+def _grouped(rows: Rows) -> tuple[Rows, NDArray[np.int64], int]:
+    """Rows with some time between them, the ends of groups of them, and the size of a group.
+
+    What the rows count adds up, so the difference over a group is exactly the mean of the group.
+    """
+    rows = rows[spaced_indices(rows["time_ns"])]
+    group = max(1, -(-rows.size // _MAX_POINTS))
+    ends = np.unique(np.append(np.arange(0, rows.size, group), rows.size - 1))
+    return rows, ends, group
+
+
+def _percent(seconds: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The growth of a number of seconds, in percent of the time."""
+    spans = np.diff(times)
+    grown = np.diff(seconds) * 100
+    return np.asarray(np.divide(grown, spans, where=spans > 0, out=np.zeros(spans.size)))
 
 
 def _means(values: NDArray[np.float64], ends: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -176,19 +188,15 @@ def paint_pressure(sketch: ChartBuilder, axes: Axes, rows: Rows, start_ns: int) 
     Series that are always zero are not drawn, except the waiting: a line at zero shows that it was
     sampled.
     """
-    rows = rows[spaced_indices(rows["time_ns"])]
-    group = max(1, -(-rows.size // _MAX_POINTS))
-    # Sums, so that the difference over a group is exactly the group's mean.
-    ends = np.unique(np.append(np.arange(0, rows.size, group), rows.size - 1))
+    rows, ends, _ = _grouped(rows)
     rows = rows[ends]
     times = (rows["time_ns"] - start_ns) / 1e9
-    spans = np.diff(times)
     most = 10.0
     for number, (field, label) in enumerate(_SERIES):
         grown = np.diff(rows[field])
         if not np.isfinite(grown).all() or (number and not grown.any()):
             continue
-        share = np.divide(grown * 100, spans, where=spans > 0, out=np.zeros(spans.size))
+        share = _percent(rows[field], times)
         (line,) = axes.plot(
             (times[1:] + times[:-1]) / 2,
             share,

@@ -20,23 +20,16 @@ from r2bspec.measure.distribution import (
 )
 from r2bspec.measure.metrics import RunMetrics
 from r2bspec.measure.units import at_rate, show, show_rate
-from r2bspec.record.run_folder import Run
-from r2bspec.record.run_record import ProfileRecord
+from r2bspec.record.run_folder import Run, read_stacks
 from r2bspec.report.headline import headline, reason_after
-from r2bspec.report.html.chart import PALETTE, Chart
+from r2bspec.report.html.chart import Chart
+from r2bspec.report.html.flame_graph import flame_graph
+from r2bspec.report.html.graph_drawing import lay_out
+from r2bspec.report.html.latency_charts import ecdf_chart, messages_chart, percentile_chart
+from r2bspec.report.html.load_charts import loads_chart
 from r2bspec.report.html.templates import own_text, render_template
+from r2bspec.report.html.throughput_charts import load_curve_chart
 from r2bspec.report.notes import notes, profile_notes
-from r2bspec.report.report_wording import (
-    OUTCOME_WORDS,
-    PROBE_PURPOSES,
-    code_facts,
-    code_text,
-    comparison,
-    loaded_rmw,
-    own_pace,
-    peak_text,
-    starts_text,
-)
 from r2bspec.report.result_table import (
     METRICS,
     measured,
@@ -48,8 +41,6 @@ from r2bspec.report.result_table import (
 
 if TYPE_CHECKING:
     from markupsafe import Markup
-
-    from r2bspec.report.html.graph_drawing import Drawing
 
 
 class Numbers:
@@ -117,36 +108,30 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
     charts = _charts(report_input, monitors)
     line = headline(result)
     return {
+        "source": report_input,
         "result": result,
         "metrics": metrics,
-        "words": OUTCOME_WORDS,
         "counts": Counter(row.verdict.outcome for row in ordered),
-        "has_lost": any(row.verdict.lost for row in ordered),
         "requirements": [*zip(ordered, reasons(ordered), strict=True)],
-        "notes": notes(result),
-        "line": line,
-        "reason": reason_after(line, result.verdict),
-        "suite_link": report_input.suite_link,
-        "profiles": [*profile_notes(result.profiles)],
-        "comparison": [*comparison(result)],
         "compared": [
             row for row in requirement_rows(result.verdict) if row.verdict.compared is not None
         ],
+        "notes": notes(result),
+        "line": line,
+        "reason": reason_after(line, result.verdict),
+        "profiles": [*profile_notes(result.profiles)],
         "has_interference": any(
-            one.interference for rate in metrics.rates for one in rate.iterations
+            iteration.interference for rate in metrics.rates for iteration in rate.iterations
         ),
         "affected": defaultdict(
-            str, {one.segment: "; ".join(one.reasons) for one in result.verdict.disturbed}
+            str, {part.segment: "; ".join(part.reasons) for part in result.verdict.disturbed}
         ),
         "monitors": monitors,
-        "monitor_title": result.monitor_title,
         "processes": processes,
-        "purposes": PROBE_PURPOSES,
-        "peak": peak_text(metrics.search) if metrics.search is not None else "",
-        "graph": _graph(report_input),
+        "graph": lay_out(report_input.run.plan, _annotations(metrics))
+        if report_input.run
+        else None,
         "charts": {key: [_safe(chart) for chart in found] for key, found in charts.items()},
-        "baseline": report_input.baseline.record if report_input.baseline is not None else None,
-        "has_samples": report_input.run is not None,
         "number": Numbers(msgspec.to_builtins(result)),
         "measured": partial(measured, metrics),
         "iterations": partial(measured_iterations, metrics),
@@ -155,18 +140,8 @@ def _context(report_input: ReportInput) -> dict[str, Any]:
         "iteration_columns": [METRICS[name] for name in _ITERATION_COLUMNS],
         "main_parts": ("mean", *MAIN_PERCENTILES, "max"),
         "tail": TAIL_PERCENTILE,
-        "part_title": part_title,
-        "show": show,
-        "show_rate": show_rate,
-        "at_rate": at_rate,
-        "pace": own_pace(metrics),
         "facts": {key: _plain(value) for key, value in result.machine.items()},
-        "rmw": loaded_rmw(result),
-        "code": code_text(result),
-        "code_facts": code_facts(result),
-        "starts": starts_text(result.starts),
         "dataset": {key: _plain(value) for key, value in result.dataset.items()},
-        "palette": PALETTE,
         "style": own_text("style.css"),
         "script": own_text("script.js"),
     }
@@ -187,49 +162,37 @@ def _plain(value: object) -> str:
 
 
 def _charts(report_input: ReportInput, monitors: list[str]) -> dict[str, list[Chart]]:
-    metrics = report_input.result.metrics
-    found: dict[str, list[Chart]] = {
-        each: [] for each in ("latency", "offered", "loads", "baseline", "profiles")
-    }
+    """The charts of each section of the page."""
+    metrics, run = report_input.result.metrics, report_input.run
+    charts: dict[str, list[Chart]] = {"offered": [], "loads": []}
     if any(rate.offered_hz for rate in metrics.rates):
-        from r2bspec.report.html.throughput_charts import load_curve_chart
-
         verdict = report_input.result.verdict
-        found["offered"].append(load_curve_chart("offered", metrics, report_input.run, verdict))
-    if report_input.run is not None:
-        found["latency"] = [*_latency_charts(report_input, monitors)]
-        found["baseline"] = [*_baseline_charts(report_input, monitors)]
-        from r2bspec.report.html.load_charts import loads_chart
-
-        loads = loads_chart("loads", report_input.run)
-        found["loads"] = [loads] if loads is not None else []
-        found["profiles"] = [*_flame_graphs(report_input.run)]
-    return found
+        charts["offered"].append(load_curve_chart("offered", metrics, run, verdict))
+    if run is not None and (loads := loads_chart("loads", run)) is not None:
+        charts["loads"].append(loads)
+    return charts | {
+        "latency": [*_latency_charts(report_input, monitors)],
+        "baseline": [*_baseline_charts(report_input, monitors)],
+        "profiles": [*_flame_graphs(run)] if run is not None else [],
+    }
 
 
 def _flame_graphs(run: Run) -> Iterator[Chart]:
     """A flame graph of each profile with folded stacks that can be read."""
-    for number, one in enumerate(run.record.profiles):
-        if one.stacks and (chart := _flame_graph(f"profile-{number}", run, one)) is not None:
+    for number, profile in enumerate(run.record.profiles):
+        if not profile.stacks:
+            continue
+        try:
+            stacks = read_stacks(run.folder / profile.stacks, run.folder)
+        except (OSError, ValueError):
+            continue
+        at = f" {at_rate(profile.rate_hz)}" if profile.rate_hz else ""
+        title = f"Where {profile.process} spends its CPU time{at}, seen by {profile.profiler}"
+        if (chart := flame_graph(f"profile-{number}", title, stacks)) is not None:
             yield chart
 
 
-def _flame_graph(name: str, run: Run, profile: ProfileRecord) -> Chart | None:
-    from r2bspec.record.run_folder import read_stacks
-    from r2bspec.report.html.flame_graph import flame_graph
-
-    try:
-        stacks = read_stacks(run.folder / profile.stacks, run.folder)
-    except (OSError, ValueError):
-        return None
-    at = f" {at_rate(profile.rate_hz)}" if profile.rate_hz else ""
-    title = f"Where {profile.process} spends its CPU time{at}, seen by {profile.profiler}"
-    return flame_graph(name, title, stacks)
-
-
 def _latency_charts(report_input: ReportInput, monitors: list[str]) -> Iterator[Chart]:
-    from r2bspec.report.html.latency_charts import messages_chart, percentile_chart
-
     samples, run = report_input.samples, report_input.run
     verdict = report_input.result.verdict
     if samples is None or run is None or not samples.iterations:
@@ -241,8 +204,6 @@ def _latency_charts(report_input: ReportInput, monitors: list[str]) -> Iterator[
 
 
 def _baseline_charts(report_input: ReportInput, monitors: list[str]) -> Iterator[Chart]:
-    from r2bspec.report.html.latency_charts import ecdf_chart
-
     samples, baseline = report_input.samples, report_input.baseline_samples
     if samples is None or baseline is None:
         return
@@ -250,14 +211,6 @@ def _baseline_charts(report_input: ReportInput, monitors: list[str]) -> Iterator
         chart = ecdf_chart(f"ecdf-{number}", monitor, samples, baseline)
         if chart is not None:
             yield chart
-
-
-def _graph(report_input: ReportInput) -> Drawing | None:
-    if report_input.run is None:
-        return None
-    from r2bspec.report.html.graph_drawing import lay_out
-
-    return lay_out(report_input.run.plan, _annotations(report_input.result.metrics))
 
 
 def _annotations(metrics: RunMetrics) -> dict[str, list[str]]:

@@ -8,6 +8,10 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from r2bspec.diagnostics.quote import clip
+from r2bspec.measure.distribution import part_title
+from r2bspec.measure.units import at_rate, show, show_rate
+from r2bspec.report import report_wording
+from r2bspec.report.html.chart import PALETTE
 from r2bspec.report.result_table import pointer
 
 if TYPE_CHECKING:
@@ -47,6 +51,11 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters |= {"pointer": pointer, "clip": clip}
+    environment.globals |= {
+        "palette": PALETTE,
+        "wording": report_wording,
+        **{function.__name__: function for function in (at_rate, part_title, show, show_rate)},
+    }
     return environment
 
 

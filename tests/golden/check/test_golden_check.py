@@ -8,11 +8,11 @@ the difference before you commit it.
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import pytest
 
+from golden import compare
 from r2bspec.check import check
 from r2bspec.check.engine import all_rules
 from r2bspec.diagnostics import Page
@@ -20,7 +20,6 @@ from r2bspec.language.load_spec import load_spec
 from r2bspec.report.findings_text import render_text
 
 HERE = Path(__file__).parent
-REWRITE = bool(os.environ.get("R2BSPEC_REWRITE"))
 WITH_EXAMPLES = [rule.page for rule in all_rules() if rule.page.failing]
 CASES = sorted(HERE.glob("*.yaml"))
 
@@ -41,12 +40,6 @@ def somewhere_without_ros(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> No
 def said_about(document: str, name: str) -> str:
     loaded = load_spec(document, file=name, environ={})
     return render_text(check(loaded), loaded.texts)
-
-
-def compare(said: str, beside: Path) -> None:
-    if REWRITE:
-        beside.write_text(said, encoding="utf-8")
-    assert said == beside.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("page", WITH_EXAMPLES, ids=lambda page: page.code)

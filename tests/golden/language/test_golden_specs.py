@@ -7,11 +7,11 @@ the difference before you commit it.
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import pytest
 
+from golden import compare
 from r2bspec.language.load_spec import load_cases, load_spec
 from r2bspec.language.matrix import merge_case_findings
 from r2bspec.report.findings_text import render_text
@@ -25,10 +25,7 @@ ENVIRON = {"HOME": "/home/someone", "R2B_TEST_DATA": "/data", "R2B_TEST_COUNT": 
 def test_what_is_said(file: Path) -> None:
     loaded = load_spec(file.read_bytes(), file=file.name, environ=ENVIRON)
     said = render_text(loaded.diagnostics, loaded.texts)
-    beside = file.with_suffix(".out")
-    if os.environ.get("R2BSPEC_REWRITE"):
-        beside.write_text(said, encoding="utf-8")
-    assert said == beside.read_text(encoding="utf-8")
+    compare(said, file.with_suffix(".out"))
     has_errors = any(found.severity == "error" for found in loaded.diagnostics)
     assert (loaded.spec is None) == has_errors
     assert has_errors or file.stem in OK
@@ -44,8 +41,5 @@ def test_what_is_said_of_files_that_build_on_files(
     cases = load_cases(Path(file.name), environ=ENVIRON)
     found = merge_case_findings(cases, [case.diagnostics for case in cases])
     said = render_text(found, cases[0].texts)
-    beside = file.with_suffix("").with_suffix(".out")
-    if os.environ.get("R2BSPEC_REWRITE"):
-        beside.write_text(said, encoding="utf-8")
-    assert said == beside.read_text(encoding="utf-8")
+    compare(said, file.with_suffix("").with_suffix(".out"))
     assert (said == "") == file.name.startswith("ok_")

@@ -5,13 +5,13 @@ With ``R2BSPEC_REWRITE=1`` in the environment the outputs are written instead of
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
 import pytest
 
+from golden import compare
 from r2bspec.check import check
 from r2bspec.datasets.catalogue import describe
 from r2bspec.language.load_spec import load_spec
@@ -42,11 +42,7 @@ def plan_of(file: Path, *refused: str) -> Plan:
 
 @pytest.mark.parametrize("form", FORMS)
 def test_a_plan(form: str) -> None:
-    written = FORMS[form](plan_of(SPEC, "error"))
-    beside = SPEC.with_suffix(form)
-    if os.environ.get("R2BSPEC_REWRITE"):
-        beside.write_bytes(written)
-    assert written == beside.read_bytes()
+    compare(FORMS[form](plan_of(SPEC, "error")), SPEC.with_suffix(form))
 
 
 @pytest.mark.parametrize("file", SUITE, ids=lambda file: file.stem)

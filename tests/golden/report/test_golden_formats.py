@@ -5,12 +5,12 @@ After a wanted change: `make generated`, and read the difference.
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import pytest
 from example_runs import BROKEN, USUAL
 
+from golden import compare
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
 from r2bspec.report.format_registry import renderer
@@ -58,8 +58,5 @@ def test_the_report_reads_like_this(
     spec.write_text(SPEC)
     run = simulation.write(tmp_path / "run")
     reported = ReportInput(result=result_of(run), run=run, spec_file=spec)
-    content = renderer(format_name)(reported)
-    golden = Path(__file__).parent / f"{format_name}_{name}.{FORMATS[format_name]}"
-    if os.environ.get("R2BSPEC_REWRITE"):
-        golden.write_bytes(content)
-    assert content == golden.read_bytes()
+    file = Path(__file__).parent / f"{format_name}_{name}.{FORMATS[format_name]}"
+    compare(renderer(format_name)(reported), file)

@@ -5,12 +5,12 @@ After a wanted change: `make generated`, and read the difference.
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import pytest
 from example_runs import BROKEN, USUAL
 
+from golden import compare
 from r2bspec.judge.judge_run import result_of
 from r2bspec.report.terminal import to_text
 from run_simulation import Simulation
@@ -23,9 +23,6 @@ def test_the_report_reads_like_this(
 ) -> None:
     result = result_of(simulation.write(tmp_path))
     text = to_text(result, Path("runs/simulated-20260101-000000"), width)
-    golden = Path(__file__).parent / f"terminal_{name}_{width}.txt"
-    if os.environ.get("R2BSPEC_REWRITE"):
-        golden.write_text(text, encoding="utf-8")
-    assert text == golden.read_text(encoding="utf-8")
+    compare(text, Path(__file__).parent / f"terminal_{name}_{width}.txt")
     assert all(len(line) <= width for line in text.splitlines())
     assert "\x1b" not in text

@@ -7,12 +7,11 @@ in another way, and the mistakes of the script, and ``NAME.mmd`` the plan as a d
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
-import construct_table
 import pytest
 
+from golden import compare
 from r2bspec.check import check
 from r2bspec.datasets.catalogue import SEQUENCES, describe
 from r2bspec.diagnostics.code_pages import all_pages
@@ -27,12 +26,6 @@ from r2bspec.report.findings_text import render_text
 HERE = Path(__file__).parent / "scripts"
 SCRIPTS = sorted(HERE.glob("*.py"))
 ENVIRON = {"CELL_CAMERA": "/dev/video0"}
-
-
-def compare(written: str, file: Path) -> None:
-    if os.environ.get("R2BSPEC_REWRITE"):
-        file.write_text(written, encoding="utf-8")
-    assert written == file.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda each: each.stem)
@@ -60,8 +53,3 @@ def test_its_spec_and_plan(script: Path) -> None:
 def test_the_corpus_has_every_mistake() -> None:
     found = {one.code for each in SCRIPTS for one in find_mistakes(read_benchmark_script(each))}
     assert found == {code for code in all_pages() if code >= "R2B720"}
-
-
-def test_the_table_of_calls_is_up_to_date() -> None:
-    table = Path(__file__).with_name("constructs.md").read_text(encoding="utf-8")
-    assert construct_table.markdown() in table

@@ -68,58 +68,13 @@ XML = """<?xml version="1.0"?>
   <node pkg="cell_light" exec="other" name="other" if="false"/>
 </launch>
 """
-YAML = """
-launch:
-- arg: {name: side, default: left}
-- node_container:
-    pkg: rclcpp_components
-    exec: component_container_mt
-    name: vision
-    namespace: ''
-    composable_node:
-    - pkg: image_proc
-      plugin: image_proc::RectifyNode
-      name: rectify
-      param: [{name: queue_size, value: 7}]
-      remap: [{from: image, to: /hawk_0_$(var side)_rgb_image}]
-- group:
-  - push-ros-namespace: {namespace: cell}
-  - node:
-      pkg: cell_light
-      exec: light
-      name: light
-      args: --on $(env CELL_PORT)
-      param:
-      - name: lamp
-        param: [{name: watts, value: 3.5}]
-- node: {pkg: cell_light, exec: other, name: other, if: 'false'}
-"""
 PYTHON = """
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, GroupAction
-from launch.conditions import IfCondition
-from launch.substitutions import EnvironmentVariable, LaunchConfiguration
-from launch_ros.actions import ComposableNodeContainer, Node, PushRosNamespace
-from launch_ros.descriptions import ComposableNode
+from launch_ros.actions import Node
 
 
 def generate_launch_description():
-    side = LaunchConfiguration('side')
-    return LaunchDescription([
-        DeclareLaunchArgument('side', default_value='left'),
-        ComposableNodeContainer(
-            name='vision', package='rclcpp_components', executable='component_container_mt',
-            composable_node_descriptions=[ComposableNode(
-                name='rectify', package='image_proc', plugin='image_proc::RectifyNode',
-                parameters=[{'queue_size': 7}],
-                remappings=[('image', ['/hawk_0_', side, '_rgb_image'])])]),
-        GroupAction([
-            PushRosNamespace('cell'),
-            Node(name='light', package='cell_light', executable='light',
-                 arguments=['--on', EnvironmentVariable('CELL_PORT')],
-                 parameters=[{'lamp': {'watts': 3.5}}])]),
-        Node(name='other', package='cell_light', executable='other',
-             condition=IfCondition('false'))])
+    return LaunchDescription([Node(name='light', package='cell_light', executable='light')])
 """
 
 
@@ -204,24 +159,6 @@ def write_scans(folder: Path, hz: float, count: int) -> None:
         message = store.serialize_cdr(store.types[kind](1.5), kind)
         for number in range(count):
             bag.write(topic, 10**18 + round(number * 1e9 / hz), message)
-
-
-@pytest.mark.parametrize(
-    ("name", "content"),
-    [("a.launch.xml", XML), ("a.launch.yaml", YAML), ("a.launch.py", PYTHON)],
-)
-def test_a_launch_file(name: str, content: str) -> None:
-    Path(name).write_text(content)
-    made("--from-launch", name)
-    nodes = spec().graph.nodes
-    assert list(nodes) == ["rectify", "light"]
-    assert nodes["rectify"].container == "vision"
-    assert nodes["rectify"].parameters == {"queue_size": 7}
-    assert nodes["rectify"].remappings == {"image": "/hawk_0_left_rgb_image"}
-    assert nodes["light"].namespace == "/cell"
-    assert nodes["light"].parameters == {"lamp.watts": 3.5}
-    assert nodes["light"].arguments == ("--on", "3")
-    assert spec().namespace == "/"
 
 
 def test_what_nothing_publishes_comes_from_outside() -> None:

@@ -45,14 +45,18 @@ def generate_launch_description():
             AndSubstitution(simulated, NotSubstitution(simulated)))),
         node('unsure', condition=IfCondition(EnvironmentVariable('CELL_MODE'))),
         GroupAction(condition=IfCondition('1'), actions=[
-            PushRosNamespace(['cell_', side]), node('inside')]),
+            PushRosNamespace(['cell_', side]),
+            node('inside', arguments=['--on', EnvironmentVariable('CELL_PORT')],
+                 parameters=[{'lamp': {'watts': 3.5}}])]),
         GroupAction(condition=IfCondition('0'), actions=[node('never_inside')]),
         ComposableNodeContainer(
             name='vision', namespace='', package='rclcpp_components',
             executable='component_container',
             composable_node_descriptions=[
                 ComposableNode(package='image_proc', plugin='image_proc::RectifyNode',
-                               name='rectify', condition=IfCondition('true')),
+                               name='rectify', condition=IfCondition('true'),
+                               parameters=[{'queue_size': 7}],
+                               remappings=[('image', ['/', side, '_image'])]),
                 ComposableNode(package='image_proc', plugin='image_proc::DebayerNode',
                                name='never_debayer', condition=UnlessCondition('true'))]),
         TimerAction(period=3.0, actions=[node('delayed')]),
@@ -75,11 +79,16 @@ XML = """
   <node pkg="cell" exec="eye" name="unsure" if="$(env CELL_MODE)"/>
   <group if="1">
     <push-ros-namespace namespace="cell_$(var side)"/>
-    <node pkg="cell" exec="eye" name="inside"/>
+    <node pkg="cell" exec="eye" name="inside" args="--on $(env CELL_PORT)">
+      <param name="lamp"><param name="watts" value="3.5"/></param>
+    </node>
   </group>
   <group unless="true"><node pkg="cell" exec="eye" name="never_inside"/></group>
   <node_container pkg="rclcpp_components" exec="component_container" name="vision" namespace="">
-    <composable_node pkg="image_proc" plugin="image_proc::RectifyNode" name="rectify" if="true"/>
+    <composable_node pkg="image_proc" plugin="image_proc::RectifyNode" name="rectify" if="true">
+      <param name="queue_size" value="7"/>
+      <remap from="image" to="/$(var side)_image"/>
+    </composable_node>
     <composable_node pkg="image_proc" plugin="image_proc::DebayerNode" name="never_debayer"
       unless="true"/>
   </node_container>
@@ -109,7 +118,14 @@ launch:
     if: true
     children:
     - push_ros_namespace: {namespace: cell_$(var side)}
-    - node: {pkg: cell, exec: eye, name: inside}
+    - node:
+        pkg: cell
+        exec: eye
+        name: inside
+        args: --on $(env CELL_PORT)
+        param:
+        - name: lamp
+          param: [{name: watts, value: 3.5}]
 - group:
     unless: true
     children:
@@ -120,7 +136,12 @@ launch:
     name: vision
     namespace: ''
     composable_node:
-    - {pkg: image_proc, plugin: 'image_proc::RectifyNode', name: rectify, if: 'true'}
+    - pkg: image_proc
+      plugin: image_proc::RectifyNode
+      name: rectify
+      if: 'true'
+      param: [{name: queue_size, value: 7}]
+      remap: [{from: image, to: /$(var side)_image}]
     - {pkg: image_proc, plugin: 'image_proc::DebayerNode', name: never_debayer, unless: 'true'}
 - include:
     file: $(dirname)/more.launch.xml
@@ -132,6 +153,7 @@ STARTED = ["real", "by_name", "compared", "evaluated", "inside", "rectify", "del
 @pytest.fixture(autouse=True)
 def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("CELL_PORT", "3")
     Path("more.launch.xml").write_text(MORE)
 
 
@@ -150,9 +172,13 @@ def made(name: str, content: str) -> tuple[Any, str]:
 )
 def test_only_what_is_started_is_a_node(name: str, content: str) -> None:
     spec, text = made(name, content)
+    assert spec.namespace == "/"
     assert list(spec.graph.nodes) == STARTED
-    assert spec.graph.nodes["inside"].namespace == "/cell_left"
-    assert spec.graph.nodes["rectify"].container == "vision"
+    inside, rectify = spec.graph.nodes["inside"], spec.graph.nodes["rectify"]
+    assert (inside.namespace, inside.arguments) == ("/cell_left", ("--on", "3"))
+    assert inside.parameters == {"lamp.watts": 3.5}
+    assert (rectify.container, rectify.parameters) == ("vision", {"queue_size": 7})
+    assert rectify.remappings == {"image": "/left_image"}
     assert "the condition of Node is not known, so it is left out" in text
 
 

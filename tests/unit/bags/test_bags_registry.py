@@ -15,8 +15,3 @@ def test_every_entry_leads_to_its_code(entry: BagFormat) -> None:
     described = rule_at(("data_loader", "bag", "path"))
     assert described is not None
     assert entry.suffix in described.description
-
-
-def test_names_and_suffixes_are_different() -> None:
-    assert len({each.name for each in BAG_FORMATS}) == len(BAG_FORMATS)
-    assert len({each.suffix for each in BAG_FORMATS}) == len(BAG_FORMATS)

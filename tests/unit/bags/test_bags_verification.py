@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from data_bags import chatter, storage_file, write_bag
+from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.integrity import verify
 from r2bspec.bags.recording import SyntheticDataset
 
@@ -60,6 +61,21 @@ def test_an_unreadable_bag_is_a_problem_and_no_exception(tmp_path: Path) -> None
     assert "R2B302" in problem
 
 
-@pytest.mark.parametrize("name", ["wbag", "talker", "service_events_mcap", "wrong_rmw_test"])
-def test_recordings_of_others_are_what_they_say(real_bags: Path, name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "messages"),
+    [
+        ("wbag", 6074),
+        ("convert_b_mcap", 75),
+        ("cdr_test", 7),
+        ("service_events_mcap", 10),
+        ("wrong_rmw_test", 7),
+        ("talker", 20),
+        ("seek_mcap", 5),
+        ("empty_bag", 0),
+    ],
+)
+def test_recordings_of_others_are_what_they_say(real_bags: Path, name: str, messages: int) -> None:
+    index = index_bag(real_bags / name)
+    assert index.message_count == sum(info.count for info in index.topics.values()) == messages
+    assert all(info.type.count("/") == 2 for info in index.topics.values())
     assert verify(real_bags / name) == []

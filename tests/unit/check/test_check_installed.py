@@ -13,8 +13,9 @@ from check_specs import codes, findings
 
 from example_spec import example
 from r2bspec.check.installation_advice import ros_package_advice
-from r2bspec.check.installed_packages import find_module, package_executables, top_level_names
 from r2bspec.diagnostics import Certainty
+from r2bspec.plan.installed_packages import package_executables, top_level_names
+from r2bspec.plan.this_machine import find_module
 
 KNOWN = "subscribes: {image: sensor_msgs/msg/Image}, publishes: {output: sensor_msgs/msg/Image}"
 
@@ -43,8 +44,8 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_modules_are_found_below_packages_that_are_not_imported(workspace: Path) -> None:
-    del workspace
+@pytest.mark.usefixtures("workspace")
+def test_modules_are_found_below_packages_that_are_not_imported() -> None:
     found = find_module("r2b_test_nodes.detector")
     assert found is not None
     assert (found.origin or "").endswith("detector.py")
@@ -59,7 +60,8 @@ def test_an_interpreter_that_ignores_its_environment_finds_what_processes_will_f
 ) -> None:
     (tmp_path / "my_package_of_nodes.py").write_text("")
     code = (
-        "from r2bspec.check.installed_packages import find_module\n"
+        f"import sys; sys.path.insert(0, {str(Path(__file__).parents[3])!r})\n"
+        "from r2bspec.plan.this_machine import find_module\n"
         "print(find_module('my_package_of_nodes').origin, find_module('json').name)"
     )
     done = subprocess.run(
@@ -81,8 +83,8 @@ def test_an_interpreter_that_ignores_its_environment_finds_what_processes_will_f
         ("r2b_test_no_such.Detector", ["R2B624"]),
     ],
 )
-def test_installed_nodes(target: str, expected: list[str], workspace: Path) -> None:
-    del workspace
+@pytest.mark.usefixtures("workspace")
+def test_installed_nodes(target: str, expected: list[str]) -> None:
     found = findings(node(f"python: {target}"))
     assert [each.code for each in found] == expected
     assert all(each.severity == "warning" for each in found)
@@ -147,29 +149,29 @@ def test_files_that_tell_nothing(tmp_path: Path) -> None:
         ("command: [ros/lib/detectors/detector_node]", []),
     ],
 )
-def test_programs(kind: str, expected: list[str], workspace: Path) -> None:
-    del workspace
+@pytest.mark.usefixtures("workspace")
+def test_programs(kind: str, expected: list[str]) -> None:
     found = findings(node(kind))
     assert [each.code for each in found] == expected
     assert all(each.certainty is Certainty.ENVIRONMENT for each in found)
 
 
-def test_executables_are_what_can_be_executed(workspace: Path) -> None:
-    del workspace
+@pytest.mark.usefixtures("workspace")
+def test_executables_are_what_can_be_executed() -> None:
     assert package_executables("detectors") == {"detector_node"}
     assert package_executables("other") == set()
 
 
-def test_a_close_name_is_proposed(workspace: Path) -> None:
-    del workspace
+@pytest.mark.usefixtures("workspace")
+def test_a_close_name_is_proposed() -> None:
     (found,) = findings(node("package: detector, executable: detector_node"))
     assert found.help == "did you mean 'detectors'?"
 
 
+@pytest.mark.usefixtures("workspace")
 def test_a_package_of_the_distribution_is_named_as_ubuntu_has_it(
-    workspace: Path, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    del workspace
     monkeypatch.delenv("ROS_DISTRO", raising=False)
     text = example(
         graph="""

@@ -93,7 +93,7 @@ def test_a_component_that_a_well_known_package_does_not_have(spec_file: str) -> 
 
 
 def test_more_shared_memory_than_there_is(spec_file: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    module = "r2bspec.check.rules.transport"
+    module = "r2bspec.check.rules.machine"
     monkeypatch.setattr(f"{module}.shared_memory_bytes", lambda: 64 << 20)
     text = example(transport="{kind: shared_memory, segment: 32 MiB}")
     (found,) = findings(text, file=spec_file)
@@ -170,47 +170,36 @@ slos: {{steady: {{require: [latency.p50 < 1 s]}}}}
     assert codes(text, file=spec_file) == []
 
 
-class TestMiddleware:
-    """R2B666: the middleware that the environment selects, and the transport of the spec."""
+@pytest.mark.parametrize(
+    ("rmw", "transport", "refused"),
+    [
+        ("rmw_cyclonedds_cpp", "shared_memory", True),
+        ("rmw_zenoh_cpp", "udp", True),
+        ("rmw_zenoh_cpp", "{kind: udp}", True),
+        ("rmw_zenoh_cpp", "inherit", False),
+        ("", "shared_memory", False),
+        ("rmw_fastrtps_cpp", "udp", False),
+        ("rmw_fastrtps_dynamic_cpp", "inherit", False),
+    ],
+)
+def test_a_transport_that_the_selected_middleware_does_not_have_is_refused(
+    rmw: str, transport: str, refused: bool, spec_file: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RMW_IMPLEMENTATION", rmw)
+    for offline in (False, True):
+        found = findings(example(transport=transport), file=spec_file, offline=offline)
+        assert [each.code for each in found] == ["R2B666"] * refused
+        for each in found:
+            assert (each.severity, each.certainty) == ("error", Certainty.ENVIRONMENT)
+            assert (each.path, each.span.line) == (("transport",), 3)
+            assert f"with {rmw}, which RMW_IMPLEMENTATION selects here" in each.message
+            assert "write 'transport: inherit'" in each.help
+    if refused:
+        (default,) = findings(example(), file=spec_file)
+        assert default.message.startswith("the default 'transport: shared_memory' cannot be")
 
-    @pytest.mark.parametrize("transport", ["shared_memory", "udp", "{kind: udp}"])
-    @pytest.mark.parametrize("rmw", ["rmw_cyclonedds_cpp", "rmw_zenoh_cpp"])
-    def test_a_transport_that_another_one_does_not_have_is_refused(
-        self, transport: str, rmw: str, spec_file: str, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.setenv("RMW_IMPLEMENTATION", rmw)
-        for offline in (False, True):
-            (found,) = findings(example(transport=transport), file=spec_file, offline=offline)
-            assert (found.code, found.severity) == ("R2B666", "error")
-            assert found.certainty is Certainty.ENVIRONMENT
-            assert (found.path, found.span.line) == (("transport",), 3)
-            assert f"with {rmw}, which RMW_IMPLEMENTATION selects here" in found.message
-            assert "write 'transport: inherit'" in found.help
 
-    def test_the_default_is_named_as_such(
-        self, spec_file: str, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
-        (found,) = findings(example(), file=spec_file)
-        assert found.code == "R2B666"
-        assert found.message.startswith("the default 'transport: shared_memory' cannot be")
-
-    @pytest.mark.parametrize("rmw", ["", "rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp"])
-    @pytest.mark.parametrize("transport", ["shared_memory", "udp", "inherit"])
-    def test_fast_dds_has_every_one(
-        self, transport: str, rmw: str, spec_file: str, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.setenv("RMW_IMPLEMENTATION", rmw)
-        assert codes(example(transport=transport), file=spec_file) == []
-
-    def test_every_one_can_be_left_to_itself(
-        self, spec_file: str, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_zenoh_cpp")
-        assert codes(example(transport="inherit"), file=spec_file) == []
-
-    def test_a_node_that_selects_its_own_is_refused_at_its_place(self, spec_file: str) -> None:
-        text = relay("env: {RMW_IMPLEMENTATION: rmw_zenoh_cpp}")
-        (found,) = findings(text, file=spec_file)
-        assert (found.code, found.certainty) == ("R2B666", Certainty.CERTAIN)
-        assert found.path[-2:] == ("env", "RMW_IMPLEMENTATION")
+def test_a_node_that_selects_its_own_middleware_is_refused_at_its_place(spec_file: str) -> None:
+    (found,) = findings(relay("env: {RMW_IMPLEMENTATION: rmw_zenoh_cpp}"), file=spec_file)
+    assert (found.code, found.certainty) == ("R2B666", Certainty.CERTAIN)
+    assert found.path[-2:] == ("env", "RMW_IMPLEMENTATION")

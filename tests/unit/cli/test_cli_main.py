@@ -31,6 +31,14 @@ def test_the_module_is_the_command() -> None:
     assert done.stdout == f"r2bspec {__version__}\n"
 
 
+def test_a_folder_in_place_of_one_spec_is_answered_with_its_specs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (spec := tmp_path / "a.r2b.yaml").write_text("")
+    assert cli.main(["plan", str(tmp_path)]) == 2
+    assert f"is a folder: name one spec, such as {spec}" in capsys.readouterr().err
+
+
 def folder_of_a_stranger(folder: Path, names: set[str]) -> None:
     """A folder with a module of each of these names, and of all that r2bspec depends on."""
     packages = {"click", "yaml", "numpy", "msgspec", "rich", "platformdirs", "sitecustomize"}

@@ -39,7 +39,7 @@ def test_run_refuses_a_spec_that_nothing_can_fail(
     said = capsys.readouterr().err
     assert "spec.r2b.yaml:1:1: error[R2B693 missing-objectives]: no active objective" in said
     assert said.count("R2B693") == 1
-    assert "add a requirement under 'slos', or leave out --require-slos" in said
+    assert "add a requirement under 'slos'" in said
     assert not (tmp_path / "runs").exists()
 
 
@@ -126,3 +126,27 @@ def test_reports_that_are_kept_are_those_of_the_same_option(
     for _ in range(2):
         assert main(["validate", "spec.r2b.yaml", "--offline"]) == 0
         assert main(["validate", "spec.r2b.yaml", "--offline", "--require-slos"]) == 1
+
+
+PLAIN_NODE = """
+from rclpy.node import Node
+from sensor_msgs.msg import Image
+
+
+class Plain(Node):
+    def __init__(self) -> None:
+        super().__init__("plain")
+        publisher = self.create_publisher(Image, "output", 10)
+        self.create_subscription(Image, "input", publisher.publish, 10)
+"""
+
+
+@pytest.mark.parametrize("option", ["--quiet", "--verbose"])
+def test_a_run_prints_findings_of_level_info_where_they_are_asked_for(
+    tmp_path: Path, option: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "plain.py").write_text(PLAIN_NODE)
+    spec = write_spec(tmp_path, slos=HINT)
+    spec.write_text(spec.read_text().replace("r2bspec.nodes.RelayNode", "./plain.py:Plain"))
+    assert main(["run", "spec.r2b.yaml", "--require-slos", option]) == 2
+    assert ("info[R2B230" in capsys.readouterr().err) == (option == "--verbose")

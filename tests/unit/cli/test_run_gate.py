@@ -19,14 +19,14 @@ from git_repositories import commit, git
 from pair_simulation import Comparison
 from r2bspec import api
 from r2bspec.cli.main import main
-from r2bspec.compare.merge_gate import MergeGate
+from r2bspec.compare.merge_gate import GateSettings, MergeGate
 from r2bspec.compare.report_input import read_folder
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.judge.result import Result
+from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.plan.time_estimate import estimate_pairs, estimate_time, time_text
 from r2bspec.report.notes import notes
-from r2bspec.report.suite_formats import SUITE_FORMATS
-from r2bspec.report.suite_summary import SuiteSummary
+from r2bspec.report.suite import SUITE_FORMATS, SuiteSummary
 from r2bspec.safe_io.git import commit_of
 
 NOISE = np.exp([0.004, -0.006, 0.003, -0.002, 0.005, -0.004])
@@ -125,6 +125,19 @@ def test_the_only_spec_of_a_folder_is_gone(
     )
     assert json.loads(summary.read_text())["gate"]
     assert played == []
+
+
+def test_a_spec_that_lost_its_name_with_its_place_is_told_how_to_keep_its_base(top: Path) -> None:
+    old = top / "alone/blur.r2b.yaml"
+    new = old.with_name("soft.r2b.yaml")
+    new.write_text(old.read_text().replace("name: blur", "name: soft"))
+    old.unlink()
+    with api.open_gate(("main",), new, GateSettings()) as gate:
+        selection = SpecSelection(new)
+        sides = gate.sides(selection, api.prepare(selection))
+    assert sides.base is None
+    told = "If it was alone/blur.r2b.yaml, keep its 'name': then the two are compared."
+    assert told in sides.sentences[0]
 
 
 def test_a_spec_that_is_gone_is_refused_before_anything_is_played(

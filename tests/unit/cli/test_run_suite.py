@@ -30,8 +30,8 @@ from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import PlayPlan
 from r2bspec.plan.smoke_plan import smoke_plan
 from r2bspec.record.run_folder import RunFolder, open_run
-from r2bspec.report.suite_formats import SUITE_FORMATS
-from r2bspec.report.suite_summary import (
+from r2bspec.report.suite import (
+    SUITE_FORMATS,
     SuiteSummary,
     run_with_error,
     run_with_result,

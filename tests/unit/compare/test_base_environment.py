@@ -12,7 +12,6 @@ import pytest
 
 import r2bspec
 from git_repositories import write_files
-from r2bspec.check.installed_packages import find_module
 from r2bspec.compare.base_environment import (
     SEARCH_PATHS,
     BaseBuildError,
@@ -25,6 +24,7 @@ from r2bspec.execute.processes.environment import applied_environment
 from r2bspec.execute.progress import NullProgress
 from r2bspec.language.quantities import Duration
 from r2bspec.language.spec import GateBase
+from r2bspec.plan.this_machine import find_module
 
 PACKAGE = {"src/pkg/pkg/__init__.py": "", "src/pkg/pkg/node.py": "SIDE = 0\n"}
 

@@ -7,14 +7,14 @@ import os
 import shutil
 import subprocess
 import sys
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 
 from git_repositories import commit, git, write_files
 from r2bspec.compare.base_reference import parse_base_reference
-from r2bspec.compare.base_tree import BaseRevisionError, open_base_tree
+from r2bspec.compare.base_tree import BaseRevisionError, BaseTree, open_base_tree
 
 SPEC = "bench/blur.r2b.yaml"
 
@@ -37,6 +37,17 @@ def top(tmp_path: Path) -> Path:
     return folder
 
 
+def base_of(revision: str, place: Path) -> AbstractContextManager[BaseTree]:
+    return open_base_tree(parse_base_reference([revision]), place)
+
+
+def refusal(revision: str, place: Path, match: str | None = None) -> BaseRevisionError:
+    """The error that a revision cannot be had."""
+    with pytest.raises(BaseRevisionError, match=match) as caught, base_of(revision, place):
+        pass
+    return caught.value
+
+
 def files(folder: Path) -> dict[str, bytes]:
     return {
         str(path.relative_to(folder)): path.read_bytes()
@@ -51,7 +62,7 @@ def test_a_revision_is_written_as_a_checkout_would_be_and_removed(
     before = files(top)
     first = git(top, "rev-parse", "HEAD")
     commit(top, {SPEC: "two"})
-    with open_base_tree(parse_base_reference(["HEAD~1"]), top / SPEC) as tree:
+    with base_of("HEAD~1", top / SPEC) as tree:
         assert files(tree.top) == before
         assert os.access(tree.top / "run.sh", os.X_OK)
         assert not os.access(tree.top / SPEC, os.X_OK)
@@ -76,7 +87,7 @@ def test_nothing_that_the_repository_names_runs(top: Path, tmp_path: Path) -> No
     hook = top / ".git/hooks/post-checkout"
     hook.parent.mkdir(exist_ok=True)
     shutil.copy(program, hook)
-    with open_base_tree(parse_base_reference(["HEAD"]), top / SPEC) as tree:
+    with base_of("HEAD", top / SPEC) as tree:
         assert (tree.top / "id").read_text() == "$Id$\n"
     assert not proof.exists()
 
@@ -88,53 +99,30 @@ def test_where_a_branch_branched_off(top: Path) -> None:
     git(top, "checkout", "--quiet", "main")
     commit(top, {"later": "1"})
     git(top, "checkout", "--quiet", "topic")
-    with open_base_tree(parse_base_reference(["main..."]), top / SPEC) as tree:
+    with base_of("main...", top / SPEC) as tree:
         assert tree.revision is not None
         assert tree.revision.commit == start
         assert tree.name == f"main@{start[:7]}"
         assert not (tree.top / "later").exists()
 
 
-class Refused(NamedTuple):
-    """A revision that cannot be had, and words of the message and of the way out."""
-
-    revision: str
-    message: str
-    way_out: str
-
-
 @pytest.mark.parametrize(
-    "case",
+    ("revision", "message"),
     [
-        Refused("mian", r"no revision 'mian'; did you mean 'main'\?$", "Give a revision"),
-        Refused("deadbeef", "no revision 'deadbeef'$", "Give a revision"),
-        Refused("--help", "no revision '--help'", "Give a revision"),
-        Refused("HEAD:bench", "no revision", "Give a revision"),
-        Refused("nothing...", "branched off", "Give a revision"),
+        ("mian", r"no revision 'mian'; did you mean 'main'\?$"),
+        ("deadbeef", "no revision 'deadbeef'$"),
+        ("--help", "no revision '--help'"),
+        ("HEAD:bench", "no revision"),
+        ("nothing...", "branched off"),
     ],
-    ids=lambda case: case.revision,
 )
 def test_a_revision_that_git_does_not_know_is_said_with_a_way_out(
-    top: Path, temporary: Path, case: Refused
+    top: Path, temporary: Path, revision: str, message: str
 ) -> None:
-    with (
-        pytest.raises(BaseRevisionError, match=case.message) as caught,
-        open_base_tree(parse_base_reference([case.revision]), top / SPEC),
-    ):
-        pass
-    assert case.way_out in caught.value.hint
-    assert "git fetch" not in caught.value.hint
+    hint = refusal(revision, top / SPEC, message).hint
+    assert "Give a revision" in hint
+    assert "git fetch" not in hint
     assert list(temporary.iterdir()) == []
-
-
-def refusal(revision: str, top: Path) -> tuple[str, str]:
-    """What is said of a revision that git does not know."""
-    with (
-        pytest.raises(BaseRevisionError) as caught,
-        open_base_tree(parse_base_reference([revision]), top / SPEC),
-    ):
-        pass
-    return str(caught.value), caught.value.hint
 
 
 def test_a_misspelt_branch_of_a_remote_is_answered_with_the_one_that_is_meant(
@@ -145,22 +133,27 @@ def test_a_misspelt_branch_of_a_remote_is_answered_with_the_one_that_is_meant(
     clone = tmp_path / "clone"
     git(tmp_path, "clone", "--quiet", f"file://{top}", str(clone))
     for wrong, meant in (("orgin/main", "origin/main"), ("origin/stabel", "origin/stable")):
-        message, hint = refusal(wrong, clone)
-        assert message == f"git knows no revision {wrong!r}; did you mean {meant!r}?"
-        assert "fetch" not in hint
-    assert refusal("v1.3", clone)[0].endswith("did you mean 'v1.2'?")
-    assert "did you mean" not in refusal("0123456789", clone)[0]
+        error = refusal(wrong, clone / SPEC)
+        assert str(error) == f"git knows no revision {wrong!r}; did you mean {meant!r}?"
+        assert "fetch" not in error.hint
+    assert str(refusal("v1.3", clone / SPEC)).endswith("did you mean 'v1.2'?")
+    assert "did you mean" not in str(refusal("0123456789", clone / SPEC))
+
+
+def follow_hint(clone: Path, revision: str, command: str) -> None:
+    """The way out of a revision that is not there is one."""
+    assert refusal(revision, clone / SPEC).hint.split(": ", 1)[1].split(". ")[0] == command
+    git(clone, *command.split()[1:])
+    with base_of(revision, clone / SPEC) as tree:
+        assert (tree.top / SPEC).read_text() == "one"
 
 
 def test_a_clone_of_a_single_branch_is_told_what_to_fetch(top: Path, tmp_path: Path) -> None:
     git(top, "branch", "release/2")
     clone = tmp_path / "clone"
     git(tmp_path, "clone", "--quiet", "--single-branch", f"file://{top}", str(clone))
-    command = refusal("origin/release/2", clone)[1].split(": ", 1)[1].split(". ")[0]
-    assert command == "git fetch origin release/2:refs/remotes/origin/release/2"
-    git(clone, *command.split()[1:])
-    with open_base_tree(parse_base_reference(["origin/release/2"]), clone / SPEC) as tree:
-        assert (tree.top / SPEC).read_text() == "one"
+    command = "git fetch origin release/2:refs/remotes/origin/release/2"
+    follow_hint(clone, "origin/release/2", command)
 
 
 def test_a_shallow_clone_is_told_what_to_fetch(top: Path, tmp_path: Path) -> None:
@@ -168,47 +161,24 @@ def test_a_shallow_clone_is_told_what_to_fetch(top: Path, tmp_path: Path) -> Non
     git(top, "branch", "stable", "HEAD~1")
     clone = tmp_path / "clone"
     git(tmp_path, "clone", "--quiet", "--depth=1", f"file://{top}", str(clone))
-    with (
-        pytest.raises(BaseRevisionError, match="this clone is shallow") as caught,
-        open_base_tree(parse_base_reference(["origin/stable"]), clone / SPEC),
-    ):
-        pass
-    command = caught.value.hint.split(": ", 1)[1].split(". ")[0]
-    assert command == "git fetch --depth=1 origin stable:refs/remotes/origin/stable"
-    # The way out is one.
-    git(clone, *command.split()[1:])
-    with open_base_tree(parse_base_reference(["origin/stable"]), clone / SPEC) as tree:
-        assert (tree.top / SPEC).read_text() == "one"
+    assert "this clone is shallow" in str(refusal("origin/stable", clone / SPEC))
+    follow_hint(
+        clone, "origin/stable", "git fetch --depth=1 origin stable:refs/remotes/origin/stable"
+    )
 
 
 def test_outside_of_a_repository(tmp_path: Path) -> None:
     folder = tmp_path / "plain"
     write_files(folder, {SPEC: "one"})
-    with (
-        pytest.raises(BaseRevisionError, match="no git repository"),
-        open_base_tree(parse_base_reference(["main"]), folder / SPEC),
-    ):
-        pass
+    refusal("main", folder / SPEC, "no git repository")
 
 
 def test_objects_that_are_missing_are_not_fetched(top: Path, tmp_path: Path) -> None:
     clone = tmp_path / "partial"
     git(top, "config", "uploadpack.allowFilter", "true")
-    git(
-        tmp_path,
-        "clone",
-        "--quiet",
-        "--filter=blob:none",
-        "--no-checkout",
-        f"file://{top}",
-        "partial",
-    )
-    with (
-        pytest.raises(BaseRevisionError, match="lacks objects") as caught,
-        open_base_tree(parse_base_reference(["HEAD"]), clone),
-    ):
-        pass
-    assert "--filter" in caught.value.hint
+    options = ("--quiet", "--filter=blob:none", "--no-checkout")
+    git(tmp_path, "clone", *options, f"file://{top}", "partial")
+    assert "--filter" in refusal("HEAD", clone, "lacks objects").hint
 
 
 def test_a_full_disk_is_said_and_leaves_nothing(
@@ -216,12 +186,7 @@ def test_a_full_disk_is_said_and_leaves_nothing(
 ) -> None:
     usage = shutil.disk_usage(top)
     monkeypatch.setattr(shutil, "disk_usage", lambda _path: usage._replace(free=1000))
-    with (
-        pytest.raises(BaseRevisionError, match="cannot be written") as caught,
-        open_base_tree(parse_base_reference(["HEAD"]), top / SPEC),
-    ):
-        pass
-    assert "TMPDIR" in caught.value.hint
+    assert "TMPDIR" in refusal("HEAD", top / SPEC, "cannot be written").hint
     assert list(temporary.iterdir()) == []
 
 
@@ -241,11 +206,7 @@ def test_a_disk_that_becomes_full_is_said_and_leaves_nothing(
         monkeypatch.setattr("tempfile.tempdir", str(small))
         usage = shutil.disk_usage(top)
         monkeypatch.setattr(shutil, "disk_usage", lambda _path: usage)
-        with (
-            pytest.raises(BaseRevisionError, match="No space left"),
-            open_base_tree(parse_base_reference(["HEAD"]), top / SPEC),
-        ):
-            pass
+        refusal("HEAD", top / SPEC, "No space left")
         assert list(small.iterdir()) == []
     finally:
         subprocess.run(["umount", str(small)], check=False)  # noqa: S607
@@ -257,11 +218,7 @@ def test_paths_that_git_would_not_write_are_refused(top: Path, name: str) -> Non
     inner = git(top, "mktree", stdin=f"100644 blob {blob}\tx\n")
     outer = git(top, "mktree", stdin=f"040000 tree {inner}\t{name}\n")
     hostile = git(top, "commit-tree", "-m", "hostile", outer)
-    with (
-        pytest.raises(BaseRevisionError, match="would not write"),
-        open_base_tree(parse_base_reference([hostile]), top / SPEC),
-    ):
-        pass
+    refusal(hostile, top / SPEC, "would not write")
 
 
 def test_files_of_git_lfs_come_from_the_local_storage(top: Path) -> None:
@@ -271,26 +228,22 @@ def test_files_of_git_lfs_come_from_the_local_storage(top: Path) -> None:
         f"version https://git-lfs.github.com/spec/v1\noid sha256:{digest}\nsize {len(content)}\n"
     )
     commit(top, {"drive.mcap": pointer})
-    with open_base_tree(parse_base_reference(["HEAD"]), top / SPEC) as tree:
+    with base_of("HEAD", top / SPEC) as tree:
         assert (tree.top / "drive.mcap").read_text() == pointer
         assert "drive.mcap" in tree.notes[0]
     write_files(top, {f".git/lfs/objects/{digest[:2]}/{digest[2:4]}/{digest}": content})
-    with open_base_tree(parse_base_reference(["HEAD"]), top / SPEC) as tree:
+    with base_of("HEAD", top / SPEC) as tree:
         assert (tree.top / "drive.mcap").read_bytes() == content
         assert tree.notes == ()
     write_files(top, {f".git/lfs/objects/{digest[:2]}/{digest[2:4]}/{digest}": b"damaged"})
-    with (
-        pytest.raises(BaseRevisionError, match="damaged"),
-        open_base_tree(parse_base_reference(["HEAD"]), top / SPEC),
-    ):
-        pass
+    refusal("HEAD", top / SPEC, "damaged")
 
 
 def test_submodules_are_named(top: Path, tmp_path: Path) -> None:
     commit(tmp_path / "other", {"x": "1"})
     git(top, "submodule", "--quiet", "add", str(tmp_path / "other"), "vendored")
     commit(top)
-    with open_base_tree(parse_base_reference(["HEAD"]), top / SPEC) as tree:
+    with base_of("HEAD", top / SPEC) as tree:
         assert tree.notes == ("Submodules are empty in the base: vendored.",)
 
 
@@ -298,18 +251,14 @@ def test_another_work_tree_is_used_as_it_is(top: Path, tmp_path: Path, temporary
     base = tmp_path / "base"
     git(top, "worktree", "add", "--quiet", "--detach", str(base))
     (base / SPEC).write_text("changed")
-    with open_base_tree(parse_base_reference([str(base)]), top / SPEC) as tree:
+    with base_of(str(base), top / SPEC) as tree:
         assert (tree.top, tree.head_top) == (base, top)
         assert tree.revision is not None
         assert tree.revision.dirty
         assert tree.name.startswith("base@")
         assert tree.name.endswith("+dirty")
     assert (base / SPEC).read_text() == "changed"
-    with (
-        pytest.raises(BaseRevisionError, match="the work tree of the head"),
-        open_base_tree(parse_base_reference([str(top / "bench")]), top / SPEC),
-    ):
-        pass
+    refusal(str(top / "bench"), top / SPEC, "the work tree of the head")
 
 
 def test_what_a_killed_process_left_is_removed_by_the_next(top: Path, temporary: Path) -> None:
@@ -333,6 +282,6 @@ def test_what_a_killed_process_left_is_removed_by_the_next(top: Path, temporary:
 
 
 def test_folders_that_a_build_made_unwritable_are_removed(top: Path, temporary: Path) -> None:
-    with open_base_tree(parse_base_reference(["HEAD"]), top / SPEC) as tree:
+    with base_of("HEAD", top / SPEC) as tree:
         (tree.top / "a" / "b").chmod(0o500)
     assert list(temporary.iterdir()) == []

@@ -59,12 +59,13 @@ class Host:
         folder.path.rmdir()
         simulation.write(folder.path)
 
-    def compare(self) -> PairedComparison:
-        """Compare two sides that differ in nothing but their names."""
+    def compare(self, environment: Mapping[str, str] | None = None) -> PairedComparison:
+        """Compare two sides that differ in nothing but their names, and in an environment."""
         plan = template().plan()
         confirms = msgspec.structs.replace(plan.gate, confirm=False)
         side = ComparisonSide(msgspec.structs.replace(plan, gate=confirms), self.tmp_path, "")
-        compare(ComparisonSpec(side, side, PAIRS), self.tmp_path / "pairs")
+        base = replace(side, environment=environment or {})
+        compare(ComparisonSpec(base, side, PAIRS), self.tmp_path / "pairs")
         return open_comparison(self.tmp_path / "pairs")
 
 
@@ -94,6 +95,13 @@ def test_the_recorded_order_is_the_order_that_was_played(host: Host) -> None:
         for side in (("base", "head") if each.order == "AB" else ("head", "base"))
     ]
     assert host.folders == played
+
+
+@pytest.mark.parametrize("host", [[CALM]], indirect=True)
+def test_values_of_secrets_are_not_recorded(host: Host) -> None:
+    pairs = host.compare({"API_TOKEN": "very-secret", "OMP_NUM_THREADS": "4", "GONE_KEY": ""})
+    assert pairs.record.environment == {"API_TOKEN": "***", "OMP_NUM_THREADS": "4", "GONE_KEY": ""}
+    assert "very-secret" not in (pairs.folder / "pairs.json").read_text()
 
 
 @pytest.mark.parametrize("host", [[BUSY]], indirect=True)

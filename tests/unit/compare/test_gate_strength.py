@@ -298,7 +298,7 @@ class TestNoFieldIsForgotten:
             (plans.PlayPlan, {*gate_keys.PLAY_KEYS, "rate_hz"}),
             (plans.SearchPlan, {*gate_keys.SEARCH_KEYS, "holds"}),
             (plans.DatasetPlan, set(gate_keys.DATA_KEYS)),
-            (plans.InputPlan, {*gate_keys.INPUT_KEYS, "topic"}),
+            (plans.InputPlan, set(gate_keys.INPUT_KEYS)),
             (plans.MonitorPlan, {*gate_keys.MONITOR_KEYS, *gate_keys.FREE_MONITOR_FIELDS}),
             (plans.TimelinePlan, set(gate_keys.TIMELINE_KEYS)),
             (language.Objective, {"at", "level", "when", "confidence", "require", "at_peak"}),

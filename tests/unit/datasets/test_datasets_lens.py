@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from r2bspec.datasets import rig
@@ -17,7 +16,7 @@ from r2bspec.datasets.cameras import (
     undistorted,
 )
 from r2bspec.datasets.scenes import find_scene
-from r2bspec.datasets.sensors import render_depth, render_image
+from r2bspec.datasets.sensors import render_depth
 
 HAWK = (rig.LEFT_HAWK, rig.RIGHT_HAWK)
 
@@ -53,32 +52,6 @@ def test_the_inverse_is_one_up_to_the_corners(camera: Camera) -> None:
         for column, place in enumerate(columns):
             point = (float(x[row, column]), float(y[row, column]), 1.0)
             assert project(camera, point) == pytest.approx((place, line), abs=0.001)
-
-
-def test_the_lens_moves_points_by_more_than_a_matcher_tolerates() -> None:
-    """Unrectified, corresponding points would lie in rows pixels apart."""
-    left = project(rig.LEFT_HAWK, (1.8, 1.1, 2.0))
-    right = project(rig.RIGHT_HAWK, (1.8 - rig.RIGHT_HAWK.baseline_m, 1.1, 2.0))
-    ideal = project(replace(rig.LEFT_HAWK, lens=None), (1.8, 1.1, 2.0))
-    assert ideal[0] - left[0] > 50
-    assert abs(left[1] - right[1]) > 1.5
-
-
-@pytest.mark.parametrize("camera", HAWK)
-def test_what_the_camera_shows_becomes_the_ideal_image_by_rectification(
-    camera: Camera,
-) -> None:
-    cv2 = pytest.importorskip("cv2")
-    scene = find_scene("r2b_storage")
-    pose = camera_pose(scene.motion.pose(4.0), camera)
-    ideal = render_image(scene.room, scene.tag, replace(camera, lens=None), pose).astype(float)
-    shown = render_image(scene.room, scene.tag, camera, pose)
-    coefficients = np.array(lens_of(camera).coefficients)
-    rectified = cv2.undistort(shown, matrix_of(camera), coefficients).astype(float)
-    assert np.median(np.abs(rectified - ideal)) < 1
-    assert (np.abs(rectified - ideal) > 30).mean() < 0.002
-    # Without rectification the image is another.
-    assert np.median(np.abs(shown - ideal)) > 5
 
 
 @pytest.mark.parametrize("camera", HAWK)

@@ -154,12 +154,6 @@ def test_tells_its_progress(tmp_path: Path) -> None:
     assert steps == [(1, 4), (2, 4), (3, 4), (4, 4)]
 
 
-def test_lies_in_the_users_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    made = make("r2b_storage", ["/d455_1_imu"], Window(end_ns=20_000_000))
-    assert made.path.parent == tmp_path / "r2bspec" / "datasets"
-
-
 def test_two_processes_make_it_once(small: SyntheticDataset, tmp_path: Path) -> None:
     first = maker(tmp_path, "hold")
     holding(first)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import math
 from typing import Any
 
 import numpy as np
@@ -13,11 +11,9 @@ from numpy.typing import NDArray
 from data_bags import decoded, pixels, stamp_ns
 from ground_truth_files import read_ground_truth
 from r2bspec.bags.recording import SyntheticDataset
-from r2bspec.datasets import rig
-from r2bspec.datasets.cameras import BODY_FROM_OPTICAL, Lens, Pose, camera_pose
+from r2bspec.datasets.cameras import BODY_FROM_OPTICAL, Lens, Pose
 from r2bspec.datasets.ground_truth import CameraTruth, TagSighting
 from r2bspec.datasets.scenes import board_cells, find_scene, tag_pose
-from r2bspec.datasets.sensors import render_image
 
 IMAGE_TOPICS = [
     "/d455_1_rgb_image",
@@ -60,10 +56,6 @@ def test_a_tag_seen_frontally_is_not_rotated() -> None:
     assert seen.position_m == pytest.approx((0.0, 0.0, 2.0))
 
 
-def test_only_the_storage_room_shows_a_tag() -> None:
-    assert find_scene("r2b_lounge").tag is None
-
-
 def test_the_pattern_is_that_of_the_family() -> None:
     assert half_turns() in (0, 1)
 
@@ -100,50 +92,6 @@ def shown(camera: CameraTruth, ideal: NDArray[np.float64]) -> NDArray[np.float64
     return places
 
 
-def test_the_tag_moves(storage_room: SyntheticDataset) -> None:
-    first, second = sightings(storage_room, "/d455_1_rgb_image")
-    assert math.dist(first.position_m, second.position_m) > 1e-3
-
-
-@pytest.mark.parametrize("topic", IMAGE_TOPICS)
-def test_the_borders_lie_where_the_corners_say(storage_room: SyntheticDataset, topic: str) -> None:
-    """Half-way between black and white, along each edge, without any detector."""
-    camera = read_ground_truth(storage_room.path).cameras[topic]
-    for (_, message), seen in zip(
-        decoded(storage_room.path, topic), sightings(storage_room, topic), strict=True
-    ):
-        image = grey(pixels(message)).astype(np.float64)
-        square = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * TAG_SIZE_M / 2
-        points = square @ rotation(seen.orientation_xyzw).T + seen.position_m
-        for edge in range(4):
-            # A lens bends the edges: they are straight in space.
-            start, end = points[edge], points[(edge + 1) % 4]
-            along = np.array([start + (end - start) * share for share in np.linspace(0.1, 0.9, 41)])
-            places = shown(camera, along[:, :2] / along[:, 2:])
-            offsets = [
-                _crossing(image, place, after - place)
-                for place, after in itertools.pairwise(places)
-            ]
-            assert abs(float(np.mean(offsets))) < 0.08
-            assert float(np.max(np.abs(offsets))) < 0.25
-
-
-def _crossing(
-    image: NDArray[np.float64], point: NDArray[np.float64], along: NDArray[np.float64]
-) -> float:
-    """Where the brightness crosses its middle, in pixels across an edge from a point on it."""
-    normal = np.array([-along[1], along[0]]) / np.hypot(*along)
-    steps = np.linspace(-2.5, 2.5, 101)
-    u, v = (point + steps[:, None] * normal).T
-    left, top = np.floor(u).astype(int), np.floor(v).astype(int)
-    a, b = u - left, v - top
-    values = (image[top, left] * (1 - a) + image[top, left + 1] * a) * (1 - b) + (
-        image[top + 1, left] * (1 - a) + image[top + 1, left + 1] * a
-    ) * b
-    middle = (values[0] + values[-1]) / 2
-    return float(steps[np.argmin(np.abs(values - middle))])
-
-
 def detect(image: NDArray[np.uint8]) -> NDArray[np.float64]:
     """Corners of the one tag that OpenCV finds, from the top left as it is printed, (4, 2)."""
     cv2 = pytest.importorskip("cv2")
@@ -156,47 +104,11 @@ def detect(image: NDArray[np.uint8]) -> NDArray[np.float64]:
     return np.roll(np.asarray(corners[0][0], np.float64), 2 * half_turns(), axis=0)
 
 
-def estimate(
-    corners: NDArray[np.float64], matrix: NDArray[np.float64], distortion: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Position and rotation of the tag from its corners, by OpenCV."""
-    cv2 = pytest.importorskip("cv2")
-    half = TAG_SIZE_M / 2
-    points = np.array([[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]])
-    found, turn, position = cv2.solvePnP(
-        points, corners, matrix, distortion, flags=cv2.SOLVEPNP_IPPE
-    )
-    assert found
-    return position.ravel(), cv2.Rodrigues(turn)[0]
-
-
-@pytest.mark.parametrize("size", [None, (1280, 720)])
 @pytest.mark.parametrize("topic", IMAGE_TOPICS)
-def test_opencv_finds_its_pose(
-    storage_room: SyntheticDataset, topic: str, size: tuple[int, int] | None
-) -> None:
-    cv2 = pytest.importorskip("cv2")
-    infos = decoded(storage_room.path, topic.replace("_image", "_camera_info"))
-    for (_, message), (_, info), seen in zip(
-        decoded(storage_room.path, topic), infos, sightings(storage_room, topic), strict=True
-    ):
-        image, matrix = grey(pixels(message)), info.k.reshape(3, 3).copy()
-        if size is not None:
-            matrix[0] *= size[0] / message.width
-            matrix[1] *= size[1] / message.height
-            image = cv2.resize(image, size)
-        position, turn = estimate(detect(image), matrix, info.d)
-        assert np.linalg.norm(position - seen.position_m) < 0.01
-        cosine = (np.trace(turn.T @ rotation(seen.orientation_xyzw)) - 1) / 2
-        assert math.degrees(math.acos(min(1.0, cosine))) < 1.0
-
-
-def test_opencv_finds_it_throughout_the_sequence() -> None:
-    pytest.importorskip("cv2")
-    scene = find_scene("r2b_storage")
-    for tenth in range(0, 100, 7):
-        pose = camera_pose(scene.motion.pose(tenth / 10), rig.COLOUR)
-        detect(grey(render_image(scene.room, scene.tag, rig.COLOUR, pose)))
+def test_opencv_finds_its_corners(storage_room: SyntheticDataset, topic: str) -> None:
+    frames = decoded(storage_room.path, topic)
+    for (_, message), seen in zip(frames, sightings(storage_room, topic), strict=True):
+        assert np.abs(detect(grey(pixels(message))) - seen.corners_px).max() < 0.5
 
 
 def test_camera_info_agrees_with_the_image(storage_room: SyntheticDataset) -> None:

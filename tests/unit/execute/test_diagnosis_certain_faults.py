@@ -8,7 +8,7 @@ import pytest
 
 from r2bspec.execute.bringup.find_fault import RemappedTopic, certain_topics, unmatched
 from r2bspec.execute.bringup.graph_matching import EarlyDiagnosis
-from r2bspec.execute.bringup.observe_graph import GraphFacts, TopicFacts, topics_of
+from r2bspec.execute.bringup.observe_graph import GraphFacts, TopicFacts
 from r2bspec.ipc.protocol import Endpoint, QosMismatch
 from run_simulation import Simulation
 
@@ -135,7 +135,7 @@ def test_nothing_is_certain_while_the_graph_changes() -> None:
         # Until 3 s, each look shows another node.
         return dataclasses.replace(facts, nodes=frozenset({"/r2b/a", f"/{min(now, 3.0)}"}))
 
-    watch = EarlyDiagnosis(Simulation().plan(), "measure", look, clock=lambda: now)
+    watch = EarlyDiagnosis(Simulation().plan(), (), look, clock=lambda: now)
     said: list[float] = []
     while not said and now < 20:
         if watch.certain([INPUT]):
@@ -147,5 +147,5 @@ def test_nothing_is_certain_while_the_graph_changes() -> None:
 
 def test_the_topics_of_a_node_of_unknown_name_are_those_of_nodes_outside_of_the_plan() -> None:
     facts = graph(topic("/image", "", "/plain"), topic("/out", "/plain"))
-    assert topics_of(facts, "/r2b/b") == ("/image", "/out")
-    assert topics_of(facts, "/plain") == ("/image", "/out")
+    assert facts.topics_of("/r2b/b") == ("/image", "/out")
+    assert facts.topics_of("/plain") == ("/image", "/out")

@@ -14,7 +14,7 @@ from r2bspec.execute.bringup.find_fault import (
     path_to,
 )
 from r2bspec.execute.bringup.observe_graph import GraphFacts, TopicFacts, gather_facts
-from r2bspec.ipc.protocol import Endpoint, QosMismatch
+from r2bspec.ipc.protocol import Discovered, Endpoint, QosMismatch
 from r2bspec.plan.plan import TopicPlan
 from run_simulation import Simulation
 
@@ -263,9 +263,11 @@ def test_the_harness_has_its_names_in_plans_and_its_tracing_subscriptions_are_le
     facts = gather_facts(
         msgspec.structs.replace(Simulation().plan(), topics=(planned,)),
         "measure",
-        {"/in": ((end("/r2bspec/player"),), (end("/a"), end("/r2bspec/monitor")))},
+        Discovered(
+            writers={"/in": (end("/r2bspec/player"),)},
+            readers={"/in": (end("/a"), end("/r2bspec/monitor"))},
+        ),
         passed={"/in": 4},
-        played=10,
     )
     topic_facts = facts.topics["/in"]
     assert facts.inputs == ("/in",)

@@ -66,7 +66,7 @@ def test_a_program_has_nodes_of_any_name() -> None:
 def diagnosis(now: list[float], **ways: Any) -> EarlyDiagnosis:
     facts = GraphFacts(topics={}, inputs=())
     plan = msgspec.structs.replace(Simulation().plan(), start_timeout=Duration(30 * 10**9))
-    return EarlyDiagnosis(plan, "measure", lambda: facts, clock=lambda: now[0], **ways)
+    return EarlyDiagnosis(plan, (), lambda: facts, clock=lambda: now[0], **ways)
 
 
 def stalls_at(watch: EarlyDiagnosis, now: list[float]) -> float:

@@ -12,7 +12,7 @@ import pytest
 
 from r2bspec.execute.bringup.harness_processes import Hello, is_target_process
 from r2bspec.execute.errors import NotJoinableError
-from r2bspec.execute.processes.prerequisites import require_joinable, why_not_joinable
+from r2bspec.execute.processes.elf import require_joinable, why_not_joinable
 
 FOREIGN_USER = 65534
 

@@ -13,7 +13,7 @@ import pytest
 
 from example_spec import example
 from r2bspec import api
-from r2bspec.check.rules.transport import transport_unsupported_by_middleware
+from r2bspec.check.rules.machine import transport_unsupported_by_middleware
 from r2bspec.compare.interleaved_comparison import prepare_comparison
 from r2bspec.compare.interleaved_runs import ComparisonSide
 from r2bspec.execute.bringup.launcher import Launcher

@@ -5,9 +5,8 @@ from __future__ import annotations
 import pytest
 
 from r2bspec.execute.bringup.find_fault import Fault
+from r2bspec.execute.bringup.graph_matching import graph_mismatches, related_differences
 from r2bspec.execute.bringup.spec_mismatches import (
-    graph_mismatches,
-    related_differences,
     require_declared_parameters,
     unmatched_remappings,
 )

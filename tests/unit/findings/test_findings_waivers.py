@@ -28,85 +28,67 @@ def left(text: str, *found: Diagnostic, complete: bool = True) -> list[str]:
     return [f"{one.span.line} {one.code}" for one in judged]
 
 
+ABOVE = "x: 0\n# r2bspec: ignore[R2B204] because\n# more about it\na: 1\nb: 1\n"
+BEHIND = "x: 0 # r2bspec: ignore[R2B204] because\na: 1\n"
+NOTHING_WAIVED = ["1 R2B204", "1 R2B040"]
+
+
 @pytest.mark.parametrize(
-    "text",
+    ("text", "found", "expected"),
     [
-        "a: 1 # r2bspec: ignore[R2B204] because",
-        "a: 1 #r2bspec:ignore[ r2b204 ]: because",
-        "a: 1 # r2bspec: ignore[R2B207, R2B204] because",
+        ("a: 1 # r2bspec: ignore[R2B204] because", [finding(1)], []),
+        ("a: 1 #r2bspec:ignore[ r2b204 ]: because", [finding(1)], []),
+        # A comment above speaks of the next line with content, one behind a value of its own.
+        (ABOVE, [finding(4)], []),
+        (ABOVE, [finding(5)], ["5 R2B204", "2 R2B042"]),
+        (ABOVE, [finding(1)], ["1 R2B204", "2 R2B042"]),
+        (BEHIND, [finding(2)], ["2 R2B204", "1 R2B042"]),
+        *(
+            (f"a: 1 # r2bspec: {comment}", [finding(1)], NOTHING_WAIVED)
+            for comment in ("ignore[R2B204]  ", "ignore R2B204 because", "ignore", "ignore[]")
+        ),
+        # A slug is as good as a code.
+        (
+            "a: 1 # r2bspec: ignore[Topic-Without-Publisher, remapping-matches-nothing] because",
+            [finding(1, "R2B207"), finding(1, "R2B204")],
+            [],
+        ),
+        ("a: 1 # r2bspec: ignore[topic-without-publisher] x", [finding(1, "R2B207")], []),
+        (
+            "a: 1 # r2bspec: ignore[topic-without-publisher]",
+            [finding(1, "R2B207")],
+            ["1 R2B207", "1 R2B040"],
+        ),
+        # Errors that make the document unusable cannot be waived.
+        ("a: 1 # r2bspec: ignore[unknown-key] x", [finding(1, "R2B101")], ["1 R2B101", "1 R2B043"]),
+        ("a: 1 # r2bspec: ignore[R2B101] x", [finding(1, "R2B101")], ["1 R2B101", "1 R2B043"]),
+        ("a: 1 # r2bspec: ignore[R2B101] x", [finding(1, "R2B101", Severity.WARNING)], []),
+        # What is unused, unless it depends on the machine.
+        ("a: 1 # r2bspec: ignore[R2B204] because", [], ["1 R2B042"]),
+        ("a: 1 # r2bspec: ignore[R2B302] the bag is on the robot", [], []),
     ],
 )
-def test_a_finding_of_the_line_is_waived(text: str) -> None:
+def test_what_is_left(text: str, found: list[Diagnostic], expected: list[str]) -> None:
+    assert left(text, *found) == expected
+
+
+def test_nothing_is_unused_where_not_all_was_looked_at() -> None:
+    text = "a: 1 # r2bspec: ignore[R2B207, R2B204] because"
     assert left(text, finding(1), complete=False) == []
 
 
-def test_a_comment_above_speaks_of_the_next_line_with_content() -> None:
-    text = "x: 0\n# r2bspec: ignore[R2B204] because\n# more about it\na: 1\nb: 1\n"
-    assert left(text, finding(4)) == []
-    assert left(text, finding(5)) == ["5 R2B204", "2 R2B042"]
-    assert left(text, finding(1)) == ["1 R2B204", "2 R2B042"]
-
-
-def test_a_comment_behind_a_value_speaks_of_its_own_line_only() -> None:
-    text = "x: 0 # r2bspec: ignore[R2B204] because\na: 1\n"
-    assert left(text, finding(2)) == ["2 R2B204", "1 R2B042"]
-
-
 @pytest.mark.parametrize(
-    "comment",
-    ["ignore[R2B204]", "ignore[R2B204]   ", "ignore R2B204 because", "ignore", "ignore[]"],
+    ("written", "meant"),
+    [("R2B2004", "R2B204"), ("topic-without-publsher", "topic-without-publisher")],
 )
-def test_without_code_or_reason_nothing_is_waived(comment: str) -> None:
-    assert left(f"a: 1 # r2bspec: {comment}", finding(1)) == ["1 R2B204", "1 R2B040"]
-
-
-def test_an_unknown_code_is_reported_with_the_close_one() -> None:
+def test_an_unknown_code_is_reported_with_the_close_one(written: str, meant: str) -> None:
     (found,) = apply_waivers(
-        [], {"f": "# r2bspec: ignore[R2B2004] x"}, known=lambda: SLUGS, complete=True
+        [], {"f": f"# r2bspec: ignore[{written}] x"}, known=lambda: SLUGS, complete=True
     )
-    assert (found.code, found.span.column, found.span.end_column) == ("R2B041", 19, 26)
-    assert "did you mean R2B204?" in found.help
-
-
-def test_a_slug_waives_what_its_code_does() -> None:
-    text = "a: 1 # r2bspec: ignore[Topic-Without-Publisher, remapping-matches-nothing] because"
-    assert left(text, finding(1, "R2B207"), finding(1, "R2B204"), complete=False) == []
-    assert left(text, finding(1, "R2B207")) == ["1 R2B042"]
-
-
-def test_an_unknown_slug_is_reported_with_the_close_one() -> None:
-    (found,) = apply_waivers(
-        [], {"f": "# r2bspec: ignore[topic-without-publsher] x"}, known=lambda: SLUGS, complete=True
-    )
-    assert (found.code, found.span.column, found.span.end_column) == ("R2B041", 19, 41)
-    assert "'topic-without-publsher'" in found.message
-    assert "did you mean topic-without-publisher?" in found.help
-
-
-def test_a_slug_without_a_reason_waives_nothing() -> None:
-    text = "a: 1 # r2bspec: ignore[topic-without-publisher]"
-    assert left(text, finding(1, "R2B207")) == ["1 R2B207", "1 R2B040"]
-
-
-def test_a_slug_of_what_cannot_be_waived_waives_nothing() -> None:
-    text = "a: 1 # r2bspec: ignore[unknown-key] because"
-    assert left(text, finding(1, "R2B101")) == ["1 R2B101", "1 R2B043"]
-
-
-def test_an_unused_waiver_is_reported_if_all_was_looked_at() -> None:
-    text = "a: 1 # r2bspec: ignore[R2B204] because"
-    assert left(text) == ["1 R2B042"]
-    assert left(text, complete=False) == []
-
-
-def test_what_depends_on_the_machine_is_never_unused() -> None:
-    assert left("a: 1 # r2bspec: ignore[R2B302] the bag is on the robot") == []
-
-
-def test_errors_that_make_the_document_unusable_cannot_be_waived() -> None:
-    text = "a: 1 # r2bspec: ignore[R2B101] because"
-    assert left(text, finding(1, "R2B101")) == ["1 R2B101", "1 R2B043"]
-    assert left(text, finding(1, "R2B101", Severity.WARNING)) == []
+    assert (found.code, found.span.column) == ("R2B041", 19)
+    assert found.span.end_column == 19 + len(written)
+    assert f"'{written}'" in found.message
+    assert f"did you mean {meant}?" in found.help
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ import yaml
 from r2bspec import api
 from r2bspec.bags.integrity import hash_files
 from r2bspec.exit_status import ExitStatus
-from r2bspec.fleet.bundle import Bundle, Job, SentFile, SentSide, Side, make_bundle
+from r2bspec.fleet.bundle import Bundle, Job, SentFile, Side, make_bundle
 from r2bspec.fleet.errors import HostFullError, HostLostError, NotAllowedError, TransferError
 from r2bspec.fleet.host_store import HostStore, inside
 from r2bspec.fleet.permissions import check_allowed
@@ -63,8 +63,7 @@ def prepared(folder: Path, **changes: Any) -> api.PreparedBenchmark:
 
 
 def bundle_of(folder: Path, **changes: Any) -> Bundle:
-    one = prepared(folder, **changes)
-    return make_bundle([SentSide(one.plan, one.base_dir, one.spec_text)])
+    return make_bundle([prepared(folder, **changes)])
 
 
 def job_of(bundle: Bundle, identity: str = "x") -> Job:

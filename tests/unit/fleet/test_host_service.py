@@ -15,8 +15,9 @@ import pytest
 pytest.importorskip("distributed")
 
 from r2bspec._version import __version__
+from r2bspec.api import PreparedBenchmark
 from r2bspec.errors import R2bspecError
-from r2bspec.fleet.bundle import Job, SentSide
+from r2bspec.fleet.bundle import Job
 from r2bspec.fleet.errors import (
     HostFullError,
     HostLostError,
@@ -92,7 +93,7 @@ def run_of(folder: Path, **node: Any) -> FleetRun:
     spec["graph"]["nodes"]["relay"] |= node
     loaded = load_spec(Bench(folder / "bench").write(spec))
     assert loaded.spec is not None
-    side = SentSide(compile_plan(loaded.spec, None), folder / "bench", "")
+    side = PreparedBenchmark(compile_plan(loaded.spec, None), folder / "bench", "")
     return FleetRun(
         name="relay", folder=folder / "out" / "relay", head=side, hosts=frozenset({"here"})
     )

@@ -9,12 +9,12 @@ import pytest
 
 from example_spec import example
 from r2bspec._version import __version__
-from r2bspec.check.this_machine import MachineFacts, unmet
 from r2bspec.fleet.hosts import HostFacts, place
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.spec import Requires
 from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.plan import Plan
+from r2bspec.plan.this_machine import MachineFacts, unmet
 
 
 def facts(name: str, **changes: Any) -> HostFacts:

@@ -74,6 +74,7 @@ COMMANDS: list[protocol.Command] = [
         request={"data": True},
         timeout_ns=1,
     ),
+    protocol.ConfigureInspector(namespace="/r2b", timeout_s=0.5, file="/nodes.json"),
     protocol.ConfigureHarness(parts=("player", "monitor")),
     protocol.ConfigureComponents(
         containers=(protocol.ContainerComponents(container="/r2b/front", nodes=(NODE,)),),

@@ -8,12 +8,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from r2bspec.harness.service_client import (
-    ComponentError,
-    load_error,
-    load_request,
-    load_service_name,
-)
+from r2bspec.harness.service_client import ComponentError, load_error, load_request
 from r2bspec.language.spec import Container
 from r2bspec.plan.command_lines import container_argv, container_node_name
 from r2bspec.plan.plan import NodePlan
@@ -78,16 +73,16 @@ def test_what_ros_cannot_hold_is_refused_by_name(given: Any) -> None:
         value(given)
 
 
-def test_a_component_that_is_there_is_no_problem() -> None:
-    assert load_error(node(), "/r2b/front", success=True, reason="") == ""
-
-
-def test_a_refusal_names_package_plugin_container_and_what_it_said() -> None:
-    said = load_error(node(), "/r2b/front", success=False, reason="Failed to find class")
+@pytest.mark.parametrize(
+    ("reason", "end"),
+    [("Failed to find class", ": Failed to find class"), ("", ": the container gave no reason")],
+)
+def test_a_refusal_names_package_plugin_container_and_what_it_said(reason: str, end: str) -> None:
+    error = load_error(node(), "/r2b/front", reason, hint="look")
     for word in ("image_proc::RectifyNode", "package image_proc", "/r2b/front", "/left/rectify"):
-        assert word in said
-    assert said.endswith(": Failed to find class")
-    assert "gave no reason" in load_error(node(), "/r2b/front", success=False, reason="")
+        assert word in str(error)
+    assert str(error).endswith(end)
+    assert (error.code, error.hint) == ("R2B665", "look")
 
 
 @pytest.mark.parametrize(
@@ -98,4 +93,3 @@ def test_a_container_is_called_by_the_name_that_it_is_started_with(
 ) -> None:
     argv = container_argv("front", Container(executable="component_container_mt"), namespace)
     assert container_node_name(argv) == full
-    assert load_service_name(full) == f"{full}/_container/load_node"

@@ -8,9 +8,14 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.judge.confirmation import judge_with_confirmation
+from r2bspec.judge.confirmation import (
+    confirm_run,
+    judge_with_confirmation,
+    needs_confirmation,
+)
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.judge_run import result_of, to_json
+from r2bspec.judge.pipeline import judge
 from r2bspec.language.quantities import Share
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.record.run_folder import Run, open_run
@@ -40,6 +45,13 @@ def search(holds_hz: float, fails_hz: float, segment: str) -> SearchRecord:
     return SearchRecord(probes=(tried,), holds_hz=holds_hz, fails_hz=fails_hz, limited_by="graph")
 
 
+@pytest.mark.parametrize("first", [FAST, SOME])
+def test_what_has_not_failed_is_not_tried_again(tmp_path: Path, first: np.ndarray) -> None:
+    found = judge(REQUIRED, read_samples(simulated(tmp_path, first, None)))
+    assert not needs_confirmation(found)
+    assert confirm_run(found, found).requirements == found.requirements
+
+
 @pytest.mark.parametrize(
     ("second", "together", "said"),
     [
@@ -53,8 +65,18 @@ def test_a_failure_is_judged_with_its_fresh_batch(
     tmp_path: Path, second: np.ndarray | None, together: str, said: str
 ) -> None:
     verdict = result_of(simulated(tmp_path, SLOW, second)).verdict
-    assert verdict.outcome == together
+    (judged,) = verdict.requirements
+    assert verdict.outcome == judged.outcome == together
     assert said in verdict.reason
+    assert second is None or "second run" in judged.notes[-1]
+    assert bool(judged.remedy) == (together == "inconclusive")
+
+
+def test_a_batch_that_broke_confirms_nothing(tmp_path: Path) -> None:
+    first = judge(REQUIRED, read_samples(simulated(tmp_path, SLOW, None)))
+    found = confirm_run(first, msgspec.structs.replace(first, outcome="invalid"))
+    assert found.outcome == found.requirements[0].outcome == "inconclusive"
+    assert found.requirements[0].remedy
 
 
 def test_a_pass_says_nothing_of_batches(tmp_path: Path) -> None:

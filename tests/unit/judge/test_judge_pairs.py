@@ -12,7 +12,6 @@ import pytest
 
 from pair_simulation import Comparison, latencies
 from r2bspec.compare.judge_pairs import judge_comparison_folder, read_pair_set
-from r2bspec.judge.affected_iterations import InterferencePolicy
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.judge_run import to_json
 from r2bspec.judge.pair_comparison import (
@@ -22,7 +21,12 @@ from r2bspec.judge.pair_comparison import (
     reruns_can_decide,
     taken_shares,
 )
-from r2bspec.judge.verdict import InconclusivePolicy, RequirementVerdict, Verdict
+from r2bspec.judge.verdict import (
+    InconclusivePolicy,
+    InterferencePolicy,
+    RequirementVerdict,
+    Verdict,
+)
 from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples

@@ -1,4 +1,4 @@
-"""Documents made to hurt: each is answered, in bounded time and memory."""
+"""Documents made to hurt: each is answered, in bounded time; for memory, see tests/fuzz."""
 
 from __future__ import annotations
 
@@ -10,45 +10,12 @@ from r2bspec.language import yaml_document as composing
 from r2bspec.language.document import MAX_DOCUMENT_BYTES
 from r2bspec.language.load_spec import load_spec
 
-BOMB = "a0: &a0 [x,x,x,x,x,x,x,x,x,x]\n" + "".join(
-    f"a{i}: &a{i} [{','.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 20)
-)
-MERGES = (
-    "x: &x {" + ", ".join(f"k{i}: 1" for i in range(500)) + "}\n"
-    "m: [" + ", ".join(["{<<: [*x, *x, *x, *x]}"] * 500) + "]\n"
-)
 
-
-@pytest.mark.timeout(30)
 @pytest.mark.parametrize(
-    ("content", "code"),
-    [
-        ("[" * 10_000, "R2B025"),
-        ("{a: " * 10_000, "R2B025"),
-        ("- " * 100_000, "R2B025"),
-        ("\n".join(" " * depth + "a:" for depth in range(1000)), "R2B025"),
-        (BOMB, "R2B027"),
-        (MERGES, "R2B027"),
-        ("a: [" + "1," * (composing.MAX_VALUES + 1) + "]", "R2B002"),
-        (b"a" * (MAX_DOCUMENT_BYTES + 1), "R2B002"),
-        ("a" * (MAX_DOCUMENT_BYTES + 1), "R2B002"),
-        ("a: " + "9" * 1_000_000, "R2B029"),
-    ],
-    ids=[
-        "lists",
-        "maps",
-        "dashes",
-        "blocks",
-        "bomb",
-        "merges",
-        "values",
-        "bytes",
-        "text",
-        "digits",
-    ],
+    "content", [b"a" * (MAX_DOCUMENT_BYTES + 1), "a" * (MAX_DOCUMENT_BYTES + 1)]
 )
-def test_refused(content: str | bytes, code: str) -> None:
-    assert code in {found.code for found in load_spec(content).diagnostics}
+def test_a_large_document_is_refused(content: str | bytes) -> None:
+    assert [found.code for found in load_spec(content).diagnostics] == ["R2B002"]
 
 
 @pytest.mark.timeout(60)
@@ -66,13 +33,6 @@ def test_refused(content: str | bytes, code: str) -> None:
 def test_many_mistakes_are_cut_off(content: str) -> None:
     found = load_spec(content).diagnostics
     assert len(found) in (1000, 1001, 1002)
-
-
-@pytest.mark.timeout(30)
-def test_inserted_text_is_bounded() -> None:
-    content = "variables: {x: '" + "y" * 1_000_000 + "'}\ntitle: '" + "$(var x)" * 1000 + "'"
-    codes = [found.code for found in load_spec(content).diagnostics]
-    assert codes.count("R2B129") == 1
 
 
 def test_shared_values_are_not_copied() -> None:

@@ -74,14 +74,3 @@ def test_a_declaration_is_enough(package: Path) -> None:
     said = run(package, "-c", ASK)
     assert said.startswith("neither [] 2 s\n0 s\n")
     assert "| `cool_down` | duration, default `0 s` | How long is waited. Example: `2 s`. |" in said
-
-
-def test_its_mistakes_are_explained(package: Path) -> None:
-    spec = package / "example.r2b.yaml"
-    for written, help_text in (
-        ("cooldown: 2 s", "did you mean 'cool_down'?"),
-        ("cool_down: 2", "2 has no unit"),
-        ("cool_down: [2 s]", "must be a duration, not a list"),
-    ):
-        spec.write_text(SPEC.replace("benchmark:\n", f"benchmark:\n  {written}\n"))
-        assert help_text in run(package, "-m", "r2bspec", "validate", "--offline", spec.name)

@@ -19,8 +19,6 @@ def test_the_table_is_complete() -> None:
     assert [each.name for each in NODE_KINDS] == list(get_args(NodeKindName))
     assert set(NODE_KIND_KEYS) <= set(Node.__struct_fields__)
     assert set(command_lines._ARGV) == {each.name for each in NODE_KINDS if each.role is not None}
-    suggested = [each.suggested for each in NODE_KINDS if each.snippet]
-    assert sorted(suggested) == list(range(1, len(suggested) + 1))
 
 
 def test_the_kinds_in_words() -> None:

@@ -1,177 +1,29 @@
-"""What the language server knows of names, nodes and results, through a real client."""
+"""What the language server offers, says and does about a spec, through a real client."""
 
 from __future__ import annotations
 
 import ast
-import asyncio
-import json
-import re
-import shutil
-from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
 import pytest
-import pytest_lsp
 from lsprotocol import types
-from pytest_lsp import ClientServerConfig, client_capabilities
+from pygls.exceptions import JsonRpcException
 
-import patient_language_server
-from open_document import OpenDocument, VersionedClient, edited
-from r2bspec.cli.main import main
-from report_runs import SIMULATIONS
+from open_document import NODES, SPEC, UNKNOWN, OpenDocument, changed, edited
 
-SPEC = """\
-r2bspec: 1
-name: simulated
-environment: [CELL_PORT]
-variables:
-  rate: 10 Hz
-  threads: 2
-containers:
-  vision: {executable: python, nice: $(var threads)}
-playback:
-  inputs:
-    image: {from: camera/image, format: sensor_msgs/msg/Image}
-data_loader:
-  bag: r2b_storage
-  topics:
-    /d455_1_rgb_image: camera/image
-graph:
-  nodes:
-    relay:
-      python: ./nodes.py:Relay
-      container: vision
-      parameters: {gain: 2.0}
-      remappings:
-        input: image
-        output: copied
-monitors:
-  copies: {topic: copied, format: sensor_msgs/msg/Image}
-benchmark:
-  duration: 2 s
-  rates: [$(var rate)]
-slos:
-  fast:
-    at: $(var rate)
-    require:
-      - latency.p90 < 250 ms
-      - copies.drop_rate <= 5 %
-      - cpu.vision.max < 90 %
-"""
-NODES = """\
-from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
-from sensor_msgs.msg import Image
+pytestmark = pytest.mark.asyncio(loop_scope="session")
 
-
-class Relay(Node):
-    def __init__(self, **kwargs):
-        super().__init__("relay", **kwargs)
-        self.declare_parameter("gain", 1.5)
-        self.publisher = self.create_publisher(Image, "output", 7)
-        self.create_subscription(Image, "input", self.publisher.publish, qos_profile_sensor_data)
-"""
-UNKNOWN = """\
-    other:
-      package: cell_vision
-      plugin: cell_vision::Detector
-      remappings: {found: copied}
-monitors:
-"""
-
-ERROR = types.DiagnosticSeverity.Error
-in_module = pytest.mark.asyncio(loop_scope="module")
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A workspace with a node, a parent, an installed package, and a result."""
-    folder = tmp_path_factory.mktemp("workspace")
-    (folder / "nodes.py").write_text(NODES)
-    prefix = folder / "install"
-    index = prefix / "share" / "ament_index" / "resource_index"
-    for kind, content in (
-        ("packages", ""),
-        ("rclcpp_components", "cell_vision::Detector;lib/libdetector.so\n"),
-        ("rosidl_interfaces", "msg/Found.msg\nmsg/Found.idl\nsrv/Ask.srv\n"),
-    ):
-        (index / kind).mkdir(parents=True)
-        (index / kind / "cell_vision").write_text(content)
-    (prefix / "share" / "cell_vision" / "launch").mkdir(parents=True)
-    (prefix / "share" / "cell_vision" / "launch" / "cell.launch.py").touch()
-    program = prefix / "lib" / "cell_vision" / "detect"
-    program.parent.mkdir(parents=True)
-    program.touch(0o755)
-    SIMULATIONS["usual"].write(folder / "runs" / "simulated-1")
-    main(["judge", "--write", str(folder / "runs" / "simulated-1")])
-    return folder
-
-
-@pytest_lsp.fixture(  # type: ignore[untyped-decorator]
-    config=ClientServerConfig(
-        client_factory=VersionedClient, server_command=patient_language_server.COMMAND
+OFFERED: dict[str, tuple[str, str, dict[str, str | None]]] = {
+    "keys": ("  mode: looping", "  ¦", {"mode": None, "buffer": None}),
+    "words": (
+        "mode: looping",
+        "mode: ¦",
+        {"looping": None, "sweeping": None, "timeline": None, "live": None},
     ),
-    scope="module",
-)
-async def client(lsp_client: VersionedClient, folder: Path) -> AsyncIterator[None]:
-    @lsp_client.feature(types.WORKSPACE_CODE_LENS_REFRESH)  # type: ignore[untyped-decorator]
-    def refresh(params: None) -> None:
-        """An editor would ask for the lenses again."""
-
-    await lsp_client.initialize_session(
-        types.InitializeParams(
-            capabilities=client_capabilities("visual-studio-code"),
-            workspace_folders=[types.WorkspaceFolder(folder.as_uri(), "robot")],
-        )
-    )
-    yield
-    await lsp_client.shutdown_session()
-
-
-@pytest.fixture(scope="module", autouse=True)
-def installed(folder: Path) -> Iterator[None]:
-    """The server inherits where packages are installed."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("AMENT_PREFIX_PATH", str(folder / "install"))
-        yield
-
-
-@pytest.fixture
-def document(client: VersionedClient, folder: Path) -> Iterator[OpenDocument]:
-    document = OpenDocument(client, folder / "robot.r2b.yaml")
-    yield document
-    document.close()
-
-
-def changed(old: str, new: str) -> str:
-    assert SPEC.count(old) == 1
-    return SPEC.replace(old, new)
-
-
-def line_of(document: OpenDocument, where: types.Range) -> str:
-    return document.text.split("\n")[where.start.line].strip()
-
-
-async def actions(document: OpenDocument, position: types.Position) -> dict[str, types.CodeAction]:
-    found = await document.client.text_document_code_action_async(
-        types.CodeActionParams(
-            document.id, types.Range(position, position), types.CodeActionContext([])
-        )
-    )
-    return {each.title: each for each in found or () if isinstance(each, types.CodeAction)}
-
-
-@in_module
-async def test_the_spec_of_these_tests_has_no_findings(document: OpenDocument) -> None:
-    await document.write(SPEC)
-    worse = [each for each in document.found().values() if (each.severity or 1) <= 2]
-    assert [each.message for each in worse] == []
-
-
-# What is offered
-
-
-OFFERED = {
+    "rates": ("    at: $(var rate)", "    at: ¦", {"10 Hz": "a rate of the benchmark"}),
+    "metrics": ("latency.p90 < 250 ms", "lat¦", {"latency.p90": "time"}),
+    "operators": ("latency.p90 < 250 ms", "latency.p90 ¦", {"<": None, "<=": None}),
+    "bounds": ("latency.p90 < 250 ms", "latency.p90 < ¦", {"50 ms": "time"}),
     "topics of the bag with their types": (
         "/d455_1_rgb_image: c",
         "/d¦: c",
@@ -180,7 +32,7 @@ OFFERED = {
     "topics of the graph with their types": (
         "topic: copied",
         "topic: ¦",
-        {"copied": "sensor_msgs/msg/Image"},
+        {"copied": "sensor_msgs/msg/Image", "image": "sensor_msgs/msg/Image"},
     ),
     "what the code of the node names": (
         "        output: copied",
@@ -217,7 +69,7 @@ OFFERED = {
     "classes of files next to the spec": (
         "python: ./nodes.py:Relay",
         "python: ¦",
-        {"./nodes.py:Relay": None},
+        {"./nodes.py:Relay": None, "r2bspec.nodes.RelayNode": "reference node"},
     ),
     "message types that are installed": (
         "format: sensor_msgs/msg/Image}\nbench",
@@ -256,68 +108,126 @@ OFFERED = {
     "codes in waivers": (
         "  rate: 10 Hz",
         "  # r2bspec: ignore[vari¦\n  rate: 10 Hz",
-        {"variable-unused": "R2B616"},
+        {"variable-unused": "R2B616", "R2B616": "variable-unused"},
     ),
 }
 
 
-@in_module
-@pytest.mark.parametrize(("old", "new", "wanted"), OFFERED.values(), ids=OFFERED)
+@pytest.mark.parametrize(("old", "new", "offered"), OFFERED.values(), ids=OFFERED)
 async def test_what_is_offered(
-    document: OpenDocument, old: str, new: str, wanted: dict[str, str | None]
+    document: OpenDocument, old: str, new: str, offered: dict[str, str | None]
 ) -> None:
     await document.write(SPEC)
-    found = await document.labels(changed(old, new))
-    assert {name: found[name].detail for name in wanted if name in found} == wanted
+    items = await document.labels(changed(old, new))
+    details = {name: items[name].detail for name in offered if name in items}
+    assert details.keys() == offered.keys()
+    assert details == {name: text or details[name] for name, text in offered.items()}
 
 
-@in_module
 async def test_values_of_the_cases_of_a_matrix(document: OpenDocument) -> None:
     matrix = "matrix:\n  axes: {threads: [2, 8]}\n  exclude: [{threads: ¦}]\n"
     await document.write(SPEC + matrix.replace("¦", "8"))
     assert {"2", "8"} <= set(await document.labels(SPEC + matrix))
-    found = await document.labels(SPEC + matrix.replace("threads: ¦", "¦"))
-    assert found["threads"].detail == "2, 8"
+    items = await document.labels(SPEC + matrix.replace("threads: ¦", "¦"))
+    assert items["threads"].detail == "2, 8"
 
 
-@in_module
+def text_edit(item: types.CompletionItem) -> types.TextEdit:
+    assert isinstance(item.text_edit, types.TextEdit)
+    return item.text_edit
+
+
 @pytest.mark.parametrize(
     ("owner", "label", "keys"),
     [
         ("  nodes:\n", "a node", ["python", "remappings"]),
         ("  inputs:\n", "an input", ["from", "format"]),
+        ("monitors:\n", "a monitor", ["topic", "format"]),
         ("slos:\n", "an objective", ["at", "require"]),
     ],
 )
 async def test_snippets(document: OpenDocument, owner: str, label: str, keys: list[str]) -> None:
     await document.write(SPEC)
     indent = " " * (len(owner) - len(owner.lstrip()) + 2)
-    found = await document.labels(changed(owner, f"{owner}{indent}¦\n"))
-    item = found[label]
+    item = (await document.labels(changed(owner, f"{owner}{indent}¦\n")))[label]
     assert item.insert_text_format is types.InsertTextFormat.Snippet
-    assert isinstance(item.text_edit, types.TextEdit)
-    _, *lines = item.text_edit.new_text.split("\n")
-    below = [each for each in lines if each.startswith("  ") and each[2] != " "]
-    assert not [each for each in lines if ": ${" in each]
-    assert [each.split(":")[0].strip() for each in below] == keys
+    _, *lines = text_edit(item).new_text.split("\n")
+    below = [line for line in lines if line.startswith("  ") and line[2] != " "]
+    assert not [line for line in lines if ": ${" in line]
+    assert [line.split(":")[0].strip() for line in below] == keys
 
 
-@in_module
 async def test_a_snippet_of_a_whole_spec(document: OpenDocument) -> None:
-    found = await document.labels("¦")
-    item = found["r2bspec with its keys"]
-    assert isinstance(item.text_edit, types.TextEdit)
-    assert item.text_edit.new_text.startswith("r2bspec: 1\nname: $1\ndata_loader:\n  bag: $2\n")
-    assert "r2bspec" in found
+    items = await document.labels("¦")
+    text = text_edit(items["r2bspec with its keys"]).new_text
+    assert text.startswith("r2bspec: 1\nname: $1\ndata_loader:\n  bag: $2\n")
+    assert "r2bspec" in items
 
 
-# What is said, and where it is defined
+async def test_what_is_accepted_replaces_the_word(document: OpenDocument) -> None:
+    await document.write(SPEC)
+    edit = text_edit((await document.labels(changed("mode: looping", "mo¦")))["mode"])
+    assert (document.range_text(edit.range), edit.new_text) == ("mo", "mode: ")
 
 
-@in_module
+async def test_a_map_has_room_for_its_keys(document: OpenDocument) -> None:
+    """The lines of a snippet are indented by the editor, like the line in which it begins."""
+    await document.write(SPEC)
+    items = await document.labels(changed("    image: {from", "    ¦\n    image: {from"))
+    item = items["d455_1_rgb_image"]
+    assert text_edit(item).new_text == "d455_1_rgb_image:\n  from: $1\n  format: $2"
+    assert item.insert_text_format is types.InsertTextFormat.Snippet
+    assert item.insert_text_mode is types.InsertTextMode.AdjustIndentation
+
+
+async def test_keys_that_begin_on_the_line_of_their_map(document: OpenDocument) -> None:
+    """They are written below it, as YAML needs it."""
+    await document.write(SPEC)
+    items = await document.labels(f"{SPEC}transport: ¦\n")
+    assert text_edit(items["segment"]).new_text.startswith("\n  segment:")
+    assert "inherit" in items
+
+
+WRITTEN = (
+    ("data_loader:\n  ", "bag"),
+    ("", "r2b_storage"),
+    ("\n  topics:\n    ", "/d455_1_rgb_image"),
+    ("camera/image\ngraph:\n  nodes:\n    relay:\n      ", "python"),
+    ("", "r2bspec.nodes.RelayNode"),
+    ("\n      remappings:\n        ", "output"),
+    ("copied\nplayback:\n  inputs:\n    input:\n      ", "from"),
+    ("", "camera/image"),
+    ("\n      ", "format"),
+    ("", "sensor_msgs/msg/Image"),
+    ("\nmonitors:\n  copies:\n    ", "topic"),
+    ("", "copied"),
+    ("\n    ", "format"),
+    ("", "sensor_msgs/msg/Image"),
+    ("\nbenchmark:\n  ", "duration"),
+    ("", "2.5 s"),
+    ("\n  ", "rates"),
+    ("[10 Hz]\nslos:\n  fast:\n    ", "at"),
+    ("", "10 Hz"),
+    ("\n    require:\n      - ", "latency.p90"),
+)
+"""What a user types before each proposal that is accepted; names of one's own have no proposal."""
+
+
+async def test_a_whole_spec_is_written_with_completion_alone(document: OpenDocument) -> None:
+    """From an empty text, with what is offered at each place, to a spec without errors."""
+    text = "r2bspec: 1\nname: written\n"
+    for typed, label in WRITTEN:
+        items = await document.labels(f"{text}{typed}¦\n")
+        assert label in items, (typed, sorted(items))
+        text = edited(text + typed, [text_edit(items[label])])
+    await document.write(f"{text} < 250 ms\n")
+    assert {code: each.message for code, each in document.found().items()} == {}
+
+
 @pytest.mark.parametrize(
-    ("old", "new", "wanted"),
+    ("old", "new", "sentences"),
     [
+        ("duration: 2 s", "dura¦tion: 2 s", ["duration of one iteration"]),
         (
             "topic: copied",
             "topic: cop¦ied",
@@ -336,72 +246,55 @@ async def test_a_snippet_of_a_whole_spec(document: OpenDocument) -> None:
         (
             "latency.p90 < 250 ms",
             "latency.p90¦ < 250 ms",
-            ["Judged at 10 Hz from 200 steps", "A verdict needs at least 29 messages"],
+            ["Formula", "Judged at 10 Hz from 200 steps", "A verdict needs at least 29 messages"],
         ),
     ],
 )
-async def test_what_is_said(document: OpenDocument, old: str, new: str, wanted: list[str]) -> None:
-    position = await document.write(changed(old, new))
-    answer = await document.client.text_document_hover_async(
-        types.HoverParams(document.id, position)
-    )
-    assert answer is not None
-    assert isinstance(answer.contents, types.MarkupContent)
-    said = answer.contents.value
-    assert [each for each in wanted if each not in said] == [], said
+async def test_what_is_said(
+    document: OpenDocument, old: str, new: str, sentences: list[str]
+) -> None:
+    said = await document.hover(changed(old, new))
+    assert [sentence for sentence in sentences if sentence not in said] == [], said
 
 
-@in_module
 @pytest.mark.parametrize(
-    ("old", "new", "lines"),
+    ("old", "new", "line"),
     [
-        ("    at: $(var rate)", "    at: $(var ra¦te)", ["rate: 10 Hz"]),
+        ("    at: $(var rate)", "    at: $(var ra¦te)", "rate: 10 Hz"),
+        ("topic: copied", "topic: cop¦ied", "output: copied"),
         (
             "      container: vision",
             "      container: vis¦ion",
-            ["vision: {executable: python, nice: $(var threads)}"],
+            "vision: {executable: python, nice: $(var threads)}",
         ),
         (
             "copies.drop_rate",
             "cop¦ies.drop_rate",
-            ["copies: {topic: copied, format: sensor_msgs/msg/Image}"],
+            "copies: {topic: copied, format: sensor_msgs/msg/Image}",
         ),
         (
             "cpu.vision.max",
             "cpu.vis¦ion.max",
-            ["vision: {executable: python, nice: $(var threads)}"],
+            "vision: {executable: python, nice: $(var threads)}",
         ),
     ],
 )
-async def test_definitions(document: OpenDocument, old: str, new: str, lines: list[str]) -> None:
-    position = await document.write(changed(old, new))
-    found = await document.client.text_document_definition_async(
-        types.DefinitionParams(document.id, position)
-    )
-    assert isinstance(found, list | tuple)
-    assert [line_of(document, each.range) for each in found] == lines
+async def test_definitions(document: OpenDocument, old: str, new: str, line: str) -> None:
+    (place,) = await document.definitions(changed(old, new))
+    assert document.line_of(place.range) == line
 
 
-@in_module
 async def test_definitions_in_other_files(document: OpenDocument, folder: Path) -> None:
-    position = await document.write(changed("./nodes.py:Relay", "./nodes.py:Re¦lay"))
-    found = await document.client.text_document_definition_async(
-        types.DefinitionParams(document.id, position)
-    )
-    assert isinstance(found, list | tuple)
-    (place,) = found
+    (place,) = await document.definitions(changed("./nodes.py:Relay", "./nodes.py:Re¦lay"))
     assert place.uri == (folder / "nodes.py").as_uri()
     assert NODES.split("\n")[place.range.start.line] == "class Relay(Node):"
     (folder / "base.yaml").write_text("title: A cell\n")
-    position = await document.write(changed("r2bspec: 1\n", "r2bspec: 1\nextends: base¦.yaml\n"))
-    found = await document.client.text_document_definition_async(
-        types.DefinitionParams(document.id, position)
-    )
-    assert isinstance(found, list | tuple)
-    assert [each.uri for each in found] == [(folder / "base.yaml").as_uri()]
+    text = changed("r2bspec: 1\n", "r2bspec: 1\nextends: base¦.yaml\n")
+    assert [each.uri for each in await document.definitions(text)] == [
+        (folder / "base.yaml").as_uri()
+    ]
 
 
-@in_module
 @pytest.mark.parametrize(
     ("old", "new", "name", "places"),
     [
@@ -416,161 +309,125 @@ async def test_every_place_of_a_name_is_renamed(
     document: OpenDocument, old: str, new: str, name: str, places: int
 ) -> None:
     position = await document.write(changed(old, new))
-    before = {code for code, each in document.found().items() if (each.severity or 1) <= 2}
+    assert document.worse() == []
     found = await document.client.text_document_references_async(
         types.ReferenceParams(
             types.ReferenceContext(include_declaration=True), document.id, position
         )
     )
     assert len(found or ()) == places
-    answer = await document.client.text_document_rename_async(
-        types.RenameParams(document.id, position, name)
-    )
-    assert answer is not None
-    assert answer.changes is not None
-    changes = answer.changes[document.uri]
-    assert len(changes) == places
-    await document.write(edited(document.text, changes))
-    after = {code for code, each in document.found().items() if (each.severity or 1) <= 2}
-    assert after == before
+    assert await document.apply(await document.rename(position, name)) == places
+    assert name in document.text
+    assert document.worse() == []
 
 
-# Findings
+async def test_rename_reaches_the_files_that_are_extended(
+    document: OpenDocument, folder: Path
+) -> None:
+    base = folder / "rates.yaml"
+    base.write_text("variables: {rate: 10 Hz}\n")
+    text = changed("  rate: 10 Hz\n", "").replace("name:", "extends: rates.yaml\nname:")
+    position = await document.write(text.replace("[$(var rate)]", "[$(var ra¦te)]"))
+    edit = await document.rename(position, "speed")
+    assert edit is not None
+    assert edit.changes is not None
+    assert {uri: len(edits) for uri, edits in edit.changes.items()} == {
+        base.as_uri(): 1,
+        document.uri: 2,
+    }
 
 
-@in_module
+async def test_a_name_that_the_code_of_a_node_has_is_not_renamed(
+    document: OpenDocument,
+) -> None:
+    text = changed("        input: image\n", "").replace("    image: {from", "    in¦put: {from")
+    position = await document.write(text)
+    with pytest.raises(JsonRpcException, match="by the name in its code"):
+        await document.rename(position, "other")
+
+
 async def test_a_finding_names_the_related_place(document: OpenDocument) -> None:
     await document.write(
         changed("- latency.p90 < 250 ms", "- latency.p90 < 250 ms\n      - latency.p90 > 300 ms")
     )
     related = [
-        line_of(document, place.location.range)
-        for each in document.found().values()
-        for place in each.related_information or ()
+        document.line_of(place.location.range)
+        for finding in document.found().values()
+        for place in finding.related_information or ()
     ]
     assert "- latency.p90 < 250 ms" in related
 
 
-@in_module
-async def test_an_interface_counts_as_it_is_in_the_editor(
-    document: OpenDocument, folder: Path
-) -> None:
-    """It was recorded with another topic; its text in the editor is not saved."""
-    (folder / "interfaces").mkdir()
-    saved = "publishes: {found: sensor_msgs/msg/Image}\nsubscribes: {}\n"
-    (folder / "interfaces" / "other.yaml").write_text(saved)
-    await document.write(changed("monitors:\n", UNKNOWN))
-    assert not [each for each in document.found().values() if "'found'" in each.message]
-    other = OpenDocument(document.client, folder / "interfaces" / "other.yaml")
-    document.forget_diagnostics()
-    item = types.TextDocumentItem(other.uri, "yaml", 1, saved.replace("found", "detected"))
-    document.client.text_document_did_open(types.DidOpenTextDocumentParams(item))
-    await document.published()
-    said = [each.message for each in document.found().values()]
-    assert any("'found'" in each and "detected" in each for each in said), said
-    other.close()
-    shutil.rmtree(folder / "interfaces")
+async def test_a_safe_fix_and_a_waiver_are_offered(document: OpenDocument) -> None:
+    await document.write(changed("mode: looping", "mode: Looping"))
+    wrong = next(iter(document.found().values()))
+    await document.apply((await document.actions(wrong.range))["Replace with 'looping'"].edit)
+    assert document.worse() == []
+    await document.write(changed("  rate: 10 Hz\n", "  rate: 10 Hz\n  spare: 3\n"))
+    offered = await document.actions(document.found()["R2B616"].range)
+    await document.apply(offered["Waive R2B616 here, with a reason"].edit)
+    assert document.worse() == []
 
 
-@in_module
-async def test_only_findings_of_the_newest_text_are_shown(document: OpenDocument) -> None:
-    """Of twenty texts, one right after the other, what is shown never goes back to an older one."""
-    await document.write(SPEC)
-    for number in range(20):
-        document.version += 1
-        wrong = changed("  inputs:\n", f"  mode: number_{number}\n  inputs:\n")
-        change = types.TextDocumentContentChangeWholeDocument(wrong)
-        versioned = types.VersionedTextDocumentIdentifier(document.version, document.uri)
-        document.client.text_document_did_change(
-            types.DidChangeTextDocumentParams(versioned, [change])
-        )
-    shown: list[int] = []
-    while 19 not in shown:
-        await document.client.wait_for_notification(types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS)
-        said = "".join(each.message for each in document.client.diagnostics[document.uri])
-        shown += map(int, re.findall(r"Unknown choice 'number_(\d+)'", said))
-    assert shown == sorted(shown)
-    await document.write(SPEC)
-    assert not [each for each in document.found().values() if "number_" in each.message]
-
-
-# What can be done
-
-
-@in_module
 async def test_all_safe_fixes_at_once(document: OpenDocument) -> None:
     text = changed("duration: 2 s", "duration: 2 sec")
-    await document.write(text.replace("  inputs:\n", "  mode: Looping\n  inputs:\n"))
-    assert [each.severity is ERROR for each in document.found().values()].count(True) == 2
-    offered = await actions(document, types.Position(0, 0))
+    await document.write(text.replace("mode: looping", "mode: Looping"))
+    assert len(document.worse()) == 2
+    start = types.Position(0, 0)
+    offered = await document.actions(types.Range(start, start))
     fix = offered["Apply all safe fixes of this file"]
     assert fix.kind == types.CodeActionKind.SourceFixAll
-    assert fix.edit is not None
-    assert fix.edit.changes is not None
-    await document.write(edited(document.text, fix.edit.changes[document.uri]))
-    assert "duration: 2 s\n" in document.text
-    assert "mode: looping\n" in document.text
+    await document.apply(fix.edit)
+    assert document.text == SPEC
 
 
-@in_module
 async def test_what_a_node_publishes_is_declared(document: OpenDocument) -> None:
     position = await document.write(changed("    relay:", "    rel¦ay:"))
-    declared = (await actions(document, position))["Declare what 'relay' publishes"]
-    assert declared.edit is not None
-    assert declared.edit.changes is not None
-    await document.write(edited(document.text, declared.edit.changes[document.uri]))
+    offered = await document.actions(types.Range(position, position))
+    await document.apply(offered["Declare what 'relay' publishes"].edit)
     assert "      publishes:\n        output: sensor_msgs/msg/Image\n" in document.text
-    assert not [each for each in document.found().values() if (each.severity or 1) <= 2]
+    assert document.worse() == []
 
 
-@in_module
 async def test_the_interface_of_an_unknown_node_is_recorded(document: OpenDocument) -> None:
     position = await document.write(changed("monitors:\n", UNKNOWN.replace("other:", "oth¦er:")))
-    found = await document.client.text_document_code_action_async(
-        types.CodeActionParams(
-            document.id, types.Range(position, position), types.CodeActionContext([])
-        )
-    )
-    (record,) = (each for each in found or () if each.title.startswith("Record the interface"))
+    offered = await document.actions(types.Range(position, position))
+    record = offered["Record the interface of 'other' (starts the node once)"]
     # lsprotocol reads an action that has a command, and no edit, as a command with a text.
     command = ast.literal_eval(str(record.command))
     assert command["command"] == "r2bspec.recordInterfaces"
     assert command["arguments"] == [{"file": str(document.path), "case": "", "node": "other"}]
 
 
-@in_module
-async def test_the_last_result_is_a_lens(document: OpenDocument) -> None:
-    await document.write(SPEC)
-    lenses = await document.client.text_document_code_lens_async(types.CodeLensParams(document.id))
-    titles = [each.command.title for each in lenses or () if each.command is not None]
-    assert titles[:4] == ["run", "smoke", "plan", "graph"]
-    result = json.loads((document.path.parent / "runs/simulated-1/result.json").read_text())
-    assert titles[4].startswith("last result: p99 ")
-    assert titles[4].endswith(f", {result['verdict']['outcome'].upper()}")
-    command = (lenses or ())[4].command
-    assert command is not None
-    before = len(document.client.shown_documents)
-    await document.client.workspace_execute_command_async(
-        types.ExecuteCommandParams(command.command, command.arguments)
+async def test_the_outline_folds_and_selections(document: OpenDocument) -> None:
+    position = await document.write(changed("duration: 2 s", "duration: 2¦ s"))
+    symbols = await document.client.text_document_document_symbol_async(
+        types.DocumentSymbolParams(document.id)
     )
-    while len(document.client.shown_documents) == before:
-        await asyncio.sleep(0.02)
-    report = Path(document.client.shown_documents[-1].uri.removeprefix("file://"))
-    text = report.read_text()
-    assert " simulated: " in text.split("\n")[0]
-    assert "A simulated run" in text
+    names = [symbol.name for symbol in symbols or ()]
+    assert names[:2] == ["r2bspec", "name"]
+    assert "graph" in names
+    folds = await document.client.text_document_folding_range_async(
+        types.FoldingRangeParams(document.id)
+    )
+    lines = document.text.split("\n")
+    assert "graph:" in {lines[fold.start_line] for fold in folds or ()}
+    (selection,) = (
+        await document.client.text_document_selection_range_async(
+            types.SelectionRangeParams(document.id, [position])
+        )
+        or ()
+    )
+    assert document.range_text(selection.range) == "2 s"
+    assert selection.parent is not None
 
 
-@in_module
-async def test_the_plan_is_shown(document: OpenDocument) -> None:
-    document.path.write_text(SPEC)
+async def test_hints(document: OpenDocument) -> None:
     await document.write(SPEC)
-    before = len(document.client.shown_documents)
-    await document.client.workspace_execute_command_async(
-        types.ExecuteCommandParams("r2bspec.plan", [{"file": str(document.path)}])
+    everything = types.Range(types.Position(0, 0), types.Position(100, 0))
+    hints = await document.client.text_document_inlay_hint_async(
+        types.InlayHintParams(document.id, everything)
     )
-    while len(document.client.shown_documents) == before:
-        await asyncio.sleep(0.02)
-    file = document.client.shown_documents[-1].uri
-    plan = json.loads(Path(file.removeprefix("file://")).read_text())
-    assert plan["name"] == "simulated"
+    said = [str(hint.label) for hint in hints or ()]
+    assert {"20 steps x 10", "= 10 Hz"} <= set(said)
+    assert any(text.startswith("a run takes about") for text in said)

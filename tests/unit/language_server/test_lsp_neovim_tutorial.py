@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import re
-import runpy
 import shutil
 import subprocess
 import sys
@@ -20,7 +19,7 @@ import pytest
 import yaml
 
 from r2bspec.api import validate
-from tutorial_page import page_files
+from tutorial_page import page_files, write_robot
 
 NEOVIM = shutil.which("nvim") or ""
 pytestmark = [
@@ -155,29 +154,21 @@ class Neovim:
 
 
 @pytest.fixture
-def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    for name in ("stereo_brightness.py", "make_drive.py"):
-        (tmp_path / name).write_text(page_files()[name])
-    runpy.run_path("make_drive.py")
-    return tmp_path
-
-
-@pytest.fixture
-def neovim(robot: Path) -> Iterator[Neovim]:
-    editor = Neovim(robot, "stereo.r2b.yaml")
+def neovim(tmp_path: Path) -> Iterator[Neovim]:
+    write_robot(tmp_path)
+    editor = Neovim(tmp_path, "stereo.r2b.yaml")
     yield editor
     editor.close()
 
 
-def test_the_spec_of_the_tutorial(neovim: Neovim, robot: Path) -> None:
+def test_the_spec_of_the_tutorial(neovim: Neovim, tmp_path: Path) -> None:
     parts = ACCEPTED.split(SPEC)
     for typed, accepted in zip(parts[::2], [*parts[1::2], ""], strict=True):
         neovim.type(typed)
         if accepted:
             neovim.accept(accepted)
     neovim.press("<Esc>:wa<CR>")
-    file = robot / "stereo.r2b.yaml"
+    file = tmp_path / "stereo.r2b.yaml"
     neovim.wait_for("it is saved", file.exists)
     assert yaml.safe_load("\n".join(neovim.lines())) == yaml.safe_load(
         page_files()["stereo.r2b.yaml"]

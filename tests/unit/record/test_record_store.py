@@ -110,6 +110,12 @@ class TestBrokenFolders:
     def test_foreign(self, tmp_path: Path) -> None:
         self.refused(tmp_path, "is not a run folder")
 
+    def test_of_several_runs(self, folder: Path) -> None:
+        (folder.parent / "suite.json").write_text("{}")
+        with pytest.raises(RecordError, match="the folder of several runs") as raised:
+            open_run(folder.parent)
+        assert str(folder) in raised.value.hint
+
     def test_another_version(self, folder: Path) -> None:
         record = msgspec.json.decode((folder / "record.json").read_bytes())
         record["r2bspec_record"] = 2

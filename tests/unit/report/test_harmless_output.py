@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import io
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +21,11 @@ from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.diagnostics.plain_text import escaped_json, harmless, plain, plain_values
 from r2bspec.errors import R2bspecError
-from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.result import Result
 from r2bspec.report import finding_formats
 from r2bspec.report.format_registry import FORMATS, renderer
 from r2bspec.report.output import console, echo, write
 from r2bspec.report.write_reports import file_name
-from report_runs import USUAL
 
 PACKAGE = Path(__file__).parents[3] / "r2bspec"
 
@@ -69,9 +68,9 @@ def attacked(value: Any) -> Any:
     return value + ATTACK if isinstance(value, str) else value
 
 
-@pytest.fixture(scope="module")
-def hostile(tmp_path_factory: pytest.TempPathFactory) -> Result:
-    return attacked(result_of(USUAL.write(tmp_path_factory.mktemp("runs") / "run")))  # type: ignore[no-any-return]
+@pytest.fixture
+def hostile(reported: Callable[[str], ReportInput]) -> Result:
+    return attacked(reported("usual").result)  # type: ignore[no-any-return]
 
 
 def test_the_result_is_hostile(hostile: Result) -> None:

@@ -8,6 +8,7 @@ import json
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -23,6 +24,7 @@ from r2bspec.cli.finished_runs import report_command as report
 from r2bspec.cli.import_ import command as import_
 from r2bspec.cli.run import command as run_verb
 from r2bspec.compare.errors import IncomparableError, UnreadableResultError
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.errors import R2bspecError
 from r2bspec.report.errors import ReportUsageError
 from report_runs import EMPTY, USUAL
@@ -35,8 +37,10 @@ def call(command: click.Command, *arguments: object) -> int:
 
 
 @pytest.fixture(name="run")
-def run_folder(tmp_path: Path) -> Path:
-    return USUAL.write(tmp_path / "run").folder
+def run_folder(reported: Callable[[str], ReportInput]) -> Path:
+    run = reported("usual").run
+    assert run is not None
+    return run.folder
 
 
 def test_the_formats_are_listed(capsys: pytest.CaptureFixture[str]) -> None:

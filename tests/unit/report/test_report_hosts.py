@@ -11,20 +11,19 @@ from collections.abc import Callable, Mapping
 import msgspec
 import pytest
 
-from r2bspec.judge.judge_run import result_of
+from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.result import Result
 from r2bspec.measure.distribution import PARTS, part_value
 from r2bspec.measure.metrics import MonitorMetrics
-from r2bspec.report.suite_formats import to_html
-from r2bspec.report.suite_summary import SuiteRun, SuiteSummary, run_with_result
-from report_runs import HOSTILE, USUAL
+from r2bspec.report.suite import SuiteRun, SuiteSummary, run_with_result, to_html
+from report_runs import HOSTILE
 
 HOSTS = ("carter", "desk", "lab")
 
 
-@pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
-    return result_of(USUAL.write(tmp_path_factory.mktemp("run") / "run"))
+@pytest.fixture
+def result(reported: Callable[[str], ReportInput]) -> Result:
+    return reported("usual").result
 
 
 def changed(result: Result, change: Callable[[MonitorMetrics], MonitorMetrics]) -> Result:

@@ -59,17 +59,6 @@ def test_json_is_the_content_of_the_result(
     assert capfdbinary.readouterr().out == first
 
 
-def test_another_spec_s_objectives(
-    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    spec = tmp_path / "other.r2b.yaml"
-    spec.write_text(OTHER)
-    assert main(["judge", str(run), "--spec", str(spec)]) == 1
-    out = capsys.readouterr().out
-    assert "latency.p50 < 1 ms" in out
-    assert "judged by the objectives and the gate of stricter" in out
-
-
 def spec_with_gate(tmp_path: Path, gate: str, requirement: str) -> str:
     spec = tmp_path / "other.r2b.yaml"
     spec.write_text(
@@ -80,60 +69,74 @@ def spec_with_gate(tmp_path: Path, gate: str, requirement: str) -> str:
     return str(spec)
 
 
-@pytest.mark.parametrize(
-    ("gate", "status"),
-    [("", 3), ("inconclusive: fail", 1), ("inconclusive: pass", 0), ("confidence: 60 %", 1)],
-)
-def test_another_spec_s_gate_applies(tmp_path: Path, gate: str, status: int) -> None:
-    # 7 of 300 messages over the limit of a p98 are not quite enough to show anything at 95 %.
-    latency = np.where(np.arange(300) % 43 == 5, 0.02, 0.01)
-    run = Simulation(segments=[Played(30, latency)]).write(tmp_path / "run").folder
-    spec = spec_with_gate(tmp_path, gate, "latency.p98 < 15 ms")
-    assert main(["judge", str(run), "--spec", spec]) == status
-
-
-@pytest.mark.parametrize(
-    ("gate", "status"), [("", 3), ("interference: tolerate", 1), ("interference: note", 3)]
-)
-def test_another_spec_s_interference_applies(tmp_path: Path, gate: str, status: int) -> None:
-    busy = {"busy_s": 1.9, "stolen_s": 0.3}
-    segments = [Played(30, np.full(300, 0.02))]
-    run = Simulation(segments=segments, interference=busy).write(tmp_path / "run").folder
-    spec = spec_with_gate(tmp_path, gate, "latency.p50 < 19 ms")
-    assert main(["judge", str(run), "--spec", spec]) == status
-
-
-@pytest.mark.parametrize(("gate", "status"), [("", 3), ("confirm: false", 1)])
-def test_without_confirm_in_the_other_spec_the_first_run_counts(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], gate: str, status: int
+def test_another_spec_s_objectives(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    confirmation = ConfirmationRecord(search=None, sustained=())
-    segments = [
+    spec = spec_with_gate(tmp_path, "", "latency.p50 < 1 ms")
+    assert main(["judge", str(run), "--spec", spec]) == 1
+    out = capsys.readouterr().out
+    assert "latency.p50 < 1 ms" in out
+    assert "judged by the objectives and the gate of stricter" in out
+
+
+# 7 of 300 messages over the limit of a p98 are not quite enough to show anything at 95 %.
+OPEN = Simulation(segments=[Played(30, np.where(np.arange(300) % 43 == 5, 0.02, 0.01))])
+BUSY = Simulation(
+    segments=[Played(30, np.full(300, 0.02))], interference={"busy_s": 1.9, "stolen_s": 0.3}
+)
+CONFIRMED = Simulation(
+    segments=[
         Played(30, np.full(300, 0.02)),
         Played(30, np.full(300, 0.01), kind="confirmation"),
-    ]
-    run = Simulation(segments=segments, confirmation=confirmation).write(tmp_path / "run").folder
-    spec = spec_with_gate(tmp_path, gate, "latency.p50 < 15 ms")
-    assert main(["judge", str(run), "--spec", spec]) == status
-    said = " ".join(capsys.readouterr().out.split())
-    assert ("its second run does not count" in said) == (status == 1)
+    ],
+    confirmation=ConfirmationRecord(search=None, sustained=()),
+)
 
 
-def test_a_gate_that_is_wrong_is_explained(
-    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("simulation", "requirement", "gate", "status"),
+    [
+        (OPEN, "latency.p98 < 15 ms", "", 3),
+        (OPEN, "latency.p98 < 15 ms", "inconclusive: fail", 1),
+        (OPEN, "latency.p98 < 15 ms", "inconclusive: pass", 0),
+        (OPEN, "latency.p98 < 15 ms", "confidence: 60 %", 1),
+        (BUSY, "latency.p50 < 19 ms", "", 3),
+        (BUSY, "latency.p50 < 19 ms", "interference: tolerate", 1),
+        (BUSY, "latency.p50 < 19 ms", "interference: note", 3),
+        (CONFIRMED, "latency.p50 < 15 ms", "", 3),
+        (CONFIRMED, "latency.p50 < 15 ms", "confirm: false", 1),
+    ],
+)
+def test_another_spec_s_gate_applies(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    simulation: Simulation,
+    requirement: str,
+    gate: str,
+    status: int,
 ) -> None:
-    spec = spec_with_gate(tmp_path, "interference: ignore", "latency.p50 < 15 ms")
-    assert main(["judge", str(run), "--spec", spec]) == 2
-    assert "other.r2b.yaml:7" in capsys.readouterr().err
+    run = simulation.write(tmp_path / "run").folder
+    assert (
+        main(["judge", str(run), "--spec", spec_with_gate(tmp_path, gate, requirement)]) == status
+    )
+    text = " ".join(capsys.readouterr().out.split())
+    assert ("its second run does not count" in text) == (gate == "confirm: false")
 
 
-def test_a_broken_spec_is_explained(
-    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("gate", "requirement", "line"),
+    [("interference: ignore", "latency.p50 < 15 ms", 7), ("", "latency.p50 < 1 Hz", 8)],
+)
+def test_a_mistake_of_the_other_spec_is_explained(
+    run: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    gate: str,
+    requirement: str,
+    line: int,
 ) -> None:
-    spec = tmp_path / "other.r2b.yaml"
-    spec.write_text(OTHER.replace("< 1 ms", "< 1 Hz"))
-    assert main(["judge", str(run), "--spec", str(spec)]) == 2
-    assert "other.r2b.yaml:8" in capsys.readouterr().err
+    assert main(["judge", str(run), "--spec", spec_with_gate(tmp_path, gate, requirement)]) == 2
+    assert f"other.r2b.yaml:{line}" in capsys.readouterr().err
 
 
 def test_what_is_no_run_is_said_in_two_lines(

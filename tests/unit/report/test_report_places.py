@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,28 +27,23 @@ slos:
 """
 
 
-def annotated(tmp_path: Path, spec: Path | None) -> list[str]:
-    run = USUAL.write(tmp_path / "run")
-    return render(ReportInput(result=result_of(run), run=run, spec_file=spec)).decode().splitlines()
+Annotated = Callable[[Path | None], list[str]]
 
 
-def test_the_line_and_the_columns_of_the_requirement(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("a.r2b.yaml").write_text(SPEC)
-    found = annotated(tmp_path, Path("a.r2b.yaml"))
-    assert found[0].startswith("::error file=a.r2b.yaml,title=simulated%3A fail of this start::")
-    (drops,) = (each for each in found if "title=camera%3A drop_rate <= 1 %25" in each)
-    assert "file=a.r2b.yaml,line=9,endLine=9,col=9,endColumn=25," in drops
+@pytest.fixture
+def annotated(reported: Callable[[str], ReportInput]) -> Annotated:
+    """The annotations of the usual run, whose spec is a file, or unknown."""
+    return lambda spec: render(replace(reported("usual"), spec_file=spec)).decode().splitlines()
 
 
 @pytest.mark.parametrize("content", [None, "", "a: [", "r2bspec: 1\nslos: {camera: {at: 3}}"])
-def test_without_a_line_there_is_still_an_annotation(tmp_path: Path, content: str | None) -> None:
+def test_without_a_line_there_is_still_an_annotation(
+    tmp_path: Path, annotated: Annotated, content: str | None
+) -> None:
     spec = tmp_path / "a.r2b.yaml"
     if content is not None:
         spec.write_text(content)
-    found = annotated(tmp_path, spec if content is not None else None)
+    found = annotated(spec if content is not None else None)
     assert any("drop_rate <= 1 %25" in each and each.startswith("::error ") for each in found)
 
 
@@ -60,12 +56,10 @@ def test_ten_annotations_at_most(tmp_path: Path) -> None:
 
 
 def test_a_file_below_this_folder_is_named_from_here(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, annotated: Annotated, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     spec = tmp_path / "specs" / "a.r2b.yaml"
     spec.parent.mkdir()
     spec.write_text(SPEC)
-    assert all(
-        "file=specs/a.r2b.yaml," in each for each in annotated(tmp_path, spec) if each[:2] == "::"
-    )
+    assert all("file=specs/a.r2b.yaml," in each for each in annotated(spec) if each[:2] == "::")

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from profiled_runs import MISSING, WHOLE, profiled_run
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import from_json, to_json
-from r2bspec.record.run_folder import Stacks, open_run, write_stacks
+from r2bspec.record.run_folder import Stacks, write_stacks
 from r2bspec.report.format_registry import renderer
 from r2bspec.report.html.chart import PALETTE
 from r2bspec.report.html.flame_graph import flame_graph
@@ -61,15 +61,6 @@ def test_a_folder_of_a_stranger_draws_nothing_from_elsewhere(tmp_path: Path) -> 
     (tmp_path / "secret").write_text("secret_words 7\n")
     outside = msgspec.structs.replace(WHOLE, stacks="../secret")
     assert "secret_words" not in html(profiled_run(tmp_path / "run", outside))
-
-
-def test_an_older_record_has_no_profiles(tmp_path: Path) -> None:
-    profiled_run(tmp_path)
-    record = tmp_path / "record.json"
-    content = msgspec.json.decode(record.read_bytes())
-    del content["profiles"]
-    record.write_bytes(msgspec.json.encode(content))
-    assert open_run(tmp_path).record.profiles == ()
 
 
 def boxes(svg: str) -> dict[str, tuple[float, float, float]]:

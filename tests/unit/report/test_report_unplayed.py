@@ -82,10 +82,3 @@ def test_runs_as_one_say_it_once(tmp_path: Path) -> None:
     ]
     merged = merge_runs(runs, folder=tmp_path, plan=runs[0].plan, whole=runs[0].record)
     assert merged.record.unplayed == (SOME,)
-
-
-def test_a_record_of_an_older_version_has_none(tmp_path: Path) -> None:
-    run = Simulation(segments=[Played(30, np.full(9, 0.02))]).write(tmp_path / "run")
-    data = msgspec.json.decode(msgspec.json.encode(run.record))
-    del data["unplayed"]
-    assert msgspec.convert(data, RunRecord).unplayed == ()

@@ -6,6 +6,7 @@ import importlib.util
 import json
 import os
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +23,14 @@ from r2bspec.report.write_reports import (
     takes_stdout,
     write_reports,
 )
-from report_runs import EMPTY, TWO, USUAL
+from report_runs import EMPTY, TWO
 
 
 @pytest.fixture(name="run")
-def run_folder(tmp_path: Path) -> Path:
-    return USUAL.write(tmp_path / "run").folder
+def run_folder(reported: Callable[[str], ReportInput]) -> Path:
+    run = reported("usual").run
+    assert run is not None
+    return run.folder
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from r2bspec.safe_io.git import (
+    WorkTreeState,
     commit_of,
     filter_names,
     find_work_tree,
@@ -42,11 +43,14 @@ def new_repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return top
 
 
-def test_a_clean_work_tree_has_its_commit_and_no_changes(top: Path) -> None:
+def state_of(top: Path) -> WorkTreeState:
     state = inspect_work_tree(top)
     assert state is not None
-    assert state.commit == git(top, "rev-parse", "HEAD")
-    assert state.changed == ()
+    return state
+
+
+def test_a_clean_work_tree_has_its_commit_and_no_changes(top: Path) -> None:
+    assert state_of(top) == WorkTreeState(git(top, "rev-parse", "HEAD"), ())
 
 
 def test_changed_deleted_and_staged_files_are_named_and_untracked_ones_are_not(top: Path) -> None:
@@ -55,17 +59,13 @@ def test_changed_deleted_and_staged_files_are_named_and_untracked_ones_are_not(t
     (top / "with space.py").write_text("new")
     git(top, "add", "with space.py")
     (top / "untracked.py").write_text("")
-    state = inspect_work_tree(top)
-    assert state is not None
-    assert state.changed == ("bench/spec.yaml", "node.py", "with space.py")
+    assert state_of(top).changed == ("bench/spec.yaml", "node.py", "with space.py")
 
 
 def test_a_touched_file_has_not_changed_and_the_index_is_not_written(top: Path) -> None:
     (top / "node.py").touch()
     before = (top / ".git" / "index").read_bytes()
-    state = inspect_work_tree(top)
-    assert state is not None
-    assert state.changed == ()
+    assert state_of(top).changed == ()
     assert (top / ".git" / "index").read_bytes() == before
 
 
@@ -78,16 +78,12 @@ def test_a_conflict_is_a_change(top: Path) -> None:
     git(top, "commit", "-qam", "main")
     with pytest.raises(subprocess.CalledProcessError):
         git(top, "merge", "other")
-    state = inspect_work_tree(top)
-    assert state is not None
-    assert state.changed == ("node.py",)
+    assert state_of(top).changed == ("node.py",)
 
 
 def test_a_repository_without_a_commit_has_none(tmp_path: Path) -> None:
     git(tmp_path, "init", "-q")
-    state = inspect_work_tree(tmp_path)
-    assert state is not None
-    assert state.commit == ""
+    assert state_of(tmp_path).commit == ""
 
 
 def test_a_linked_work_tree_has_a_commit_of_its_own(top: Path, tmp_path: Path) -> None:
@@ -96,8 +92,7 @@ def test_a_linked_work_tree_has_a_commit_of_its_own(top: Path, tmp_path: Path) -
     (linked / "node.py").write_text("a = 5\n")
     git(linked, "commit", "-qam", "side")
     assert (linked / ".git").is_file()
-    state = inspect_work_tree(linked)
-    assert state is not None
+    state = state_of(linked)
     assert state.commit == git(linked, "rev-parse", "HEAD") != git(top, "rev-parse", "HEAD")
     assert state.changed == ()
     assert find_work_tree(linked / "bench") == linked
@@ -137,18 +132,14 @@ def test_variables_that_name_another_repository_are_dropped(
     monkeypatch.setenv("GIT_DIR", str(other / ".git"))
     monkeypatch.setenv("GIT_WORK_TREE", str(other))
     monkeypatch.setenv("GIT_INDEX_FILE", str(other / "index"))
-    state = inspect_work_tree(top)
-    assert state is not None
-    assert (state.commit, state.changed) == (commit, ())
+    assert state_of(top) == WorkTreeState(commit, ())
 
 
 def test_the_work_tree_that_a_configuration_names_is_not_looked_at(
     top: Path, tmp_path: Path
 ) -> None:
     git(top, "config", "core.worktree", str(tmp_path / "elsewhere"))
-    state = inspect_work_tree(top)
-    assert state is not None
-    assert state.changed == ()
+    assert state_of(top).changed == ()
 
 
 class HostileRepository:
@@ -198,8 +189,7 @@ def test_the_hostile_configuration_is_effective_without_precautions(
 
 
 def test_neither_monitors_nor_hooks_nor_filters_are_executed(hostile: HostileRepository) -> None:
-    state = inspect_work_tree(hostile.top)
-    assert state is not None
+    state = state_of(hostile.top)
     assert state.changed == ("bench/spec.yaml", "node.py")
     assert commit_of(hostile.top, "main") == state.commit
     assert run_git(hostile.top, "cat-file", "blob", "main:node.py") is not None
@@ -211,15 +201,8 @@ def test_no_missing_object_is_fetched(top: Path, tmp_path: Path) -> None:
     git(top, "clone", "-q", "--bare", str(top), str(source))
     git(source, "config", "uploadpack.allowFilter", "true")
     partial = tmp_path / "partial"
-    git(
-        tmp_path,
-        "clone",
-        "-q",
-        "--no-checkout",
-        "--filter=blob:none",
-        f"file://{source}",
-        "partial",
-    )
+    options = ("-q", "--no-checkout", "--filter=blob:none")
+    git(tmp_path, "clone", *options, f"file://{source}", "partial")
     done = run_git(partial, "cat-file", "blob", "HEAD:node.py")
     assert done is not None
     assert done.returncode != 0

@@ -13,7 +13,6 @@ from r2bspec.safe_io.safe_file import (
     TooLargeError,
     open_regular,
     read_bytes,
-    read_listed,
     read_text,
 )
 
@@ -24,19 +23,6 @@ def test_a_regular_file_is_read_up_to_the_limit(tmp_path: Path) -> None:
     assert read_bytes(file, max_bytes=10) == b"x" * 10
     with pytest.raises(TooLargeError, match="larger than 9 bytes"):
         read_bytes(file, max_bytes=9)
-
-
-def test_a_file_that_was_listed_is_read_only_if_it_still_is_a_regular_one(tmp_path: Path) -> None:
-    file = tmp_path / "a"
-    file.write_bytes(b"x" * 10)
-    assert read_listed(str(file), max_bytes=100) == b"x" * 10
-    assert read_listed(str(file), max_bytes=4) == b"x" * 4
-    (tmp_path / "link").symlink_to(file)
-    os.mkfifo(tmp_path / "pipe")
-    for name in ("link", "pipe", "gone"):
-        with pytest.raises(OSError):  # noqa: PT011 - of each kind
-            read_listed(str(tmp_path / name), max_bytes=100)
-    assert read_listed("/proc/self/environ", max_bytes=100) == b""
 
 
 def test_a_sparse_file_is_refused_before_it_fills_memory(tmp_path: Path) -> None:

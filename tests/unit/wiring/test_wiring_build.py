@@ -4,23 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
-import msgspec
 import pytest
+from wiring_specs import IMAGE, INFO, spec
 
-from r2bspec.language.declaration import decode_text
-from r2bspec.language.spec import Node, Spec
 from r2bspec.wiring.build_wiring import build_wiring
 from r2bspec.wiring.node_interface import (
     Interface,
     InterfaceEntry,
     ParameterInfo,
-    interface_of,
     reference_node_interfaces,
 )
-from r2bspec.wiring.wiring import Endpoint
+from r2bspec.wiring.wiring import Endpoint, PhaseWiring
 
-IMAGE = "sensor_msgs/msg/Image"
-INFO = "sensor_msgs/msg/CameraInfo"
 POSES = "geometry_msgs/msg/PoseArray"
 
 TABLE = {
@@ -37,17 +32,15 @@ TABLE = {
 }
 
 
-def spec(**sections: Any) -> Spec:
-    document = {
-        "r2bspec": 1,
-        "name": "test",
-        "data_loader": {"bag": {"dataset": "d"}, "topics": {"/camera": "raw"}},
-        "playback": {"inputs": {"image": {"from": "raw", "format": IMAGE}}},
-        "graph": {"nodes": {"filter": {"python": "nodes.Filter", "remappings": {"in": "image"}}}},
-        "monitors": {"result": {"topic": "out", "format": IMAGE}},
-        **sections,
-    }
-    return msgspec.convert(document, Spec, dec_hook=decode_text)
+FILTER = {"filter": {"python": "nodes.Filter", "remappings": {"in": "image"}}}
+
+
+def wired(nodes: dict[str, Any]) -> PhaseWiring:
+    return build_wiring(spec(nodes), table=TABLE).measure
+
+
+def interface(node: dict[str, Any]) -> Interface:
+    return wired({"n": node}).nodes[0].interface
 
 
 def owners(endpoints: tuple[Endpoint, ...]) -> list[str]:
@@ -55,7 +48,7 @@ def owners(endpoints: tuple[Endpoint, ...]) -> list[str]:
 
 
 def test_the_harness_meets_the_nodes_on_topics() -> None:
-    wiring = build_wiring(spec(), table=TABLE)
+    wiring = build_wiring(spec(FILTER), table=TABLE)
     before, measure = wiring.phases
     assert owners(before.publishers("/r2b/raw")) == ["loader"]
     assert owners(before.subscriptions("/r2b/raw")) == ["recorder"]
@@ -67,7 +60,7 @@ def test_the_harness_meets_the_nodes_on_topics() -> None:
 
 
 def test_the_bag_tells_the_type_of_what_is_loaded() -> None:
-    wiring = build_wiring(spec(), table=TABLE, bag_types={"/camera": INFO})
+    wiring = build_wiring(spec(FILTER), table=TABLE, bag_types={"/camera": INFO})
     assert wiring.preprocess.publishers("/r2b/raw")[0].type == INFO
 
 
@@ -77,7 +70,7 @@ def test_an_endpoint_points_at_what_decides_its_topic() -> None:
         "stated": {"command": ["x"], "publishes": {"other": IMAGE}},
         "plain": {"python": "nodes.Filter"},
     }
-    measure = build_wiring(spec(graph={"nodes": nodes}), table=TABLE).measure
+    measure = wired(nodes)
     place = ("graph", "nodes")
     paths = {
         (each.owner, each.own_name): (each.path, each.topic_is_key) for each in measure.endpoints
@@ -95,7 +88,7 @@ def test_a_node_in_a_namespace_resolves_its_names_there() -> None:
             "remappings": {"in": "/r2b/image", "out": "~/out"},
         }
     }
-    measure = build_wiring(spec(graph={"nodes": nodes}), table=TABLE).measure
+    measure = wired(nodes)
     assert measure.nodes[0].name == "/r2b/left/filter"
     assert owners(measure.subscriptions("/r2b/image")) == ["/r2b/left/filter"]
     assert owners(measure.publishers("/r2b/left/filter/out")) == ["/r2b/left/filter"]
@@ -106,7 +99,7 @@ def test_of_an_unknown_node_nothing_is_guessed() -> None:
         "unknown": {"package": "p", "executable": "e"},
         "half": {"command": ["x"], "publishes": {"out": IMAGE}},
     }
-    measure = build_wiring(spec(graph={"nodes": nodes}), table=TABLE).measure
+    measure = wired(nodes)
     assert [node.key for node in measure.possible_publishers] == ["unknown"]
     assert [node.key for node in measure.possible_subscribers] == ["unknown", "half"]
     assert measure.endpoints_of("/r2b/unknown") == ()
@@ -119,7 +112,7 @@ def test_what_is_reached_follows_nodes_and_ends_in_circles() -> None:
         "back": {"python": "nodes.Filter", "remappings": {"in": "b", "out": "a"}},
         "aside": {"python": "nodes.Filter", "remappings": {"in": "c", "out": "d"}},
     }
-    measure = build_wiring(spec(graph={"nodes": nodes}), table=TABLE).measure
+    measure = wired(nodes)
     assert measure.downstream_of(["/r2b/image"]) == {"/r2b/image", "/r2b/a", "/r2b/b"}
     assert measure.downstream_of([]) == frozenset()
 
@@ -140,46 +133,42 @@ def test_what_is_reached_follows_nodes_and_ends_in_circles() -> None:
 def test_a_command_of_which_nothing_ros_is_said_may_be_anything(
     node: dict[str, Any], ros: bool
 ) -> None:
-    wiring = build_wiring(spec(graph={"nodes": {"n": node}}), table=TABLE)
-    assert wiring.measure.nodes[0].is_ros_process is ros
+    assert wired({"n": node}).nodes[0].is_ros_process is ros
 
 
 def test_the_spec_knows_a_side_better_than_the_table() -> None:
-    node = Node(python="nodes.Filter", publishes={"result": POSES})
-    interface = interface_of(node, TABLE)
-    assert interface.publishes == {"result": POSES}
-    assert interface.publishes_from == "spec"
-    assert interface.subscribes == {"in": IMAGE}
-    assert interface.subscribes_from == "table"
-    assert interface.topics == ("in", "result")
+    known = interface({"python": "nodes.Filter", "publishes": {"result": POSES}})
+    assert (known.publishes, known.publishes_from) == ({"result": POSES}, "spec")
+    assert (known.subscribes, known.subscribes_from) == ({"in": IMAGE}, "table")
+    assert known.topics == ("in", "result")
 
 
 def test_parameters_decide_types_and_names() -> None:
-    interface = interface_of(Node(python="nodes.Any", parameters={"format": POSES}), TABLE)
-    assert interface.subscribes == {"in": POSES}
-    assert interface.publishes == {"any/out": POSES}
-    assert interface.type_parameters == {"in": "format", "any/out": "format"}
-    assert interface_of(Node(python="nodes.Any"), TABLE).subscribes == {"in": IMAGE}
+    known = interface({"python": "nodes.Any", "parameters": {"format": POSES}})
+    assert known.subscribes == {"in": POSES}
+    assert known.publishes == {"any/out": POSES}
+    assert known.type_parameters == {"in": "format", "any/out": "format"}
+    assert interface({"python": "nodes.Any"}).subscribes == {"in": IMAGE}
 
 
 def test_a_type_that_a_parameter_decides_is_stated_where_the_parameter_is() -> None:
     nodes = {"any": {"python": "nodes.Any", "parameters": {"format": POSES}}}
-    measure = build_wiring(spec(graph={"nodes": nodes}), table=TABLE).measure
+    measure = wired(nodes)
     endpoint = measure.endpoints_of("/r2b/any")[0]
     assert endpoint.type_path == ("graph", "nodes", "any", "parameters", "format")
     assert endpoint.type_parameter == "format"
 
 
 def test_nothing_is_known_of_a_node_that_no_one_describes() -> None:
-    assert interface_of(Node(python="elsewhere.Node"), TABLE) == Interface()
-    assert interface_of(Node(command=("x",)), TABLE).topics is None
+    assert interface({"python": "elsewhere.Node"}) == Interface()
+    assert interface({"command": ["x"]}).topics is None
 
 
 def test_the_table_of_the_reference_nodes_is_well_formed() -> None:
     table = reference_node_interfaces()
     assert "r2bspec.nodes.RelayNode" in table
     for name, entry in table.items():
-        node = Node(python=name)
         for kind in {**(entry.subscribes or {}), **(entry.publishes or {})}.values():
             assert "/msg/" in kind or kind.startswith("$(parameter "), name
-        assert "$(" not in str(interface_of(node, table).subscribes)
+        nodes = build_wiring(spec({"n": {"python": name}})).measure.nodes
+        assert "$(" not in str(nodes[0].interface.subscribes)

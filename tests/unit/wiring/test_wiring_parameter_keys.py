@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.safe_io.safe_yaml import load_values
 from r2bspec.wiring.parameter_files import (
     MAX_VALUES_OF_NODES,
     ParameterEffort,
@@ -70,16 +68,3 @@ def test_too_many_wildcards_and_too_many_values_are_named(tmp_path: Path) -> Non
     file = ParameterFile((("/**", {f"p{i}": i for i in range(1000)}),))
     assert ParameterEffort().limited(file, MAX_VALUES_OF_NODES // 1000) is file
     assert "together" in ParameterEffort().limited(file, MAX_VALUES_OF_NODES // 1000 + 1).problem
-
-
-def test_a_number_to_base_60_of_any_length_is_answered_in_linear_time() -> None:
-    def cost(length: int) -> float:
-        text = f"a: 1{':59' * length}"
-        started = time.process_time()
-        with pytest.raises(Exception, match="characters|digits"):
-            load_values(text)
-        return time.process_time() - started
-
-    costs = [min(cost(length) for _ in range(3)) for length in (150_000, 300_000)]
-    assert costs[1] <= 3 * costs[0] + 0.05
-    assert load_values("a: 1:59:59") == {"a": 7199}

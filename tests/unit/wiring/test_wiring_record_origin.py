@@ -6,18 +6,16 @@ import hashlib
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pytest
 import yaml
+from wiring_specs import IMAGE, node
 
 from r2bspec.check import check
 from r2bspec.diagnostics import Diagnostic
-from r2bspec.language.declaration import decode_text
 from r2bspec.language.load_spec import load_spec
-from r2bspec.language.spec import Node
 from r2bspec.wiring.node_interface import RecordOrigin, files_digest, node_target, origin_difference
 
-IMAGE, FLOAT = "sensor_msgs/msg/Image", "std_msgs/msg/Float32"
+FLOAT = "std_msgs/msg/Float32"
 # Nothing in it is literal: what is known of it is what was recorded.
 NODE = """
 from rclpy.node import Node
@@ -43,10 +41,6 @@ benchmark: {rates: [30 Hz]}
 """
 
 
-def node(**fields: Any) -> Node:
-    return msgspec.convert(fields, Node, dec_hook=decode_text)
-
-
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     (tmp_path / "node.py").write_text(NODE, encoding="utf-8")
@@ -67,10 +61,10 @@ def record(folder: Path, target: str = "./node.py:make", **row: Any) -> None:
     (folder / "interfaces" / "my_node.yaml").write_text(text, encoding="utf-8")
 
 
-def findings(folder: Path, node: str = 'python: "./node.py:make"') -> list[Diagnostic]:
+def findings(folder: Path, text: str = 'python: "./node.py:make"') -> dict[str, Diagnostic]:
     file = folder / "spec.r2b.yaml"
-    file.write_text(SPEC.replace("NODE", node), encoding="utf-8")
-    return check(load_spec(file), offline=True)
+    file.write_text(SPEC.replace("NODE", text), encoding="utf-8")
+    return {found.code: found for found in check(load_spec(file), offline=True)}
 
 
 def test_a_finding_names_the_record_that_it_rests_on(folder: Path) -> None:
@@ -81,24 +75,21 @@ def test_a_finding_names_the_record_that_it_rests_on(folder: Path) -> None:
         (", parameters: {gain: 1}", "R2B212"),
         (", remappings: {imgae: image}", "R2B204"),
     ):
-        found = findings(folder, f'python: "./node.py:make"{keys}')
-        [one] = [each for each in found if each.code == code]
-        assert one.severity == "error"
-        assert one.help.endswith("recorded in interfaces/my_node.yaml)") or (
-            one.help == "recorded in interfaces/my_node.yaml"
-        )
+        found = findings(folder, f'python: "./node.py:make"{keys}')[code]
+        assert found.severity == "error"
+        assert found.help.strip(")").endswith("recorded in interfaces/my_node.yaml")
 
 
 def test_a_missing_publisher_names_the_records_that_lack_it(folder: Path) -> None:
     record(folder, publishes={"other": IMAGE})
-    [found] = [each for each in findings(folder) if each.code == "R2B207"]
+    found = findings(folder)["R2B207"]
     assert found.severity == "error"
     assert found.help.endswith("(recorded in interfaces/my_node.yaml)")
 
 
 def test_the_record_of_another_node_is_not_used_and_that_is_said(folder: Path) -> None:
     record(folder, "./brightness.py:Brightness")
-    found = {each.code: each for each in findings(folder)}
+    found = findings(folder)
     assert "R2B210" not in found
     assert found["R2B223"].message == (
         "'interfaces/my_node.yaml' is ignored: it was recorded from './brightness.py:Brightness', "
@@ -108,16 +99,16 @@ def test_the_record_of_another_node_is_not_used_and_that_is_said(folder: Path) -
 
 def test_a_stale_record_is_not_used_and_that_is_said(folder: Path) -> None:
     record(folder)
-    assert "R2B223" not in {each.code for each in findings(folder)}
+    assert "R2B223" not in findings(folder)
     (folder / "node.py").write_text(f"{NODE}# changed\n", encoding="utf-8")
-    found = {each.code: each for each in findings(folder)}
+    found = findings(folder)
     assert "R2B210" not in found
     assert "'./node.py:make' has changed since it was recorded" in found["R2B223"].message
 
 
 def test_a_record_without_an_origin_is_used(folder: Path) -> None:
     record(folder, recorded_from=None)
-    assert "R2B210" in {each.code for each in findings(folder)}
+    assert "R2B210" in findings(folder)
 
 
 def test_with_another_version_of_the_package_nothing_is_certain(
@@ -132,14 +123,14 @@ def test_with_another_version_of_the_package_nothing_is_certain(
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(folder / "ros"))
     for version, severity in (("1.3.0", "error"), ("1.2.9", "warning")):
         record(folder, recorded_from={"target": "detectors D", "version": version})
-        found = {each.code: each for each in findings(folder, "package: detectors, plugin: D")}
+        found = findings(folder, "package: detectors, plugin: D")
         assert found["R2B210"].severity == severity
         assert ("R2B223" in found) == (version == "1.2.9")
     assert "1.2.9 of detectors, and 1.3.0 is installed" in found["R2B223"].message
 
 
 def test_unknown_publishers_can_be_recorded(folder: Path) -> None:
-    [found] = [each for each in findings(folder) if each.code == "R2B207"]
+    found = findings(folder)["R2B207"]
     assert "or record them with 'r2bspec interfaces'" in found.help
 
 

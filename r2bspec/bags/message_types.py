@@ -7,6 +7,10 @@ the common interfaces, takes longer than the rest of a check.
 from __future__ import annotations
 
 from functools import cache
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
 
 WITH_HEADER = frozenset(
     {
@@ -48,15 +52,28 @@ WITHOUT_HEADER = frozenset(
 """Frequent types without a header."""
 
 
+@cache
+def typestore() -> Typestore:
+    """The message definitions of the common interfaces of ROS 2 Jazzy."""
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+@cache
 def begins_with_header(name: str) -> bool | None:
     """Whether the first field of a type is a std_msgs/Header; None for an unknown type."""
     if name in WITH_HEADER:
         return True
     if name in WITHOUT_HEADER:
         return False
-    from r2bspec.bags.bag_writer import begins_with_header
+    from rosbags.interfaces import Nodetype
 
-    return begins_with_header(name)
+    fields = typestore().fielddefs.get(name)
+    if fields is None:
+        return None
+    kind, detail = fields[1][0][1] if fields[1] else (None, None)
+    return bool(kind == Nodetype.NAME and detail == "std_msgs/msg/Header")
 
 
 def types_of_same_package(name: str) -> frozenset[str]:
@@ -69,7 +86,5 @@ def types_of_same_package(name: str) -> frozenset[str]:
 
 @cache
 def common_types() -> frozenset[str]:
-    """Every message type of the common interfaces of ROS 2 Jazzy."""
-    from rosbags.typesys import Stores, get_typestore
-
-    return frozenset(get_typestore(Stores.ROS2_JAZZY).fielddefs)
+    """Every message type of the common interfaces of ROS 2 Jazzy, which `rosbags` ships."""
+    return frozenset(typestore().fielddefs)

@@ -1,19 +1,24 @@
-"""What specs can require of a machine, and what this one has, read without any library."""
+"""What specs can require of a machine, and what this one has.
+
+It is read without any library, and without importing or starting anything.
+"""
 
 from __future__ import annotations
 
 import fnmatch
+import importlib.util
 import os
 import re
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import Final
 
 from r2bspec.language.spec import Requires, Scalar
 from r2bspec.safe_io.looked_up_files import shared_lookup
-from r2bspec.safe_io.safe_file import names_in
+from r2bspec.safe_io.safe_file import names_if_any
 
 LABELS_VARIABLE: Final = "R2BSPEC_LABELS"
 """The labels of this machine, as ``robot=carter,floor=2``."""
@@ -88,17 +93,34 @@ def ros_distro() -> str:
     """The ROS distribution: a sourced one, or that of the wheels; empty if there is none."""
     if distribution := os.environ.get("ROS_DISTRO"):
         return distribution
-    installed = {
-        match[1] for folder in sys.path for match in map(_RCLPY.match, _names_in(folder)) if match
-    }
+    names = (name for folder in sys.path for name in names_if_any(Path(folder or ".")))
+    installed = {match[1] for match in map(_RCLPY.match, names) if match}
     return next((distro for distro in ROS_DISTROS if distro in installed), "")
 
 
-def _names_in(folder: str) -> list[str]:
+@shared_lookup
+def find_module(name: str) -> ModuleSpec | None:
+    """Find a module by its dotted name, without importing its parent packages."""
+    top, *below = name.split(".")
     try:
-        return names_in(Path(folder or "."))
-    except OSError:
+        module = PathFinder.find_spec(top, _unseen_folders()) or importlib.util.find_spec(top)
+    except (ImportError, ValueError):
+        module = None
+    path = top
+    for part in below:
+        if module is None or module.submodule_search_locations is None:
+            return None
+        path = f"{path}.{part}"
+        module = PathFinder.find_spec(path, list(module.submodule_search_locations))
+    return module
+
+
+def _unseen_folders() -> list[str]:
+    """The folders of PYTHONPATH, where this interpreter ignores it (``-I``): processes do not."""
+    if not sys.flags.ignore_environment:
         return []
+    entries = (os.environ.get("PYTHONPATH") or "").split(os.pathsep)
+    return [str(Path(entry).absolute()) for entry in entries if entry]
 
 
 def labels_of(text: str) -> dict[str, str]:

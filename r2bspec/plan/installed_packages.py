@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import ast
-import contextlib
-import importlib.util
 import os
 import re
-import sys
+import symtable
 from collections.abc import Iterable, Iterator
-from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
 
+from r2bspec.plan.this_machine import find_module
 from r2bspec.safe_io.looked_up_files import shared_lookup
 from r2bspec.safe_io.safe_file import (
     is_folder,
     is_regular,
     is_there,
-    names_in,
+    names_if_any,
     read_bytes,
     real_path,
 )
@@ -29,33 +27,9 @@ from r2bspec.wiring.python_package import module_of
 
 _MAX_SOURCE_BYTES = 1_000_000
 _VERSION = re.compile(r"<version[^>]*>([^<]{1,100})</version>")
-_INDEX = "share/ament_index/resource_index"
-_PACKAGE_INDEX = f"{_INDEX}/packages"
-
-
-@shared_lookup
-def find_module(name: str) -> ModuleSpec | None:
-    """Find a module by its dotted name, without importing its parent packages."""
-    top, *below = name.split(".")
-    try:
-        module = PathFinder.find_spec(top, _unseen_folders()) or importlib.util.find_spec(top)
-    except (ImportError, ValueError):
-        module = None
-    path = top
-    for part in below:
-        if module is None or module.submodule_search_locations is None:
-            return None
-        path = f"{path}.{part}"
-        module = PathFinder.find_spec(path, list(module.submodule_search_locations))
-    return module
-
-
-def _unseen_folders() -> list[str]:
-    """The folders of PYTHONPATH, where this interpreter ignores it (``-I``): processes do not."""
-    if not sys.flags.ignore_environment:
-        return []
-    entries = (os.environ.get("PYTHONPATH") or "").split(os.pathsep)
-    return [str(Path(entry).absolute()) for entry in entries if entry]
+AMENT_INDEX = "share/ament_index/resource_index"
+PACKAGE_INDEX = f"{AMENT_INDEX}/packages"
+_STAR_IMPORT = re.compile(rb"\bimport\s*\*")
 
 
 @shared_lookup
@@ -66,38 +40,12 @@ def top_level_names(source: Path) -> frozenset[str] | None:
         SyntaxError: this interpreter cannot parse the file.
     """
     try:
-        tree = ast.parse(read_bytes(source, max_bytes=_MAX_SOURCE_BYTES))
-        names = set(_bound_names(tree.body))
+        content = read_bytes(source, max_bytes=_MAX_SOURCE_BYTES)
+        symbols = symtable.symtable(content, source.name, "exec").get_symbols()
     except (OSError, ValueError, RecursionError, MemoryError):
         return None
-    return None if names & {"*", "__getattr__"} else frozenset(names)
-
-
-def _bound_names(body: list[ast.stmt]) -> Iterator[str]:
-    """The names that statements bind, including those in ``if``, ``try`` and ``with``."""
-    # Without recursion: each `elif` is one level deeper than the one before.
-    waiting: list[ast.AST] = list(body)
-    while waiting:
-        match statement := waiting.pop():
-            case ast.FunctionDef() | ast.AsyncFunctionDef() | ast.ClassDef():
-                yield statement.name
-            case ast.Import() | ast.ImportFrom():
-                for alias in statement.names:
-                    yield (alias.asname or alias.name).partition(".")[0]
-            case ast.ExceptHandler():
-                waiting.extend(statement.body)
-            case _:
-                for part in ast.iter_child_nodes(statement):
-                    if isinstance(part, ast.stmt | ast.ExceptHandler):
-                        waiting.append(part)
-                    else:
-                        yield from _assigned_names(part)
-
-
-def _assigned_names(part: ast.AST) -> Iterator[str]:
-    for node in ast.walk(part):
-        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-            yield node.id
+    names = {name.get_name() for name in symbols if name.is_assigned() or name.is_imported()}
+    return None if "__getattr__" in names or _STAR_IMPORT.search(content) else frozenset(names)
 
 
 @shared_lookup
@@ -117,31 +65,27 @@ def ament_prefixes() -> list[Path]:
 @shared_lookup
 def ament_packages() -> frozenset[str]:
     """The names of all installed ROS packages."""
-    packages: set[str] = set()
-    for prefix in ament_prefixes():
-        with contextlib.suppress(OSError):
-            packages.update(names_in(prefix / _PACKAGE_INDEX))
-    return frozenset(packages)
+    folders = (prefix / PACKAGE_INDEX for prefix in ament_prefixes())
+    return frozenset(name for folder in folders for name in names_if_any(folder))
 
 
 @shared_lookup
 def package_executables(package: str) -> frozenset[str]:
     """The names of the executables of a ROS package."""
-    executables: set[str] = set()
-    for prefix in ament_prefixes():
-        folder = prefix / "lib" / package
-        with contextlib.suppress(OSError):
-            executables.update(
-                name for name in names_in(folder) if os.access(folder / name, os.X_OK)
-            )
-    return frozenset(executables)
+    folders = (prefix / "lib" / package for prefix in ament_prefixes())
+    return frozenset(
+        name
+        for folder in folders
+        for name in names_if_any(folder)
+        if os.access(folder / name, os.X_OK)
+    )
 
 
 def package_plugins(package: str) -> set[str]:
     """The composable nodes that a ROS package registers."""
     plugins: set[str] = set()
     for prefix in ament_prefixes():
-        entries = _index_text(prefix / _INDEX / "rclcpp_components" / package).splitlines()
+        entries = _text(prefix / AMENT_INDEX / "rclcpp_components" / package).splitlines()
         plugins.update(entry.partition(";")[0].strip() for entry in entries)
     return plugins - {""}
 
@@ -149,22 +93,18 @@ def package_plugins(package: str) -> set[str]:
 def installed_message_types() -> set[str]:
     """The message types of the installed ROS packages."""
     types: set[str] = set()
-    for prefix in ament_prefixes():
-        try:
-            packages = list((prefix / _INDEX / "rosidl_interfaces").iterdir())
-        except OSError:
-            continue
-        for package in packages:
-            entries = _index_text(package).splitlines()
+    for folder in (prefix / AMENT_INDEX / "rosidl_interfaces" for prefix in ament_prefixes()):
+        for package in names_if_any(folder):
+            entries = _text(folder / package).splitlines()
             names = (entry.removesuffix(".msg") for entry in entries if entry.endswith(".msg"))
-            types.update(f"{package.name}/{entry}" for entry in names if entry.startswith("msg/"))
+            types.update(f"{package}/{name}" for name in names if name.startswith("msg/"))
     return types
 
 
-def _index_text(entry: Path) -> str:
-    """The text of an entry of the index; empty without one."""
+def _text(file: Path) -> str:
+    """The text of a file of a package; empty without one."""
     try:
-        return read_bytes(entry, max_bytes=_MAX_SOURCE_BYTES).decode("utf-8")
+        return read_bytes(file, max_bytes=_MAX_SOURCE_BYTES).decode("utf-8")
     except (OSError, ValueError):
         return ""
 
@@ -173,7 +113,7 @@ def _index_text(entry: Path) -> str:
 def package_share(package: str) -> Path | None:
     """The share folder of a ROS package, or None if it is not installed."""
     for prefix in ament_prefixes():
-        if is_there(prefix / _PACKAGE_INDEX / package):
+        if is_there(prefix / PACKAGE_INDEX / package):
             return prefix / "share" / package
     return None
 
@@ -184,11 +124,7 @@ def package_version(package: str) -> str:
     share = package_share(package) if package else None
     if share is None:
         return ""
-    try:
-        text = read_bytes(share / "package.xml", max_bytes=_MAX_SOURCE_BYTES).decode("utf-8")
-    except (OSError, ValueError):
-        return ""
-    version = _VERSION.search(text)
+    version = _VERSION.search(_text(share / "package.xml"))
     return version[1].strip() if version is not None else ""
 
 

@@ -1,0 +1,69 @@
+"""One server for all that its answers are asked about: no question changes it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import AsyncIterator, Iterator
+from pathlib import Path
+
+import pytest
+import pytest_asyncio
+from lsprotocol import types
+from pytest_lsp import ClientServerConfig, client_capabilities
+
+import patient_language_server
+from open_document import NODES, OpenDocument, VersionedClient
+from r2bspec.cli.main import main
+from report_runs import SIMULATIONS
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A workspace with a node, an installed package, and a result."""
+    folder = tmp_path_factory.mktemp("workspace")
+    (folder / "nodes.py").write_text(NODES)
+    prefix = folder / "install"
+    index = prefix / "share" / "ament_index" / "resource_index"
+    for kind, content in (
+        ("packages", ""),
+        ("rclcpp_components", "cell_vision::Detector;lib/libdetector.so\n"),
+        ("rosidl_interfaces", "msg/Found.msg\nmsg/Found.idl\nsrv/Ask.srv\n"),
+    ):
+        (index / kind).mkdir(parents=True)
+        (index / kind / "cell_vision").write_text(content)
+    (prefix / "share" / "cell_vision" / "launch").mkdir(parents=True)
+    (prefix / "share" / "cell_vision" / "launch" / "cell.launch.py").touch()
+    program = prefix / "lib" / "cell_vision" / "detect"
+    program.parent.mkdir(parents=True)
+    program.touch(0o755)
+    SIMULATIONS["usual"].write(folder / "runs" / "simulated-1")
+    main(["judge", "--write", str(folder / "runs" / "simulated-1")])
+    return folder
+
+
+@pytest_asyncio.fixture(scope="session", loop_scope="session")
+async def client(folder: Path) -> AsyncIterator[VersionedClient]:
+    """An editor whose server knows the package that is installed in the workspace."""
+    config = ClientServerConfig(
+        client_factory=VersionedClient,
+        server_command=patient_language_server.COMMAND,
+        server_env={**os.environ, "AMENT_PREFIX_PATH": str(folder / "install")},
+    )
+    client = await config.start()
+    assert isinstance(client, VersionedClient)
+    await client.initialize_session(
+        types.InitializeParams(
+            capabilities=client_capabilities("visual-studio-code"),
+            workspace_folders=[types.WorkspaceFolder(folder.as_uri(), "robot")],
+        )
+    )
+    yield client
+    await client.shutdown_session()
+    await client.stop()
+
+
+@pytest.fixture
+def document(client: VersionedClient, folder: Path) -> Iterator[OpenDocument]:
+    document = OpenDocument(client, folder / "robot.r2b.yaml")
+    yield document
+    document.close()
