@@ -23,7 +23,7 @@ settings.register_profile("without deadline", settings(), deadline=None)
 settings.load_profile("without deadline")
 
 
-_LONGEST = frozenset({"test_ros_tutorial.py", "test_ros_merge_gate.py"})
+_LONGEST = frozenset({"test_ros_tutorial.py", "test_ros_merge_gate.py", "test_ros_diagnosis.py"})
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -181,6 +181,7 @@ def test_a_run_can_be_interrupted_while_it_prepares(bench: Bench) -> None:
     kept(bench, done, iterations=0)
 
 
+@only_nightly()
 def test_a_second_interrupt_ends_a_run_at_once(bench: Bench) -> None:
     # The node hangs and ignores what it is told, so that ending in good order takes a while.
     with bench.start(graph_of("Nasty")) as running:

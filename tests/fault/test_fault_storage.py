@@ -91,10 +91,8 @@ def assert_names_the_file(done: Finished) -> None:
     assert record.reason.startswith("R2B651: ")
 
 
-@pytest.mark.parametrize(
-    "kibibytes",
-    [140, *(pytest.param(size, marks=only_nightly()) for size in (120, 170, 200))],
-)
+@only_nightly()
+@pytest.mark.parametrize("kibibytes", [120, 140, 170, 200])
 def test_a_disk_without_room_for_the_samples(
     bench: Bench, small_disk: Callable[[int], Path], kibibytes: int
 ) -> None:
@@ -162,6 +160,7 @@ def test_a_folder_that_may_not_be_written_to(bench: Bench) -> None:
     assert "cannot be created: Permission denied" in done.error
 
 
+@only_nightly()
 @only_nightly()
 def test_a_disk_that_a_profiler_fills_costs_no_verdict(
     bench: Bench, small_disk: Callable[[int], Path]

@@ -19,6 +19,9 @@ pytest.importorskip("rclpy")
 from machine_load import skip_for_load
 from ros_runs import Bench, Finished, relay_node, relay_spec
 
+# Its strangers would disturb what is tested beside it.
+pytestmark = only_nightly()
+
 BUSY = "while True: pass"
 SAID = "other processes used"
 
@@ -68,7 +71,6 @@ def usable(finished: Finished) -> Finished:
     return finished
 
 
-@only_nightly()
 @pytest.mark.skipif(
     not Path("/proc/self/schedstat").exists(), reason="this kernel does not count run-queue waits"
 )
@@ -83,7 +85,6 @@ def test_a_node_that_sleeps_too_long_fails_on_a_busy_machine(bench: Bench) -> No
     assert "That does not explain the failure" in done.words
 
 
-@only_nightly()
 def test_a_strict_gate_accepts_no_pass_from_a_busy_machine(bench: Bench) -> None:
     done = usable(bench.run(spec(sleeper(1.0), "strict", "latency.p50 < 60 s")))
     assert (done.status, done.outcome) == (3, "inconclusive")
@@ -99,7 +100,6 @@ def test_a_tolerant_gate_judges_as_measured_and_says_what_was_there(bench: Bench
     assert not [each for each in done.run().record.segments if each.rerun_of]
 
 
-@only_nightly()
 def test_a_peak_among_strangers_is_at_best_a_lower_bound(bench: Bench) -> None:
     done = bench.run(
         relay_spec(

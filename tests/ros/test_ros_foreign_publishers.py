@@ -142,6 +142,7 @@ def test_one_in_the_domain_of_another_run_does_not_matter(bench: Bench) -> None:
     done.assert_complete()
 
 
+@only_nightly()
 def test_a_process_of_the_run_is_known_without_its_id_in_the_environment(bench: Bench) -> None:
     (bench.folder / "program.py").write_text(HIDES_ITS_RUN)
     program = {

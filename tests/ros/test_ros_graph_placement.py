@@ -130,6 +130,7 @@ sys.exit(subprocess.call(sys.argv[1:]))
 """
 
 
+@only_nightly()
 def test_of_several_nodes_of_a_script_the_one_that_is_named_is_joined(bench: Bench) -> None:
     script = bench.folder / "two.sh"
     script.write_text(TWO_NODES)

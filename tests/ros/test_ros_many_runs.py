@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 
 from rosbags.rosbag2 import Reader
@@ -118,6 +120,7 @@ def test_recorded_outputs_are_a_bag_with_a_latency_for_each_output(bench: Bench)
     assert np.min(latencies_ms) > 1
 
 
+@only_nightly()
 def test_a_second_run_waits_for_the_first_or_refuses(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

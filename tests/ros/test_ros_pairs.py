@@ -86,6 +86,7 @@ def test_judging_the_folder_again_gives_the_same_bytes(bench: Bench, compared: F
     assert again.status == compared.status
 
 
+@only_nightly()
 def test_an_interrupted_comparison_keeps_its_pairs(bench: Bench) -> None:
     with bench.start(SPEC, "--control", "--pairs", "5") as running:
         # A coin decides which side is first.

@@ -12,7 +12,6 @@ pytest.importorskip("rclpy")
 from git_repositories import git
 from machine_load import skip_for_load
 from nightly import only_nightly
-from page_blocks import ROOT
 from pipelines import Workplace
 from pull_requests import Workspace
 from ros_runs import Bench, relay_spec
@@ -73,31 +72,24 @@ def test_an_objective_that_cannot_be_met_fails_the_action(place: Workplace) -> N
 
 @only_nightly()
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize("recipe", ["shell", "gitlab"])
-def test_a_slower_node_is_found_by_the_scripts(recipe: str, tmp_path: Path) -> None:
-    """The scripts as they are copied, on a repository as colcon has it, with a base."""
+def test_a_slower_node_is_found_by_the_template_of_gitlab(tmp_path: Path) -> None:
+    """As it is copied, on a repository as colcon has it, with a base."""
     workspace = Workspace.create(tmp_path)
     workspace.set_cost(100.0)
     place = Workplace(workspace.top, tmp_path / "temp")
     place.runner.mkdir()
-    variables = {
-        "PYTHONPATH": workspace.environment()["PYTHONPATH"],
-        "R2BSPEC_ARGUMENTS": "--pairs=2\n--no-lock",
-        "R2BSPEC_PYTHON": sys.executable,
-    }
-    if recipe == "gitlab":
-        variables["CI_MERGE_REQUEST_DIFF_BASE_SHA"] = git(workspace.top, "rev-parse", "main")
-        done = place.job(sys.executable, "bench", "sh", **variables)
-        code, printed = done.code, done.printed
-        reports = workspace.top / "r2bspec-artifacts" / "reports"
-    else:
-        reports = tmp_path / "gated" / "reports"
-        script = f"'{ROOT}/ci/shell/gate.sh' bench main"
-        variables["R2BSPEC_OUTPUT"] = str(reports.parent)
-        code, printed = place.shell("sh", script, **variables)
-    if code in (3, 4):
+    done = place.job(
+        sys.executable,
+        "bench",
+        "sh",
+        PYTHONPATH=workspace.environment()["PYTHONPATH"],
+        R2BSPEC_ARGUMENTS="--pairs=2\n--no-lock",
+        CI_MERGE_REQUEST_DIFF_BASE_SHA=git(workspace.top, "rev-parse", "main"),
+    )
+    if done.code in (3, 4):
         skip_for_load("compare two nodes of which one takes five times as long")
-    assert code == 1, printed
-    assert "cost.py changed" in printed
+    assert done.code == 1, done.printed
+    assert "cost.py changed" in done.printed
+    reports = workspace.top / "r2bspec-artifacts" / "reports"
     assert {path.name for path in reports.iterdir()} >= {"report.html", "junit.xml", "summary.md"}
     assert "cost.py changed" in (reports / "summary.md").read_text()

@@ -76,6 +76,7 @@ def test_player_and_monitor_share_a_process_apart_from_the_graph(bench: Bench) -
     assert done.run().monitor(segment, "out").size == 20
 
 
+@only_nightly()
 def test_a_node_that_fails_beside_the_harness_is_named(bench: Bench) -> None:
     bench.write_node("fails.py", FAILS)
     graph = {"placement": "harness", "nodes": {"fails": {"python": "./fails.py:Fails"}}}

@@ -170,20 +170,6 @@ def test_a_profiler_that_is_killed_costs_no_verdict(bench: Bench) -> None:
 
 
 @only_nightly()
-def test_runs_at_once_have_profiles_of_their_own(bench: Bench) -> None:
-    require("py-spy")
-    spec = graph(relay_node(5.0))
-    with (
-        bench.start(spec, "--profile", "py-spy") as one,
-        bench.start(spec, "--profile", "py-spy") as other,
-    ):
-        for done in (one.finish(), other.finish()):
-            done.assert_complete()
-            assert the_profile(done).error == ""
-            assert any("_on_message" in each for each in functions(done))
-
-
-@only_nightly()
 def test_an_interruption_ends_the_profiler_too(bench: Bench) -> None:
     require("py-spy")
     spec = graph(relay_node(1.0))

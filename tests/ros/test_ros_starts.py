@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import signal
 from typing import Any
 
 import pytest
@@ -206,17 +205,6 @@ def test_a_node_that_exits_in_a_later_start_leaves_what_was_measured(bench: Benc
     assert starts_of(done, "iteration") == [("rate-20Hz-001", 1), ("rate-20Hz-002", 1)]
     # The second start was never ready.
     assert [each.number for each in record.starts] == [1]
-
-
-@only_nightly()
-def test_an_interrupt_between_two_starts_leaves_what_was_measured(bench: Bench) -> None:
-    with bench.start(spec("interrupted.txt", iterations=6, starts=3)) as running:
-        running.wait_for("start 2")
-        running.process.send_signal(signal.SIGINT)
-        done = running.finish()
-    assert done.status == ExitStatus.INTERRUPTED
-    assert starts_of(done, "iteration")[:2] == [("rate-20Hz-001", 1), ("rate-20Hz-002", 1)]
-    assert done.run().record.status == "incomplete"
 
 
 # Confirmation

@@ -61,6 +61,7 @@ def accuracy(done: Finished) -> AccuracyRecord:
     return found
 
 
+@only_nightly()
 def test_the_live_graph_finds_its_tag(tmp_path: Path) -> None:
     bench = Bench(tmp_path)
     done = bench.run(SUITE / "live_graph.r2b.yaml", "--smoke")
@@ -69,6 +70,7 @@ def test_the_live_graph_finds_its_tag(tmp_path: Path) -> None:
     assert not done.run().record.accuracy
 
 
+@only_nightly()
 def test_the_rectify_node_answers_every_image(tmp_path: Path) -> None:
     done = Bench(tmp_path).run(short(tmp_path, "rectify_node"))
     done.assert_complete()
@@ -87,9 +89,8 @@ def test_disparities_are_right(tmp_path: Path, name: str) -> None:
     assert values["accuracy.disparity_density"] > 0.8
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param("apriltag_node", marks=only_nightly()), "apriltag_graph"]
-)
+@only_nightly()
+@pytest.mark.parametrize("name", ["apriltag_node", "apriltag_graph"])
 def test_tags_are_where_they_are_said_to_be(tmp_path: Path, name: str) -> None:
     done = Bench(tmp_path).run(short(tmp_path, name))
     assert done.status in {0, INVALID}, done.stderr

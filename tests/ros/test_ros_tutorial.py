@@ -21,7 +21,7 @@ from review_services import review_service
 INCONCLUSIVE, INVALID = 3, 4
 """Verdicts of a machine that is busy at the moment."""
 
-AT_LENGTH = ("--output slow", "--output slower", "--output neutral")
+AT_LENGTH = ("--output slow", "--output runs/slower", "--output runs/neutral")
 """Commands that play again what the first run and the merge gate's tests show: nightly."""
 
 
@@ -84,8 +84,9 @@ def test_every_block_of_the_tutorial_works(place: Path) -> None:
     for name in ("drive", "first/result.json", "first.html", "robot"):
         assert (place / name).exists()
     if NIGHTLY:
-        for name in ("slow/result.json", "robot/slower/suite.json", "robot/neutral/suite.json"):
-            assert (place / name).exists()
+        assert (place / "slow" / "result.json").exists()
+        for name in ("slower", "neutral"):
+            assert (place / "robot" / "runs" / name / "suite.json").exists()
 
 
 @only_nightly()
