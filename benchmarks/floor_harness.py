@@ -166,17 +166,15 @@ def floor(workload: Workload, transport: str, placement: str) -> Iterator[Floor]
         _wait_for_match(children, player)
         # All of a plan that playing looks at.
         plan = SimpleNamespace(monitors=plans, inputs=(), drain_timeout_ns=5 * 10**9)
-        segment_player = SegmentPlayer(
-            cast("Any", plan),
-            children,
-            player,
-            rows,
-            RunFolder.create(folder / "run"),
-            cast("Any", _Silent()),
+        context = SimpleNamespace(
+            supervisor=children,
+            folder=RunFolder.create(folder / "run"),
+            progress=_Silent(),
             on_segment=lambda: None,
             # Not started: what it is asked for is never sampled.
             resources=ResourceSampler(),
         )
+        segment_player = SegmentPlayer(cast("Any", plan), cast("Any", context), player, rows)
         made = Floor(segment_player, pids)
         made.measure(workload.rate_hz, _WARM_UP_STEPS / workload.rate_hz)
         yield made

@@ -6,10 +6,10 @@ import contextlib
 import datetime
 import re
 import secrets
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Unpack
+from typing import TYPE_CHECKING, Literal, Unpack
 
 from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import R2bspecError
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from r2bspec.compare.base_reference import BaseReference
     from r2bspec.compare.merge_gate import GateSettings, MergeGate
     from r2bspec.diagnostics import Diagnostic
+    from r2bspec.execute.controller import RunOptions
     from r2bspec.execute.progress import Progress
     from r2bspec.judge.result import Result
     from r2bspec.language.load_spec import LoadedSpec
@@ -254,6 +255,7 @@ def run(
         HistoryError: the history cannot be used.
         OtherMachineError: this machine is not what the spec requires.
     """
+    from r2bspec.execute.controller import RunOptions
     from r2bspec.execute.processes.machine import check_machine
     from r2bspec.execute.progress import NullProgress
     from r2bspec.private_files import private_files
@@ -261,21 +263,16 @@ def run(
 
     check_machine(prepared.plan)
     listener = progress or NullProgress()
-    extras = {
-        "abort_on_fail": abort_on_fail,
-        "record_outputs": record_outputs,
-        "profile": profile,
-        "profile_node": profile_node,
-        "identity": identity,
-        "gate": tuple(gate),
-    }
+    options = RunOptions(
+        abort_on_fail, record_outputs, profile, profile_node, identity, tuple(gate)
+    )
     with (
         _locked(prepared.plan.name, lock, listener),
         private_files(),
         RunFolder.create(output or default_run_folder(prepared.plan.name)) as folder,
     ):
         if history is None and baseline is None:
-            return _run_in_folder(folder, prepared, listener, extras)
+            return _run_in_folder(folder, prepared, listener, options)
         from r2bspec.compare.history_gate import run_with_baseline
 
         return run_with_baseline(
@@ -284,7 +281,7 @@ def run(
                 replace(prepared, plan=plan),
                 listener,
                 # A run that confirms a failure is not profiled again.
-                extras if target is folder else extras | {"profile": ""},
+                options if target is folder else replace(options, profile=""),
             ),
             prepared.plan,
             folder,
@@ -310,7 +307,7 @@ def _locked(name: str, lock: HostLock, progress: Progress | None) -> Iterator[No
 
 
 def _run_in_folder(
-    folder: RunFolder, prepared: PreparedBenchmark, progress: Progress, extras: Mapping[str, Any]
+    folder: RunFolder, prepared: PreparedBenchmark, progress: Progress, options: RunOptions
 ) -> Result:
     from r2bspec.check.finding_location import differences_to_diagnostics
     from r2bspec.execute.controller import run_plan
@@ -324,7 +321,7 @@ def _run_in_folder(
             run_id=secrets.token_hex(8),
             spec_text=prepared.spec_text,
             progress=progress,
-            **extras,
+            options=options,
         )
     except R2bspecError as error:
         # Write a result of what was measured, marked as incomplete; if that fails, too, the first

@@ -25,6 +25,7 @@ from msgspec.structs import replace
 from r2bspec.check.check_context import Context
 from r2bspec.diagnostics.code_pages import Page, find_page
 from r2bspec.diagnostics.diagnostic import Path
+from r2bspec.diagnostics.quote import quoted_list, suggestion
 from r2bspec.wiring.node_interface import Interface, InterfaceSource
 from r2bspec.wiring.wiring import Endpoint, NodeWiring, PhaseWiring
 
@@ -131,6 +132,17 @@ def topic_key(phase: str, name: str) -> str:
 def value_key(path: Path) -> str:
     """A value of the document."""
     return f"value:{'.'.join(map(str, path))}"
+
+
+def publisher_advice(context: Context, phase: PhaseWiring, topic: str) -> str:
+    """What to do about a topic without a publisher: use another, or state what nodes publish."""
+    published = [context.relative_name(name) for name in phase.topics if phase.publishers(name)]
+    advice = suggestion(context.relative_name(topic), published, "published topics")
+    if not phase.possible_publishers:
+        return advice
+    unknown = quoted_list(node.key for node in phase.possible_publishers)
+    declaration = f"list the topics of {unknown} under 'publishes:'"
+    return f"{advice}; or {declaration}" if advice else declaration
 
 
 COMPLETE_SOURCES = frozenset({"table", "file", "source"})

@@ -202,7 +202,7 @@ def _definition(name: str) -> Iterator[str]:
         ("unit", info.unit or "none"),
         ("measured for", reference.SCOPES[info.scope]),
         ("modes", ", ".join(reference.modes(info))),
-        ("judged by", reference.JUDGED[info.statistic]),
+        ("judged by", reference.JUDGED[info.statistic][0]),
         ("requirement", reference.example_requirement(info)),
     ):
         indent = " " * 14

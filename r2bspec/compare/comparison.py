@@ -123,14 +123,12 @@ class MetricSeries:
 
     Attributes:
         values: None where an iteration has none, or where it is a lost message.
-        single: whether it is one value for an unknown number of iterations.
         starts: the start of the processes that each was played in; empty where it is not known.
         bracket: for the peak, the highest sustained rate and the lowest that was not.
     """
 
     values: tuple[float | None, ...]
     unit: str
-    single: bool = False
     bracket: tuple[float | None, float | None] | None = None
     starts: tuple[int, ...] = ()
 
@@ -141,11 +139,10 @@ class ComparedResult:
 
     side: ComparedSource
     series: dict[SeriesKey, MetricSeries]
-    plan: Plan | None
-    plan_hash: str | None
-    dataset: str | None
-    machine: dict[str, Any] | None
-    versions: dict[str, str]
+    plan: Plan | None = None
+    plan_hash: str | None = None
+    dataset: str | None = None
+    machine: dict[str, Any] | None = None
     tool: str = "r2bspec"
     identity: GraphIdentity | None = None
 
@@ -201,7 +198,6 @@ def _of_result(source: str, result: Result, plan: Plan | None) -> ComparedResult
         plan_hash=result.plan_hash,
         dataset=str(result.dataset.get("sha256") or result.dataset.get("source") or "") or None,
         machine=result.machine,
-        versions=result.versions,
         identity=result.identity,
     )
 
@@ -273,7 +269,11 @@ def compare(
             + "\n".join(f"  {each}" for each in differences),
             hint="Use --force to compare them anyway.",
         )
-    lines = tuple(_lines(base, head, margin))
+    lines = tuple(
+        _line(key, before, head.series[other], margin)
+        for key, before in base.series.items()
+        if (other := _matching_key(key, head)) is not None
+    )
     if not lines:
         raise IncomparableError(
             f"{base.side.source} and {head.side.source} have no metric at the same rate in common",
@@ -363,13 +363,6 @@ def _rates_text(side: ComparedResult) -> str:
     return " and ".join(show(rate, "Hz") for rate in rates[:_MAX_DIFFERENCES]) or "no fixed rate"
 
 
-def _lines(base: ComparedResult, head: ComparedResult, margin: float) -> Iterator[ComparisonLine]:
-    for key, before in base.series.items():
-        other = _matching_key(key, head)
-        if other is not None:
-            yield _line(key, before, head.series[other], margin)
-
-
 def _matching_key(key: SeriesKey, head: ComparedResult) -> SeriesKey | None:
     """The same metric of the head. A monitor without a name matches the only monitor there is."""
     if key in head.series:
@@ -410,7 +403,7 @@ _Ratio = tuple[float | None, float | None, float | None]
 
 def _delivered_share(series: MetricSeries) -> MetricSeries:
     values = tuple(None if value is None else 1 - value for value in series.values)
-    return MetricSeries(values, series.unit, series.single, starts=series.starts)
+    return MetricSeries(values, series.unit, starts=series.starts)
 
 
 def _mean(series: MetricSeries) -> float | None:

@@ -266,10 +266,6 @@ def plan_changes(base: GateSide, head: GateSide) -> Iterator[GateChange]:
             yield difference_change(difference, str(difference.path[0]), difference.path)
 
 
-def _objectives(base: GateSide, head: GateSide) -> Iterator[GateChange]:
-    return objective_changes(base, head, monitor_names(base.plan, head.plan))
-
-
 def _plays(base: GateSide, head: GateSide) -> Iterator[GateChange]:
     path = ("benchmark", "rates")
     before, after = ({each.rate_hz: each for each in side.plan.play} for side in (base, head))
@@ -363,10 +359,6 @@ def _segment_text(segment_bytes: int) -> str:
     return str(Size(segment_bytes)) if segment_bytes else "the default"
 
 
-def _harness(base: GateSide, head: GateSide) -> Iterator[GateChange]:
-    return field_changes(base.plan.harness, head.plan.harness, "harness", ("harness",), {})
-
-
 def _processes(base: GateSide, head: GateSide) -> Iterator[GateChange]:
     """The graph is free to change, but neither its memory limits nor what prepares its inputs."""
     yield from _memory_limits(base.plan, head.plan)
@@ -388,7 +380,9 @@ def _memory_limits(base: Plan, head: Plan) -> Iterator[GateChange]:
 
 
 GATE_FIELDS: Final[Mapping[str, _Rule | Key]] = {
-    "objectives": _objectives,
+    "objectives": lambda base, head: objective_changes(
+        base, head, monitor_names(base.plan, head.plan)
+    ),
     "monitors": _monitors,
     "inputs": _inputs,
     "dataset": _data,
@@ -408,7 +402,9 @@ GATE_FIELDS: Final[Mapping[str, _Rule | Key]] = {
     "gate": _gate,
     "transport": Key("transport", ("transport",)),
     "segment_bytes": Key("transport", ("transport", "segment"), text=_segment_text),
-    "harness": _harness,
+    "harness": lambda base, head: field_changes(
+        base.plan.harness, head.plan.harness, "harness", ("harness",), {}
+    ),
     "requires": Key("requires", ("requires",)),
     "processes": _processes,
     "external": _processes,

@@ -44,9 +44,8 @@ from r2bspec.record.baseline_file import (
     CONFIRMATION_FOLDER,
     BaselineRecord,
     BaselineSeries,
-    to_json,
 )
-from r2bspec.record.files import write_atomically
+from r2bspec.record.files import to_json, write_atomically
 from r2bspec.record.graph_identity import (
     decode_identity,
     describe_machine,
@@ -142,7 +141,6 @@ def baseline_from_stored_run(
         plan_hash=plan_hash(plan),
         dataset=plan.dataset.sha256 or stored.dataset,
         machine=dict(machine),
-        versions={},
     )
     differences = tuple(differences_of(stored, coming))
     if not force and any(blocking_differences(stored, coming)):

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from r2bspec.compare.judge_pairs import read_pair_set
 from r2bspec.errors import R2bspecError, without_output
-from r2bspec.execute.controller import run_plan
+from r2bspec.execute.controller import RunOptions, run_plan
 from r2bspec.execute.errors import InterruptedRunError, RunError, UnwritableRunError
 from r2bspec.execute.processes.environment import applied_environment
 from r2bspec.execute.progress import Progress
@@ -140,20 +140,17 @@ def run_pairs(comparison: ComparisonSpec, folder: ComparisonFolder, progress: Pr
         _PairRunner(comparison, folder, progress, interrupts).play_all()
 
 
+@dataclass
 class _PairRunner:
     """The state of one comparison."""
 
-    def __init__(
-        self,
-        comparison: ComparisonSpec,
-        folder: ComparisonFolder,
-        progress: Progress,
-        interrupts: Interrupts,
-    ) -> None:
-        self._comparison = comparison
-        self._folder = folder
-        self._progress = progress
-        self._interrupts = interrupts
+    _comparison: ComparisonSpec
+    _folder: ComparisonFolder
+    _progress: Progress
+    _interrupts: Interrupts
+
+    def __post_init__(self) -> None:
+        comparison = self._comparison
         self._began_s = time.monotonic()
         self._plans: dict[Side, Plan] = {
             "base": single_run_plan(comparison.base.plan),
@@ -291,7 +288,7 @@ class _PairRunner:
                 run_id=secrets.token_hex(8),
                 spec_text=one.spec_text,
                 progress=self._progress,
-                identity=one.identity,
+                options=RunOptions(identity=one.identity),
             )
         if self._comparison.check_run is not None:
             self._comparison.check_run(side, folder.path)

@@ -245,7 +245,7 @@ class MergeGate:
             spec=spec,
             sets=(*selection.sets, *self.reference.sets),
             variables={**(selection.variables or {}), **self.reference.variables},
-            allow_paths=tuple(self._in_base(path) for path in selection.allow_paths),
+            allow_paths=tuple(self.tree.in_base(path) or path for path in selection.allow_paths),
             # Of a stranger's change the base is no part: what it lists is what a head may read.
             untrusted=None,
         )
@@ -380,9 +380,6 @@ class MergeGate:
                 with contextlib.suppress(OSError):
                     place.parent.mkdir(parents=True, exist_ok=True)
                     place.symlink_to(original)
-
-    def _in_base(self, path: Path) -> Path:
-        return self.tree.in_base(path) or path
 
     def _named(self, text: str) -> str:
         """A text in which files of the base have the names that they have in the repository."""

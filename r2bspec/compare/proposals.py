@@ -12,9 +12,8 @@ inconclusive.
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from r2bspec.check.check_context import Context
@@ -33,6 +32,8 @@ from r2bspec.judge.statistics.t_interval import predicted_ratio
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode, lookup
+from r2bspec.language.quantities import Rate
+from r2bspec.language.requirement_grammar import Requirement, parse_requirement
 from r2bspec.language.spec import Objective, Spec
 from r2bspec.measure.distribution import PROPOSED_PERCENTILES, part_value
 from r2bspec.measure.metrics import RateMetrics
@@ -104,19 +105,17 @@ def _with_objective(
     requirements = list(_requirements(spec, found))
     if not requirements:
         return text, ["the noise of every metric is too large here to propose a limit"]
-    rate = spec.benchmark.rates[0]
-    names = itertools.chain(
-        [_OBJECTIVE_NAME], (f"{_OBJECTIVE_NAME}_{n}" for n in itertools.count(2))
-    )
-    name = next(each for each in names if each not in spec.slos)
-    lines = [f"{name}:", f"  at: {rate}", "  require:"]
-    lines += [f"    - {each}" for each in requirements]
-    proposed = insert_objective(loaded, text, lines)
-    by_hand = [f"add an objective by hand: {'; '.join(requirements)}"]
-    if proposed is None:
-        return text, by_hand
-    again = load_spec(proposed, file=loaded.file)
-    return (proposed, []) if again.spec is not None else (text, by_hand)
+    name, rate = _free_name(spec, _OBJECTIVE_NAME), str(spec.benchmark.rates[0])
+    proposed = insert_objective(loaded, text, _objective_lines(name, rate, requirements))
+    if proposed is not None and load_spec(proposed, file=loaded.file).spec is not None:
+        return proposed, []
+    return text, [f"add an objective by hand: {'; '.join(requirements)}"]
+
+
+def _objective_lines(name: str, at: str, requirements: Iterable[str]) -> list[str]:
+    """An objective as it is written below ``slos``."""
+    rate = [f"  at: {at}"] if at else []
+    return [f"{name}:", *rate, "  require:", *(f"    - {each}" for each in requirements)]
 
 
 def _requirements(spec: Spec, found: Calibration) -> Iterator[str]:
@@ -253,7 +252,8 @@ def _candidates(
     several = len(spec.monitors) > 1
     for rate in result.metrics.rates:
         at = f"{rate.offered_hz:g} Hz" if rate.pace == "rate" else ""
-        name = _free_name(spec, f"measured_at_{rate.offered_hz:g}_hz" if at else "measured")
+        measured = f"measured_at_{rate.offered_hz:g}_hz".replace(".", "_") if at else "measured"
+        name = _free_name(spec, measured)
         for monitor in rate.pooled.monitors:
             prefix = f"{monitor}." if several else ""
             where = f"{prefix}latency{f' at {at}' if at else ''}"
@@ -278,7 +278,9 @@ def _candidates(
             )
             yield _Candidate(name, at, f"{prefix}drop_rate", shares)
     search = result.metrics.search
-    if search is not None and search.holds_hz and not _has_peak(spec):
+    metrics = [each.metric for objective in spec.slos.values() for each in objective.require]
+    asked = any(metric.startswith("peak") for metric in metrics)
+    if search is not None and search.holds_hz and not asked:
         limit = search.holds_hz * (1 - _PEAK_STEPS * search.precision)
         name = _free_name(spec, "measured_peak")
         yield _Candidate(name, "", "peak.rate", (f"peak.rate >= {_floor(limit)} Hz",))
@@ -330,44 +332,18 @@ def _margin(calibrations: Sequence[Calibration], at_hz: float | None, monitor: s
 
 def _passed(candidates: Sequence[_Candidate], judge: Judge) -> set[tuple[str, str]]:
     """The requirements that the run passes, with their objectives."""
-    lines = ["slos:"]
-    grouped: dict[str, list[_Candidate]] = {}
+    requirements: dict[tuple[str, str], list[Requirement]] = {}
     for each in candidates:
-        grouped.setdefault(each.objective, []).append(each)
-    for name, members in grouped.items():
-        lines.append(f"  {name}:")
-        if members[0].at:
-            lines.append(f"    at: {members[0].at}")
-        lines.append("    require:")
-        lines += [f"      - {one}" for each in members for one in each.texts]
-    if not grouped:
+        asked = requirements.setdefault((each.objective, each.at), [])
+        asked += map(parse_requirement, each.texts)
+    if not requirements:
         return set()
-    objectives = _objectives("\n".join(lines) + "\n", candidates)
+    objectives = {
+        name: Objective(at=Rate.parse(at) if at else None, require=tuple(asked))
+        for (name, at), asked in requirements.items()
+    }
     verdict = judge(objectives).verdict
     return {(each.objective, each.text) for each in verdict.requirements if each.outcome == "pass"}
-
-
-def _objectives(slos: str, candidates: Sequence[_Candidate]) -> Mapping[str, Objective]:
-    """Objectives as a spec has them, read by the language itself."""
-    monitors = {
-        one.rpartition(".latency.")[0] or one.rpartition(".drop_rate")[0]
-        for each in candidates
-        for one in each.texts
-        if ".latency." in one or ".drop_rate" in one
-    }
-    named = ", ".join(
-        f"{each}: {{topic: {each}, format: std_msgs/msg/Header}}"
-        for each in sorted(monitors) or ["any"]
-    )
-    rates = sorted({each.at for each in candidates if each.at})
-    head = (
-        "r2bspec: 1\nname: proposed\nplayback: {mode: live}\n"
-        "graph: {nodes: {any: {external: true}}}\n"
-        f"monitors: {{{named}}}\n"
-        f"benchmark: {{rates: [{', '.join(rates)}], search: {{min: 1 Hz, max: 2 Hz}}}}\n"
-    )
-    loaded = load_spec(head + slos, file="proposed.r2b.yaml")
-    return loaded.spec.slos if loaded.spec is not None else {}
 
 
 def _insert(loaded: LoadedSpec, proposal: Proposal, rates: Mapping[str, str]) -> None:
@@ -376,10 +352,7 @@ def _insert(loaded: LoadedSpec, proposal: Proposal, rates: Mapping[str, str]) ->
     current = load_spec(text, file=loaded.file)
     was_valid = current.spec is not None
     for name, requirements in proposal.added.items():
-        lines = [f"{name}:"]
-        if rates[name]:
-            lines.append(f"  at: {rates[name]}")
-        lines += ["  require:", *(f"    - {each}" for each in requirements)]
+        lines = _objective_lines(name, rates[name], requirements)
         changed = insert_objective(current, text, lines)
         again = load_spec(changed, file=loaded.file) if changed is not None else None
         if changed is None or again is None or (was_valid and again.spec is None):
@@ -401,20 +374,12 @@ def _has_requirement(spec: Spec, rate: RateMetrics, monitor: str, metric: str) -
     return False
 
 
-def _has_peak(spec: Spec) -> bool:
-    return any(
-        requirement.metric.startswith("peak")
-        for objective in spec.slos.values()
-        for requirement in objective.require
-    )
-
-
-def _free_name(spec: Spec, wanted: str) -> str:
-    base, number = wanted.replace(".", "_"), 2
-    name = base
-    while name in spec.slos:
-        name, number = f"{base}_{number}", number + 1
-    return name
+def _free_name(spec: Spec, name: str) -> str:
+    """A name that no objective of the spec has: this one, or one with a number."""
+    free, number = name, 2
+    while free in spec.slos:
+        free, number = f"{name}_{number}", number + 1
+    return free
 
 
 def _ceiling(value: float) -> str:

@@ -39,7 +39,6 @@ from r2bspec.ipc.schedule import (
     NO_STEP,
     BetweenMessage,
     CyclicSchedule,
-    CyclicTransform,
     Schedule,
     TimelineMessage,
     TimelineSchedule,
@@ -284,20 +283,21 @@ def build_schedule(
         RunError: an input has no messages, or none that can be scheduled.
         UnpairedInputError: most messages of an input are left out, and the plan refuses that.
     """
-    found = [_load_index(folder, each.source, headers[each.topic]) for each in plan.inputs]
+    pairs = [
+        (source, _load_index(folder, source.source, headers[source.topic]))
+        for source in plan.inputs
+    ]
     types = {each.source: headers[each.topic] for each in plan.inputs if each.bag_topic}
-    recorded = {
-        each.topic for dataset in plan.datasets or (plan.dataset,) for each in dataset.topics
-    }
+    datasets = plan.datasets or (plan.dataset,)
+    recorded = {topic.topic for dataset in datasets for topic in dataset.topics}
     sources = [_load_index(folder, topic, types.get(topic)) for topic in sorted(recorded)]
-    transforms = _load_tf_index(plan, folder)
-    pairs = list(zip(plan.inputs, found, strict=True))
+    transforms = None
+    if any(dataset.publish_tf for dataset in datasets) and TF in buffered_transforms(folder):
+        transforms = read_index(folder, TF)
     if plan.timeline is None:
         return _cyclic_schedule(plan, pairs, sources, transforms, note)
     timeline, unknown = make_timeline(pairs, sources, plan.timeline, plan.buffer, transforms)
-    unplayed = _unplayed(pairs, unknown, "recording", agreed=plan.unpaired == "drop")
-    _note_unplayed(unplayed, note)
-    require_most_played(unplayed)
+    unplayed = _unplayed(plan, pairs, unknown, "recording", note)
     _check_every_monitor_has_steps(plan, timeline)
     note(
         f"one round of the timeline has {len(timeline.steps)} steps and takes "
@@ -307,43 +307,37 @@ def build_schedule(
 
 
 def _unplayed(
+    plan: Plan,
     pairs: Sequence[tuple[InputPlan, BufferIndex]],
     left_out: Mapping[str, int],
     cause: Literal["partner", "recording"],
-    *,
-    agreed: bool = False,
+    note: Callable[[str], None],
 ) -> tuple[UnplayedMessages, ...]:
-    """The messages that are left out, by input; `left_out` counts them by buffer."""
-    return tuple(
+    """The messages that are left out, by input, each noted; `left_out` counts them by buffer.
+
+    Raises:
+        UnpairedInputError: of some input these are most, and the plan does not agree.
+    """
+    unplayed = tuple(
         UnplayedMessages(
-            topic=each.topic,
+            topic=source.topic,
             count=left_out[index.topic],
             total=len(index.sizes),
             cause=cause,
-            agreed=agreed,
+            agreed=plan.unpaired == "drop",
             slop_ns=max(other.slop_ns for other, _ in pairs) if cause == "partner" else 0,
         )
-        for each, index in pairs
+        for source, index in pairs
         if index.topic in left_out
     )
-
-
-def _note_unplayed(unplayed: Sequence[UnplayedMessages], note: Callable[[str], None]) -> None:
     for each in unplayed:
         note(each.text.replace("were not played", "are not played"))
-
-
-def require_most_played(unplayed: Sequence[UnplayedMessages]) -> None:
-    """Check that of no input most messages are left out, unless the plan agrees.
-
-    Raises:
-        UnpairedInputError: of some input they are.
-    """
     refused = [each for each in unplayed if each.is_most and not each.agreed]
     if refused:
         raise UnpairedInputError(
             "; ".join(each.clause for each in refused), hint=refused[0].help, code="R2B415"
         )
+    return unplayed
 
 
 def _cyclic_schedule(
@@ -364,9 +358,7 @@ def _cyclic_schedule(
         plan.buffer,
         [pairs[number][0].slop_ns for number in columns],
     )
-    unplayed = _unplayed(pairs, aligned.unpaired, "partner", agreed=plan.unpaired == "drop")
-    _note_unplayed(unplayed, note)
-    require_most_played(unplayed)
+    unplayed = _unplayed(plan, pairs, aligned.unpaired, "partner", note)
     steps = playback_order(aligned.steps, plan.playback_mode)
     timed = [_with_recorded_times(each, index, sources) for each, index in pairs]
     of_steps = [timed[number] for number in columns]
@@ -376,12 +368,13 @@ def _cyclic_schedule(
             placed = place_between(number, timed[number], steps, of_steps)
             note(f"{each.topic}: {len(placed)} messages between the {len(steps)} steps of a round")
             between += placed
-    placed_transforms = () if transforms is None else place_transforms(transforms, steps, of_steps)
+    of_some = tuple(columns) if between else ()
+    if transforms is not None:
+        between += place_transforms(len(pairs), transforms, steps, of_steps)
     schedule = CyclicSchedule(
         steps=steps,
-        transforms=placed_transforms,
-        columns=tuple(columns) if between else (),
-        between=tuple(between),
+        columns=of_some,
+        between=tuple(sorted(between, key=lambda message: message.at)),
         stamp_offsets_ns=playback_order(aligned.stamp_offsets_ns, plan.playback_mode),
     )
     return schedule, unplayed
@@ -401,13 +394,6 @@ def _with_recorded_times(
 def _load_index(folder: Path, topic: str, has_header: bool | None) -> BufferIndex:
     index = read_index(folder, topic)
     return read_stamps(folder, index) if has_header and index.has_header is None else index
-
-
-def _load_tf_index(plan: Plan, folder: Path) -> BufferIndex | None:
-    """The buffer of /tf, if transforms are played."""
-    if not any(each.publish_tf for each in plan.datasets or (plan.dataset,)):
-        return None
-    return read_index(folder, TF) if TF in buffered_transforms(folder) else None
 
 
 def _check_every_monitor_has_steps(plan: Plan, timeline: TimelineSchedule) -> None:
@@ -548,28 +534,32 @@ def place_between(
     Raises:
         RunError: no message was recorded between the steps.
     """
-    headers = [each for each in inputs if each.has_header] if index.has_header else []
-    times_ns = index.stamps_ns if headers else index.times_ns
-    by_time = sorted(range(len(times_ns)), key=lambda position: times_ns[position])
-    ordered = [times_ns[position] for position in by_time]
-    found = [
-        BetweenMessage(
-            step + (ordered[place] - from_ns) / (to_ns - from_ns), number, by_time[place]
-        )
-        for step, from_ns, to_ns in step_intervals(_step_times(steps, inputs, bool(headers)))
-        for place in range(
-            bisect.bisect_left(ordered, min(from_ns, to_ns)),
-            bisect.bisect_left(ordered, max(from_ns, to_ns)),
-        )
-        if ordered[place] != to_ns
+    stamps = index.has_header is True and any(each.has_header for each in inputs)
+    times_ns = index.stamps_ns if stamps else index.times_ns
+    placed = [
+        BetweenMessage(step + share, number, position)
+        for step, share, position in _between_steps(times_ns, _step_times(steps, inputs, stamps))
     ]
-    if not found:
+    if not placed:
         raise RunError(
             f"no message of {index.topic} was recorded between the steps of the other inputs",
             hint="Check the window, and that the stamps of all inputs are on one clock.",
             code="R2B644",
         )
-    return tuple(sorted(found, key=lambda each: each.at))
+    return tuple(sorted(placed, key=lambda message: message.at))
+
+
+def _between_steps(
+    times_ns: Sequence[int], steps_ns: Sequence[int]
+) -> Iterator[tuple[int, float, int]]:
+    """For each time in a round: the step before it, its share of the interval, and its position."""
+    by_time = sorted(range(len(times_ns)), key=lambda position: times_ns[position])
+    ordered = [times_ns[position] for position in by_time]
+    for step, from_ns, to_ns in step_intervals(steps_ns):
+        first, last = (bisect.bisect_left(ordered, end) for end in sorted((from_ns, to_ns)))
+        for place in range(first, last):
+            if ordered[place] != to_ns:
+                yield step, (ordered[place] - from_ns) / (to_ns - from_ns), by_time[place]
 
 
 def step_intervals(times_ns: Sequence[int]) -> Iterator[tuple[int, int, int]]:
@@ -602,10 +592,11 @@ def _step_times(
 
 
 def place_transforms(
+    number: int,
     transforms: BufferIndex,
     steps: Sequence[tuple[int, ...]],
     inputs: Sequence[BufferIndex],
-) -> tuple[CyclicTransform, ...]:
+) -> tuple[BetweenMessage, ...]:
     """The positions of recorded transforms in a round of steps without times.
 
     Between two steps the transforms are distributed as in the recording: one that was recorded at
@@ -614,27 +605,22 @@ def place_transforms(
     that followed the last step, for a mean period, are played between the last and the first step.
 
     Args:
+        number: of all inputs of the plan.
         transforms: the buffer of /tf.
         steps: one round, from `playback_order`.
-        inputs: the buffer of each input.
+        inputs: the buffers of the inputs of the steps.
     """
-    times_ns = [
-        max(index.times_ns[position] for index, position in zip(inputs, step, strict=True))
-        for step in steps
-    ]
+    times_ns = _step_times(steps, inputs, stamps=False)
     lags_ns = [
         _lag_ns(step, inputs, time_ns) for step, time_ns in zip(steps, times_ns, strict=True)
     ]
-    placed = []
-    for number, from_ns, to_ns in step_intervals(times_ns):
-        early, late = min(from_ns, to_ns), max(from_ns, to_ns)
-        first = bisect.bisect_left(transforms.times_ns, early)
-        for position in range(first, bisect.bisect_left(transforms.times_ns, late)):
-            at = (transforms.times_ns[position] - from_ns) / (to_ns - from_ns)
-            origin_ns = transforms.times_ns[position] + lags_ns[number]
-            if at < 1:
-                placed.append(CyclicTransform(number + at, position, origin_ns))
-    return tuple(sorted(placed, key=lambda each: each.at))
+    placed = [
+        BetweenMessage(
+            step + share, number, position, transforms.times_ns[position] + lags_ns[step]
+        )
+        for step, share, position in _between_steps(transforms.times_ns, times_ns)
+    ]
+    return tuple(sorted(placed, key=lambda message: message.at))
 
 
 def _lag_ns(step: tuple[int, ...], inputs: Sequence[BufferIndex], time_ns: int) -> int:

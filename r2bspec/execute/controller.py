@@ -15,7 +15,8 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -59,8 +60,8 @@ from r2bspec.execute.profiled_iteration import (
 )
 from r2bspec.execute.profilers import find_profiler, require_usable
 from r2bspec.execute.progress import Progress
-from r2bspec.execute.run_context import RunContext, TimeBudget
-from r2bspec.execute.session import MEASURE_PHASE, StartSequence
+from r2bspec.execute.run_context import MEASURE_PHASE, RunContext, TimeBudget
+from r2bspec.execute.session import StartSequence
 from r2bspec.execute.states import Interrupts, RunState, RunStates
 from r2bspec.ipc.arrivals import ClockOffsetTracker
 from r2bspec.ipc.buffers import largest_message_bytes
@@ -80,6 +81,27 @@ from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import AccuracyRecord, Difference, ProfileRecord, RunRecord
 
 
+@dataclass(frozen=True)
+class RunOptions:
+    """What a run does apart from its plan.
+
+    Attributes:
+        abort_on_fail: end a rate as soon as a requirement can no longer be met.
+        record_outputs: record the messages of one more iteration in the run folder.
+        profile: a profiler for one more iteration; empty for none (`find_profiler`).
+        profile_node: the node, or process, that it observes; all nodes if empty.
+        identity: what the graph is made of; looked up if None, after the setup steps.
+        gate: what reports say of the merge gate, one sentence each.
+    """
+
+    abort_on_fail: bool = False
+    record_outputs: bool = False
+    profile: str = ""
+    profile_node: str = ""
+    identity: GraphIdentity | None = None
+    gate: tuple[str, ...] = ()
+
+
 def run_plan(
     plan: Plan,
     *,
@@ -88,12 +110,7 @@ def run_plan(
     run_id: str,
     spec_text: str,
     progress: Progress,
-    abort_on_fail: bool = False,
-    record_outputs: bool = False,
-    profile: str = "",
-    profile_node: str = "",
-    identity: GraphIdentity | None = None,
-    gate: tuple[str, ...] = (),
+    options: RunOptions = RunOptions(),
 ) -> RunRecord:
     """Execute a plan; the run folder is written completely when this returns or raises.
 
@@ -104,12 +121,7 @@ def run_plan(
         run_id: names the run; also marks its processes.
         spec_text: the resolved spec, for the record.
         progress: receives phases, notes and progress.
-        abort_on_fail: end a rate as soon as a requirement can no longer be met.
-        record_outputs: record the messages of one more iteration in the run folder.
-        profile: a profiler for one more iteration; empty for none (`find_profiler`).
-        profile_node: the node, or process, that it observes; all nodes if empty.
-        identity: what the graph is made of; looked up if None, after the setup steps.
-        gate: what reports say of the merge gate, one sentence each.
+        options: what it does apart from the plan.
 
     Raises:
         UsageError: the profiler, or its node, does not exist.
@@ -124,27 +136,17 @@ def run_plan(
         Interrupts() as interrupts,
         tempfile.TemporaryDirectory(prefix=".scratch-", dir=folder.path) as scratch,
     ):
-        run = _Run(plan, base_dir, folder, run_id, Path(scratch), progress, interrupts)
-        run.abort_on_fail = abort_on_fail
-        run.record_outputs = record_outputs
-        run.profile, run.profile_node = profile, profile_node
-        run.identity, run.gate = identity, gate
+        run = _Run(plan, options, base_dir, folder, run_id, Path(scratch), progress, interrupts)
         return run.execute()
 
 
 class _Run:
     """One run: its states, and what has come of them so far."""
 
-    abort_on_fail = False
-    record_outputs = False
-    profile = ""
-    profile_node = ""
-    identity: GraphIdentity | None = None
-    gate: tuple[str, ...] = ()
-
     def __init__(
         self,
         plan: Plan,
+        options: RunOptions,
         base_dir: Path,
         folder: RunFolder,
         run_id: str,
@@ -153,6 +155,8 @@ class _Run:
         interrupts: Interrupts,
     ) -> None:
         self._plan = plan
+        self._options = options
+        self._identity = options.identity
         self._run_id = run_id
         self._interrupts = interrupts
         self._started_at = _now()
@@ -241,9 +245,9 @@ class _Run:
 
     def _prepare(self) -> None:
         _require_rclpy()
-        if self.profile:
-            profiled_processes(self._plan, self.profile_node)
-            require_usable(find_profiler(self.profile))
+        if self._options.profile:
+            profiled_processes(self._plan, self._options.profile_node)
+            require_usable(find_profiler(self._options.profile))
         check_middleware(self._plan, os.environ)
         SecretReferences(self._plan.environment, os.environ).require_set(self._plan)
         self._context.resources.start()
@@ -259,8 +263,8 @@ class _Run:
                     *(context.folder, context.base_dir, context.note),
                 )
         # What is built by a setup step is a part of the graph.
-        if self.identity is None:
-            self.identity = graph_identity(plan, context.base_dir)
+        if self._identity is None:
+            self._identity = graph_identity(plan, context.base_dir)
         # Every program exists before any is started, but after the setup steps.
         with self._states.clock.waiting("programs: found, or built"):
             for process in plan.processes:
@@ -306,11 +310,7 @@ class _Run:
         if "preprocess" not in self._plan.phases:
             return
         self._states.enter(RunState.PREPROCESS, "running the preprocessors")
-        context = self._context
-        preprocess(
-            *(self._plan, context.supervisor, self._launcher()),
-            *(context.buffer_dir, context.note),
-        )
+        preprocess(self._plan, self._context, self._launcher())
 
     def _measure(self) -> None:
         """Measure in the starts of the plan and, if the run fails, in as many that confirm it."""
@@ -335,42 +335,39 @@ class _Run:
             self._budget,
             partial(self._starts.begin, confirms=confirms),
             # A confirmation run plays as many iterations as the run that it confirms.
-            self._lost_rates if self.abort_on_fail and not confirms else None,
+            self._lost_rates if self._options.abort_on_fail and not confirms else None,
         )
         self._measurements.append(measurement)
         return measurement
 
     def _record_outputs(self) -> None:
-        if not self.record_outputs:
+        if not self._options.record_outputs:
             return
         self._states.enter(RunState.RECORD, "recording the messages of one more iteration")
-        session, context = self._starts.sessions[-1], self._context
+        session = self._starts.sessions[-1]
         if session.player is None or not self._plan.play:
             return
         from r2bspec.execute.measurement.further_iterations import OutputRecorder
 
-        recorder = OutputRecorder(
-            *(self._plan, context.supervisor, session.player, session.rows_dir, context.folder)
-        )
+        recorder = OutputRecorder(self._plan, self._context, session.player, session.rows_dir)
         for topic, count in recorder.record().items():
-            context.note(f"recorded {count} messages of {topic}")
+            self._context.note(f"recorded {count} messages of {topic}")
 
     def _compare_with_truth(self) -> None:
         if not any(monitor.truth is not None for monitor in self._plan.monitors):
             return
         self._states.enter(RunState.TRUTH, "comparing one more iteration with the truth")
-        session, context = self._starts.sessions[-1], self._context
+        session = self._starts.sessions[-1]
         if session.player is None or not self._plan.inputs:
             return
         from r2bspec.execute.measurement.further_iterations import TruthComparison
 
         self._accuracy = TruthComparison(
             self._plan,
-            context.supervisor,
+            self._context,
             session.player,
-            session.schedule,
             session.rows_dir,
-            context.buffer_dir,
+            session.schedule,
             tuple(dataset.path for dataset in self._datasets),
         ).compare()
 
@@ -397,19 +394,14 @@ class _Run:
         self._starts.find_foreign_publishers()
 
     def _play_with_profiler(self) -> None:
-        if not self.profile:
+        if not self._options.profile:
             return
         wait_for_last_sample(self._starts)
-        profiler = find_profiler(self.profile)
+        profiler = find_profiler(self._options.profile)
         self._states.enter(RunState.PROFILE, f"playing one more iteration with {profiler.name}")
-        self._profiles = ProfiledIteration(
-            self._plan,
-            profiler,
-            profiled_processes(self._plan, self.profile_node),
-            self._context.supervisor,
-            self._starts,
-            self._context.folder,
-        ).play(self._measurements[0].peak_hz)
+        processes = profiled_processes(self._plan, self._options.profile_node)
+        iteration = ProfiledIteration(profiler, processes, self._starts)
+        self._profiles = iteration.play(self._measurements[0].peak_hz)
         for profile in self._profiles:
             outcome = profile.error or ", ".join(profile.files)
             self._context.note(f"profile of {profile.process}: {outcome}")
@@ -512,15 +504,15 @@ class _Run:
             ros_logs=context.folder.ros_logs,
         )
 
-    def _judge_so_far(self) -> Verdict:
+    def _judge_so_far(self, samples: RunSamples | None = None) -> Verdict:
         """The verdict on the run if it ended now, without a confirmation."""
-        samples = self._samples_so_far()
+        samples = samples or self._samples_so_far()
         return judge(self._plan.objectives, samples, decision_policy(self._plan))
 
     def _lost_rates(self) -> dict[float, str]:
         """The rates with a requirement that can no longer be met, and which one that is."""
         samples = self._samples_so_far()
-        verdict = judge(self._plan.objectives, samples, decision_policy(self._plan))
+        verdict = self._judge_so_far(samples)
         return {
             failed.at_hz: f"'{failed.text.strip()}' can no longer be met"
             for failed in certain_failures(verdict, samples, self._plan)
@@ -585,7 +577,12 @@ class _Run:
         if failure is not None:
             status, reason = "incomplete", _reason(failure)
         elif self._starts.foreign:
-            status, reason = "invalid", _foreign_reason(self._starts.foreign)
+            status = "invalid"
+            reason = (
+                "A program that is not of this run has published on "
+                f"{'; '.join(self._starts.foreign)}. What was measured is not that of the graph "
+                "alone."
+            )
         first = self._measurements[0] if self._measurements else None
         again = self._measurements[1:]
         sessions = self._starts.sessions
@@ -618,8 +615,8 @@ class _Run:
             profiles=self._profiles,
             accuracy=self._accuracy,
             phases=self._states.clock.phases(),
-            identity=self.identity,
-            gate=self.gate,
+            identity=self._identity,
+            gate=self._options.gate,
         )
 
 
@@ -654,13 +651,6 @@ def _unwritable(error: OSError | RecordError, folder: Path) -> RunError:
         text = f"{error.filename or folder} cannot be written: {error.strerror or error}"
     hint = "Free space on this disk, or choose another folder with --output."
     return UnwritableRunError(text, hint=hint)
-
-
-def _foreign_reason(foreign: Sequence[str]) -> str:
-    return (
-        f"A program that is not of this run has published on {'; '.join(foreign)}. What was "
-        "measured is not that of the graph alone."
-    )
 
 
 def _reason(failure: BaseException) -> str:

@@ -10,11 +10,11 @@ from __future__ import annotations
 import contextlib
 import heapq
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
@@ -33,8 +33,9 @@ from r2bspec.execute.bringup.observe_graph import (
 )
 from r2bspec.execute.bringup.readiness import StartDeadline
 from r2bspec.execute.errors import DatasetMismatchError, NoOutputError
-from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
+from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.progress import Progress
+from r2bspec.execute.run_context import RunContext
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import (
     TF,
@@ -86,14 +87,6 @@ def obtain_dataset(plan: DatasetPlan, base_dir: Path, progress: Progress) -> Res
     return ResolvedDataset(path, provenance | {"path": str(path), "sha256": digest})
 
 
-class _BagSource(NamedTuple):
-    """The topics to read from one bag, with their names in the graph."""
-
-    bag: Path
-    targets: Mapping[str, str]
-    window: Window
-
-
 def buffer_bags(
     bags: Sequence[Path], datasets: Sequence[DatasetPlan], folder: Path, progress: Progress
 ) -> dict[str, int]:
@@ -115,8 +108,8 @@ def buffer_bags(
     if any(dataset.publish_tf for dataset in datasets):
         types[TF] = TF_TYPE
     stamped = {topic: begins_with_header(type_name) for topic, type_name in types.items()}
-    parts = [
-        _BagSource(bag, _graph_topics(dataset, bag), window)
+    streams = [
+        _read_bag(dataset, bag, window)
         for bag, dataset, window in zip(bags, datasets, _windows(bags, datasets), strict=True)
     ]
     expected = sum(each.count for dataset in datasets for each in dataset.topics)
@@ -126,7 +119,9 @@ def buffer_bags(
             writer = BufferWriter(folder, topic, type_name, has_header=stamped[topic])
             stack.callback(writer.close)
             writers[topic] = writer
-        for done, (topic, message) in enumerate(_merge_bags(parts)):
+        # In order of time, each with its topic in the graph.
+        merged = heapq.merge(*streams, key=itemgetter(0))
+        for done, (_, topic, message) in enumerate(merged):
             stamp_ns = read_stamp(message.data) if stamped[topic] else message.time_ns
             writers[topic].append(stamp_ns, message.data, message.time_ns)
             if done % 16 == 0:
@@ -135,24 +130,15 @@ def buffer_bags(
     return counts | _buffer_static(bags, datasets, folder)
 
 
-def _graph_topics(dataset: DatasetPlan, bag: Path) -> dict[str, str]:
-    """The topics of a bag that are read, with their names in the graph."""
+def _read_bag(
+    dataset: DatasetPlan, bag: Path, window: Window
+) -> Iterator[tuple[int, str, Message]]:
+    """The messages of a bag that are read, each after its time and its topic in the graph."""
     targets = {each.bag_topic: each.topic for each in dataset.topics}
     if dataset.publish_tf and index_bag(bag).find(TF) is not None:
         targets[TF] = TF
-    return targets
-
-
-def _merge_bags(parts: Sequence[_BagSource]) -> Iterator[tuple[str, Message]]:
-    """The messages of all bags in order of time, each with its topic in the graph."""
-    streams = [_read_bag(part) for part in parts]
-    for _, topic, message in heapq.merge(*streams, key=itemgetter(0)):
-        yield topic, message
-
-
-def _read_bag(part: _BagSource) -> Iterator[tuple[int, str, Message]]:
-    by_name = {name.lstrip("/"): topic for name, topic in part.targets.items()}
-    for message in read_messages(part.bag, list(part.targets), part.window):
+    by_name = {name.lstrip("/"): topic for name, topic in targets.items()}
+    for message in read_messages(bag, list(targets), window):
         yield message.time_ns, by_name[message.topic.lstrip("/")], message
 
 
@@ -216,20 +202,15 @@ _LOAD_TIMEOUT_S = 3600.0
 _PLAY_TIMEOUT_S = 60.0
 
 
-def preprocess(
-    plan: Plan,
-    supervisor: ProcessSupervisor,
-    launcher: Launcher,
-    buffer_dir: Path,
-    note: Callable[[str], None],
-) -> None:
+def preprocess(plan: Plan, context: RunContext, launcher: Launcher) -> None:
     """Run the preprocessors on all messages that were buffered from the bag.
 
     Raises:
         NoOutputError: a recorded topic has no messages.
         RunError: a process exited, failed, or was not ready in time.
     """
-    graph = PhaseGraph(plan, _PHASE, supervisor, launcher, note)
+    supervisor, buffer_dir = context.supervisor, context.buffer_dir
+    graph = PhaseGraph(plan, _PHASE, supervisor, launcher, context.note)
     processes = [each for each in plan.processes if each.phase == _PHASE]
     recorded = {each.source: each.type for each in plan.inputs if not each.bag_topic}
     read = {

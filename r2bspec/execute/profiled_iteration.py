@@ -20,12 +20,12 @@ from r2bspec.errors import R2bspecError, UsageError, without_output
 from r2bspec.execute.bringup.launcher import NODE_ROLES
 from r2bspec.execute.errors import InterruptedRunError, RunError
 from r2bspec.execute.measurement.segments import SegmentPlayer
-from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
+from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.profilers import AttachedProfiler, Profiler
-from r2bspec.execute.session import MEASURE_PHASE, StartSequence
+from r2bspec.execute.run_context import MEASURE_PHASE
+from r2bspec.execute.session import StartSequence
 from r2bspec.language.quantities import Duration
 from r2bspec.plan.plan import Plan, ProcessPlan
-from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import ProfileRecord
 
 _DURATION_NS = 5 * 10**9
@@ -109,16 +109,18 @@ class ProfiledIteration:
 
     Attributes:
         processes: those to be observed.
+        starts: those of the run.
         errors: why a profile is missing or not whole, by process.
     """
 
-    plan: Plan
     profiler: Profiler
     processes: tuple[ProcessPlan, ...]
-    supervisor: ProcessSupervisor
     starts: StartSequence
-    folder: RunFolder
     errors: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.plan = self.starts.plan
+        self.supervisor, self.folder = self.starts.context.supervisor, self.starts.context.folder
 
     def play(self, peak_hz: float | None) -> tuple[ProfileRecord, ...]:
         """Play, and end all processes; returns what came of it, for each process.

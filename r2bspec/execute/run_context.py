@@ -16,6 +16,9 @@ from r2bspec.language.quantities import Duration
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import EndedRate
 
+MEASURE_PHASE = "measure"
+"""The phase of the processes that run during the measurement."""
+
 
 @dataclass(frozen=True)
 class RunContext:

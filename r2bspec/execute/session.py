@@ -30,8 +30,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
 from r2bspec.execute.bringup.graph_matching import MonitorSubscriptions, PhaseGraph
 from r2bspec.execute.bringup.harness_processes import (
     GraphHarness,
@@ -56,11 +54,7 @@ from r2bspec.execute.errors import (
     ProcessFailedError,
     RunError,
 )
-from r2bspec.execute.measurement.harness_overhead import (
-    can_be_measured,
-    measure_harness_overhead,
-    overhead_rate_hz,
-)
+from r2bspec.execute.measurement.harness_overhead import HarnessOverhead, can_be_measured
 from r2bspec.execute.measurement.segments import (
     PLAYBACK_ROWS,
     LiveSegmentWatcher,
@@ -68,7 +62,7 @@ from r2bspec.execute.measurement.segments import (
     SegmentPlayer,
 )
 from r2bspec.execute.processes.supervisor import ManagedProcess
-from r2bspec.execute.run_context import RunContext
+from r2bspec.execute.run_context import MEASURE_PHASE, RunContext
 from r2bspec.execute.silent_outputs import SilentOutputs
 from r2bspec.execute.states import RunState
 from r2bspec.ipc import protocol
@@ -85,9 +79,6 @@ from r2bspec.record.run_record import (
     StartRecord,
     UnplayedMessages,
 )
-
-MEASURE_PHASE = "measure"
-"""The phase of the processes that run during the measurement."""
 
 _WARM_UP_HZ = 10.0
 _WARM_UP_STEPS = 10
@@ -343,25 +334,9 @@ class Session:
             self._launcher.wait_until_imported()
         began_ns = time.monotonic_ns()
         self._enter(RunState.OVERHEAD, "measuring the harness overhead")
-        records = measure_harness_overhead(
-            self._supervisor,
-            player,
-            monitor,
-            self._plan.inputs,
-            rows_dir,
-            PLAYBACK_ROWS,
-            overhead_rate_hz(self._plan),
-            self.schedule,
-            self._context.host.between,
-        )
-        self.harness_overhead = tuple(
-            msgspec.structs.replace(
-                record,
-                placement=self._plan.harness.placement,
-                processes=1 if player.process is monitor.process else 2,
-            )
-            for record in records
-        )
+        self.harness_overhead = HarnessOverhead(
+            self._plan, self._context, player, monitor, rows_dir, self.schedule
+        ).measure()
         self.overhead_ns = time.monotonic_ns() - began_ns
 
     @property
@@ -445,18 +420,13 @@ class Session:
     def _segment_player(
         self, player: ManagedProcess | None, observer: ManagedProcess
     ) -> SegmentPlayer:
-        context = self._context
         return (SegmentPlayer if player else LiveSegmentWatcher)(
             self._plan,
-            self._supervisor,
+            self._context,
             player,
             self.rows_dir,
-            context.folder,
-            context.progress,
-            on_segment=context.on_segment,
             schedule=self.schedule,
             static_publisher=observer if self._has_static else None,
-            resources=context.resources,
             confirms=self.confirms,
             start=self.start,
         )
@@ -502,7 +472,9 @@ class Session:
                 return
             waited_s = time.monotonic() - began_s
             final = deadline.over or (
-                attempt > _DIAGNOSED_ATTEMPT and waited_s > patience_s(plan) and self._is_idle()
+                attempt > _DIAGNOSED_ATTEMPT
+                and waited_s > patience_s(plan.start_timeout_ns / 1e9)
+                and self._is_idle()
             )
             if final or attempt == _DIAGNOSED_ATTEMPT:
                 silent_outputs.explain_start(silent, final=final)

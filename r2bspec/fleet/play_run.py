@@ -53,7 +53,7 @@ class Problem(msgspec.Struct, frozen=True, kw_only=True):
     def error(self) -> R2bspecError:
         """The error of a client."""
         error = R2bspecError(self.message, hint=self.hint, code=self.code)
-        error.exit_code = ExitStatus(self.exit_status)
+        error.exit_code = ExitStatus(self.exit_status)  # type: ignore[call-arg] # of the lookup by value
         return error
 
 

@@ -225,19 +225,17 @@ class Loader(GraphParticipant):
         each message has its own time.
         """
         indexes = [self._index(topic) for topic in (*self._publishers, *self._settings.buffer_only)]
-        found = [
+        messages = sorted(
             _SourceMessage(time_ns, stamp_ns, time_ns, index.topic, position)
             for index in indexes
             for position, (stamp_ns, time_ns) in enumerate(
                 zip(index.stamps_ns, index.times_ns, strict=True)
             )
-        ]
-        last_ns: dict[int, int] = {}
-        for each in found:
-            last_ns[each.stamp_ns] = max(each.time_ns, last_ns.get(each.stamp_ns, each.time_ns))
+        )
         if real_time:
-            return sorted(found)
-        return sorted(each._replace(turn_ns=last_ns[each.stamp_ns]) for each in found)
+            return messages
+        last_ns = {message.stamp_ns: message.time_ns for message in messages}
+        return sorted(message._replace(turn_ns=last_ns[message.stamp_ns]) for message in messages)
 
     def _index(self, topic: str) -> buffers.BufferIndex:
         """The index of a buffer, with the header stamps of types that only ROS knows."""

@@ -44,21 +44,25 @@ from r2bspec.plan.plan import NodePlan
 from r2bspec.wiring.name_resolution import expand
 
 
-def describe_node(plan: NodePlan, node: Node) -> protocol.Ready:
-    """The endpoints and parameters of a node, and its differences from the plan."""
-    endpoints = [
-        (plan.name, each.topic_name, _type_name(each.msg_type), direction)
-        for direction, group in (("publishes", node.publishers), ("subscribes", node.subscriptions))
-        for each in group
-        if each.topic_name not in {"/rosout", "/parameter_events"}
-    ]
-    declared = set(node.list_parameters([], 0).names)
-    undeclared = [(plan.name, name) for name in plan.parameters if name not in declared]
+def describe_nodes(nodes: Sequence[tuple[NodePlan, Node]]) -> protocol.Ready:
+    """The endpoints and parameters of nodes, and their differences from their plans."""
+    declared = {plan.name: {*node.list_parameters([], 0).names} for plan, node in nodes}
     return protocol.Ready(
-        endpoints=tuple(endpoints),
-        undeclared=tuple(undeclared),
-        parameters={plan.name: tuple(sorted(declared))},
-        unmatched=tuple(_unmatched(plan, node)),
+        endpoints=tuple(
+            (plan.name, each.topic_name, _type_name(each.msg_type), direction)
+            for plan, node in nodes
+            for direction in ("publishes", "subscribes")
+            for each in (node.publishers if direction == "publishes" else node.subscriptions)
+            if each.topic_name not in {"/rosout", "/parameter_events"}
+        ),
+        undeclared=tuple(
+            (plan.name, name)
+            for plan, _ in nodes
+            for name in plan.parameters
+            if name not in declared[plan.name]
+        ),
+        parameters={name: tuple(sorted(names)) for name, names in declared.items()},
+        unmatched=tuple(rule for plan, node in nodes for rule in _unmatched(plan, node)),
     )
 
 
@@ -125,14 +129,12 @@ class NodeHost:
         factories = [find_factory(plan.target, Path(settings.base_dir)) for plan in settings.nodes]
         _init(settings.nodes, factories)
         self._executor = _executor(settings)
-        self._reports: list[protocol.Ready] = []
-        self._nodes: list[Node] = []
+        self._nodes: list[tuple[NodePlan, Node]] = []
         for plan, factory in zip(settings.nodes, factories, strict=True):
             node = make_node(plan, factory)
             rclpy_tools.destroy_on_shutdown(node)
             self._executor.add_node(node)
-            self._nodes.append(node)
-            self._reports.append(describe_node(plan, node))
+            self._nodes.append((plan, node))
 
     def serve(self) -> None:
         """Spin.
@@ -140,25 +142,14 @@ class NodeHost:
         Raises:
             NodeError: a callback raised an exception, which makes the measurements meaningless.
         """
-        self._channel.send(
-            protocol.Ready(
-                endpoints=tuple(each for found in self._reports for each in found.endpoints),
-                undeclared=tuple(each for found in self._reports for each in found.undeclared),
-                unmatched=tuple(each for found in self._reports for each in found.unmatched),
-                parameters={
-                    name: names
-                    for found in self._reports
-                    for name, names in found.parameters.items()
-                },
-            )
-        )
+        self._channel.send(describe_nodes(self._nodes))
         threading.Thread(target=self._listen, daemon=True).start()
         try:
             self._executor.spin()
         except ExternalShutdownException:
             return
         except Exception as error:
-            names = ", ".join(node.get_fully_qualified_name() for node in self._nodes)
+            names = ", ".join(node.get_fully_qualified_name() for _, node in self._nodes)
             raise NodeError(
                 "R2B634", f"a callback of {names} raised {type(error).__name__}: {error}"
             ) from error
@@ -169,34 +160,24 @@ class NodeHost:
                 if isinstance(command, protocol.ListModules):
                     self._channel.send(protocol.Modules(files=module_files()))
                 if isinstance(command, protocol.CountMatches):
-                    self._channel.send(
-                        protocol.Matched(
-                            counts=self._subscription_counts(),
-                            publisher_counts=self._publisher_counts(),
-                        )
-                    )
+                    self._channel.send(self._matches())
         # Not the context: a running callback may still publish.
         self._executor.shutdown()
 
-    def _subscription_counts(self) -> dict[str, int]:
-        """The number of matched subscriptions of each topic: the minimum over its publishers."""
-        counts: dict[str, int] = {}
-        for node in self._nodes:
+    def _matches(self) -> protocol.Matched:
+        """What the endpoints of each topic are matched with: the minimum over those of one side."""
+        subscriptions: dict[str, int] = {}
+        publishers: dict[str, int] = {}
+        for _, node in self._nodes:
             for publisher in list(node.publishers):
-                count = publisher.get_subscription_count()
-                counts[publisher.topic_name] = min(counts.get(publisher.topic_name, count), count)
-        return counts
-
-    def _publisher_counts(self) -> dict[str, int]:
-        """The number of matched publishers of each topic: the minimum over its subscriptions."""
-        counts: dict[str, int] = {}
-        for node in self._nodes:
+                topic, count = publisher.topic_name, publisher.get_subscription_count()
+                subscriptions[topic] = min(subscriptions.get(topic, count), count)
             for subscription in list(node.subscriptions):
                 with subscription.handle:
                     count = subscription.handle.get_publisher_count()
                 topic = subscription.topic_name
-                counts[topic] = min(counts.get(topic, count), count)
-        return counts
+                publishers[topic] = min(publishers.get(topic, count), count)
+        return protocol.Matched(counts=subscriptions, publisher_counts=publishers)
 
 
 _SWITCH_INTERVAL_S = 0.0002

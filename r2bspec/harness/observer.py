@@ -222,6 +222,7 @@ CLOCK, CLOCK_TYPE = "/clock", "rosgraph_msgs/msg/Clock"
 
 _PERIOD_S = 0.01
 _CLOCK_QOS = QoS(depth=1)
+_STATIC_QOS = QoS(durability="transient_local", depth=1)
 
 
 def clock_message(time_ns: int) -> bytes:
@@ -259,20 +260,6 @@ class ClockPublisher:
         while not self._ended.wait(max(0.0, due_s - time.monotonic())):
             self._publisher.publish(clock_message(time.time_ns()))
             due_s = max(due_s + _PERIOD_S, time.monotonic())
-
-
-_QOS = QoS(durability="transient_local", depth=1)
-
-
-def publish_static_transforms(node: Node, folder: Path) -> rclpy_tools.RawPublisher:
-    """Publish the buffered /tf_static as transient local, so that late subscriptions receive it.
-
-    Returns:
-        The publisher, which must be kept as long as the transforms must be available.
-    """
-    publisher = rclpy_tools.RawPublisher(node, TF_STATIC, TF_TYPE, rclpy_tools.profile(_QOS))
-    publisher.publish(buffers.read_messages(folder, TF_STATIC, {0})[0])
-    return publisher
 
 
 _WAIT_S = 1.0
@@ -379,9 +366,12 @@ class GraphParticipant:
         self._node = rclpy_tools.start_node(name)
         # Before anything else, so that all nodes, which are started later, receive them.
         self._clock = ClockPublisher(self._node) if clock else None
-        self._static_publisher = (
-            publish_static_transforms(self._node, static_dir) if static_dir is not None else None
-        )
+        self._static_publisher: rclpy_tools.RawPublisher | None = None
+        if static_dir is not None:
+            # Transient local, so that late subscriptions receive them.
+            qos = rclpy_tools.profile(_STATIC_QOS)
+            self._static_publisher = rclpy_tools.RawPublisher(self._node, TF_STATIC, TF_TYPE, qos)
+            self._static_publisher.publish(buffers.read_messages(static_dir, TF_STATIC, {0})[0])
 
     def serve(self) -> None:
         """Answer commands until told to shut down."""

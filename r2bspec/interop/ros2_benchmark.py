@@ -123,8 +123,7 @@ def parse_report(content: bytes, file: str = "<report>") -> ReferenceReport:
             return msgspec.convert(report, ReferenceReport)
         except msgspec.ValidationError as error:
             raise NotAReportError(f"{file} is damaged: {error}") from error
-    levels = [report, *report.values()] if isinstance(report, dict) else []
-    if not any(_has_figures(level) for level in levels):
+    if not isinstance(report, dict) or not any(map(_has_figures, [report, *report.values()])):
         raise NotAReportError(
             f"{file} is not a report of ros2_benchmark: it has no {BASIC_PREFIX}",
             hint="Give the JSON file written by the tool at the end of a benchmark.",
@@ -167,9 +166,9 @@ def read_compared(content: bytes, source: str) -> ComparedResult:
     for rate, monitors in report.rates.items():
         for monitor, figures in monitors.items():
             for metric, unit, value in _compared_values(figures):
-                series[float(rate), monitor, metric] = MetricSeries((value,), unit, single=True)
+                series[float(rate), monitor, metric] = MetricSeries((value,), unit)
     if report.peak_hz is not None:
-        series[None, "", "peak.rate"] = MetricSeries((report.peak_hz,), "Hz", single=True)
+        series[None, "", "peak.rate"] = MetricSeries((report.peak_hz,), "Hz")
     return ComparedResult(
         side=ComparedSource(
             source=source,
@@ -178,11 +177,7 @@ def read_compared(content: bytes, source: str) -> ComparedResult:
             started_at=str(report.metadata.get("TEST_DATETIME", "")),
         ),
         series=series,
-        plan=None,
-        plan_hash=None,
-        dataset=None,
         machine={"architecture": report.metadata.get("DEVICE_ARCH")},
-        versions={},
         tool="ros2_benchmark",
     )
 
@@ -199,8 +194,7 @@ def _compared_values(figures: MonitorFigures) -> Iterator[tuple[str, str, float]
 
 
 def _has_figures(level: object) -> bool:
-    is_level = isinstance(level, dict)
-    return is_level and any(str(key).startswith(f"{BASIC_PREFIX}.") for key in level)
+    return isinstance(level, dict) and any(str(key).startswith(f"{BASIC_PREFIX}.") for key in level)
 
 
 def _by_monitor(level: dict[str, Any], *, exact: bool) -> dict[str, MonitorFigures]:

@@ -43,14 +43,12 @@ def read_stamp(message: bytes | bytearray) -> int:
         struct.error: the message is too short.
     """
     layout = _LITTLE if message[1] & 1 else _BIG
-    seconds, nanoseconds = layout.unpack_from(message, _ENCAPSULATION_BYTES)
+    return _stamp_at(message, _ENCAPSULATION_BYTES, layout)
+
+
+def _stamp_at(message: bytes | bytearray, offset: int, layout: struct.Struct) -> int:
+    seconds, nanoseconds = layout.unpack_from(message, offset)
     return int(seconds) * _SECOND_NS + int(nanoseconds)
-
-
-def write_stamp(message: bytearray, stamp_ns: int) -> None:
-    """Replace the header stamp, in place."""
-    layout = _LITTLE if message[1] & 1 else _BIG
-    layout.pack_into(message, _ENCAPSULATION_BYTES, *divmod(stamp_ns, _SECOND_NS))
 
 
 TF = "/tf"
@@ -61,38 +59,21 @@ TF_QOS = QoS(depth=100)
 _TRANSFORM_BYTES = 7 * 8
 
 
-class StampedTransforms:
-    """One serialised TFMessage in memory, whose stamps can be shifted repeatedly.
+def transform_stamps(message: bytes) -> list[tuple[int, int]]:
+    """Where each stamp of a serialised TFMessage is, and its value in ns.
 
     Raises:
         ValueError: the bytes are not a TFMessage.
     """
-
-    def __init__(self, message: bytearray) -> None:
-        order = "<" if len(message) > 1 and message[1] & 1 else ">"
-        self._stamp = struct.Struct(f"{order}iI")
-        self._message = message
-        try:
-            self._offsets = _stamp_offsets(message, struct.Struct(f"{order}I"))
-            self.stamps_ns = tuple(map(self._read, self._offsets))
-        except struct.error as error:
-            raise ValueError("a message on /tf is truncated") from error
-
-    def shift(self, by_ns: int) -> None:
-        """Write the original stamps of the message plus `by_ns`, in place."""
-        for offset, stamp_ns in zip(self._offsets, self.stamps_ns, strict=True):
-            self._stamp.pack_into(self._message, offset, *divmod(stamp_ns + by_ns, _SECOND_NS))
-
-    def places(self) -> list[tuple[int, int]]:
-        """Where each stamp is in the message, and its original value in ns."""
-        return list(zip(self._offsets, self.stamps_ns, strict=True))
-
-    def _read(self, offset: int) -> int:
-        seconds, nanoseconds = self._stamp.unpack_from(self._message, offset)
-        return int(seconds) * _SECOND_NS + int(nanoseconds)
+    order, layout = ("<", _LITTLE) if len(message) > 1 and message[1] & 1 else (">", _BIG)
+    try:
+        offsets = _stamp_offsets(message, struct.Struct(f"{order}I"))
+        return [(offset, _stamp_at(message, offset, layout)) for offset in offsets]
+    except struct.error as error:
+        raise ValueError("a message on /tf is truncated") from error
 
 
-def _stamp_offsets(message: bytearray, length: struct.Struct) -> list[int]:
+def _stamp_offsets(message: bytes, length: struct.Struct) -> list[int]:
     """The offset of the stamp of each transform."""
     (count,) = length.unpack_from(message, _ENCAPSULATION_BYTES)
     place = length.size
@@ -144,7 +125,7 @@ class BufferWriter:
     def __init__(
         self, folder: Path, topic: str, type_name: str, *, has_header: bool | None
     ) -> None:
-        self._index_path = buffer_path(folder, topic, "json")
+        self._folder = folder
         self._topic = topic
         self._type = type_name
         self._has_header = has_header
@@ -181,7 +162,7 @@ class BufferWriter:
             sizes=tuple(self._sizes),
             times_ns=tuple(self._times),
         )
-        _write_index(self._index_path, index)
+        write_index(self._folder, index)
 
 
 def read_index(folder: Path, topic: str) -> BufferIndex:
@@ -194,11 +175,8 @@ def read_index(folder: Path, topic: str) -> BufferIndex:
 
 
 def write_index(folder: Path, index: BufferIndex) -> None:
-    """Replace the index of a buffer."""
-    _write_index(buffer_path(folder, index.topic, "json"), index)
-
-
-def _write_index(path: Path, index: BufferIndex) -> None:
+    """Write the index of a buffer, or replace it."""
+    path = buffer_path(folder, index.topic, "json")
     with named_errors(path):
         path.write_bytes(msgspec.json.encode(index))
 

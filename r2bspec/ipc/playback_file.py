@@ -20,6 +20,7 @@ An event is the messages that are published at one time; it has an entry for eac
 from __future__ import annotations
 
 import struct
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.ipc import buffers
-from r2bspec.ipc.buffers import STAMP_BYTES, TF, StampedTransforms
+from r2bspec.ipc.buffers import STAMP_BYTES, TF, transform_stamps
 from r2bspec.ipc.sample_files import named_errors
 from r2bspec.ipc.schedule import ALL_INPUTS, NO_STEP, CyclicSchedule, Schedule, TimelineSchedule
 
@@ -224,8 +225,7 @@ class _Buffers:
         offset, size = self._found[source][1][position], self._found[source][0][position]
         places = []
         if source == len(self._topics) - 1 and self._transforms:
-            message = bytearray(self._transforms[offset : offset + size])
-            places = StampedTransforms(message).places()
+            places = transform_stamps(self._transforms[offset : offset + size])
         elif self._stamped[source] and size >= STAMP_BYTES:
             # The stamp of a header is replaced, whatever it is.
             places = [(_STAMP_POSITION, 0)]
@@ -291,18 +291,16 @@ def read_round(
 
 def _cyclic_round(entries: _Entries, schedule: CyclicSchedule) -> CyclicRound:
     columns = schedule.columns or tuple(range(len(schedule.steps[0])))
-    inputs = sum(1 << each for each in columns) if schedule.between else ALL_INPUTS
-    extras = [each for each in schedule.without_step() if each[0] >= 0]
-    taken = 0
+    inputs = sum(1 << column for column in columns) if schedule.columns else ALL_INPUTS
+    extras = deque(schedule.between)
     for step, positions in enumerate(schedule.steps):
         shifts = schedule.stamp_offsets_ns[step : step + 1] or [(0,) * len(columns)]
         of_step = list(zip(columns, positions, shifts[0], strict=True))
         entries.add(of_step, step=step, inputs=inputs, at=float(step), complete=step + 1)
-        while taken < len(extras) and extras[taken][0] < step + 1:
-            at, (source, position), origin_ns = extras[taken]
-            between = [(source, position, -origin_ns)]
-            entries.add(between, step=NO_STEP, at=at, complete=step + 1)
-            taken += 1
+        while extras and extras[0].at < step + 1:
+            extra = extras.popleft()
+            between = [(extra.input, extra.position, -extra.origin_ns)]
+            entries.add(between, step=NO_STEP, at=extra.at, complete=step + 1)
     return CyclicRound(entries.array(), len(schedule.steps), np.array(entries.at))
 
 

@@ -32,31 +32,20 @@ ALL_INPUTS = -1
 
 
 class BetweenMessage(msgspec.Struct, frozen=True, array_like=True):
-    """A message of an input with a rate of its own, which is played between two steps.
+    """A message that is played between two steps: of an input with a rate of its own, or of /tf.
 
     Attributes:
         at: the due time, in steps from the beginning of the round. The stamp is this time.
-        input: the number of the input in the plan.
-        position: of the message in the buffer of the input.
+        input: the number of the input in the plan; transforms come after all inputs.
+        position: of the message in its buffer.
+        origin_ns: of transforms, the recorded time that corresponds to `at`, on the clock of
+            header stamps.
     """
 
     at: float
     input: int
     position: int
-
-
-class CyclicTransform(msgspec.Struct, frozen=True, array_like=True):
-    """Recorded transforms between two steps.
-
-    Attributes:
-        at: the due time, in steps from the beginning of the round.
-        position: of the message in its buffer.
-        origin_ns: the recorded time that corresponds to `at`, on the clock of header stamps.
-    """
-
-    at: float
-    position: int
-    origin_ns: int
+    origin_ns: int = 0
 
 
 class CyclicSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="cyclic"):
@@ -64,15 +53,13 @@ class CyclicSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="cyclic"):
 
     Attributes:
         steps: ``steps[i][k]`` is the position of the message of step i in input ``columns[k]``.
-        transforms: recorded transforms, by their due times.
         columns: the inputs of the steps, by their numbers in the plan; empty for all of them.
-        between: messages of the other inputs, by their due times.
+        between: messages of the other inputs, and transforms, by their due times.
         stamp_offsets_ns: for each step and column, the stamp of the message minus that of the
             step; empty if all are 0.
     """
 
     steps: tuple[tuple[int, ...], ...]
-    transforms: tuple[CyclicTransform, ...] = ()
     columns: tuple[int, ...] = ()
     between: tuple[BetweenMessage, ...] = ()
     stamp_offsets_ns: tuple[tuple[int, ...], ...] = ()
@@ -84,19 +71,6 @@ class CyclicSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="cyclic"):
     def steps_within(self, rate_hz: float, duration_ns: int) -> int:
         """How many steps are due within a time."""
         return round(duration_ns / 1e9 * rate_hz)
-
-    def _inputs(self) -> tuple[int, ...]:
-        """The inputs of the steps, by their numbers in the plan."""
-        return self.columns or tuple(range(len(self.steps[0])))
-
-    def without_step(self) -> list[tuple[float, tuple[int, int], int]]:
-        """What belongs to no step, by its due time: the time, the message and its `origin_ns`."""
-        transforms = len({*self._inputs(), *(each.input for each in self.between)})
-        found = [(each.at, (each.input, each.position), 0) for each in self.between]
-        found += [
-            (each.at, (transforms, each.position), each.origin_ns) for each in self.transforms
-        ]
-        return sorted(found, key=lambda each: each[0])
 
 
 class TimelineStep(msgspec.Struct, frozen=True, array_like=True):

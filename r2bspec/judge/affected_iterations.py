@@ -69,33 +69,6 @@ REMEDY: Final = "Run again on an otherwise idle machine."
 STRICT_REMEDY: Final = f"{REMEDY[:-1]}, or allow interference: 'interference: note'."
 
 
-def strict_pass(
-    judged: RequirementVerdict,
-    unaffected: RequirementVerdict,
-    disturbed: Mapping[str, DisturbedIteration],
-    disturbance_text: str,
-) -> RequirementVerdict:
-    """A PASS on affected iterations, under ``strict``.
-
-    Args:
-        judged: the verdict on all iterations as they were first played.
-        unaffected: the verdict on the unaffected ones, with unaffected reruns in their places.
-        disturbed: the affected iterations.
-        disturbance_text: those of this requirement, without a full stop.
-    """
-    left = [
-        one
-        for one in disturbed.values()
-        if not one.rerun_of
-        and judged.is_at(one.rate_hz)
-        and (not one.rerun or one.rerun in disturbed)
-    ]
-    if not left and unaffected.outcome == "pass":
-        note = f"{disturbance_text}. With those in their places it passes, too."
-        return judged.noted(note)
-    return strict_refusal(judged, disturbance_text)
-
-
 def strict_refusal(judged: RequirementVerdict, disturbance_text: str) -> RequirementVerdict:
     """A PASS that ``strict`` does not accept; the text is without a full stop."""
     note = f"{disturbance_text}. 'interference: strict' accepts no such PASS."
@@ -278,44 +251,6 @@ def _unaffected_or_rerun(
         return one
     again = samples.reruns.get(one.segment.id)
     return again if again is not None and again.segment.id not in disturbed else None
-
-
-def weaken_failure(
-    played: RequirementVerdict,
-    unaffected: RequirementVerdict,
-    disturbance_text: str,
-    best_case: RequirementVerdict,
-) -> RequirementVerdict:
-    """A FAIL on everything that was played, with regard to host interference.
-
-    Args:
-        played: the verdict on everything as it was first played.
-        unaffected: the verdict without the affected iterations.
-        disturbance_text: which were affected, as a sentence without its full stop.
-        best_case: the verdict with their best case.
-    """
-    if not _rests_on_iterations(played, unaffected):
-        return played
-    if unaffected.outcome == "fail":
-        note = f"{disturbance_text}. The unaffected part fails, too."
-    elif best_case.outcome == "fail":
-        note = (
-            f"{disturbance_text}. That does not explain the failure: "
-            "it fails in the best case, too."
-        )
-    else:
-        return played.opened(
-            f"{disturbance_text}. Without it the requirement might be met, so it does not count "
-            "as failed.",
-            REMEDY,
-        )
-    return played.noted(note)
-
-
-def _rests_on_iterations(played: RequirementVerdict, unaffected: RequirementVerdict) -> bool:
-    """Whether a verdict is based on iterations, and not on a probe or on no metric."""
-    rests_on = METHODS[played.method].rests_on
-    return rests_on == "iterations" and not (played.method == "none" and played == unaffected)
 
 
 def affected_iterations_text(

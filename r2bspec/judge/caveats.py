@@ -191,13 +191,8 @@ MAY_RESEMBLE: Final = "may resemble each other"
 
 
 def share_notes(case: RequirementCase, outcome: Outcome) -> tuple[str, ...]:
-    """The notes on a percentile or a share."""
-    return () if outcome == "inconclusive" else piece_notes(case)
-
-
-def piece_notes(case: RequirementCase) -> tuple[str, ...]:
-    """That a single iteration was played; none with two or more."""
-    if len(case.iterations) > 1:
+    """That a percentile or a share was decided by a single iteration."""
+    if outcome == "inconclusive" or len(case.iterations) > 1:
         return ()
     return ("One iteration does not show by how much iterations differ.",)
 

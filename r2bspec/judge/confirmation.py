@@ -68,7 +68,10 @@ def judge_with_confirmation(
         policy: of the first session.
     """
     first = judge(objectives, samples, policy)
-    if not needs_confirmation(first) or not any(map(_can_be_confirmed, first.requirements)):
+    can_be_repeated = any(
+        one.fails_run and METHODS[one.method].rests_on != "truth" for one in first.requirements
+    )
+    if not needs_confirmation(first) or not can_be_repeated:
         return first
     if samples.confirmation is None:
         return first.saying(_NOT_PLAYED_AGAIN)
@@ -78,11 +81,6 @@ def judge_with_confirmation(
     found = confirm_run(first, second, policy.inconclusive)
     found = found.saying(_CONFIRMED if needs_confirmation(found) else _NOT_CONFIRMED)
     return msgspec.structs.replace(found, disturbed=(*first.disturbed, *second.disturbed))
-
-
-def _can_be_confirmed(one: RequirementVerdict) -> bool:
-    """Whether a requirement failed in a way that a second session could repeat or not."""
-    return one.fails_run and METHODS[one.method].rests_on != "truth"
 
 
 def judge_confirmation(

@@ -21,7 +21,7 @@ from r2bspec.language.spec import Objective
 from r2bspec.measure.metrics import RunMetrics, summarise
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.plan.plan import GatePlan
-from r2bspec.record.baseline_file import BaselineRecord, read_baseline, read_confirmation
+from r2bspec.record.baseline_file import read_baseline, read_confirmation
 from r2bspec.record.graph_identity import GraphIdentity, identity_differences
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import RunRecord
@@ -49,20 +49,25 @@ def result_of(
     objectives = run.plan.objectives if objectives is None else objectives
     policy = decision_policy(run.plan, gate)
     verdict = judge_with_confirmation(objectives, samples, policy)
-    baseline = read_baseline(run.folder)
+    baseline, compared = read_baseline(run.folder), None
     if baseline is not None:
         again = read_confirmation(run.folder)
         fresh = read_samples(again) if again is not None else None
         verdict = judge_with_baseline(verdict, objectives, samples, fresh, policy, baseline)
+        compared = BaselineResult(
+            kind=baseline.kind,
+            source=baseline.source,
+            run_ids=baseline.run_ids,
+            differences=baseline.differences,
+            confirmed=again is not None,
+        )
     return build_result(
         run,
         objectives,
         judged_by,
         metrics=summarise(with_refuted_peak(samples)),
         verdict=verdict,
-        baseline=_baseline_result(baseline, confirmed=again is not None)
-        if baseline is not None
-        else None,
+        baseline=compared,
         base_identity=baseline.identity if baseline is not None else None,
     )
 
@@ -103,7 +108,13 @@ def build_result(
         differences=record.differences,
         spec=run.spec_text(),
         judged_by=judged_by,
-        objectives={name: _text(objective) for name, objective in objectives.items()},
+        objectives={
+            name: ObjectiveText(
+                at=str(objective.at) if objective.at is not None else "",
+                require=tuple(requirement.text for requirement in objective.require),
+            )
+            for name, objective in objectives.items()
+        },
         metrics=metrics,
         verdict=_on_what_was_played(verdict, record),
         pairs=pairs,
@@ -129,16 +140,6 @@ def _on_what_was_played(verdict: Verdict, record: RunRecord) -> Verdict:
     return msgspec.structs.replace(verdict, reason=reason)
 
 
-def _baseline_result(baseline: BaselineRecord, *, confirmed: bool) -> BaselineResult:
-    return BaselineResult(
-        kind=baseline.kind,
-        source=baseline.source,
-        run_ids=baseline.run_ids,
-        differences=baseline.differences,
-        confirmed=confirmed,
-    )
-
-
 def to_json(result: Result) -> bytes:
     """The content of ``result.json``: fields in the order of the types, two spaces, a newline."""
     return escaped_json(msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n")
@@ -151,10 +152,3 @@ def from_json(content: bytes) -> Result:
         msgspec.DecodeError: it is not a result of this version.
     """
     return decode_json(content, Result)
-
-
-def _text(objective: Objective) -> ObjectiveText:
-    return ObjectiveText(
-        at=str(objective.at) if objective.at is not None else "",
-        require=tuple(requirement.text for requirement in objective.require),
-    )

@@ -1,9 +1,9 @@
 """From the samples of a run to its verdict: a list of steps over one value.
 
-The value is a `JudgedRequirement`: a requirement at one monitor, the run that it is judged by, and
-its verdict so far. `STEPS` are carried out in their order, each from the verdict of the one before:
+The value is a `JudgedRequirement`: a requirement at one monitor, and the run that it is judged by.
+It is decided by the method of its metric, at each planned interim look. Then `STEPS` are carried
+out in their order, each on the verdict of the one before:
 
-    decide                          by the method of its metric, at each planned interim look
     weaken_affected_failure         a FAIL that host interference can explain becomes open
     refuse_affected_pass            under ``strict``, a PASS on affected iterations becomes open
     examine_affected_probes         the same for what rests on probes
@@ -29,18 +29,18 @@ from typing import Final
 import msgspec
 
 from r2bspec.judge.affected_iterations import (
+    REMEDY,
     affected_iterations_text,
     best_case_run,
     disturbed_starts_text,
     find_affected_iterations,
     judge_probe,
-    strict_pass,
     strict_refusal,
-    weaken_failure,
     without_affected,
 )
 from r2bspec.judge.caveats import run_caveats, with_caveats
 from r2bspec.judge.decision_policy import DecisionPolicy, combine_looks
+from r2bspec.judge.methods import METHODS
 from r2bspec.judge.methods.mean_bound import MEAN_BOUND
 from r2bspec.judge.methods.message_share import PERCENTILE_BOUND, SHARE_BOUND
 from r2bspec.judge.methods.peak_bracket import PEAK_BRACKET, with_refuted_peak
@@ -125,8 +125,7 @@ def judge(
         name: objective for name, objective in objectives.items() if objective.level != "off"
     }
     run = JudgedRun(judged_objectives, with_refuted_peak(samples), policy)
-    requirements = tuple(_after_all_steps(requirement) for requirement in run.requirements())
-    return _run_verdict(run, requirements)
+    return _run_verdict(run, tuple(map(_after_all_steps, run.requirements())))
 
 
 @dataclass(frozen=True)
@@ -173,7 +172,7 @@ class JudgedRun:
         return max(1, looks.completed_looks(fewest)) if looks is not None else 1
 
     def requirements(self) -> Iterator[JudgedRequirement]:
-        """All requirements, at each of their monitors, without a verdict."""
+        """All requirements, at each of their monitors."""
         for name, objective in self.objectives.items():
             at_hz = _objective_rate(objective, self.samples)
             for requirement in objective.require:
@@ -186,14 +185,13 @@ class JudgedRun:
 
 @dataclass(frozen=True)
 class JudgedRequirement:
-    """A requirement at one monitor, or of the run, and its verdict so far.
+    """A requirement at one monitor, or of the run.
 
     Attributes:
         name: of the objective.
         at_hz: the offered rate of the objective; None if it has none, or if it is at a peak that
             the search has not found; 0 where the recording, or the graph's own source, sets it.
         problem: why the run has no such metric; empty if it has.
-        verdict: of the last step; None before the first.
     """
 
     run: JudgedRun
@@ -204,14 +202,6 @@ class JudgedRequirement:
     monitor: str | None
     at_hz: float | None
     problem: str = ""
-    verdict: RequirementVerdict | None = None
-
-    @property
-    def outcome(self) -> RequirementVerdict:
-        """The verdict, after the first step."""
-        if self.verdict is None:
-            raise ValueError(f"{self.requirement.text} is not decided yet")
-        return self.verdict
 
     def decided_by(self, samples: RunSamples) -> RequirementVerdict:
         """The decision on some samples, after all looks that they allow."""
@@ -466,54 +456,69 @@ def _losses_may_hide(case: RequirementCase) -> bool:
 # The steps.
 
 
-def decide(judged: JudgedRequirement) -> RequirementVerdict:
-    """The decision on all iterations as they were first played."""
-    return judged.decided_by(judged.run.samples)
-
-
-def weaken_affected_failure(judged: JudgedRequirement) -> RequirementVerdict:
+def weaken_affected_failure(
+    judged: JudgedRequirement, played: RequirementVerdict
+) -> RequirementVerdict:
     """A FAIL is open if neither the unaffected part fails nor the best case does."""
-    played, run = judged.outcome, judged.run
+    run = judged.run
     text = affected_iterations_text(played, run.affected)
     if run.policy.interference == "tolerate" or played.outcome != "fail" or not text:
         return played
-    return weaken_failure(
-        played,
-        judged.decided_by(run.unaffected_samples),
-        text,
-        judged.decided_by(run.best_case_samples),
+    unaffected = judged.decided_by(run.unaffected_samples)
+    without_metric = played.method == "none" and played == unaffected
+    if METHODS[played.method].rests_on != "iterations" or without_metric:
+        return played
+    if unaffected.outcome == "fail":
+        return played.noted(f"{text}. The unaffected part fails, too.")
+    if judged.decided_by(run.best_case_samples).outcome == "fail":
+        return played.noted(
+            f"{text}. That does not explain the failure: it fails in the best case, too."
+        )
+    return played.opened(
+        f"{text}. Without it the requirement might be met, so it does not count as failed.", REMEDY
     )
 
 
-def refuse_affected_pass(judged: JudgedRequirement) -> RequirementVerdict:
+def refuse_affected_pass(
+    judged: JudgedRequirement, played: RequirementVerdict
+) -> RequirementVerdict:
     """Under ``strict``, a PASS needs unaffected reruns of its iterations, which pass, too."""
-    played, run = judged.outcome, judged.run
+    run = judged.run
     text = affected_iterations_text(played, run.affected)
     if run.policy.interference != "strict" or played.outcome != "pass" or not text:
         return played
-    return strict_pass(played, judged.decided_by(run.unaffected_samples), run.affected, text)
+    replaced = all(
+        one.rerun and one.rerun not in run.affected
+        for one in run.affected.values()
+        if not one.rerun_of and played.is_at(one.rate_hz)
+    )
+    if replaced and judged.decided_by(run.unaffected_samples).outcome == "pass":
+        return played.noted(f"{text}. With those in their places it passes, too.")
+    return strict_refusal(played, text)
 
 
-def examine_affected_probes(judged: JudgedRequirement) -> RequirementVerdict:
+def examine_affected_probes(
+    judged: JudgedRequirement, verdict: RequirementVerdict
+) -> RequirementVerdict:
     """What rests on probes, with regard to the interference during them.
 
     The search has left failures that interference can explain out of its bracket already.
     """
-    run = judged.run
-    return judge_probe(judged.outcome, run.samples.record, run.policy.interference)
+    return judge_probe(verdict, judged.run.samples.record, judged.run.policy.interference)
 
 
-def refuse_disturbed_starts(judged: JudgedRequirement) -> RequirementVerdict:
+def refuse_disturbed_starts(
+    judged: JudgedRequirement, verdict: RequirementVerdict
+) -> RequirementVerdict:
     """Under ``strict``, a PASS needs starts that nobody disturbed while they came up."""
-    verdict, run = judged.outcome, judged.run
+    run = judged.run
     if run.policy.interference != "strict" or verdict.outcome != "pass":
         return verdict
     text = disturbed_starts_text(verdict, run.samples)
     return strict_refusal(verdict, text) if text else verdict
 
 
-STEPS: Final[tuple[Callable[[JudgedRequirement], RequirementVerdict], ...]] = (
-    decide,
+STEPS: Final[tuple[Callable[[JudgedRequirement, RequirementVerdict], RequirementVerdict], ...]] = (
     weaken_affected_failure,
     refuse_affected_pass,
     examine_affected_probes,
@@ -522,9 +527,10 @@ STEPS: Final[tuple[Callable[[JudgedRequirement], RequirementVerdict], ...]] = (
 
 
 def _after_all_steps(judged: JudgedRequirement) -> RequirementVerdict:
+    verdict = judged.decided_by(judged.run.samples)
     for step in STEPS:
-        judged = replace(judged, verdict=step(judged))
-    return judged.outcome
+        verdict = step(judged, verdict)
+    return verdict
 
 
 # The run.

@@ -247,12 +247,12 @@ class NonStationarity:
 
 def find_stops(plays: Sequence[CompletionTimes], precision: float) -> NonStationarity | None:
     """Stops of the output in plays whose inputs did not pause."""
-    gaps = [np.diff(each.times_s) for each in plays if each.times_s.size > 2]
-    if not gaps:
-        return None
     lengths: list[float] = []
     total_s = 0.0
-    for play, gap in zip((each for each in plays if each.times_s.size > 2), gaps, strict=True):
+    for play in plays:
+        if play.times_s.size <= 2:
+            continue
+        gap = np.diff(play.times_s)
         middle, tail = (float(each) for each in np.quantile(gap, (0.5, 0.9)))
         least_s = max(_MIN_STOP_S, _STOP_PERIODS * middle, tail + _STOP_TAILS * (tail - middle))
         at = np.flatnonzero(gap > least_s)

@@ -23,7 +23,6 @@ from r2bspec.diagnostics.quote import quote, unknown_name_help
 from r2bspec.language.declaration import Rule, language
 from r2bspec.language.document import MAX_DOCUMENT_BYTES, Document, read_file
 from r2bspec.language.located_tree import (
-    Entry,
     ListNode,
     MapNode,
     ScalarNode,
@@ -49,22 +48,13 @@ def overlay(base: MapNode, own: MapNode) -> MapNode:
         below = entries.get(key)
         if below is None:
             entries[key] = entry
-        elif _is_null(entry.value):
+        elif isinstance(entry.value, ScalarNode) and entry.value.value is None:
             del entries[key]
         elif isinstance(entry.value, MapNode) and isinstance(below.value, MapNode):
-            entries[key] = Entry(
-                entry.key_span, overlay(below.value, entry.value), entry.key_resolved
-            )
+            entries[key] = entry.with_value(overlay(below.value, entry.value))
         else:
             entries[key] = entry
     return MapNode(entries, own.span)
-
-
-def _is_null(node: TreeNode) -> bool:
-    return isinstance(node, ScalarNode) and node.value is None
-
-
-_FILE_AND_NAME = ".py:"
 
 
 def rebase_paths(node: TreeNode, rule: Rule | None, folder: str) -> TreeNode:
@@ -79,11 +69,7 @@ def rebase_paths(node: TreeNode, rule: Rule | None, folder: str) -> TreeNode:
     if isinstance(node, MapNode):
         return MapNode(
             {
-                key: Entry(
-                    entry.key_span,
-                    rebase_paths(entry.value, rule.below(key), folder),
-                    entry.key_resolved,
-                )
+                key: entry.with_value(rebase_paths(entry.value, rule.below(key), folder))
                 for key, entry in node.entries.items()
             },
             node.span,
@@ -98,7 +84,7 @@ def _scalar(node: ScalarNode, folder: str) -> ScalarNode:
     # A single word may be the name of a dataset or of a module; a path begins with './'.
     if not text.startswith(".") and "/" not in text and not text.endswith((".yaml", ".yml")):
         return node
-    if ":" in text and _FILE_AND_NAME not in text:
+    if ":" in text and ".py:" not in text:
         return node
     moved = posixpath.normpath(posixpath.join(folder, text))
     if not moved.startswith((".", "/")):
@@ -301,9 +287,7 @@ class _Section:
 
     def expanded(self) -> MapNode:
         entries = {
-            name: Entry(entry.key_span, self._resolved(name), entry.key_resolved)
-            if _extends_sibling(entry.value)
-            else entry
+            name: entry.with_value(self._resolved(name)) if _extends_sibling(entry.value) else entry
             for name, entry in self._entries.entries.items()
         }
         self._document.incomplete |= {(*self._section, str(name)) for name in self._failed}

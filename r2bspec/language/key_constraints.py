@@ -365,7 +365,7 @@ def _range(document: _Document) -> Iterator[Diagnostic]:
     first, last, step = (document.rate(*path, key) for key in ("from", "to", "step"))
     if unclear or first is None or last is None:
         yield from unclear
-    elif first >= last:
+    elif first.hz >= last.hz:
         message = f"the range of rates is empty: 'to' ({last}) is not above 'from' ({first})"
         yield document.error((*path, "to"), message, "swap the two, or write a list of rates")
     elif step is not None and step.is_positive:

@@ -39,7 +39,7 @@ from r2bspec.language.located_tree import (
     UnknownNode,
     child,
     lookup,
-    scalars_of,
+    scalars_with_paths,
     span_at,
     to_plain,
     without,
@@ -240,7 +240,7 @@ def _without_notes(root: TreeNode, rule: Rule) -> TreeNode:
                 value = strip(entry.value, rule.below(key))
                 if value is not entry.value:
                     changed = True
-                    entry = Entry(entry.key_span, value, entry.key_resolved)
+                    entry = entry.with_value(value)
             entries[key] = entry
         return MapNode(entries, node.span) if changed else node
 
@@ -256,7 +256,8 @@ def _drop_checked_matrix(document: Document, first: LoadedSpec) -> None:
     tree = document.tree
     if not isinstance(tree, MapNode) or MATRIX not in tree.entries:
         return
-    if any(OPENING in scalar.text for scalar in scalars_of(tree.entries[MATRIX].value)):
+    scalars = scalars_with_paths(tree.entries[MATRIX].value)
+    if any(OPENING in scalar.text for _, scalar in scalars):
         return
     document.problems.diagnostics += [
         problem for problem in first.diagnostics if problem.path[:1] == (MATRIX,)

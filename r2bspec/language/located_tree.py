@@ -58,6 +58,10 @@ class Entry(msgspec.Struct, frozen=True, gc=False):
     value: TreeNode
     key_resolved: bool = True
 
+    def with_value(self, value: TreeNode) -> Entry:
+        """The same key with another value."""
+        return Entry(self.key_span, value, self.key_resolved)
+
 
 class MapNode(msgspec.Struct, frozen=True, gc=False):
     """Values by their keys, in the order of the document."""
@@ -94,7 +98,7 @@ def replace_at(root: TreeNode, path: Path, value: TreeNode) -> TreeNode:
     part, rest = path[0], path[1:]
     if isinstance(root, MapNode):
         old = root.entries[str(part)]
-        new = Entry(old.key_span, replace_at(old.value, rest, value), old.key_resolved)
+        new = old.with_value(replace_at(old.value, rest, value))
         return MapNode({**root.entries, str(part): new}, root.span)
     if isinstance(root, ListNode):
         index = int(part)
@@ -121,11 +125,6 @@ def size_of(root: TreeNode) -> int:
         return known[id(node)]
 
     return count(root)
-
-
-def scalars_of(root: TreeNode) -> Iterator[ScalarNode]:
-    """The single values of a tree, those that an alias repeats once."""
-    return (node for _, node in scalars_with_paths(root))
 
 
 def scalars_with_paths(root: TreeNode) -> Iterator[tuple[Path, ScalarNode]]:

@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import re
 from decimal import Decimal
-from functools import lru_cache
-from typing import ClassVar, Final, Self
+from functools import lru_cache, total_ordering
+from typing import ClassVar, Final, Literal, Self
 
 from r2bspec.diagnostics.quote import quote
 
@@ -59,6 +59,7 @@ class QuantityError(ValueError):
         self.is_equivalent = is_equivalent
 
 
+@total_ordering
 class Quantity:
     """A number with the dimension that its class names: immutable, ordered, hashable.
 
@@ -69,28 +70,20 @@ class Quantity:
     __slots__ = ("_value",)
     units: ClassVar[dict[str, Decimal]] = {}
     kind: ClassVar[str] = "quantity"
+    dimension: ClassVar[Literal["time", "rate", "size", "share"]]
     example: ClassVar[str] = ""
-    _value: int | float
+    whole: ClassVar[bool] = False
+
+    def __init__(self, value: float) -> None:
+        self._value = value
 
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and other._value == self._value
 
     def __lt__(self, other: Self) -> bool:
-        return self._comparable(other) and self._value < other._value
-
-    def __le__(self, other: Self) -> bool:
-        return self._comparable(other) and self._value <= other._value
-
-    def __gt__(self, other: Self) -> bool:
-        return self._comparable(other) and self._value > other._value
-
-    def __ge__(self, other: Self) -> bool:
-        return self._comparable(other) and self._value >= other._value
-
-    def _comparable(self, other: Quantity) -> bool:
         if type(other) is not type(self):
             raise TypeError(f"a {self.kind} cannot be compared with {type(other).__name__}")
-        return True
+        return self._value < other._value
 
     def __hash__(self) -> int:
         return hash((self.kind, self._value))
@@ -103,6 +96,11 @@ class Quantity:
         """Whether it is more than zero."""
         return self._value > 0
 
+    @property
+    def si(self) -> float:
+        """The value in its SI unit; a share as a fraction."""
+        return float(self._value)
+
     @classmethod
     def parse(cls, text: str) -> Self:
         """Parse a text such as `example`.
@@ -110,7 +108,8 @@ class Quantity:
         Raises:
             QuantityError: the text is not a quantity of this kind.
         """
-        raise NotImplementedError
+        number = cls._scaled(text)
+        return cls(int(number.to_integral_value()) if cls.whole else float(number))
 
     @classmethod
     def units_text(cls) -> str:
@@ -172,7 +171,9 @@ class Duration(Quantity):
 
     __slots__ = ()
     kind: ClassVar[str] = "duration"
+    dimension: ClassVar[Literal["time"]] = "time"
     example: ClassVar[str] = "10 s"
+    whole: ClassVar[bool] = True
     units: ClassVar[dict[str, Decimal]] = {
         "s": Decimal(10**9),
         "ms": Decimal(10**6),
@@ -183,23 +184,17 @@ class Duration(Quantity):
         "h": Decimal(3600 * 10**9),
     }
 
-    def __init__(self, ns: int) -> None:
-        self._value = ns
-
     @property
     def ns(self) -> int:
         """The value in nanoseconds."""
         return int(self._value)
 
-    @classmethod
-    def parse(cls, text: str) -> Self:
-        """Parse a duration such as ``10 s`` or ``150ms``."""
-        return cls(int(cls._scaled(text).to_integral_value()))
-
     @property
     def seconds(self) -> float:
         """The duration in seconds."""
         return self.ns / 1e9
+
+    si = seconds
 
     def __str__(self) -> str:
         for unit in ("s", "ms", "us"):
@@ -214,6 +209,7 @@ class Rate(Quantity):
 
     __slots__ = ()
     kind: ClassVar[str] = "rate"
+    dimension: ClassVar[Literal["rate"]] = "rate"
     example: ClassVar[str] = "30 Hz"
     units: ClassVar[dict[str, Decimal]] = {
         "Hz": Decimal(1),
@@ -222,18 +218,10 @@ class Rate(Quantity):
         "mHz": Decimal("0.001"),
     }
 
-    def __init__(self, hz: float) -> None:
-        self._value = hz
-
     @property
     def hz(self) -> float:
         """The value in hertz."""
         return self._value
-
-    @classmethod
-    def parse(cls, text: str) -> Self:
-        """Parse a rate such as ``30 Hz``."""
-        return cls(float(cls._scaled(text)))
 
     def __str__(self) -> str:
         return f"{_format_decimal(Decimal(repr(self.hz)))} Hz"
@@ -244,6 +232,8 @@ class Size(Quantity):
 
     __slots__ = ()
     kind: ClassVar[str] = "size"
+    dimension: ClassVar[Literal["size"]] = "size"
+    whole: ClassVar[bool] = True
     example: ClassVar[str] = "64 MiB"
     units: ClassVar[dict[str, Decimal]] = {
         "MiB": Decimal(2**20),
@@ -255,18 +245,10 @@ class Size(Quantity):
         "GB": Decimal(10**9),
     }
 
-    def __init__(self, count: int) -> None:
-        self._value = count
-
     @property
     def bytes(self) -> int:
         """The value in bytes."""
         return int(self._value)
-
-    @classmethod
-    def parse(cls, text: str) -> Self:
-        """Parse a size such as ``64 MiB``."""
-        return cls(int(cls._scaled(text).to_integral_value()))
 
     def __str__(self) -> str:
         for unit in ("GiB", "MiB", "KiB"):
@@ -281,21 +263,14 @@ class Share(Quantity):
 
     __slots__ = ()
     kind: ClassVar[str] = "share"
+    dimension: ClassVar[Literal["share"]] = "share"
     example: ClassVar[str] = "2 %"
     units: ClassVar[dict[str, Decimal]] = {"%": Decimal("0.01")}
-
-    def __init__(self, fraction: float) -> None:
-        self._value = fraction
 
     @property
     def fraction(self) -> float:
         """The value as a fraction of one."""
         return self._value
-
-    @classmethod
-    def parse(cls, text: str) -> Self:
-        """Parse a share such as ``0.5 %``."""
-        return cls(float(cls._scaled(text)))
 
     def __str__(self) -> str:
         return f"{_format_decimal(Decimal(repr(self.fraction)) * 100)} %"

@@ -16,14 +16,16 @@ only parses the text.
 from __future__ import annotations
 
 import contextlib
+import operator
 import re
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import ClassVar, Literal, TypeVar
 
 import msgspec
 
 from r2bspec.diagnostics.quote import did_you_mean, quote
-from r2bspec.language.quantities import Duration, Quantity, QuantityError, Rate, Share, Size
+from r2bspec.language.quantities import QUANTITIES, Duration, Quantity, QuantityError, Share
 
 _Q = TypeVar("_Q", bound=Quantity)
 Operator = Literal["<", "<=", ">", ">=", "==", "!="]
@@ -36,6 +38,14 @@ _MAX_LENGTH = 300
 _OPERATOR_TYPOS = {"=<": "<=", "=>": ">=", "=": "==", "≤": "<=", "≥": ">=", "≠": "!="}
 _RELATIVE_BOUND = re.compile(r"(?P<share>.*?%)\s*of\s+(?P<reference>\w+)")
 _REFERENCES = ("offered", "baseline")
+_COMPARISONS: Mapping[Operator, Callable[[float, float], bool]] = {
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+    "==": operator.eq,
+    "!=": operator.ne,
+}
 _WINDOWS_START = re.compile(r"\sin(?:\s+|$)")
 _WINDOWS_EXAMPLE = "in 99 % of 1 s windows"
 
@@ -140,20 +150,9 @@ class Requirement:
 
     def is_met(self, value: float, limit: float) -> bool:
         """Compare one value with a limit, both in the bound's SI unit."""
-        match self.op:
-            case "<":
-                return value < limit
-            case "<=":
-                return value <= limit
-            case ">":
-                return value > limit
-            case ">=":
-                return value >= limit
-            case "==":
-                return value == limit
-            case "!=":
-                return value != limit
-        raise ValueError(f"{self.text!r} is not a comparison")
+        if self.op is None:
+            raise ValueError(f"{self.text!r} is not a comparison")
+        return _COMPARISONS[self.op](value, limit)
 
 
 @lru_cache(maxsize=4096)
@@ -270,27 +269,15 @@ def _parse_bound(text: str, column: int) -> Bound:
         return _relative_bound(relative, column)
     if re.fullmatch(r"[0-9]{1,15}", text):
         return Bound(value=float(text), dimension="count")
-    for kind in (Duration, Rate, Size, Share):
+    for kind in QUANTITIES.values():
         with contextlib.suppress(QuantityError):
-            return _absolute_bound(kind.parse(text))
+            return Bound(value=kind.parse(text).si, dimension=kind.dimension)
     raise _bound_error(text, column)
-
-
-def _absolute_bound(quantity: Quantity) -> Bound:
-    if isinstance(quantity, Duration):
-        return Bound(value=quantity.seconds, dimension="time")
-    if isinstance(quantity, Rate):
-        return Bound(value=quantity.hz, dimension="rate")
-    if isinstance(quantity, Size):
-        return Bound(value=float(quantity.bytes), dimension="size")
-    if isinstance(quantity, Share):
-        return Bound(value=quantity.fraction, dimension="share")
-    raise AssertionError(f"{type(quantity).__name__} has no dimension")
 
 
 def _bound_error(text: str, column: int) -> RequirementError:
     unit = re.fullmatch(r"([0-9.]+)\s*([^\s0-9.]\S*)", text)
-    units = [name for kind in (Duration, Rate, Size, Share) for name in kind.units]
+    units = [name for kind in QUANTITIES.values() for name in kind.units]
     if unit is not None and unit[2] not in units:
         close = did_you_mean(unit[2], units)
         return RequirementError(

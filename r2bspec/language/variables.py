@@ -38,7 +38,6 @@ from r2bspec.language.located_tree import (
     ListNode,
     MapNode,
     ScalarNode,
-    ScalarValue,
     TreeNode,
     UnknownNode,
     child,
@@ -218,21 +217,19 @@ def check_declaration(
         problems.error("R2B132", message, span, help_text)
         return True
     kind = child(declared, "type")
-    known = kind.value if isinstance(kind, ScalarNode) else None
+    known = kind.value if isinstance(kind, ScalarNode) and isinstance(kind.value, str) else ""
     choices = child(declared, "choices")
     items = choices.items if isinstance(choices, ListNode) else ()
-    valid_choices = [one for one in items if isinstance(one, ScalarNode) and _has_value(one)]
+    # A list, a map or null: reported by the schema.
+    scalars = [
+        node for node in (value, *items) if isinstance(node, ScalarNode) and node.value is not None
+    ]
     ok = True
-    for one in (value, *valid_choices):
-        if isinstance(one, ScalarNode) and _has_value(one) and isinstance(known, str):
-            ok &= _check_type(name, one, known, kind, problems)
-    if ok and valid_choices and isinstance(value, ScalarNode) and _has_value(value):
-        _check_choice(name, value, valid_choices, problems)
+    for scalar in scalars if known else ():
+        ok &= _check_type(name, scalar, known, kind, problems)
+    if ok and len(scalars) > 1 and scalars[0] is value:
+        _check_choice(name, scalars[0], scalars[1:], problems)
     return ok
-
-
-def _has_value(node: ScalarNode) -> bool:
-    return node.value is not None
 
 
 def _check_type(
@@ -277,9 +274,13 @@ def _mismatch(node: ScalarNode, kind: str) -> tuple[str, str]:
 def _check_choice(
     name: str, value: ScalarNode, choices: list[ScalarNode], problems: DiagnosticCollector
 ) -> None:
-    if any(equal_values(value.value, one.value) for one in choices):
+    # Unlike in Python, true is not 1.
+    same = [choice for choice in choices if choice.value == value.value]
+    if any(isinstance(choice.value, bool) == isinstance(value.value, bool) for choice in same):
         return
-    texts = [one.text for one in choices]
+    last = choices[-1].span
+    enclosing = replace(choices[0].span, end_line=last.end_line, end_column=last.end_column)
+    texts = [choice.text for choice in choices]
     close = did_you_mean(value.text, texts)
     known = "choices: " + ", ".join(texts[:12])
     problems.error(
@@ -287,18 +288,8 @@ def _check_choice(
         f"variable {quote(name)}: {quote(value.text)} is not one of its choices",
         value.span,
         f"did you mean {close}? {known}" if close else known,
-        related=(Related("the choices", _enclosing_span(choices)),),
+        related=(Related("the choices", enclosing),),
     )
-
-
-def equal_values(one: ScalarValue, other: ScalarValue) -> bool:
-    """Whether two values are equal; unlike in Python, true is not 1."""
-    return one == other and isinstance(one, bool) == isinstance(other, bool)
-
-
-def _enclosing_span(nodes: list[ScalarNode]) -> Span:
-    first, last = nodes[0].span, nodes[-1].span
-    return replace(first, end_line=last.end_line, end_column=last.end_column)
 
 
 KEY = "repeat"
@@ -408,7 +399,9 @@ def _can_add(node: TreeNode | None, path: Path) -> bool:
         node: the parent; None if the document lacks it, too.
         path: of the value.
     """
-    if not (node is None or isinstance(node, MapNode) or _is_empty(node)):
+    # A key without a value, as in ``benchmark:``, is as good as a map.
+    is_empty = isinstance(node, ScalarNode) and node.value is None
+    if not (node is None or isinstance(node, MapNode) or is_empty):
         return False
     key = path[-1]
     if not isinstance(key, str) or key == "extends":
@@ -417,11 +410,6 @@ def _can_add(node: TreeNode | None, path: Path) -> bool:
     if parent is None or "object" not in parent.kinds:
         return False
     return key in (parent.keys or ()) or (parent.values is not None and parent.values.keys is None)
-
-
-def _is_empty(node: TreeNode) -> bool:
-    """Whether it is a key without a value, as in ``benchmark:``."""
-    return isinstance(node, ScalarNode) and node.value is None
 
 
 def _with_value(root: TreeNode | None, option: _Option, depth: int, value: TreeNode) -> TreeNode:

@@ -11,8 +11,7 @@ from collections.abc import Iterator
 
 from lsprotocol import types
 
-from r2bspec.check.check_context import Context
-from r2bspec.check.requirement_metrics import KnownMetric, max_wrong_share
+from r2bspec.check.check_context import Context, KnownMetric, max_wrong_share
 from r2bspec.diagnostics import Path, Span, format_path
 from r2bspec.errors import R2bspecError
 from r2bspec.judge.statistics.rule_of_three import min_sample_size

@@ -11,6 +11,7 @@ key, then without what follows the line.
 
 from __future__ import annotations
 
+import itertools
 import re
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -258,12 +259,15 @@ def _leading_lines(above: str) -> list[str]:
 
 def _marked(tree: TreeNode) -> tuple[Path, bool, str, frozenset[str]] | None:
     """The path of the marker, whether it is a key, what is before it, and its sibling keys."""
-    for path, _, node in ((), None, tree), *walk(tree):
+    nodes: Iterator[tuple[Path, TreeNode]] = ((path, node) for path, _, node in walk(tree))
+    for path, node in itertools.chain([((), tree)], nodes):
         if isinstance(node, ScalarNode) and _MARKER in node.text:
             return path, False, node.text.partition(_MARKER)[0], frozenset()
-        for key in node.entries if isinstance(node, MapNode) else ():
-            if _MARKER in key:
-                return path, True, key.partition(_MARKER)[0], frozenset(node.entries) - {key}
+        if isinstance(node, MapNode):
+            for key in node.entries:
+                if _MARKER in key:
+                    others = frozenset(node.entries) - {key}
+                    return path, True, key.partition(_MARKER)[0], others
     return None
 
 

@@ -277,7 +277,9 @@ def _from_sources(
     analysis: Analysis | None,
     context: CursorContext,
 ) -> Iterator[Proposal]:
-    for source, patterns in table.items() if analysis is not None else ():
+    if analysis is None:
+        return
+    for source, patterns in table.items():
         if any(_matches(context.path, pattern.split(".")) for pattern in patterns):
             yield from source(analysis, context)
 

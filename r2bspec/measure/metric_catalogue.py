@@ -15,6 +15,7 @@ itself; the definitions are prose, in `metric_definitions.yaml`.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Collection, Iterator
 from functools import cache
 from pathlib import Path
@@ -147,14 +148,15 @@ class MetricInfo(msgspec.Struct, frozen=True):
         return bound.dimension == self.dimension
 
 
-_UNITS: dict[Dimension, str] = {
-    "time": "s",
-    "rate": "Hz",
-    "size": "B",
-    "share": "share",
-    "count": "count",
-    "none": "",
+_UNITS_AND_EXAMPLES: dict[Dimension, tuple[str, str]] = {
+    "time": ("s", "<= 50 ms"),
+    "rate": ("Hz", ">= 30 Hz"),
+    "size": ("B", "<= 64 MiB"),
+    "share": ("share", "<= 2 %"),
+    "count": ("count", "== 0"),
+    "none": ("", ""),
 }
+"""The unit of values, and a requirement on them."""
 
 _TIME_FAMILIES = {
     "latency": "time from publication of the input to reception of the output",
@@ -184,7 +186,8 @@ def _percentile(family: str, part: str, what: str) -> MetricInfo:
 def _metric(
     name: str, scope: Scope, dimension: Dimension, statistic: Statistic, description: str
 ) -> MetricInfo:
-    return MetricInfo(name, scope, dimension, _UNITS[dimension], statistic, description)
+    unit, _ = _UNITS_AND_EXAMPLES[dimension]
+    return MetricInfo(name, scope, dimension, unit, statistic, description)
 
 
 _LATENESS_DESCRIPTION = "time from when a publication was due to when it began"
@@ -388,35 +391,24 @@ def definitions() -> dict[str, Definition]:
     }
 
 
-JUDGED: dict[Statistic, str] = {
-    "percentile": "exact binomial test on single messages",
-    "share": "exact binomial test on single messages",
-    "mean": "Student's t over the iterations",
-    "observation": "an observation: the value is compared, without a confidence",
-    "search": "the final bracket of the search",
-    "truth": "compared with the truth on one more iteration, without a confidence",
-    "sequential": "one sequential probe",
-}
+_BINOMIAL = ("exact binomial test on single messages", "exact binomial")
 
-_JUDGED_SHORT: dict[Statistic, str] = {
-    "percentile": "exact binomial",
-    "share": "exact binomial",
-    "mean": "Student's t",
-    "observation": "observation",
-    "search": "the bracket",
-    "truth": "the value",
-    "sequential": "a sequential probe",
+JUDGED: dict[Statistic, tuple[str, str]] = {
+    "percentile": _BINOMIAL,
+    "share": _BINOMIAL,
+    "mean": ("Student's t over the iterations", "Student's t"),
+    "observation": (
+        "an observation: the value is compared, without a confidence",
+        "observation",
+    ),
+    "search": ("the final bracket of the search", "the bracket"),
+    "truth": (
+        "compared with the truth on one more iteration, without a confidence",
+        "the value",
+    ),
+    "sequential": ("one sequential probe", "a sequential probe"),
 }
-"""As in the table of docs/metrics.md; `JUDGED` in full."""
-
-_BOUNDS: dict[Dimension, str] = {
-    "time": "50 ms",
-    "rate": "30 Hz",
-    "size": "64 MiB",
-    "share": "2 %",
-    "count": "0",
-    "none": "",
-}
+"""How metrics are judged: in full, and as in the table of docs/metrics.md."""
 
 SCOPES: dict[Scope, str] = {
     "monitor": "each monitor; MONITOR.NAME for one of several",
@@ -449,10 +441,8 @@ def modes(info: MetricInfo) -> tuple[str, ...]:
 
 def example_requirement(info: MetricInfo) -> str:
     """A requirement on the metric."""
-    if not _BOUNDS[info.dimension]:
-        return info.name
-    operator = ">=" if info.dimension == "rate" else "==" if info.dimension == "count" else "<="
-    return f"{info.name} {operator} {_BOUNDS[info.dimension]}"
+    _, bound = _UNITS_AND_EXAMPLES[info.dimension]
+    return f"{info.name} {bound}".rstrip()
 
 
 def find_metric(name: str) -> MetricInfo:
@@ -463,19 +453,17 @@ def find_metric(name: str) -> MetricInfo:
     """
     first, _, rest = name.partition(".")
     process = rest.rpartition(".")[0]
-    candidates = (name, rest) if rest else (name,)
-    for each in candidates:
-        if each in METRICS:
-            return METRICS[each]
-    error: MetricError | None = None
-    for each in candidates:
-        try:
-            return resolve(each, (), (process,) if first in {"cpu", "memory"} else ())[1]
-        except MetricError as found:
-            error = error or found
-    close = did_you_mean(name, names()) if error is None or not error.suggestion else ""
-    assert error is not None  # noqa: S101 - there is at least one candidate
-    raise MetricError(str(error), error.known, error.suggestion or close)
+    for candidate in (name, rest):
+        if candidate in METRICS:
+            return METRICS[candidate]
+    processes = (process,) if first in {"cpu", "memory"} else ()
+    try:
+        return resolve(name, (), processes)[1]
+    except MetricError as error:
+        with contextlib.suppress(MetricError):
+            return resolve(rest, (), processes)[1]
+        close = error.suggestion or did_you_mean(name, names())
+        raise MetricError(str(error), error.known, close) from None
 
 
 def groups() -> Iterator[tuple[str, tuple[MetricInfo, ...]]]:
@@ -500,7 +488,7 @@ def as_builtins(info: MetricInfo) -> dict[str, object]:
         "formula": meant.formula,
         "modes": list(modes(info)),
         "statistic": info.statistic,
-        "judged": JUDGED[info.statistic],
+        "judged": JUDGED[info.statistic][0],
         "example": example_requirement(info),
         "quantile": info.quantile,
     }
@@ -560,4 +548,4 @@ def _rows(infos: tuple[MetricInfo, ...]) -> Iterator[tuple[str, ...]]:
         if info in percentiles:
             description = description.partition(":")[0]
         named = ", ".join(f"`{member.name}`" for member in members)
-        yield named, info.unit or "–", description, _JUDGED_SHORT[info.statistic]
+        yield named, info.unit or "–", description, JUDGED[info.statistic][1]

@@ -101,16 +101,6 @@ def read_rows(run: Run, segment: Segment) -> SegmentRows:
     )
 
 
-def match_monitors(plan: Plan, segment: Segment, rows: SegmentRows) -> dict[str, MatchedMonitor]:
-    """Match every monitor of a segment in which something was played."""
-    return {
-        each.name: match_monitor(
-            rows.playback, rows.monitors[each.name], each, plan.inputs, segment.played_before
-        )
-        for each in plan.monitors
-    }
-
-
 def segment_samples(
     plan: Plan,
     segment: Segment,
@@ -128,7 +118,12 @@ def segment_samples(
     if segment.live:
         monitors = {name: live_samples(segment, each) for name, each in rows.monitors.items()}
     else:
-        matched = matched or match_monitors(plan, segment, rows)
+        matched = matched or {
+            each.name: match_monitor(
+                rows.playback, rows.monitors[each.name], each, plan.inputs, segment.played_before
+            )
+            for each in plan.monitors
+        }
         monitors = {
             each.name: _monitor(plan, segment, rows, each, matched[each.name])
             for each in plan.monitors
@@ -223,8 +218,34 @@ def run_samples(
     Raises:
         RecordError: `samples_of` reads files, and one is missing or damaged.
     """
-    collect = _Collector(plan, samples_of, host)
-    first = collect.session(
+
+    def session(
+        record: RunRecord, iterations: list[Segment], sustained: list[Segment]
+    ) -> RunSamples:
+        """The samples of the complete ones among some segments, played in one session."""
+
+        def of_segment(segment: Segment) -> SegmentSamples:
+            return with_host_samples(samples_of(segment), record, host)
+
+        first_played: dict[float, list[SegmentSamples]] = {}
+        reruns: dict[str, SegmentSamples] = {}
+        for segment in iterations:
+            if segment.complete and segment.rerun_of:
+                reruns[segment.rerun_of] = of_segment(segment)
+            elif segment.complete:
+                first_played.setdefault(segment.rate_hz, []).append(of_segment(segment))
+        return RunSamples(
+            record=record,
+            peak_hz=record.search.holds_hz if record.search else None,
+            monitors=tuple(monitor.name for monitor in plan.monitors),
+            iterations={rate: tuple(played) for rate, played in first_played.items()},
+            sustained={each.rate_hz: of_segment(each) for each in sustained if each.complete},
+            incomplete=tuple(each.id for each in iterations if not each.complete),
+            reruns=reruns,
+            mode=plan.playback_mode,
+        )
+
+    first = session(
         record,
         [each for each in record.segments if each.kind == "iteration"],
         [each for each in record.segments if each.kind == "sustained"],
@@ -235,7 +256,7 @@ def run_samples(
     probed = {each.segment for each in (fresh.search.probes if fresh.search else ())}
     probed_for = {each.segment for each in fresh.sustained}
     again = [each for each in record.segments if each.kind == "confirmation"]
-    second = collect.session(
+    second = session(
         msgspec.structs.replace(record, search=fresh.search, sustained=fresh.sustained),
         [each for each in again if each.id not in probed | probed_for],
         [each for each in again if each.id in probed_for],
@@ -243,50 +264,8 @@ def run_samples(
     if second.peak_hz is None:
         # The segments at the peak are then played at the peak of the first session.
         second = replace(second, peak_hz=first.peak_hz)
-    return replace(
-        first,
-        confirmation=_calibrated(
-            second, harness_slowdown(record.harness_overhead, fresh.harness_overhead)
-        ),
-    )
-
-
-@dataclass(frozen=True)
-class _Collector:
-    plan: Plan
-    samples_of: Callable[[Segment], SegmentSamples]
-    host: HostSamples
-
-    def session(
-        self, record: RunRecord, iterations: list[Segment], sustained: list[Segment]
-    ) -> RunSamples:
-        """The samples of the complete ones among some segments, played in one session."""
-        found: dict[float, list[SegmentSamples]] = {}
-        reruns: dict[str, SegmentSamples] = {}
-        for segment in iterations:
-            if segment.complete:
-                samples = self._segment(record, segment)
-                if segment.rerun_of:
-                    reruns[segment.rerun_of] = samples
-                else:
-                    found.setdefault(segment.rate_hz, []).append(samples)
-        return RunSamples(
-            record=record,
-            peak_hz=record.search.holds_hz if record.search else None,
-            monitors=tuple(monitor.name for monitor in self.plan.monitors),
-            iterations={rate: tuple(played) for rate, played in found.items()},
-            sustained={
-                segment.rate_hz: self._segment(record, segment)
-                for segment in sustained
-                if segment.complete
-            },
-            incomplete=tuple(each.id for each in iterations if not each.complete),
-            reruns=reruns,
-            mode=self.plan.playback_mode,
-        )
-
-    def _segment(self, record: RunRecord, segment: Segment) -> SegmentSamples:
-        return with_host_samples(self.samples_of(segment), record, self.host)
+    slowdown = harness_slowdown(record.harness_overhead, fresh.harness_overhead)
+    return replace(first, confirmation=_calibrated(second, slowdown))
 
 
 def _calibrated(session: RunSamples, calibration: float | None) -> RunSamples:

@@ -233,8 +233,19 @@ class MonitorSamples:
 
     @property
     def unknown_latency(self) -> str:
-        """Why the latencies are unknown, as a clause; empty if they are known."""
-        return unknown_latency(self.by_order, self.expected, self.missed, self.surplus, self.early)
+        """Why the latencies are unknown, as a clause; empty if they are known.
+
+        See `Matching.pairs_known`.
+        """
+        faults = {
+            f"{self.missed:,} of {self.expected:,} are missing": self.missed,
+            f"{self.surplus:,} are more than the {self.expected:,} expected": self.surplus,
+            f"{self.early:,} came before their input": self.early,
+        }
+        faults = {text: count for text, count in faults.items() if count}
+        if not self.by_order or not faults:
+            return ""
+        return f"outputs are matched by order, and {' and '.join(faults)}"
 
     def knows(self, family: str) -> bool:
         """Whether the times of a family are known."""
@@ -250,27 +261,6 @@ class MonitorSamples:
         values = np.full(self.steps.received_ns.size, lost)
         values[self.steps.answered] = self.times[family]
         return values
-
-
-def unknown_latency(by_order: bool, expected: int, missed: int, surplus: int, early: int) -> str:
-    """Why latencies are unknown, as a clause; empty if they are known. See `Matching.pairs_known`.
-
-    Args:
-        by_order: whether outputs are matched by order.
-        expected: expected outputs.
-        missed: how many of them are missing.
-        surplus: outputs beyond them.
-        early: outputs received before their step was published.
-    """
-    if not by_order or not (missed or surplus or early):
-        return ""
-    faults = {
-        f"{missed:,} of {expected:,} are missing": missed,
-        f"{surplus:,} are more than the {expected:,} expected": surplus,
-        f"{early:,} came before their input": early,
-    }
-    found = " and ".join(text for text, count in faults.items() if count)
-    return f"outputs are matched by order, and {found}"
 
 
 def known_latencies(seen: Sequence[MonitorSamples]) -> Seconds:

@@ -132,15 +132,6 @@ def shm_files(memory: Path = SHARED_MEMORY) -> list[str]:
     return sorted(each.name for pattern in _FILES for each in memory.glob(pattern))
 
 
-def _make_private(file: Path) -> None:
-    descriptor = os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
-    try:
-        if os.fstat(descriptor).st_uid == os.geteuid():
-            os.fchmod(descriptor, 0o600)
-    finally:
-        os.close(descriptor)
-
-
 def _lock(memory: Path, name: str) -> Path:
     return memory / f"{name}_el"
 
@@ -160,19 +151,15 @@ def _is_free(lock: Path) -> bool:
     return True
 
 
-def _mapped(memory: Path, proc: Path) -> set[str]:
-    """The names of segments that some process maps."""
-    found: set[str] = set()
-    pattern = _mapped_pattern(memory)
-    for maps in proc.glob("[0-9]*/maps"):
-        with contextlib.suppress(OSError):
-            found.update(pattern.findall(maps.read_text(errors="replace")))
-    return found
-
-
-def _mapped_pattern(memory: Path) -> re.Pattern[str]:
+def _mapped(memory: Path, processes: Iterable[Path]) -> set[str]:
+    """The names of segments that some processes map, by their folders."""
     # A line that goes on with "(deleted)" is about an earlier segment of that name.
-    return re.compile(rf"{re.escape(str(memory))}/((?:sem\.)?fast\S+)$", re.MULTILINE)
+    pattern = re.compile(rf"{re.escape(str(memory))}/((?:sem\.)?fast\S+)$", re.MULTILINE)
+    mapped: set[str] = set()
+    for process in processes:
+        with contextlib.suppress(OSError):
+            mapped.update(pattern.findall((process / "maps").read_text(errors="replace")))
+    return mapped
 
 
 _PORTS_BYTES = 1 << 20
@@ -242,14 +229,14 @@ class FastDds(Middleware):
 
     def readable_shm_files(self, memory: Path = SHARED_MEMORY) -> list[str]:
         """The names of this user's files that other users may read."""
-        found = []
+        names = []
         for name in shm_files(memory):
             with contextlib.suppress(OSError):
                 status = (memory / name).lstat()
-                readable = stat.S_ISREG(status.st_mode) and status.st_mode & _OTHERS
-                if readable and status.st_uid == os.geteuid():
-                    found.append(name)
-        return found
+                is_own = stat.S_ISREG(status.st_mode) and status.st_uid == os.geteuid()
+                if is_own and status.st_mode & _OTHERS:
+                    names.append(name)
+        return names
 
     def make_shm_files_private(
         self, pids: Iterable[int], memory: Path = SHARED_MEMORY, proc: Path = PROC
@@ -258,15 +245,18 @@ class FastDds(Middleware):
 
         Fast DDS gives them the mode 0644 whatever the umask.
         """
-        readable = set(self.readable_shm_files(memory))
+        readable = self.readable_shm_files(memory)
         if not readable:
             return
-        pattern = _mapped_pattern(memory)
-        for pid in pids:
-            with contextlib.suppress(OSError):
-                maps = (proc / str(pid) / "maps").read_text(errors="replace")
-                for name in readable.intersection(pattern.findall(maps)):
-                    _make_private(memory / name)
+        flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC
+        for name in _mapped(memory, (proc / str(pid) for pid in pids)).intersection(readable):
+            with (
+                contextlib.suppress(OSError),
+                os.fdopen(os.open(memory / name, flags), "rb") as file,
+            ):
+                # It may have been replaced since it was looked at.
+                if os.fstat(file.fileno()).st_uid == os.geteuid():
+                    os.fchmod(file.fileno(), 0o600)
 
     def dead_shm_files(
         self, memory: Path = SHARED_MEMORY, proc: Path = PROC, since_s: float = 0.0
@@ -287,11 +277,9 @@ class FastDds(Middleware):
             with contextlib.suppress(OSError):
                 if lock.exists():
                     free = _ours(lock, since_s) and _is_free(lock)
-                elif _ours(memory / name, since_s):
-                    mapped = _mapped(memory, proc) if mapped is None else mapped
+                elif free := _ours(memory / name, since_s):
+                    mapped = _mapped(memory, proc.glob("[0-9]*")) if mapped is None else mapped
                     free = name not in mapped
-                else:
-                    free = False
                 if free:
                     dead.append(name)
         return dead

@@ -11,7 +11,6 @@ folder for each package below ``include``.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import os
 import shlex
@@ -19,7 +18,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -109,11 +108,6 @@ _Py_Dealloc
 """
 
 
-def symbol_flags() -> list[str]:
-    """Flags of the compiler that define the symbols, at an address that cannot be used."""
-    return [f"-Wl,--defsym={each}=0" for each in _SYMBOLS.split()]
-
-
 Kind = Literal["program", "library"]
 
 _FLAGS = (
@@ -189,16 +183,23 @@ def build(
     includes = ros.include_folders([*RCL_PACKAGES, *packages])
     words = [*_FLAGS, *_KIND_FLAGS[kind], *flags]
     if kind == "program" and ros.wheels and "-lrcl" in libraries:
-        words += symbol_flags()
+        # At an address that cannot be used.
+        words += [f"-Wl,--defsym={symbol}=0" for symbol in _SYMBOLS.split()]
     words += [f"-isystem{each}" for each in includes]
     links = [f"-L{each}" for each in ros.library_folders()] + [*libraries]
     digest = _digest(command, sources, includes, [name, kind, *words, *links])
     entry = (cache_folder() if cache is None else cache) / digest
-    with _write_errors(entry), private_files():
-        entry.parent.mkdir(parents=True, exist_ok=True)
-        _refuse_foreign(entry.parent)
-        if not (entry / name).exists():
-            _compile(entry, name, [*command, *words, *map(str, sources), *links])
+    try:
+        with private_files():
+            entry.parent.mkdir(parents=True, exist_ok=True)
+            _refuse_foreign(entry.parent)
+            if not (entry / name).exists():
+                _compile(entry, name, [*command, *words, *map(str, sources), *links])
+    except OSError as error:
+        raise BuildError(
+            f"cannot build in {entry.parent}: {error.strerror or error}",
+            hint="Make room there, or choose another cache folder in XDG_CACHE_HOME.",
+        ) from error
     return entry / name
 
 
@@ -225,16 +226,12 @@ def _compile(entry: Path, name: str, command: Sequence[str]) -> None:
                 hint="Headers of libc may be missing (Debian and Ubuntu: apt install libc6-dev); "
                 "otherwise please report it, with this text.",
             )
-        _move(made, entry)
-
-
-def _move(made: Path, entry: Path) -> None:
-    """Move a folder into place; another build of the same may have been faster."""
-    try:
-        made.rename(entry)
-    except OSError:
-        if not entry.is_dir():
-            raise
+        try:
+            made.rename(entry)
+        except OSError:
+            # Another build of the same may have been faster.
+            if not entry.is_dir():
+                raise
 
 
 def _digest(
@@ -261,20 +258,9 @@ def _refuse_foreign(folder: Path) -> None:
     Raises:
         BuildError: the folder is not this user's, or others may write to it.
     """
-    found = folder.stat()
-    if found.st_uid != os.geteuid() or found.st_mode & 0o022:
+    status = folder.stat()
+    if status.st_uid != os.geteuid() or status.st_mode & 0o022:
         raise BuildError(
             f"other users can write to {folder}, in which programs are kept",
             hint="Remove it, or choose another cache folder in XDG_CACHE_HOME.",
         )
-
-
-@contextlib.contextmanager
-def _write_errors(entry: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise BuildError(
-            f"cannot build in {entry.parent}: {error.strerror or error}",
-            hint="Make room there, or choose another cache folder in XDG_CACHE_HOME.",
-        ) from error

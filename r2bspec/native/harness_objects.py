@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from r2bspec.native.build import BuildError, Kind, build, find_compiler, find_ros
 
@@ -16,45 +17,34 @@ _SOURCES = ("control.c", "monitor.c", "player.c", "ros.c")
 _FLAGS = ("-fwrapv",)
 
 
-def harness_program(
-    environ: Mapping[str, str] = os.environ, flags: Sequence[str] = (), cache: Path | None = None
-) -> Path:
+def harness_program(environ: Mapping[str, str] = os.environ, flags: Sequence[str] = ()) -> Path:
     """The program of a player or a monitor, in a process of its own.
 
     Raises:
         BuildError: it cannot be built (R2B668).
     """
-    return _build(PROGRAM, "program", ("main.c",), environ, flags, cache)
+    return _build(PROGRAM, "program", (*_SOURCES, "main.c"), environ, (*_FLAGS, *flags))
 
 
-def harness_library(
-    environ: Mapping[str, str] = os.environ, flags: Sequence[str] = (), cache: Path | None = None
-) -> Path:
+def harness_library(flags: Sequence[str] = ()) -> Path:
     """The library with players and monitors for other processes (`r2bspec_harness_serve`).
 
     Raises:
         BuildError: it cannot be built (R2B668).
     """
-    return _build(LIBRARY, "library", (), environ, flags, cache)
+    return _build(LIBRARY, "library", _SOURCES, os.environ, (*_FLAGS, *flags))
 
 
 def _build(
     name: str,
     kind: Kind,
-    more: Sequence[str],
+    sources: Sequence[str],
     environ: Mapping[str, str],
     flags: Sequence[str],
-    cache: Path | None,
+    **more: Any,
 ) -> Path:
-    return build(
-        name,
-        [_FOLDER / each for each in (*_SOURCES, *more)],
-        find_ros(environ),
-        kind=kind,
-        compiler=find_compiler(environ),
-        flags=(*_FLAGS, *flags),
-        cache=cache,
-    )
+    files, compiler = [_FOLDER / source for source in sources], find_compiler(environ)
+    return build(name, files, find_ros(environ), kind=kind, compiler=compiler, flags=flags, **more)
 
 
 SOCKET_VARIABLE = "R2BSPEC_JOIN_SOCKET"
@@ -63,29 +53,17 @@ SOCKET_VARIABLE = "R2BSPEC_JOIN_SOCKET"
 PROCESS_VARIABLE = "R2BSPEC_JOIN_PROCESS"
 """Has the name of the process in the plan; what it starts inherits it."""
 
-_SOURCE = Path(__file__).with_name("join.c")
 _SEPARATORS = " :"
 """No path with one of them can be preloaded."""
 
 
-def join_object(
-    environ: Mapping[str, str] = os.environ, flags: Sequence[str] = (), cache: Path | None = None
-) -> Path:
+def join_object(flags: Sequence[str] = ()) -> Path:
     """The object to preload; see ``join.c``.
 
     Raises:
         BuildError: it cannot be built, or its path cannot be preloaded (R2B668).
     """
-    path = build(
-        "r2bspec_join.so",
-        [_SOURCE],
-        find_ros(environ),
-        kind="library",
-        compiler=find_compiler(environ),
-        flags=flags,
-        libraries=("-ldl",),
-        cache=cache,
-    )
+    path = _build("r2bspec_join.so", "library", ("join.c",), os.environ, flags, libraries=("-ldl",))
     if any(each in str(path) for each in _SEPARATORS):
         raise BuildError(
             f"{path} cannot be preloaded: the path has a blank or a colon",

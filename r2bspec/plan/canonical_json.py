@@ -21,7 +21,7 @@ from r2bspec.language.benchmark_defaults import MAX_STARTS
 from r2bspec.language.declaration import decode_text, encode_text
 from r2bspec.language.quantities import Quantity
 from r2bspec.language.requirement_grammar import Requirement
-from r2bspec.plan.plan import Plan, PlayPlan
+from r2bspec.plan.plan import Plan
 from r2bspec.safe_io.safe_file import read_bytes
 from r2bspec.safe_io.safe_json import MAX_JSON_BYTES, decode_json
 
@@ -38,6 +38,7 @@ class PlanError(R2bspecError):
 
 
 PLAN_VERSION = 1
+_WRITE_ONE: Final = "write a plan with 'r2bspec plan SPEC -o FILE'"
 
 _PASSED_ON = frozenset({"parameters", "request", "labels"})
 """Fields whose numbers go to nodes and reports as they are."""
@@ -74,7 +75,7 @@ def read_plan(path: Path) -> Plan:
         raise PlanError(
             f"{path} cannot be read: {error.strerror or error}",
             code=PLAN_UNREADABLE,
-            hint="write a plan with 'r2bspec plan SPEC -o FILE'",
+            hint=_WRITE_ONE,
         ) from error
     return parse_plan(data, str(path))
 
@@ -112,30 +113,20 @@ def _check_ranges(plan: Plan) -> None:
             raise ValueError(f"a confidence is between 0 and 1 - at `$.{place}`")
     if not 1 <= plan.starts <= MAX_STARTS:
         raise ValueError(f"a plan has 1 to {MAX_STARTS} starts - at `$.starts`")
-    for number, play in enumerate(plan.play):
-        _check_play(play, f"play[{number}]")
-    if plan.play_at_peak is not None:
-        _check_play(plan.play_at_peak, "play_at_peak")
-
-
-def _check_play(play: PlayPlan, place: str) -> None:
-    for name in ("rate_hz", "duration_ns", "iterations", "max_iterations"):
-        if getattr(play, name) < 0:
-            raise ValueError(f"a number is negative - at `$.{place}.{name}`")
+    for number, play in enumerate(plan.plays):
+        place = f"play[{number}]" if number < len(plan.play) else "play_at_peak"
+        for name in ("rate_hz", "duration_ns", "iterations", "max_iterations"):
+            if getattr(play, name) < 0:
+                raise ValueError(f"a number is negative - at `$.{place}.{name}`")
 
 
 def _check_header(data: bytes, name: str) -> None:
-    hint = "write a plan with 'r2bspec plan SPEC -o FILE'"
     try:
         head = decode_json(data, _PlanHeader)
-    except msgspec.ValidationError as error:
-        raise PlanError(
-            f"{name} is not a plan of r2bspec: it has no 'r2bspec_plan'",
-            code=PLAN_FOREIGN,
-            hint=hint,
-        ) from error
     except msgspec.DecodeError as error:
-        raise PlanError(f"{name} is not JSON: {error}", code=PLAN_FOREIGN, hint=hint) from error
+        is_json = isinstance(error, msgspec.ValidationError)
+        why = "not a plan of r2bspec: it has no 'r2bspec_plan'" if is_json else f"not JSON: {error}"
+        raise PlanError(f"{name} is {why}", code=PLAN_FOREIGN, hint=_WRITE_ONE) from error
     if head.r2bspec_plan != PLAN_VERSION:
         raise PlanError(
             f"{name} is a plan of version {head.r2bspec_plan}, written by {head.generator};"

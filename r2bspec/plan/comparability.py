@@ -18,19 +18,12 @@ import msgspec
 from r2bspec.diagnostics.diagnostic import Path, format_path
 from r2bspec.diagnostics.quote import clip
 from r2bspec.language.declaration import Change, change_at, encode_text
-from r2bspec.language.spec import Objective, Pacing
+from r2bspec.language.spec import Pacing
 from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.plan import GatePlan, Plan, PlayPlan
 
-
-class _Absent:
-    """The value of an absent member."""
-
-    def __repr__(self) -> str:
-        return "(absent)"
-
-
-ABSENT: Final = _Absent()
+ABSENT: Final = object()
+"""The value of an absent member."""
 
 # Members of these lists are compared by identity instead of position, so that an additional process
 # does not make all following ones differ.
@@ -67,20 +60,13 @@ def _builtins(plan: Plan) -> Any:
 
 def _diff(path: Path, before: Any, after: Any) -> Iterator[PlanDifference]:
     if isinstance(before, dict) and isinstance(after, dict):
-        yield from _diff_maps(path, before, after)
-        return
-    if isinstance(before, list | tuple) and isinstance(after, list | tuple):
+        for key in dict.fromkeys((*before, *after)):
+            yield from _diff((*path, key), before.get(key, ABSENT), after.get(key, ABSENT))
+    elif isinstance(before, list | tuple) and isinstance(after, list | tuple):
         yield from _diff_lists(path, before, after)
     # 1, 1.0 and true are equal to Python, but not to ROS.
     elif type(before) is not type(after) or before != after:
         yield PlanDifference(path, before, after)
-
-
-def _diff_maps(
-    path: Path, before: dict[str, Any], after: dict[str, Any]
-) -> Iterator[PlanDifference]:
-    for key in dict.fromkeys((*before, *after)):
-        yield from _diff((*path, key), before.get(key, ABSENT), after.get(key, ABSENT))
 
 
 def _diff_lists(path: Path, before: Any, after: Any) -> Iterator[PlanDifference]:
@@ -107,7 +93,7 @@ def _by_identity(path: Path, members: Any) -> dict[str | int, Any] | None:
 
 
 def _json_text(value: Any) -> str:
-    return repr(value) if value is ABSENT else json.dumps(value, ensure_ascii=False)
+    return "(absent)" if value is ABSENT else json.dumps(value, ensure_ascii=False)
 
 
 _SHOWN_KEYS: Final[Mapping[str, str]] = {
@@ -232,7 +218,11 @@ def single_run_plan(plan: Plan) -> Plan:
     Pairs replace iterations and starts: each run of a pair is a start of its own. The peak search
     takes the most time, so it is included only if an objective needs the peak.
     """
-    searched = any(_wants_peak(each) for each in plan.objectives.values())
+    searched = any(
+        objective.at_peak
+        or any(requirement.metric == "peak.rate" for requirement in objective.require)
+        for objective in plan.objectives.values()
+    )
     at_peak = plan.play_at_peak
     return msgspec.structs.replace(
         plan,
@@ -249,16 +239,9 @@ def _single_iteration(play: PlayPlan) -> PlayPlan:
     return msgspec.structs.replace(play, iterations=1, max_iterations=0)
 
 
-def _wants_peak(objective: Objective) -> bool:
-    return objective.at_peak or any(
-        requirement.metric == "peak.rate" for requirement in objective.require
-    )
-
-
 def pair_count(plan: Plan) -> int:
     """The number of pairs of a plan: its number of iterations, at least one."""
-    plays = (*plan.play, *([plan.play_at_peak] if plan.play_at_peak else []))
-    return max((play.iterations for play in plays), default=1)
+    return max((play.iterations for play in plan.plays), default=1)
 
 
 def difference_lines(differences: list[PlanDifference], max_lines: int = 12) -> Iterator[str]:
@@ -270,27 +253,21 @@ def difference_lines(differences: list[PlanDifference], max_lines: int = 12) -> 
 
 def brief_difference(difference: PlanDifference) -> str:
     """A difference in at most a line: what was added or removed is named, not printed."""
-    path = _end_of(format_path(difference.path))
+    path = format_path(difference.path)
+    # Of a long path the end is shown, which says most.
+    path = clip(path if len(path) <= _MAX_PATH else "…" + path[1 - _MAX_PATH :], _MAX_PATH)
     if difference.before is ABSENT:
         return f"{path}: only in the head{_brief_value(difference.after)}"
     if difference.after is ABSENT:
         return f"{path}: only in the base{_brief_value(difference.before)}"
     before, after = (
-        clip(json.dumps(value, ensure_ascii=False), _MAX_VALUE)
-        for value in (difference.before, difference.after)
+        clip(_json_text(value), _MAX_VALUE) for value in (difference.before, difference.after)
     )
     return f"{path}: {before} -> {after}"
-
-
-def _end_of(path: str) -> str:
-    """A path, or its end, which says most."""
-    if len(path) <= _MAX_PATH:
-        return clip(path, _MAX_PATH)
-    return clip("…" + path[1 - _MAX_PATH :], _MAX_PATH)
 
 
 def _brief_value(value: Any) -> str:
     """The value after a colon, unless it is a map or a list."""
     if isinstance(value, dict | list | tuple):
         return ""
-    return f": {clip(json.dumps(value, ensure_ascii=False), _MAX_VALUE)}"
+    return f": {clip(_json_text(value), _MAX_VALUE)}"

@@ -66,11 +66,19 @@ def compile_plan(
     wiring = wiring or build_wiring(
         spec, bag_types=bag_types(spec, together), table=table, companion_files=companion_files
     )
-    datasets = tuple(_datasets(spec, bags, wiring))
-    play = tuple(_play(spec))
+    # An unknown recording is assumed to have all topics.
+    sources = spec.data_loader.sources or (BagSource(),)
+    known = [*bags, *[None] * len(sources)][: len(sources)]
+    datasets = tuple(
+        _dataset(spec, source, bag, wiring, only_held=len(sources) > 1 and bag is not None)
+        for source, bag in zip(sources, known, strict=True)
+    )
+    rates = dict.fromkeys(rate.hz for rate in spec.benchmark.rates)
+    play = tuple(_play_at(spec, hz) for hz in ([0.0] if has_own_rate(spec) else rates))
     objectives = active_objectives(spec)
     sustained_hz = _sustained_hz(objectives)
-    play_at_peak = _play_at_peak(spec, objectives)
+    at_peak = any(objective.at_peak for objective in objectives.values())
+    play_at_peak = _play_at(spec, 0.0) if at_peak and spec.benchmark.search is not None else None
     return Plan(
         generator=f"r2bspec {__version__}",
         name=spec.name,
@@ -128,14 +136,6 @@ def bag_types(spec: Spec, bag: BagIndex | None) -> dict[str, str]:
         return {}
     infos = {name: bag.find(name) for name in spec.data_loader.topics}
     return {name: info.type for name, info in infos.items() if info is not None}
-
-
-def _datasets(spec: Spec, bags: Sequence[BagIndex | None], wiring: Wiring) -> Iterator[DatasetPlan]:
-    """Each recording with its topics; an unknown one is assumed to have all."""
-    sources = spec.data_loader.sources or (BagSource(),)
-    for position, source in enumerate(sources):
-        bag = bags[position] if position < len(bags) else None
-        yield _dataset(spec, source, bag, wiring, only_held=len(sources) > 1 and bag is not None)
 
 
 def _dataset(
@@ -227,12 +227,6 @@ def _sustained_hz(objectives: dict[str, Objective]) -> tuple[float, ...]:
     return tuple(sorted(rates))
 
 
-def _play(spec: Spec) -> Iterator[PlayPlan]:
-    rates = dict.fromkeys(rate.hz for rate in spec.benchmark.rates)
-    for rate_hz in [0.0] if has_own_rate(spec) else rates:
-        yield _play_at(spec, rate_hz)
-
-
 def _play_at(spec: Spec, rate_hz: float) -> PlayPlan:
     return PlayPlan(
         rate_hz=rate_hz,
@@ -240,11 +234,6 @@ def _play_at(spec: Spec, rate_hz: float) -> PlayPlan:
         iterations=spec.benchmark.iterations,
         max_iterations=spec.benchmark.max_iterations,
     )
-
-
-def _play_at_peak(spec: Spec, objectives: dict[str, Objective]) -> PlayPlan | None:
-    at_peak = any(objective.at_peak for objective in objectives.values())
-    return _play_at(spec, 0.0) if at_peak and spec.benchmark.search is not None else None
 
 
 def has_own_rate(spec: Spec) -> bool:

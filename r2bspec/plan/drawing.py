@@ -90,18 +90,15 @@ def _group(sketch: _FigureBuilder, phase: str) -> Group:
     topics = [each for each in plan.topics if each.phase == phase]
     seen = {owner for each in topics for owner in (*each.writers, *each.readers)}
     boxes = [*_harness_boxes(sketch, phase, seen)]
-    for process in plan.processes:
-        for node in process.nodes if process.phase == phase else ():
-            kind: BoxKind = "node" if node.name in seen else "opaque"
-            what = node.target or node.plugin or _program(process.argv[0])
-            boxes.append(
-                FigureBox(sketch.id_of(phase, "owner", node.name), kind, (node.name, what))
-            )
-    for external in plan.external:
-        if external.phase == phase:
-            kind = "node" if external.name in seen else "opaque"
-            place = sketch.id_of(phase, "owner", external.name)
-            boxes.append(FigureBox(place, kind, (external.name, "already runs")))
+    nodes = [
+        (node.name, node.target or node.plugin or _program(process.argv[0]))
+        for process in plan.processes
+        for node in (process.nodes if process.phase == phase else ())
+    ]
+    nodes += [(node.name, "already runs") for node in plan.external if node.phase == phase]
+    for name, what in nodes:
+        kind: BoxKind = "node" if name in seen else "opaque"
+        boxes.append(FigureBox(sketch.id_of(phase, "owner", name), kind, (name, what)))
     for topic in topics:
         box = FigureBox(sketch.id_of(phase, "topic", topic.name), "topic", (topic.name, topic.type))
         boxes.append(box)

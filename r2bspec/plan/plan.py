@@ -394,6 +394,11 @@ class Plan(Pacing, frozen=True, kw_only=True):
     clock: bool = False
     requires: Requires | msgspec.UnsetType = msgspec.UNSET
 
+    @property
+    def plays(self) -> tuple[PlayPlan, ...]:
+        """What is played at each rate, the peak included."""
+        return (*self.play, *([self.play_at_peak] if self.play_at_peak is not None else []))
+
 
 def iterations_of_starts(iterations: int, starts: int) -> tuple[range, ...]:
     """The iterations of each start, counted from 1: as equal parts as possible, larger ones first.

@@ -27,7 +27,7 @@ from r2bspec.plan.command_lines import (
 )
 from r2bspec.plan.plan import ExternalPlan, JoinPlan, NodePlan, ProcessPlan
 from r2bspec.wiring.build_wiring import harness_topic
-from r2bspec.wiring.wiring import NodeWiring, Phase, Wiring
+from r2bspec.wiring.wiring import Endpoint, NodeWiring, Phase, PhaseWiring, Wiring
 
 HARNESS_PROCESS_NAMES = ("loader", "player", "monitor")
 """Names of the processes of the harness."""
@@ -47,18 +47,13 @@ def plan_processes(spec: Spec, wiring: Wiring) -> tuple[ProcessPlan, ...]:
 
     The process of a preprocessor has the name ``preprocess.KEY``, which no node can have.
     """
-    nodes = tuple(_graph_processes(spec, wiring))
+    nodes = tuple(graph_processes(spec, wiring))
     if spec.harness.placement == "graph":
         return (*_preprocess(spec, wiring), *join_processes(spec, wiring, nodes))
     if has_single_harness(spec):
         return (*_preprocess(spec, wiring), _single_harness(spec, wiring), *nodes)
     before = () if spec.live else (_harness_process("player", "measure"),)
     return (*_preprocess(spec, wiring), *before, *nodes, _harness_process("monitor", "measure"))
-
-
-def graph_processes(spec: Spec, wiring: Wiring) -> tuple[ProcessPlan, ...]:
-    """The processes of the graph under test, without parts of the harness in them."""
-    return tuple(_graph_processes(spec, wiring))
 
 
 def plan_external(wiring: Wiring) -> tuple[ExternalPlan, ...]:
@@ -109,7 +104,8 @@ def _preprocess(spec: Spec, wiring: Wiring) -> Iterator[ProcessPlan]:
         yield from _process(node, f"preprocess.{node.key}", phase.phase)
 
 
-def _graph_processes(spec: Spec, wiring: Wiring) -> Iterator[ProcessPlan]:
+def graph_processes(spec: Spec, wiring: Wiring) -> Iterator[ProcessPlan]:
+    """The processes of the graph under test, without parts of the harness in them."""
     phase = wiring.measure
     placed, alone = _group_by_container(phase.nodes, spec)
     yield from _containers(spec, wiring, placed, phase.phase)
@@ -287,20 +283,22 @@ def find_places(spec: Spec, wiring: Wiring, processes: Iterable[ProcessPlan]) ->
     """
     owners = {node.node: each.name for each in processes for node in each.nodes}
     phase = wiring.measure
-    found = []
+    places = []
     if not spec.live:
-        topics = [harness_topic(each, wiring.namespace) for each in spec.playback.inputs]
-        ends = {end.owner for topic in topics for end in phase.subscriptions(topic) if end.is_node}
-        known = [node for node in phase.nodes if node.name in ends]
-        unknown = phase.possible_subscribers
-        found.append(_place("player", ("harness",), spec.harness.process, owners, known or unknown))
+        topics = [harness_topic(name, wiring.namespace) for name in spec.playback.inputs]
+        readers = _nodes_of(phase, (end for topic in topics for end in phase.subscriptions(topic)))
+        nodes = readers or phase.possible_subscribers
+        places.append(_place("player", ("harness",), spec.harness.process, owners, nodes))
     for name, monitor in spec.monitors.items():
         topic = harness_topic(monitor.topic, wiring.namespace)
-        ends = {end.owner for end in phase.publishers(topic) if end.is_node}
-        known = [node for node in phase.nodes if node.name in ends]
-        unknown = phase.possible_publishers
-        found.append(_place(name, ("monitors", name), monitor.process, owners, known or unknown))
-    return tuple(found)
+        nodes = _nodes_of(phase, phase.publishers(topic)) or phase.possible_publishers
+        places.append(_place(name, ("monitors", name), monitor.process, owners, nodes))
+    return tuple(places)
+
+
+def _nodes_of(phase: PhaseWiring, endpoints: Iterable[Endpoint]) -> list[NodeWiring]:
+    names = {endpoint.owner for endpoint in endpoints if endpoint.is_node}
+    return [node for node in phase.nodes if node.name in names]
 
 
 def _place(

@@ -62,7 +62,7 @@ class TimeEstimate:
 
 def estimate_time(plan: Plan) -> TimeEstimate:
     """The time that a run of the plan will take."""
-    play_s = sum(_play_s(play, play.iterations) for play in _plays(plan))
+    play_s = sum(_play_s(play, play.iterations) for play in plan.plays)
     # Data and schedule are ready, and the harness overhead is known.
     later_starts_s = (plan.starts - 1) * (
         _LATER_START_S + _PROCESS_START_S * len(plan.processes) + plan.warm_up_ns / 1e9
@@ -83,7 +83,7 @@ def estimate_time(plan: Plan) -> TimeEstimate:
     }
     phases = {name: seconds for name, seconds in phases.items() if seconds}
     longest_play_s = sum(
-        _play_s(play, max(play.iterations, play.max_iterations)) for play in _plays(plan)
+        _play_s(play, max(play.iterations, play.max_iterations)) for play in plan.plays
     )
     longest = sum(phases.values()) + longest_play_s - play_s
     if plan.gate.confirm and plan.objectives and not plan.external:
@@ -111,10 +111,6 @@ def estimate_pairs(plan: Plan, pairs: int | None = None) -> TimeEstimate:
     # A comparison that failed is confirmed by as many new pairs.
     confirmed = plan.gate.confirm and bool(plan.objectives)
     return TimeEstimate(once.phases, expected_s * (2 if confirmed else 1), runs=2 * played)
-
-
-def _plays(plan: Plan) -> tuple[PlayPlan, ...]:
-    return (*plan.play, *((plan.play_at_peak,) if plan.play_at_peak is not None else ()))
 
 
 def _truth_s(plan: Plan) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from r2bspec.language.spec import Monitor, QoS, Spec
+from r2bspec.language.spec import Monitor, Spec
 from r2bspec.plan.plan import InputPlan, MonitorPlan, TapPlan, TopicPlan, TruthPlan
 from r2bspec.wiring.build_wiring import harness_topic
 from r2bspec.wiring.wiring import Endpoint, PhaseWiring, Wiring
@@ -69,24 +69,19 @@ def _preprocess_topics(spec: Spec, wiring: Wiring) -> Iterator[TopicPlan]:
 def _topic(phase: PhaseWiring, name: str, readers: tuple[Endpoint, ...] | None = None) -> TopicPlan:
     writers = phase.publishers(name)
     readers = phase.subscriptions(name) if readers is None else readers
-    types = (endpoint.type for endpoint in (*writers, *readers) if endpoint.type)
     return TopicPlan(
         name=name,
-        type=next(types, ""),
+        type=_type((*writers, *readers)),
         phase=phase.phase,
         writers=_owners(writers),
         readers=_owners(readers),
-        qos=_qos_profiles((*writers, *readers)),
+        # Those of the harness are in inputs and monitors.
+        qos={
+            endpoint.owner: endpoint.qos
+            for endpoint in (*writers, *readers)
+            if endpoint.is_node and endpoint.qos is not None
+        },
     )
-
-
-def _qos_profiles(endpoints: tuple[Endpoint, ...]) -> dict[str, QoS]:
-    """The known profiles of nodes; those of the harness are in inputs and monitors."""
-    return {
-        endpoint.owner: endpoint.qos
-        for endpoint in endpoints
-        if endpoint.is_node and endpoint.qos is not None
-    }
 
 
 def _owners(endpoints: tuple[Endpoint, ...]) -> tuple[str, ...]:
@@ -148,10 +143,10 @@ def _taps(monitor: Monitor, wiring: Wiring) -> tuple[TapPlan, ...]:
     return tuple(
         TapPlan(topic=name, type=kind)
         for name in phase.topics
-        if name in between - {topic, *played} and (kind := _type(phase, name))
+        if name in between - {topic, *played}
+        and (kind := _type((*phase.publishers(name), *phase.subscriptions(name))))
     )
 
 
-def _type(phase: PhaseWiring, topic: str) -> str:
-    ends = (*phase.publishers(topic), *phase.subscriptions(topic))
-    return next((endpoint.type for endpoint in ends if endpoint.type), "")
+def _type(endpoints: tuple[Endpoint, ...]) -> str:
+    return next((endpoint.type for endpoint in endpoints if endpoint.type), "")

@@ -11,10 +11,9 @@ from typing import Final, Literal
 
 import msgspec
 
-from r2bspec.record.files import RecordError
+from r2bspec.record.files import RUN_FILES
 from r2bspec.record.graph_identity import GraphIdentity
 from r2bspec.record.run_folder import Run, open_run
-from r2bspec.safe_io.safe_json import read_json
 
 BASELINE_FILE: Final = "baseline.json"
 CONFIRMATION_FOLDER: Final = "confirm"
@@ -67,27 +66,13 @@ class BaselineRecord(msgspec.Struct, frozen=True, kw_only=True):
         return BaselineSeries(at_hz=at_hz, monitor=monitor, metric=metric, values=())
 
 
-def to_json(record: BaselineRecord) -> bytes:
-    """The content of ``baseline.json``."""
-    return msgspec.json.format(msgspec.json.encode(record), indent=1) + b"\n"
-
-
 def read_baseline(folder: Path) -> BaselineRecord | None:
     """The baseline of a run folder; None if the run was not compared.
 
     Raises:
         RecordError: the file is damaged.
     """
-    path = folder / BASELINE_FILE
-    try:
-        return read_json(path, BaselineRecord)
-    except FileNotFoundError:
-        return None
-    except (OSError, msgspec.DecodeError) as error:
-        raise RecordError(
-            f"{path} is damaged: {error}",
-            hint="The folder was changed after the run, or was not written by r2bspec.",
-        ) from error
+    return RUN_FILES.optional(folder / BASELINE_FILE, BaselineRecord)
 
 
 def read_confirmation(folder: Path) -> Run | None:

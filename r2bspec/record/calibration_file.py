@@ -15,7 +15,6 @@ from r2bspec.record.files import RecordError, write_atomically
 from r2bspec.safe_io.safe_json import read_json
 
 CALIBRATION_SUFFIX: Final = ".noise.json"
-FORMAT_VERSION: Final = 1
 
 _SPEC_SUFFIXES = (".r2b.yaml", ".yaml", ".yml")
 

@@ -18,26 +18,22 @@ with pauses. Each iteration keeps its samples; the indices are renumbered.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Final, Literal
 
 import msgspec
 import numpy as np
 
-from r2bspec.plan.canonical_json import PlanError, canonical_json, parse_plan, plan_hash
+from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import Plan
-from r2bspec.record.files import RecordError, write_atomically
+from r2bspec.record.files import FolderReader, to_json, write_atomically
 from r2bspec.record.graph_identity import common_identity
 from r2bspec.record.run_folder import Run, RunFolder, open_run, read_spec_text
-from r2bspec.record.run_record import RunRecord, SearchRecord, Segment
+from r2bspec.record.run_record import Limit, RunRecord, SearchRecord, Segment
 from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
-from r2bspec.safe_io.safe_file import is_regular, read_bytes
-from r2bspec.safe_io.safe_json import MAX_JSON_BYTES, decode_json
-
-Limit = Literal["graph", "player", "range", "interrupted", "interference"]
+from r2bspec.safe_io.safe_file import is_regular
 
 _SEPARATOR = "."
 
@@ -54,20 +50,11 @@ class MergedRun(Run):
     runs: tuple[Run, ...] = ()
     spec: str = ""
 
-    def playback(self, segment: Segment) -> Rows:
-        """See `Run.playback`."""
-        run, own = self._source_run(segment)
-        return run.playback(own)
-
-    def monitor(self, segment: Segment, name: str) -> Rows:
-        """See `Run.monitor`."""
-        run, own = self._source_run(segment)
-        return run.monitor(own, name)
-
-    def tap(self, segment: Segment, topic: str) -> Rows:
-        """See `Run.tap`."""
-        run, own = self._source_run(segment)
-        return run.tap(own, topic)
+    def segment_rows(self, segment: Segment, file: str, dtype: np.dtype[np.void]) -> Rows:
+        """See `Run.segment_rows`."""
+        number, _, own = segment.id.partition(_SEPARATOR)
+        source = msgspec.structs.replace(segment, id=own)
+        return self.runs[int(number) - 1].segment_rows(source, file, dtype)
 
     def resources(self) -> Rows:
         """See `Run.resources`; the processes of each run follow those of the previous one."""
@@ -89,10 +76,6 @@ class MergedRun(Run):
     def spec_text(self) -> str:
         """See `Run.spec_text`."""
         return self.spec
-
-    def _source_run(self, segment: Segment) -> tuple[Run, Segment]:
-        number, _, own = segment.id.partition(_SEPARATOR)
-        return self.runs[int(number) - 1], msgspec.structs.replace(segment, id=own)
 
 
 def merge_runs(
@@ -190,7 +173,9 @@ def _search(records: Sequence[RunRecord]) -> SearchRecord | None:
 PAIRS_FILE = "pairs.json"
 BASE_PLAN_FILE = "base.plan.json"
 
-FORMAT_VERSION = 1
+COMPARISON_FILES: Final = FolderReader(
+    "comparison", "The folder is incomplete; repeat the comparison."
+)
 
 Side = Literal["base", "head"]
 
@@ -261,8 +246,7 @@ class ComparisonFolder(RunFolder):
 
     def write_pairs(self, record: PairsRecord) -> None:
         """Write ``pairs.json``; it is written again after each run."""
-        text = msgspec.json.format(msgspec.json.encode(record), indent=1)
-        write_atomically(self.path / PAIRS_FILE, text + b"\n")
+        write_atomically(self.path / PAIRS_FILE, to_json(record))
 
 
 @dataclass(frozen=True)
@@ -339,7 +323,9 @@ class PairedComparison:
 
     def _merged_record(self, plan: Plan, runs: Sequence[Run]) -> RunRecord:
         record = self.record
-        one = runs[0].record if runs else None
+        facts: dict[str, Any] = {"dataset": {}, "machine": {}, "versions": {}, "identity": None}
+        if runs:
+            facts = {name: getattr(runs[0].record, name) for name in facts}
         return RunRecord(
             run_id=record.run_id,
             plan_hash=plan_hash(plan),
@@ -347,16 +333,13 @@ class PairedComparison:
             ended_at=record.ended_at,
             status=record.status,
             reason=record.reason,
-            dataset=one.dataset if one else {},
-            machine=one.machine if one else {},
-            versions=one.versions if one else {},
             processes=(),
             segments=(),
             search=None,
             sustained=(),
             events=(),
-            identity=one.identity if one else None,
             gate=record.gate,
+            **facts,
         )
 
 
@@ -372,52 +355,15 @@ def open_comparison(path: Path) -> PairedComparison:
         RecordError: a file is missing or damaged, or has an unknown format version.
     """
     folder = path.absolute()
-    try:
-        content = read_bytes(folder / PAIRS_FILE, max_bytes=MAX_JSON_BYTES)
-        version = decode_json(content, _VersionHeader).r2bspec_pairs
-        if version != FORMAT_VERSION:
-            raise RecordError(
-                f"{folder / PAIRS_FILE} has format version {version}; this r2bspec reads version "
-                f"{FORMAT_VERSION}",
-                hint="Use the version of r2bspec that wrote the comparison, or a newer one.",
-            )
-        record = decode_json(content, PairsRecord)
-    except OSError as error:
-        raise RecordError(
-            f"{folder / PAIRS_FILE} cannot be read: {error.strerror or error}",
-            hint="Give the folder of a comparison, which contains pairs.json.",
-        ) from error
-    except msgspec.DecodeError as error:
-        raise RecordError(
-            f"{folder / PAIRS_FILE} is damaged: {error}", hint=_CHANGED_HINT
-        ) from error
+    record = COMPARISON_FILES.versioned(
+        folder / PAIRS_FILE,
+        PairsRecord,
+        "r2bspec_pairs",
+        missing="Give the folder of a comparison, which contains pairs.json.",
+    )
     return PairedComparison(
         folder=folder,
         record=record,
-        plan=_open_plan(folder / "plan.json", record.head_plan),
-        base_plan=_open_plan(folder / BASE_PLAN_FILE, record.base_plan),
+        plan=COMPARISON_FILES.plan(folder / "plan.json", record.head_plan),
+        base_plan=COMPARISON_FILES.plan(folder / BASE_PLAN_FILE, record.base_plan),
     )
-
-
-_CHANGED_HINT = "The folder was changed after the comparison, or was not written by r2bspec."
-
-
-class _VersionHeader(msgspec.Struct):
-    r2bspec_pairs: int
-
-
-def _open_plan(path: Path, expected: str) -> Plan:
-    try:
-        content = read_bytes(path, max_bytes=MAX_JSON_BYTES)
-        plan = parse_plan(content, str(path))
-    except OSError as error:
-        raise RecordError(
-            f"{path} cannot be read: {error.strerror or error}",
-            hint="The folder is incomplete; repeat the comparison.",
-        ) from error
-    except PlanError as error:
-        raise RecordError(str(error), hint=_CHANGED_HINT) from error
-    # Of the file: a plan of an older version is encoded anew with the fields of this one.
-    if expected != f"sha256:{hashlib.sha256(content).hexdigest()}":
-        raise RecordError(f"{path} is not the plan of this comparison", hint=_CHANGED_HINT)
-    return plan

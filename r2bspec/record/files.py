@@ -1,17 +1,30 @@
-"""Writing below a run folder: whole files or none, a lock for one run, and the errors of both."""
+"""Files below a run folder: written whole or not at all, read with errors that say what to do.
+
+Also the lock by which a folder belongs to one run.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import fcntl
+import hashlib
 import os
 import weakref
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import Any, BinaryIO, Final, TypeVar
+
+import msgspec
 
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
+from r2bspec.plan.canonical_json import PlanError, parse_plan
+from r2bspec.plan.plan import Plan
+from r2bspec.safe_io.safe_file import read_bytes
+from r2bspec.safe_io.safe_json import MAX_JSON_BYTES, decode_json, read_json
+
+T = TypeVar("T")
 
 RUN_UNREADABLE: Final = "R2B650"
 RUN_UNWRITABLE: Final = "R2B651"
@@ -79,6 +92,97 @@ def _sync_folder(folder: Path) -> None:
         finally:
             os.close(descriptor)
 
+
+def to_json(value: Any) -> bytes:
+    """The content of a JSON file in a run folder."""
+    return msgspec.json.format(msgspec.json.encode(value), indent=1) + b"\n"
+
+
+@dataclass(frozen=True)
+class FolderReader:
+    """Reads the JSON files of a stored run or comparison.
+
+    Attributes:
+        what: a ``run`` or a ``comparison``.
+        incomplete: what to do if a file cannot be read.
+    """
+
+    what: str
+    incomplete: str
+
+    @property
+    def changed(self) -> str:
+        """The hint for a damaged file."""
+        return f"The folder was changed after the {self.what}, or was not written by r2bspec."
+
+    def versioned(self, path: Path, kind: type[T], version_key: str, missing: str = "") -> T:
+        """A file that states its format version, which is checked before anything else.
+
+        Args:
+            path: the file.
+            kind: its type.
+            version_key: the key with the version, which is 1.
+            missing: the hint if the file cannot be read; `incomplete` if empty.
+
+        Raises:
+            RecordError: it cannot be read, is damaged, or has an unknown version.
+        """
+        content = self._read(path, missing or self.incomplete)
+        header = msgspec.defstruct("Header", [(version_key, int)])
+        version = getattr(self._decode(path, content, header), version_key)
+        if version != FORMAT_VERSION:
+            raise RecordError(
+                f"{path} has format version {version}; this r2bspec reads version {FORMAT_VERSION}",
+                hint=f"Use the version of r2bspec that wrote the {self.what}, or a newer one.",
+            )
+        return self._decode(path, content, kind)
+
+    def optional(self, path: Path, kind: type[T]) -> T | None:
+        """A file that not every folder has; None without it.
+
+        Raises:
+            RecordError: it is damaged.
+        """
+        try:
+            return read_json(path, kind)
+        except FileNotFoundError:
+            return None
+        except (OSError, msgspec.DecodeError) as error:
+            raise RecordError(f"{path} is damaged: {error}", hint=self.changed) from error
+
+    def plan(self, path: Path, expected_hash: str) -> Plan:
+        """The plan of the run or comparison.
+
+        Raises:
+            RecordError: it cannot be read, is damaged, or is another plan.
+        """
+        content = self._read(path, self.incomplete)
+        # Of the file: a plan of an older version is encoded anew with the fields of this one.
+        if expected_hash != f"sha256:{hashlib.sha256(content).hexdigest()}":
+            raise RecordError(f"{path} is not the plan of this {self.what}", hint=self.changed)
+        try:
+            return parse_plan(content, str(path))
+        except PlanError as error:
+            raise RecordError(str(error), hint=self.changed) from error
+
+    def _read(self, path: Path, hint: str) -> bytes:
+        try:
+            return read_bytes(path, max_bytes=MAX_JSON_BYTES)
+        except OSError as error:
+            raise RecordError(
+                f"{path} cannot be read: {error.strerror or error}", hint=hint
+            ) from error
+
+    def _decode(self, path: Path, content: bytes, kind: type[T]) -> T:
+        try:
+            return decode_json(content, kind)
+        except msgspec.DecodeError as error:
+            raise RecordError(f"{path} is damaged: {error}", hint=self.changed) from error
+
+
+FORMAT_VERSION: Final = 1
+
+RUN_FILES: Final = FolderReader("run", "The run folder is incomplete; run the benchmark again.")
 
 LOCK_FILE = ".lock"
 

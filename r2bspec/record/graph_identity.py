@@ -20,8 +20,8 @@ from typing import Any, Final
 
 import msgspec
 
-from r2bspec.record.files import RecordError, write_atomically
-from r2bspec.safe_io.safe_json import decode_json, read_json
+from r2bspec.record.files import RUN_FILES, to_json, write_atomically
+from r2bspec.safe_io.safe_json import decode_json
 
 _SHOWN_COMMIT_DIGITS: Final = 7
 
@@ -268,8 +268,7 @@ def write_loaded_files(folder: Path, files: Mapping[str, Iterable[str]]) -> None
         RecordError: the file cannot be written.
     """
     content = {name: sorted(files[name]) for name in sorted(files)}
-    text = msgspec.json.format(msgspec.json.encode(content), indent=1)
-    write_atomically(folder / LOADED_FILES, text + b"\n")
+    write_atomically(folder / LOADED_FILES, to_json(content))
 
 
 def read_loaded_files(folder: Path) -> dict[str, tuple[str, ...]]:
@@ -278,13 +277,4 @@ def read_loaded_files(folder: Path) -> dict[str, tuple[str, ...]]:
     Raises:
         RecordError: the file is damaged.
     """
-    path = folder / LOADED_FILES
-    try:
-        return read_json(path, dict[str, tuple[str, ...]])
-    except FileNotFoundError:
-        return {}
-    except (OSError, msgspec.DecodeError, ValueError) as error:
-        raise RecordError(
-            f"{path} is damaged: {error}",
-            hint="The folder was changed after the run, or was not written by r2bspec.",
-        ) from error
+    return RUN_FILES.optional(folder / LOADED_FILES, dict[str, tuple[str, ...]]) or {}

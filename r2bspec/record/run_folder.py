@@ -11,27 +11,26 @@ them: ``main;work;memcpy 42``.
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
-import msgspec
 import numpy as np
 
-from r2bspec.plan.canonical_json import PlanError, parse_plan
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.taps import tap_name
 from r2bspec.record.files import (
     LOCK_FILE,
+    RUN_FILES,
     RUN_UNWRITABLE,
     FolderLock,
     FolderTakenError,
     RecordError,
+    to_json,
     write_atomically,
 )
 from r2bspec.record.run_record import RunRecord, Segment
@@ -45,7 +44,6 @@ from r2bspec.record.sample_arrays import (
     write_rows,
 )
 from r2bspec.safe_io.safe_file import is_folder, is_there, read_bytes, read_text
-from r2bspec.safe_io.safe_json import MAX_JSON_BYTES, decode_json
 from r2bspec.safe_io.safe_yaml import RefusedYamlError, check_document
 
 Stacks = Mapping[tuple[str, ...], int]
@@ -86,14 +84,10 @@ def _frame(name: str) -> str:
     return " ".join(name.replace(";", ":").split()) or "[unknown]"
 
 
-FORMAT_VERSION = 1
-
 _FOLDER_MODE = 0o700
 """Recorded images and logs are not for other users of the machine."""
 
 _MAX_SPEC_BYTES = 10_000_000
-
-_CHANGED_HINT = "The folder was changed after the run, or was not written by r2bspec."
 
 _SAFE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+=@-]*")
 
@@ -201,8 +195,7 @@ class RunFolder:
 
     def write_record(self, record: RunRecord) -> None:
         """Write ``record.json``; it may be written repeatedly during the run."""
-        text = msgspec.json.format(msgspec.json.encode(record), indent=1)
-        write_atomically(self.path / "record.json", text + b"\n")
+        write_atomically(self.path / "record.json", to_json(record))
 
     def write_result(self, content: bytes) -> None:
         """Write ``result.json``."""
@@ -226,7 +219,7 @@ class Run:
         Raises:
             RecordError: the file is missing or damaged.
         """
-        return read_rows(_segment_folder(self.folder, segment.id) / "playback.npy", PLAYBACK_DTYPE)
+        return self.segment_rows(segment, "playback.npy", PLAYBACK_DTYPE)
 
     def monitor(self, segment: Segment, name: str) -> Rows:
         """The messages of a monitor, one row each in order of arrival (type `MONITOR_DTYPE`).
@@ -234,9 +227,7 @@ class Run:
         Raises:
             RecordError: the file is missing or damaged.
         """
-        return read_rows(
-            _segment_folder(self.folder, segment.id) / _monitor_file(name), MONITOR_DTYPE
-        )
+        return self.segment_rows(segment, _monitor_file(name), MONITOR_DTYPE)
 
     def tap(self, segment: Segment, topic: str) -> Rows:
         """The messages of a tap, one row each in order of arrival (type `MONITOR_DTYPE`).
@@ -244,7 +235,15 @@ class Run:
         Raises:
             RecordError: the file is missing or damaged.
         """
-        return read_rows(_segment_folder(self.folder, segment.id) / _tap_file(topic), MONITOR_DTYPE)
+        return self.segment_rows(segment, _tap_file(topic), MONITOR_DTYPE)
+
+    def segment_rows(self, segment: Segment, file: str, dtype: np.dtype[np.void]) -> Rows:
+        """The rows of one file of a segment.
+
+        Raises:
+            RecordError: the file is missing or damaged.
+        """
+        return read_rows(_segment_folder(self.folder, segment.id) / file, dtype)
 
     def resources(self) -> Rows:
         """CPU and memory samples (type `RESOURCE_DTYPE`); no rows if none were taken.
@@ -268,8 +267,7 @@ class Run:
 
     def spec_text(self) -> str:
         """The resolved spec, as YAML; empty if the folder has none."""
-        path = self.folder / "spec.yaml"
-        return read_spec_text(path)
+        return read_spec_text(self.folder / "spec.yaml")
 
 
 def open_run(path: Path) -> Run:
@@ -297,64 +295,18 @@ def open_run(path: Path) -> Run:
             f"{path} is not a run folder: it has no record.json",
             hint="A run that was killed before its first record leaves only logs and samples.",
         )
-    content = _read(folder / "record.json")
-    _check_version(folder / "record.json", content)
-    record: RunRecord = _decode(folder / "record.json", content, RunRecord)
-    _check_segments(folder / "record.json", record)
-    return Run(folder=folder, record=record, plan=_open_plan(folder / "plan.json", record))
-
-
-def _check_segments(path: Path, record: RunRecord) -> None:
-    """Each segment has samples of its own: a short record must not have a few read many times."""
-    names = Counter(each.id for each in record.segments)
+    path = folder / "record.json"
+    record = RUN_FILES.versioned(path, RunRecord, "r2bspec_record")
+    # Each segment has samples of its own: a short record must not have a few read many times.
+    names = Counter(segment.id for segment in record.segments)
     twice = next((name for name, count in names.items() if count > 1), None)
     if twice is not None:
         raise RecordError(
             f"{path} is damaged: it lists the segment {twice!r} {names[twice]:,} times",
-            hint=_CHANGED_HINT,
+            hint=RUN_FILES.changed,
         )
-
-
-class _VersionHeader(msgspec.Struct):
-    r2bspec_record: int
-
-
-def _check_version(path: Path, content: bytes) -> None:
-    """Check the format version before anything else is decoded."""
-    version = _decode(path, content, _VersionHeader).r2bspec_record
-    if version != FORMAT_VERSION:
-        raise RecordError(
-            f"{path} has format version {version}; this r2bspec reads version {FORMAT_VERSION}",
-            hint="Use the version of r2bspec that wrote the run, or a newer one.",
-        )
-
-
-def _open_plan(path: Path, record: RunRecord) -> Plan:
-    """Read the plan, and check that it is the one of the run."""
-    content = _read(path)
-    if record.plan_hash != f"sha256:{hashlib.sha256(content).hexdigest()}":
-        raise RecordError(f"{path} is not the plan of this run", hint=_CHANGED_HINT)
-    try:
-        return parse_plan(content, str(path))
-    except PlanError as error:
-        raise RecordError(str(error), hint=_CHANGED_HINT) from error
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return read_bytes(path, max_bytes=MAX_JSON_BYTES)
-    except OSError as error:
-        raise RecordError(
-            f"{path} cannot be read: {error.strerror or error}",
-            hint="The run folder is incomplete; run the benchmark again.",
-        ) from error
-
-
-def _decode(path: Path, content: bytes, kind: Any) -> Any:
-    try:
-        return decode_json(content, kind)
-    except (msgspec.DecodeError, ValueError) as error:
-        raise RecordError(f"{path} is damaged: {error}", hint=_CHANGED_HINT) from error
+    plan = RUN_FILES.plan(folder / "plan.json", record.plan_hash)
+    return Run(folder=folder, record=record, plan=plan)
 
 
 def read_spec_text(path: Path) -> str:
@@ -369,10 +321,10 @@ def read_spec_text(path: Path) -> str:
     except FileNotFoundError:
         return ""
     except RefusedYamlError as error:
-        raise RecordError(f"{path} is damaged: {error}", hint=_CHANGED_HINT) from error
+        raise RecordError(f"{path} is damaged: {error}", hint=RUN_FILES.changed) from error
     except OSError as error:
         raise RecordError(
-            f"{path} cannot be read: {error.strerror or error}", hint=_CHANGED_HINT
+            f"{path} cannot be read: {error.strerror or error}", hint=RUN_FILES.changed
         ) from error
     return text
 

@@ -206,6 +206,10 @@ class CapacityRecord(msgspec.Struct, frozen=True, kw_only=True):
     played_s: float
 
 
+Limit = Literal["graph", "player", "range", "interrupted", "interference"]
+Proof = Literal["", "confirmed", "probes", "open"]
+
+
 class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
     """The result of the peak search.
 
@@ -228,10 +232,10 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
     probes: tuple[Probe, ...]
     holds_hz: float | None
     fails_hz: float | None
-    limited_by: Literal["graph", "player", "range", "interrupted", "interference"]
+    limited_by: Limit
     precision: float = 0.0
     confidence: float = 0.0
-    proof: Literal["", "confirmed", "probes", "open"] = ""
+    proof: Proof = ""
     proof_s: float = 0.0
     lost_at_most: float | None = None
     max_lost: float | None = None

@@ -158,13 +158,13 @@ def _commands(report_input: ReportInput) -> Iterator[str]:
     title = f"{report_input.result.name}: {outcome_title(verdict)}"
     line = headline(report_input.result)
     told = "\n".join(filter(None, (line, reason_after(line, verdict))))
-    yield command(kind, title, told, {"file": file} if file else {})
+    whole = {"file": file} if file else {}
+    yield command(kind, title, told, whole)
     for one_input, text in zip(
         report_input.result.unplayed, unplayed_notes(report_input.result), strict=True
     ):
         shown = "warning" if one_input.is_warning else "notice"
-        where = {"file": file} if file else {}
-        yield command(shown, f"{report_input.result.name}: {one_input.topic}", text, where)
+        yield command(shown, f"{report_input.result.name}: {one_input.topic}", text, whole)
     rows = requirement_rows(verdict)
     annotated = [row for outcome in _COMMANDS for row in rows if row.verdict.outcome == outcome]
     annotated.sort(key=lambda row: row.verdict.level in _ADVISORY_COMMANDS)
@@ -172,21 +172,22 @@ def _commands(report_input: ReportInput) -> Iterator[str]:
         requirement = row.verdict
         texts = "\n".join(particular_sentences(requirement))
         kind = _ADVISORY_COMMANDS.get(requirement.level, _COMMANDS[requirement.outcome])
-        place = _place(requirement, loaded, file)
+        place = _place(requirement, loaded, whole)
         yield command(kind, f"{requirement.objective}: {row.title}", texts, place)
     if len(annotated) > MAX_ANNOTATIONS:
         omitted = len(annotated) - MAX_ANNOTATIONS
         yield f"{omitted} more requirements are not annotated; see the report"
 
 
-def _place(requirement: RequirementVerdict, loaded: LoadedSpec | None, file: str) -> dict[str, str]:
+def _place(
+    requirement: RequirementVerdict, loaded: LoadedSpec | None, whole: dict[str, str]
+) -> dict[str, str]:
+    """The lines of a requirement, or the whole file."""
     if loaded is None:
-        return {"file": file} if file else {}
+        return whole
     span = _location(loaded, requirement)
     # A value from an option has a location without a file.
-    if not span.line or span.file != loaded.file:
-        return {"file": file}
-    return command_place(span)
+    return command_place(span) if span.line and span.file == loaded.file else whole
 
 
 def _locations(spec_file: Path | None) -> LoadedSpec | None:

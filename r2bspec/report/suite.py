@@ -56,10 +56,10 @@ class SuiteRow(msgspec.Struct, frozen=True, kw_only=True):
     offered_hz: float
     pace: str
     monitor: str
-    throughput_hz: float | None
-    latency_p50_s: float | None
-    latency_p99_s: float | None
-    peak_hz: float | None
+    throughput_hz: float | None = None
+    latency_p50_s: float | None = None
+    latency_p99_s: float | None = None
+    peak_hz: float | None = None
     ratio: float | None = None
     ratio_metric: str = ""
 
@@ -209,15 +209,7 @@ def _rows(result: Result) -> Iterator[SuiteRow]:
                 ratio_metric=compared.metric if compared is not None else "",
             )
     if search is not None and not result.metrics.rates:
-        yield SuiteRow(
-            offered_hz=0.0,
-            pace="search",
-            monitor="",
-            throughput_hz=None,
-            latency_p50_s=None,
-            latency_p99_s=None,
-            peak_hz=search.holds_hz,
-        )
+        yield SuiteRow(offered_hz=0.0, pace="search", monitor="", peak_hz=search.holds_hz)
 
 
 Results = Mapping[str, Result]
@@ -264,14 +256,13 @@ def to_text(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byte
     made = table(header)
     for column, title in zip(made.columns, header, strict=True):
         column.justify = "right" if title in _NUMBERS else "left"
-    for cells in _table(summary):
+    for _, cells in _table(summary):
         made.add_row(*map(Text, cells))
     page.print(made)
     lines = [f"{_count_text(summary)}\n"]
     if summary.runs:
         lines += ["\n", *(f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines())]
-    lines += [f"\n{_told(run)}\n" for run in _not_passed(summary)]
-    lines += [f"\n{sentence}\n" for sentence in _sentences(summary)]
+    lines += [f"\n{text}\n" for text in _paragraphs(summary)]
     return harmless("".join(lines)).encode()
 
 
@@ -282,9 +273,10 @@ def to_markdown(summary: SuiteSummary, results: Results, path: str = STDOUT) -> 
     summary = _with_distinct_names(summary)
     lines = [f"### {escaped(_count_text(summary))}", ""]
     if summary.runs:
-        lines += table(_header(summary), [tuple(map(escaped, cells)) for cells in _table(summary)])
-    reasons = [f"- {escaped(_told(run))}" for run in _not_passed(summary)]
-    reasons += [f"- {escaped(sentence)}" for sentence in _sentences(summary)]
+        lines += table(
+            _header(summary), [tuple(map(escaped, cells)) for _, cells in _table(summary)]
+        )
+    reasons = [f"- {escaped(text)}" for text in _paragraphs(summary)]
     return harmless("\n".join([*lines, "", *reasons]).rstrip() + "\n").encode()
 
 
@@ -293,14 +285,14 @@ def to_html(summary: SuiteSummary, results: Results, path: str = STDOUT) -> byte
     summary = _with_distinct_names(summary)
     rows = "\n".join(
         f"<tr>{''.join(_html_cells(summary, cells, run, path))}</tr>"
-        for run in summary.runs
-        for cells in _rows_of(run, summary)
+        for run, cells in _table(summary)
     )
     header = "".join(
         f'<th scope="col"{_class_of(each)}>{html.escape(each)}</th>' for each in _header(summary)
     )
-    paragraphs = [*map(_told, _not_passed(summary)), *_sentences(summary)]
-    reasons = "\n".join(f"<p>{html.escape(printable_lines(text))}</p>" for text in paragraphs)
+    reasons = "\n".join(
+        f"<p>{html.escape(printable_lines(text))}</p>" for text in _paragraphs(summary)
+    )
     title = html.escape(_count_text(summary))
     style = importlib.resources.files("r2bspec.report.html").joinpath("style.css")
     page = (
@@ -422,20 +414,14 @@ def _chosen(
     return (cells[0], *(host if _has_hosts(summary) else ()), *cells[1:])
 
 
-def _table(summary: SuiteSummary) -> Iterator[tuple[str, ...]]:
+def _table(summary: SuiteSummary) -> Iterator[tuple[SuiteRun, tuple[str, ...]]]:
+    """The lines of each run; its name and its outcome stand in the first."""
     for run in summary.runs:
-        yield from _rows_of(run, summary)
-
-
-def _rows_of(run: SuiteRun, summary: SuiteSummary) -> Iterator[tuple[str, ...]]:
-    """The lines of one run; its name and its outcome stand in the first."""
-    word = _WORDS.get(run.outcome, run.outcome) + (" (earlier run)" if run.resumed else "")
-    if not run.rows:
-        empty = ("",) * (len(_HEADER) - 2)
-        yield _chosen((run.name, *empty, word), (run.host,), summary)
-    for number, row in enumerate(run.rows):
-        name, host, outcome = (run.name, run.host, word) if number == 0 else ("", "", "")
-        yield _chosen((name, *_cells(row), outcome), (host,), summary)
+        word = _WORDS.get(run.outcome, run.outcome) + (" (earlier run)" if run.resumed else "")
+        lines = [_cells(row) for row in run.rows] or [("",) * (len(_HEADER) - 2)]
+        for number, line in enumerate(lines):
+            name, host, outcome = ("", "", "") if number else (run.name, run.host, word)
+            yield run, _chosen((name, *line, outcome), (host,), summary)
 
 
 def _cells(row: SuiteRow) -> tuple[str, ...]:
@@ -449,19 +435,19 @@ def _cells(row: SuiteRow) -> tuple[str, ...]:
     )
 
 
-def _gate_sentences(summary: SuiteSummary) -> Sequence[str]:
-    """What is said of the comparison with a base, each sentence once with the runs it is about."""
+def _paragraphs(summary: SuiteSummary) -> Iterator[str]:
+    """What is said below the table: of runs that did not pass, of the gate, and of the code.
+
+    What the gate says of the comparison with a base is said once, with the runs it is about.
+    """
+    yield from (_told(run) for run in summary.runs if run.outcome not in {"pass", "skipped"})
+    yield from (f"{text[:1].upper()}{text[1:]}" for text in summary.gate)
     names: dict[str, list[str]] = {}
     for run in summary.runs:
         for sentence in run.gate:
             names.setdefault(sentence, []).append(_called(run))
-    of_runs = [f"{', '.join(called)}: {sentence}" for sentence, called in names.items()]
-    return [*(f"{text[:1].upper()}{text[1:]}" for text in summary.gate), *of_runs]
-
-
-def _sentences(summary: SuiteSummary) -> Sequence[str]:
-    """What is said below the table, after the runs that did not pass."""
-    return [*_gate_sentences(summary), *_revision_sentences(summary)]
+    yield from (f"{', '.join(called)}: {sentence}" for sentence, called in names.items())
+    yield from _revision_sentences(summary)
 
 
 def _revision_sentences(summary: SuiteSummary) -> Iterator[str]:
@@ -496,10 +482,6 @@ def _told(run: SuiteRun) -> str:
 
 def _called(run: SuiteRun) -> str:
     return f"{run.name} on {run.host}" if run.host else run.name
-
-
-def _not_passed(summary: SuiteSummary) -> Sequence[SuiteRun]:
-    return [run for run in summary.runs if run.outcome not in {"pass", "skipped"}]
 
 
 def _count_text(summary: SuiteSummary) -> str:

@@ -22,12 +22,12 @@ from r2bspec.safe_io.safe_file import ByteBudget, read_bytes
 from r2bspec.wiring.node_interface import InterfaceEntry, ParameterInfo, ParameterType
 from r2bspec.wiring.python_source import (
     PARAMETER_METHODS,
+    SelfReferences,
     SourceNames,
     is_name,
     method_of_self,
     own_nodes,
     program_class,
-    self_references,
 )
 
 _MAX_FILE_BYTES = 300_000
@@ -146,7 +146,7 @@ def read_node_class(tree: ast.Module, name: str) -> InterfaceEntry | None:
         node_class = program_class(node_class, names)
     if not isinstance(node_class, ast.ClassDef) or not _is_plain_node(node_class, names):
         return None
-    uses = self_references(tree, node_class)
+    uses = SelfReferences(tree, node_class)
     if uses.escapes:
         return None
     result = _PartialInterface(names)

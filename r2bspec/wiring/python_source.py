@@ -17,7 +17,6 @@ from __future__ import annotations
 import ast
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
 from typing import Literal
 
 import msgspec
@@ -290,31 +289,6 @@ _SPECIAL_METHODS = frozenset({"__init__", "__del__", "__repr__", "__str__"})
 """Special methods that do not change what an attribute or a constructor is."""
 
 
-@dataclass
-class SelfReferences:
-    """How a class uses `self`.
-
-    Attributes:
-        escapes: whether other code may reach the node.
-        escaped_methods: methods of `Node` that are used other than in direct calls.
-    """
-
-    escapes: bool = False
-    escaped_methods: set[str] = field(default_factory=set)
-
-
-def self_references(tree: ast.Module, found: ast.ClassDef) -> SelfReferences:
-    """How a class uses `self`, and whether the rest of its file changes the class."""
-    result = SelfReferences()
-    if _is_changed_elsewhere(tree, found) or not _has_plain_body(found):
-        result.escapes = True
-        return result
-    scan = _Scan(found, result)
-    for method in found.body:
-        scan.visit(method)
-    return result
-
-
 def method_of_self(call: ast.Call) -> str:
     """The method of ``self.method(...)`` or ``super().method(...)``; empty for any other call."""
     called = call.func
@@ -393,12 +367,18 @@ def _is_plain_method(method: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
     return bool(parameters) and parameters[0].arg == "self"
 
 
-class _Scan:
-    """A walk over the methods of a class that looks at every use of `self`."""
+class SelfReferences:
+    """How a class uses `self`: a walk over its methods looks at every use.
 
-    def __init__(self, found: ast.ClassDef, result: SelfReferences) -> None:
+    Attributes:
+        escapes: whether other code may reach the node, or change its class.
+        escaped_methods: methods of `Node` that are used other than in direct calls.
+    """
+
+    def __init__(self, tree: ast.Module, found: ast.ClassDef) -> None:
+        self.escapes = _is_changed_elsewhere(tree, found) or not _has_plain_body(found)
+        self.escaped_methods: set[str] = set()
         self._class = found.name
-        self._result = result
         functions = (ast.FunctionDef, ast.AsyncFunctionDef)
         self._methods = {part.name for part in found.body if isinstance(part, functions)}
         self._data = {
@@ -414,8 +394,10 @@ class _Scan:
             for node in ast.walk(statement)
             if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
         }
+        for part in found.body if not self.escapes else ():
+            self._visit(part)
 
-    def visit(self, top: ast.AST) -> None:
+    def _visit(self, top: ast.AST) -> None:
         """Look at everything below a node; without recursion, as each `elif` is one level deep."""
         waiting: list[ast.AST] = [top]
         while waiting:
@@ -429,7 +411,7 @@ class _Scan:
                     self._attribute(node.func, called=True, harmless_target=False)
                     waiting.extend(self._arguments(node))
                 case ast.Name() if node.id in {"self", "super"} | _NAMES_WITH_ACCESS:
-                    self._result.escapes = True
+                    self.escapes = True
                 case _:
                     waiting.extend(ast.iter_child_nodes(node))
 
@@ -445,21 +427,19 @@ class _Scan:
     def _attribute(self, node: ast.Attribute, *, called: bool, harmless_target: bool) -> None:
         name = node.attr
         if isinstance(node.value, ast.Call) and not self._is_plain_super(node.value):
-            self._result.escapes = True
+            self.escapes = True
         elif name.startswith("__"):
-            self._result.escapes |= not (
-                called and name == "__init__" and isinstance(node.value, ast.Call)
-            )
+            self.escapes |= not (called and name == "__init__" and isinstance(node.value, ast.Call))
         elif name in _CREATING:
             if not called:
-                self._result.escaped_methods.add(name)
+                self.escaped_methods.add(name)
         elif name in self._methods:
-            self._result.escapes |= not (called or harmless_target) or name in self._data
+            self.escapes |= not (called or harmless_target) or name in self._data
         elif name in self._data or name in _HARMLESS_ATTRIBUTES:
             pass
         else:
             # A method of Node: harmless if public and called.
-            self._result.escapes |= not called or name.startswith("_")
+            self.escapes |= not called or name.startswith("_")
 
     def _is_plain_super(self, call: ast.Call) -> bool:
         """``super()``, or ``super(Class, self)``."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 import shutil
 import signal
@@ -19,19 +20,14 @@ from nightly import only_nightly
 pytest.importorskip("rclpy")
 pytest.importorskip("distributed")
 
-from fleet_hosts import HANG_S, RUNS, Fleet, fleet, overlapping, wait_until
-from ros_runs import Bench, relay_spec
+from fleet_hosts import HANG_S, RUNS, Fleet, fleet, overlapping, quick_spec, wait_until
+from r2bspec._version import __version__
+from r2bspec.record.run_folder import open_run
+from ros_runs import Bench
 
 pytestmark = pytest.mark.timeout(HANG_S)
 
 HOSTS = ("a", "b", "c")
-SLOS = {"received": {"at": "20 Hz", "require": ["received > 0"]}}
-
-
-def quick(name: str = "relay", **changes: Any) -> dict[str, Any]:
-    """A spec that takes little more than its start, and passes on any machine."""
-    benchmark = {**relay_spec()["benchmark"], "duration": "200 ms", "warm_up": "0 s"}
-    return relay_spec(name=name, slos=SLOS, benchmark=benchmark, **changes)
 
 
 @pytest.fixture(scope="module")
@@ -58,19 +54,18 @@ def rows(summary: Any) -> list[tuple[Any, ...]]:
 def test_every_host_plays_the_spec_and_the_table_is_that_of_a_local_run(
     hosts: Fleet, bench: Bench, tmp_path: Path
 ) -> None:
-    spec = bench.write(quick(), "relay")
+    spec = bench.write(quick_spec(), "relay")
     done = hosts.run(spec, "--report", f"junit={tmp_path}/r.xml", output=tmp_path / "out")
     here = bench.run(spec, "--each")
-    local = [each for each in rows(json_of(here.folder)) for _ in HOSTS]
-    assert rows(done.summary()) == local
+    summary = json.loads((here.folder / "suite.json").read_text())
+    assert rows(done.summary()) == [row for row in rows(summary) for _ in HOSTS]
     assert [run["host"] for run in done.summary()["runs"]] == list(HOSTS)
     found = done.kept()
     assert list(found) == [f"{name}/relay" for name in HOSTS]
     assert overlapping(list(done.runs().values())) == []
     assert len({run.record.run_id for run in found.values()}) == len(HOSTS)
-    assert [run.record.plan_hash for run in found.values()] == [
-        bench_plan(here.folder) for _ in HOSTS
-    ]
+    played_here = open_run(here.folder / "relay").record.plan_hash
+    assert {run.record.plan_hash for run in found.values()} == {played_here}
     assert not (tmp_path / "out" / ".incoming").exists()
     assert hosts.spools() == []
     text = (tmp_path / "r.xml").read_text()
@@ -82,22 +77,10 @@ def test_every_host_plays_the_spec_and_the_table_is_that_of_a_local_run(
     assert {each.host for each in sent} == set(HOSTS)
 
 
-def json_of(folder: Path) -> Any:
-    import json
-
-    return json.loads((folder / "suite.json").read_text())
-
-
-def bench_plan(folder: Path) -> str:
-    from r2bspec.record.run_folder import open_run
-
-    return open_run(folder / "relay").record.plan_hash
-
-
 def test_no_run_is_lost_or_counted_twice_while_workers_are_killed(
     hosts: Fleet, bench: Bench, tmp_path: Path
 ) -> None:
-    spec = bench.write(quick(), "relay")
+    spec = bench.write(quick_spec(), "relay")
     titles = ",".join(f"run{number}" for number in range(RUNS))
     client = hosts.client(
         spec, "--scan", f"title={titles}", "--hosts", "any", output=tmp_path / "out"
@@ -131,7 +114,7 @@ def test_no_run_is_lost_or_counted_twice_while_workers_are_killed(
 
 @only_nightly()
 def test_a_client_that_was_killed_is_resumed(hosts: Fleet, bench: Bench, tmp_path: Path) -> None:
-    spec = bench.write(quick(), "relay")
+    spec = bench.write(quick_spec(), "relay")
     words = (spec, "--scan", "title=run1,run2,run3", "--hosts", "any")
     first = hosts.client(*words, output=tmp_path / "out")
     first.wait_for("done")
@@ -149,7 +132,7 @@ def test_a_client_that_was_killed_is_resumed(hosts: Fleet, bench: Bench, tmp_pat
 
 @only_nightly()
 def test_the_scheduler_may_be_restarted(hosts: Fleet, bench: Bench, tmp_path: Path) -> None:
-    spec = bench.write(quick(), "relay")
+    spec = bench.write(quick_spec(), "relay")
     client = hosts.client(
         spec, "--scan", "title=run1,run2", "--hosts", "any", output=tmp_path / "out"
     )
@@ -165,7 +148,7 @@ def test_the_scheduler_may_be_restarted(hosts: Fleet, bench: Bench, tmp_path: Pa
 
 @only_nightly()
 def test_two_clients_share_the_hosts(hosts: Fleet, bench: Bench, tmp_path: Path) -> None:
-    spec = bench.write(quick(), "relay")
+    spec = bench.write(quick_spec(), "relay")
     clients = [
         hosts.client(spec, "--hosts", "a", output=tmp_path / f"out{number}") for number in (1, 2)
     ]
@@ -183,8 +166,8 @@ def test_two_clients_share_the_hosts(hosts: Fleet, bench: Bench, tmp_path: Path)
 def test_a_spec_chooses_its_host_and_one_that_no_host_fits_is_said_at_once(
     hosts: Fleet, bench: Bench, tmp_path: Path
 ) -> None:
-    bench.write(quick("here", requires={"labels": {"robot": "b"}}), "here")
-    bench.write(quick("nowhere", requires={"cores": 9999}), "nowhere")
+    bench.write(quick_spec("here", requires={"labels": {"robot": "b"}}), "here")
+    bench.write(quick_spec("nowhere", requires={"cores": 9999}), "nowhere")
     done = hosts.run(bench.folder, output=tmp_path / "out")
     runs = {run["name"]: run for run in done.summary()["runs"]}
     assert runs["here"]["host"] == "b"
@@ -197,7 +180,7 @@ def test_a_spec_chooses_its_host_and_one_that_no_host_fits_is_said_at_once(
 
 
 def test_a_pair_stays_on_its_host(hosts: Fleet, bench: Bench, tmp_path: Path) -> None:
-    spec = bench.write(quick(), "relay")
+    spec = bench.write(quick_spec(), "relay")
     base = "set:graph.nodes.relay.parameters.service_time_ms=2.0"
     done = hosts.run(
         spec, "--against", base, "--pairs", "1", "--hosts", "c", output=tmp_path / "out"
@@ -218,7 +201,7 @@ def test_files_of_a_spec_need_the_permission_of_the_host(
         "class Own(RelayNode):\n    pass\n",
     )
     bench.write_node("other.py", "")
-    spec = quick()
+    spec = quick_spec()
     spec["graph"]["nodes"]["relay"] = {
         **spec["graph"]["nodes"]["relay"],
         "python": "./own.py:Own",
@@ -242,15 +225,15 @@ def test_files_of_a_spec_need_the_permission_of_the_host(
 def test_a_host_of_another_version_is_refused_with_both(
     hosts: Fleet, bench: Bench, tmp_path: Path
 ) -> None:
-    from r2bspec._version import __version__
-
     older = (
         "import sys; import r2bspec._version as v; v.__version__ = '0.0.1'; "
         "from r2bspec.cli.main import main; sys.exit(main())"
     )
     hosts.start_worker("old", "--label", "robot=old", program=[sys.executable, "-c", older])
     try:
-        done = hosts.run(bench.write(quick(), "relay"), "--hosts", "old", output=tmp_path / "out")
+        done = hosts.run(
+            bench.write(quick_spec(), "relay"), "--hosts", "old", output=tmp_path / "out"
+        )
     finally:
         hosts.workers["old"].send_signal(signal.SIGTERM)
         hosts.workers["old"].wait()
@@ -274,7 +257,7 @@ def test_a_host_without_room_leaves_the_run_to_others(
         pytest.skip("this user cannot mount a small disk")
     try:
         hosts.start_worker("full", "--label", "robot=full")
-        spec = bench.write(quick(), "relay")
+        spec = bench.write(quick_spec(), "relay")
         alone = hosts.run(spec, "--hosts", "full", output=tmp_path / "out1")
         (run,) = alone.summary()["runs"]
         assert run["outcome"] == "error"

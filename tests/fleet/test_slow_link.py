@@ -11,7 +11,7 @@ from nightly import only_nightly
 pytest.importorskip("rclpy")
 pytest.importorskip("distributed")
 
-from fleet_hosts import HANG_S, Client, Fleet, fleet
+from fleet_hosts import HANG_S, Client, Fleet, fleet, quick_spec
 from r2bspec.bags.integrity import hash_files
 from r2bspec.fleet.transfer import PIECE_BYTES
 from ros_runs import Bench, relay_spec
@@ -57,10 +57,7 @@ def recording_bytes(bench: Bench) -> int:
 def run_over(link: SlowLink, hosts: Fleet, bench: Bench) -> Client:
     """Run a spec on one host that reaches the scheduler over the link."""
     hosts.start_worker("far", at=link.address)
-    benchmark = {**relay_spec()["benchmark"], "duration": "200 ms", "warm_up": "0 s"}
-    slos = {"received": {"at": "20 Hz", "require": ["received > 0"]}}
-    spec = bench.write(relay_spec(benchmark=benchmark, slos=slos), "relay")
-    return hosts.run(spec, output=hosts.folder / "out")
+    return hosts.run(bench.write(quick_spec(), "relay"), output=hosts.folder / "out")
 
 
 def assert_played_with_the_recording(done: Client, hosts: Fleet, bench: Bench) -> None:

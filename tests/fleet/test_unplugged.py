@@ -7,7 +7,6 @@ import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -16,8 +15,8 @@ from nightly import only_nightly
 pytest.importorskip("rclpy")
 pytest.importorskip("distributed")
 
-from fleet_hosts import HANG_S, Client, Fleet, fleet, wait_until
-from ros_runs import Bench, relay_spec
+from fleet_hosts import HANG_S, Client, Fleet, fleet, quick_spec, wait_until
+from ros_runs import Bench
 from slow_link import SlowLink
 
 pytestmark = pytest.mark.timeout(HANG_S)
@@ -45,10 +44,7 @@ def hosts(tmp_path: Path) -> Iterator[Fleet]:
 
 @pytest.fixture
 def spec(tmp_path: Path) -> Path:
-    benchmark: dict[str, Any] = relay_spec()["benchmark"] | {"duration": "200 ms"}
-    slos = {"received": {"at": "20 Hz", "require": ["received > 0"]}}
-    made = relay_spec(benchmark=benchmark, slos=slos)
-    return Bench(tmp_path / "bench").write(made, "relay")
+    return Bench(tmp_path / "bench").write(quick_spec(), "relay")
 
 
 def wait_until_it_plays(hosts: Fleet, name: str) -> None:

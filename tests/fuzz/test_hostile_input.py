@@ -91,7 +91,7 @@ TEXTS: dict[str, tuple[str | bytes, str]] = {
 
 def validate(file: Path, *options: str, stdin: bytes = b"") -> str:
     """What validate prints in little memory; anything but an answer is a failure."""
-    words = ("validate", "--offline", *options, file)
+    words: tuple[str | Path, ...] = ("validate", "--offline", *options, file)
     status, said = r2bspec(*words, cwd=Path.cwd(), memory_bytes=MEMORY_BYTES, stdin=stdin)
     assert status in (0, 1), said
     return said

@@ -165,12 +165,18 @@ def answer(arguments: tuple[str, ...], folder: Path) -> str:
 
 
 @pytest.mark.parametrize(
-    "code", [*LARGE.values(), *LARGE_ACTIONS.values()], ids=[*LARGE, *LARGE_ACTIONS]
+    ("code", "words"),
+    [
+        *((code, ("import", "script.py")) for code in LARGE.values()),
+        *((code, ("import", "--check", "script.py")) for code in LARGE_ACTIONS.values()),
+    ],
+    ids=[*LARGE, *LARGE_ACTIONS],
 )
-def test_large_values_of_scripts_are_refused(code: str, tmp_path: Path) -> None:
+def test_large_values_of_scripts_are_refused(
+    code: str, words: tuple[str, ...], tmp_path: Path
+) -> None:
     (tmp_path / "script.py").write_text(SCRIPT.replace("CODE", code))
-    assert "script.py:1:1: error[R2B703" in answer(("import", "script.py"), tmp_path)
-    assert "script.py:1:1: error[R2B703" in answer(("import", "--check", "script.py"), tmp_path)
+    assert "script.py:1:1: error[R2B703" in answer(words, tmp_path)
 
 
 @pytest.mark.parametrize("kind", ["map doubled", "part of itself", "digits", "texts"])

@@ -11,7 +11,6 @@ from r2bspec.ipc import playback_file
 from r2bspec.ipc.schedule import (
     BetweenMessage,
     CyclicSchedule,
-    CyclicTransform,
     Schedule,
     TimelineMessage,
     TimelineSchedule,
@@ -39,14 +38,14 @@ def cyclic(draw: Any) -> CyclicSchedule:
         for _ in range(draw(st.integers(1, 3)))
     ]
     shifts = st.tuples(*[SHIFTS] * len(columns))
+    between += [
+        BetweenMessage(draw(at), inputs, draw(POSITIONS), draw(TIMES))
+        for _ in range(draw(st.integers(0, 3)))
+    ]
     return CyclicSchedule(
         steps=tuple(draw(rows) for _ in range(length)),
         columns=tuple(columns),
-        between=tuple(between),
-        transforms=tuple(
-            CyclicTransform(draw(at), draw(POSITIONS), draw(TIMES))
-            for _ in range(draw(st.integers(0, 3)))
-        ),
+        between=tuple(sorted(between, key=lambda message: message.at)),
         stamp_offsets_ns=tuple(draw(shifts) for _ in range(length)) if draw(st.booleans()) else (),
     )
 

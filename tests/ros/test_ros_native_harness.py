@@ -6,6 +6,7 @@ import functools
 import os
 import secrets
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -28,7 +29,7 @@ from r2bspec.execute.processes.prerequisites import reserved_domain
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.arrivals import ArrivalReader
-from r2bspec.ipc.buffers import BufferWriter, read_stamp, write_stamp
+from r2bspec.ipc.buffers import BufferWriter, read_stamp
 from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.ipc.sample_files import StallLogReader, read_messages
@@ -213,7 +214,7 @@ def test_messages_arrive_as_they_were_with_the_stamp_of_their_step(
     assert len(content) == steps
     for data, stamp_ns, original in zip(content, played["stamp_ns"], 3 * messages(), strict=True):
         expected = bytearray(original)
-        write_stamp(expected, int(stamp_ns))
+        struct.pack_into("<iI", expected, 4, *divmod(int(stamp_ns), 10**9))
         assert data == bytes(expected)
         assert read_stamp(data) == stamp_ns
     # The buffers on the disk are as they were: what is stamped is a copy.

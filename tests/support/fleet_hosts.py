@@ -23,6 +23,7 @@ from typing import Any
 from r2bspec.execute.processes.machine import DISABLED_BY
 from r2bspec.fleet.journal import JOURNAL_FILE, Event, read_journal
 from r2bspec.record.run_folder import Run, open_run
+from ros_runs import relay_spec
 
 RUNS = int(os.environ.get("R2BSPEC_FLEET_RUNS", "6"))
 """How many runs are made while workers are killed; 200 by hand."""
@@ -39,6 +40,13 @@ def wait_until(is_so: Callable[[], bool], what: str) -> None:
     while not is_so():
         assert time.monotonic() < deadline, f"never came: {what}"
         time.sleep(0.05)
+
+
+def quick_spec(name: str = "relay", **changes: Any) -> dict[str, Any]:
+    """A spec that takes little more than its start, and passes on any machine."""
+    benchmark = {**relay_spec()["benchmark"], "duration": "200 ms", "warm_up": "0 s"}
+    slos = {"received": {"at": "20 Hz", "require": ["received > 0"]}}
+    return relay_spec(name=name, slos=slos, benchmark=benchmark, **changes)
 
 
 @dataclass

@@ -101,7 +101,7 @@ class VersionedClient(LanguageClient):
             {**DEFAULT_CLIENT_FEATURES, types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS: keep_diagnostics},
         )
 
-        @self.feature(types.WORKSPACE_CODE_LENS_REFRESH)
+        @self.feature(types.WORKSPACE_CODE_LENS_REFRESH)  # type: ignore[untyped-decorator]
         def refresh(_: None) -> None:
             """An editor would ask for the lenses again."""
             self.refreshes += 1

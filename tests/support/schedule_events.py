@@ -73,9 +73,9 @@ def _cyclic_events(
     period_ns = 1e9 / rate_hz
     length = len(schedule.steps)
     columns = schedule.columns or tuple(range(len(schedule.steps[0])))
-    extras = schedule.without_step()
-    starts = [each[0] for each in extras]
-    inputs = sum(1 << each for each in columns) if schedule.between else ALL_INPUTS
+    extras = schedule.between
+    starts = [each.at for each in extras]
+    inputs = sum(1 << each for each in columns) if schedule.columns else ALL_INPUTS
     for step in range(steps):
         place = (first + step) % length
         shifts = (
@@ -83,11 +83,12 @@ def _cyclic_events(
         )
         messages = tuple(zip(columns, schedule.steps[place], shifts, strict=True))
         yield PlayedEvent(round(step * period_ns), step, messages, inputs, 0, 0)
-        for at, message, origin_ns in extras[
+        for extra in extras[
             bisect.bisect_left(starts, place) : bisect.bisect_left(starts, place + 1)
         ]:
-            offset_ns = round((step + at - place) * period_ns)
-            yield PlayedEvent(offset_ns, NO_STEP, ((*message, -origin_ns),), ALL_INPUTS, 0, 0)
+            offset_ns = round((step + extra.at - place) * period_ns)
+            played = ((extra.input, extra.position, -extra.origin_ns),)
+            yield PlayedEvent(offset_ns, NO_STEP, played, ALL_INPUTS, 0, 0)
 
 
 def _timeline_events(schedule: TimelineSchedule, steps: int) -> Iterator[PlayedEvent]:
@@ -172,8 +173,8 @@ def _write_buffers(folder: Path, schedule: Schedule) -> list[str]:
             used[column] = max(positions) + 1
         for between in schedule.between:
             used[between.input] = max(used.get(between.input, 0), between.position + 1)
-        inputs = len(used)
-        used[inputs] = max((each.position + 1 for each in schedule.transforms), default=0)
+        # The last one is that of /tf, or one whose messages look the same.
+        inputs = max(used)
     topics = [f"/{number}" for number in range(inputs)]
     for number, topic in enumerate([*topics, TF]):
         writer = BufferWriter(folder, topic, "x/msg/Y", has_header=True)

@@ -39,8 +39,7 @@ class SqliteStorage:
         _check_complete(real, display_path)
         self._path = real
         self._stored_bytes = real.stat().st_size
-        _check_topics(real)
-        self._has_index = _has_index(real)
+        self._has_index = _check_topics(real)
         with ExitStack() as stack:
             self._reader = stack.enter_context(Reader(_uri_safe_path(real, stack)))
             _restrict(self._reader.storage)
@@ -67,18 +66,13 @@ class SqliteStorage:
     ) -> Iterator[Message]:
         """As `Storage.messages`."""
         connections = [each for each in self._reader.connections if each.topic in names]
-        stored = (
-            (
-                ((connection.topic, time_ns), data)
-                for connection, time_ns, data in self._reader.messages(
-                    connections, start_ns, stop_ns
-                )
-            )
-            if self._has_index
-            else _row_by_row(
-                self._path, {each.id: each.topic for each in connections}, start_ns, stop_ns
-            )
-        )
+        stored: Iterator[tuple[tuple[str, int], bytes]]
+        if self._has_index:
+            rows = self._reader.messages(connections, start_ns, stop_ns)
+            stored = (((connection.topic, time_ns), data) for connection, time_ns, data in rows)
+        else:
+            topics = {connection.id: connection.topic for connection in connections}
+            stored = _row_by_row(self._path, topics, start_ns, stop_ns)
         for (topic, time_ns), data in decompress_ahead(
             stored, DecompressionBudget(self._stored_bytes)
         ):
@@ -99,8 +93,11 @@ def _restrict(storage: Any) -> None:
     connection.set_progress_handler(lambda: False, STEPS_BETWEEN_CALLS)
 
 
-def _check_topics(path: Path) -> None:
+def _check_topics(path: Path) -> bool:
     """Compare the topics with the limits before `rosbags` reads them.
+
+    Returns:
+        Whether messages are indexed by their times, as those of rosbag2 are.
 
     Raises:
         RefusedDataError: they exceed one, or have other values than texts.
@@ -125,11 +122,6 @@ def _check_topics(path: Path) -> None:
             ((longest,),) = database.execute("SELECT max(length(offered_qos_profiles)) FROM topics")
             if isinstance(longest, int) and longest > _MAX_QOS_LENGTH:
                 raise RefusedDataError(f"a topic has QoS profiles of {longest:,} characters")
-
-
-def _has_index(path: Path) -> bool:
-    """Whether messages are indexed by their times, as those of rosbag2 are."""
-    with open_read_only(path, tables=_TABLES) as database:
         first_columns = database.execute(
             "SELECT of_index.name FROM pragma_index_list('messages') AS list"
             " JOIN pragma_index_info(list.name) AS of_index WHERE of_index.seqno = 0"

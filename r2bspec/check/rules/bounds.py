@@ -7,8 +7,7 @@ from bisect import bisect_left
 
 import msgspec
 
-from r2bspec.check.check_context import Context
-from r2bspec.check.requirement_metrics import KnownMetric, LocatedRequirement
+from r2bspec.check.check_context import Context, KnownMetric, LocatedRequirement
 from r2bspec.check.rule import Finding, Findings, Pointer, rule
 from r2bspec.diagnostics.quote import quote, suggestion
 from r2bspec.language.located_tree import ListNode, to_plain

@@ -12,8 +12,7 @@ from collections.abc import Iterator
 import msgspec
 
 from r2bspec.bags.message_types import begins_with_header
-from r2bspec.check.check_context import Context
-from r2bspec.check.requirement_metrics import KnownMetric
+from r2bspec.check.check_context import Context, KnownMetric
 from r2bspec.check.rule import Finding, Findings, Pointer, rule
 from r2bspec.diagnostics.quote import quote, quoted_list
 from r2bspec.measure.metric_catalogue import TRUTHS, MetricError, available_live, kind_of

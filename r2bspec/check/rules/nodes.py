@@ -333,7 +333,7 @@ def harness_outside_process(context: Context) -> Findings:
     spec = context.spec
     if spec.harness.placement == "graph" or spec.graph.placement == "harness":
         return
-    processes = graph_processes(spec, context.wiring)
+    processes = tuple(graph_processes(spec, context.wiring))
     if len(processes) != 1 or spec.has_external_nodes or not _shared_by_design(processes[0]):
         return
     container = processes[0].container

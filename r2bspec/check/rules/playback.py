@@ -14,6 +14,7 @@ from r2bspec.check.rule import (
     Finding,
     Findings,
     Pointer,
+    publisher_advice,
     rule,
     topic_key,
     value_key,
@@ -36,17 +37,13 @@ def playback_source_without_publisher(context: Context) -> Findings:
 
 def _source_finding(context: Context, phase: PhaseWiring, source: Endpoint) -> Finding:
     shown = context.relative_name(source.topic)
-    unknown = [node.key for node in phase.possible_publishers]
-    published = [topic for topic in phase.topics if phase.publishers(topic)]
-    advice = suggestion(
-        shown, [context.relative_name(topic) for topic in published], "published topics"
-    )
-    if unknown:
-        declaration = f"list the topics of {quoted_list(unknown)} under 'publishes:'"
-        advice = f"{advice}; or {declaration}" if advice else declaration
-    unsubscribed = (topic for topic in published if not phase.subscriptions(topic))
+    unknown = phase.possible_publishers
     instead = [
-        topic for topic in unsubscribed if did_you_mean(shown, [context.relative_name(topic)])
+        topic
+        for topic in phase.topics
+        if phase.publishers(topic)
+        and not phase.subscriptions(topic)
+        and did_you_mean(shown, [context.relative_name(topic)])
     ]
     return Finding(
         message=f"no publisher on {quote(shown)}: neither the data loader nor a preprocessor "
@@ -54,7 +51,7 @@ def _source_finding(context: Context, phase: PhaseWiring, source: Endpoint) -> F
         if not unknown
         else f"no known publisher on {quote(shown)}",
         path=source.path,
-        help=advice,
+        help=publisher_advice(context, phase, source.topic),
         related=tuple(
             Pointer(
                 f"{quote(context.relative_name(topic))} is published here and has no subscription",
@@ -65,7 +62,7 @@ def _source_finding(context: Context, phase: PhaseWiring, source: Endpoint) -> F
         ),
         severity="warning" if unknown else None,
         suppressed_by={topic_key(phase.phase, source.topic)}
-        | {value_key(node.path) for node in phase.possible_publishers},
+        | {value_key(node.path) for node in unknown},
         suppresses=frozenset(
             {PREPROCESS_FLOW} | {topic_key(phase.phase, topic) for topic in instead}
         ),

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 
 from r2bspec.check.check_context import Context
-from r2bspec.check.rule import Finding, Findings, rule, topic_key
-from r2bspec.diagnostics.quote import quote, quoted_list, suggestion
+from r2bspec.check.rule import Finding, Findings, publisher_advice, rule, topic_key
+from r2bspec.diagnostics.quote import quote, suggestion
 from r2bspec.safe_io.line_pattern import PatternError, compile_line_pattern
 
 
@@ -18,21 +18,12 @@ def ready_topic_without_publisher(context: Context) -> Findings:
         topic = context.harness_topic(probe.topic) if probe.topic else ""
         if not topic or phase.publishers(topic):
             continue
-        unknown = [node.key for node in phase.possible_publishers]
-        published = [
-            context.relative_name(name_of_topic)
-            for name_of_topic in phase.topics
-            if phase.publishers(name_of_topic)
-        ]
-        advice = suggestion(context.relative_name(topic), published, "published topics")
-        if unknown:
-            declaration = f"list the topics of {quoted_list(unknown)} under 'publishes:'"
-            advice = f"{advice}; or {declaration}" if advice else declaration
+        unknown = phase.possible_publishers
         yield Finding(
             message=f"no {'known ' if unknown else ''}publisher on "
             f"{quote(context.relative_name(topic))}, which this probe waits for",
             path=("ready", name, "topic"),
-            help=advice,
+            help=publisher_advice(context, phase, topic),
             severity="warning" if unknown else None,
             suppressed_by={topic_key(phase.phase, topic)},
         )

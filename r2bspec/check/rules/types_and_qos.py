@@ -10,7 +10,6 @@ from pathlib import Path as FilePath
 
 from r2bspec.bags import message_types
 from r2bspec.check.check_context import Context
-from r2bspec.check.installation_advice import ros_package_advice
 from r2bspec.check.rule import (
     Finding,
     Findings,
@@ -23,7 +22,7 @@ from r2bspec.check.rule import (
 )
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import did_you_mean, quote
-from r2bspec.plan.installed_packages import top_level_names
+from r2bspec.plan.installed_packages import ros_package_advice, top_level_names
 from r2bspec.plan.this_machine import find_module
 from r2bspec.wiring.wiring import Endpoint, PhaseWiring
 

@@ -430,7 +430,7 @@ class EarlyDiagnosis:
         self._clock = clock
         self._idle_s = idle_s
         self._answer = answer
-        self._patience_s = patience_s(plan)
+        self._patience_s = patience_s(plan.start_timeout_ns / 1e9)
         self._remapped = remapped
         self._last: GraphFacts | None = None
         self._unchanged_since = self._next = clock() + _LOOK_S

@@ -21,13 +21,14 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import msgspec
 
 from r2bspec.execute.bringup.launcher import Launcher
-from r2bspec.execute.bringup.readiness import IdleTime, idle_patience_s, starts_others
+from r2bspec.execute.bringup.readiness import IdleTime, patience_s, starts_others
 from r2bspec.execute.processes.elf import not_joinable
 from r2bspec.execute.processes.prerequisites import build_errors
 from r2bspec.execute.processes.resources import family
@@ -89,18 +90,6 @@ class Hello:
     arguments: tuple[str, ...] = ()
 
 
-@dataclass(slots=True)
-class _Asking:
-    """A process that waits in its initialisation of ROS."""
-
-    hello: Hello
-    connection: socket.socket
-
-    def go_on(self) -> None:
-        """Let it initialise ROS."""
-        self.connection.close()
-
-
 class GraphJoins:
     """The processes of one start that get parts of the harness.
 
@@ -125,9 +114,10 @@ class GraphJoins:
         self._listener.bind(str(self._path))
         self._listener.listen(_BACKLOG)
         self._listener.setblocking(False)
-        self._asking: list[_Asking] = []
+        # What waits in its initialisation of ROS until its connection is closed.
+        self._asking: list[tuple[Hello, socket.socket]] = []
+        self._joined: list[socket.socket] = []
         self._connected: dict[tuple[int, str], socket.socket] = {}
-        self._joined: list[_Asking] = []
 
     def environment(self, process: str, environment: dict[str, str]) -> dict[str, str]:
         """The environment of a process that gets parts."""
@@ -144,19 +134,26 @@ class GraphJoins:
             RunError: it has exited.
         """
         join = plan.join or JoinPlan()
-        asking = self._wait_for(child, plan, timeout_s)
-        self._joined.append(asking)
-        wanted = {"player": join.player, "monitor": bool(join.monitors)}
-        parts = [part for part, is_wanted in wanted.items() if is_wanted]
-        self._start(asking, child, parts)
+        hello, waiting = self._wait_for(child, plan, timeout_s)
+        self._joined.append(waiting)
+        parts = ["player"] if join.player else []
+        parts += ["monitor"] if join.monitors else []
+        self._start(waiting, child, parts)
         for part in parts:
-            connection = self._connection(child, asking.hello.pid, part)
-            self._supervisor.add_joined_part(child, part, connection)
+            key = hello.pid, part
+            has_connected = partial(self._has_connected, key)
+            if not self._supervisor.pump_until(has_connected, _ANSWER_TIMEOUT_S, _POLL_S):
+                raise not_joinable(child.name, f"its {part} did not connect")
+            self._supervisor.add_joined_part(child, part, self._connected.pop(key))
+
+    def _has_connected(self, key: tuple[int, str]) -> bool:
+        self.poll()
+        return key in self._connected
 
     def release(self) -> None:
         """Let all processes go on: the publishers of the harness exist."""
-        for each in (*self._joined, *self._asking):
-            each.go_on()
+        for connection in (*self._joined, *(connection for _, connection in self._asking)):
+            connection.close()
         self._joined.clear()
         self._asking.clear()
 
@@ -171,7 +168,7 @@ class GraphJoins:
                 elif hello.part:
                     self._connected[hello.pid, hello.part] = connection
                 else:
-                    self._asking.append(_Asking(hello, connection))
+                    self._asking.append((hello, connection))
 
     def close(self) -> None:
         """Listen no longer; processes that have asked in the meantime go on."""
@@ -180,7 +177,9 @@ class GraphJoins:
         self._listener.close()
         os.close(self._folder_fd)
 
-    def _wait_for(self, child: ManagedProcess, plan: ProcessPlan, timeout_s: float) -> _Asking:
+    def _wait_for(
+        self, child: ManagedProcess, plan: ProcessPlan, timeout_s: float
+    ) -> tuple[Hello, socket.socket]:
         """Wait until the process that is meant asks.
 
         A process that does nothing, and in which nothing has loaded ROS, is not waited for until
@@ -189,21 +188,21 @@ class GraphJoins:
         program = plan.join.program if plan.join is not None else ""
         seen: list[str] = []
         idle = IdleTime(lambda: family(child.pid))
-        patience_s = timeout_s if starts_others(plan) else idle_patience_s(timeout_s)
+        limit_s = timeout_s if starts_others(plan) else patience_s(timeout_s)
         deadline = time.monotonic() + timeout_s
         while time.monotonic() < deadline:
             self.poll()
-            for each in [one for one in self._asking if one.hello.process == child.name]:
-                self._asking.remove(each)
-                if is_target_process(each.hello, program):
-                    return each
-                seen.append(" ".join(each.hello.arguments[:3]))
-                each.go_on()
-            if idle.update() > patience_s and not has_loaded_ros(family(child.pid)):
+            for hello, connection in [one for one in self._asking if one[0].process == child.name]:
+                self._asking.remove((hello, connection))
+                if is_target_process(hello, program):
+                    return hello, connection
+                seen.append(" ".join(hello.arguments[:3]))
+                connection.close()
+            if idle.update() > limit_s and not has_loaded_ros(family(child.pid)):
                 raise not_joinable(
                     child.name,
                     f"none of its programs has loaded ROS, and they have been idle for "
-                    f"{patience_s:.3g} s",
+                    f"{limit_s:.3g} s",
                 )
             self._supervisor.pump(_POLL_S)
         others = f" (others did: {'; '.join(seen[:5])})" if seen else ""
@@ -213,7 +212,9 @@ class GraphJoins:
             f"initialised ROS with what was preloaded{others}".replace("  ", " "),
         )
 
-    def _start(self, asking: _Asking, child: ManagedProcess, parts: Iterable[str]) -> None:
+    def _start(
+        self, connection: socket.socket, child: ManagedProcess, parts: Iterable[str]
+    ) -> None:
         """Start parts in a process that waits (``join.c``).
 
         Raises:
@@ -221,23 +222,23 @@ class GraphJoins:
         """
         command = ",".join(parts).encode() + b" " + os.fsencode(self._files.library) + b"\n"
         with contextlib.suppress(OSError):
-            asking.connection.sendall(command)
-        asking.connection.setblocking(False)
+            connection.sendall(command)
+        connection.setblocking(False)
         received = b""
-        deadline = time.monotonic() + _ANSWER_TIMEOUT_S
-        while not received.endswith(b"\n"):
+
+        def is_answered() -> bool:
+            nonlocal received
             try:
-                more = asking.connection.recv(1 << 16)
-                if not more:
-                    break
-                received += more
+                more = connection.recv(1 << 16)
             except BlockingIOError:
-                if time.monotonic() > deadline:
-                    break
-                self._supervisor.pump(_POLL_S)
+                return False
             except OSError:
-                break
-        asking.connection.setblocking(True)
+                return True
+            received += more
+            return not more or received.endswith(b"\n")
+
+        self._supervisor.pump_until(is_answered, _ANSWER_TIMEOUT_S, _POLL_S)
+        connection.setblocking(True)
         # A process that has exited is an error of its own.
         self._supervisor.pump(0.0)
         try:
@@ -246,15 +247,6 @@ class GraphJoins:
             raise not_joinable(child.name, "it does not load the harness") from None
         if isinstance(reply, protocol.Failed):
             raise not_joinable(child.name, reply.message)
-
-    def _connection(self, child: ManagedProcess, pid: int, part: str) -> socket.socket:
-        deadline = time.monotonic() + _ANSWER_TIMEOUT_S
-        while time.monotonic() < deadline:
-            self.poll()
-            if (pid, part) in self._connected:
-                return self._connected.pop((pid, part))
-            self._supervisor.pump(_POLL_S)
-        raise not_joinable(child.name, f"its {part} did not connect")
 
 
 def has_loaded_ros(pids: Iterable[int]) -> bool:
@@ -297,23 +289,19 @@ def _hello(connection: socket.socket) -> Hello | None:
         if what == "part":
             return Hello(pid, part=name)
         if what == "process":
-            return _asking_process(pid, name)
+            # The kernel says what waits for an answer.
+            words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+            return Hello(
+                pid,
+                process=name,
+                executable=str(Path(f"/proc/{pid}/exe").readlink()),
+                arguments=tuple(word.decode(errors="replace") for word in words),
+            )
     return None
 
 
-def _asking_process(pid: int, process: str) -> Hello:
-    """What the kernel says of a process that waits for an answer."""
-    folder = Path(f"/proc/{pid}")
-    words = (folder / "cmdline").read_bytes().split(b"\0")
-    return Hello(
-        pid,
-        process,
-        executable=str((folder / "exe").readlink()),
-        arguments=tuple(each.decode(errors="replace") for each in words),
-    )
-
-
-_PARTS = ("player", "monitor")
+HarnessRole = Literal["player", "monitor", "harness"]
+_PARTS: Final[tuple[HarnessRole, ...]] = ("player", "monitor")
 
 
 class HarnessProcesses:
@@ -391,12 +379,11 @@ class GraphHarness:
         if "monitor" in child.parts and plan.join is not None:
             taps: Iterable[MonitorPlan] = () if self._monitors else self._taps
             monitor = child.parts["monitor"]
-            wanted = (*(self._plans[name] for name in plan.join.monitors), *taps)
-            rows_dir = str(self._folder_of(wanted))
-            self._launcher.configure(
-                monitor, protocol.ConfigureMonitor(monitors=wanted, rows_dir=rows_dir)
-            )
-            self._monitors.append((monitor, frozenset(each.name for each in wanted)))
+            watched = (*(self._plans[name] for name in plan.join.monitors), *taps)
+            rows_dir = str(self._folder_of(watched))
+            settings = protocol.ConfigureMonitor(monitors=watched, rows_dir=rows_dir)
+            self._launcher.configure(monitor, settings)
+            self._monitors.append((monitor, frozenset(plan.name for plan in watched)))
 
     def _folder_of(self, monitors: Iterable[MonitorPlan]) -> Path:
         """Where a process writes: a further one in a folder of its own, with links to its rows."""
@@ -421,13 +408,11 @@ def overhead_processes(processes: Iterable[ProcessPlan]) -> tuple[ProcessPlan, .
     It is one if one process of the graph has all parts, else two: messages pass from player to
     monitor as they will pass to and from the nodes.
     """
-    one = sum(each.join is not None for each in processes) == 1
-    made = ProcessPlan(name="harness", role="harness", phase="measure", argv=NATIVE_ARGV, env={})
-    if one:
-        return (made,)
-    return (
-        msgspec.structs.replace(made, name="player", role="player"),
-        msgspec.structs.replace(made, name="monitor", role="monitor"),
+    is_one = sum(process.join is not None for process in processes) == 1
+    roles: tuple[HarnessRole, ...] = ("harness",) if is_one else _PARTS
+    return tuple(
+        ProcessPlan(name=role, role=role, phase="measure", argv=NATIVE_ARGV, env={})
+        for role in roles
     )
 
 
@@ -463,7 +448,7 @@ class MonitorGroup(ManagedProcess):
         """What a command says to the monitor of some topics; None if nothing."""
         if not isinstance(message, protocol.Subscribe):
             return message
-        own = tuple(each for each in message.monitors if each.name in names)
+        own = tuple(monitor for monitor in message.monitors if monitor.name in names)
         return protocol.Subscribe(monitors=own) if own else None
 
     def collect(self, matched: protocol.Matched) -> None:

@@ -19,9 +19,9 @@ from r2bspec.execute.bringup.spec_mismatches import (
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.machine import interpreter
 from r2bspec.execute.processes.prerequisites import (
-    check_loaded_rmw,
     hosts_library,
     native_library,
+    require_configurable,
     require_free_shared_memory,
     resolve_argv,
     resolve_command,
@@ -156,7 +156,7 @@ class Launcher:
             RunError: it is not ready in time, or exits.
         """
         if child not in self._ready_observers:
-            self._checked(self._supervisor.answer(child, protocol.Ready, _CONFIGURE_TIMEOUT_S))
+            self._answer(child)
 
     def start_early(
         self,
@@ -179,15 +179,13 @@ class Launcher:
         """
         for plan in plans:
             if plan.role in _IMPORTING_ROLES and plan.name not in self._early:
-                self._import_early(plan.name, self.start(plan), packages)
+                self._import_early(self.start(plan), packages)
         if observer and _OBSERVER not in self._early:
-            self._import_early(_OBSERVER, self._start_helper(_OBSERVER, "observer"))
+            self._import_early(self._start_helper(_OBSERVER, "observer"), ())
 
-    def _import_early(
-        self, name: str, child: ManagedProcess, packages: tuple[str, ...] = ()
-    ) -> None:
+    def _import_early(self, child: ManagedProcess, packages: tuple[str, ...]) -> None:
         child.send(protocol.Prepare(packages=packages))
-        self._early[name] = child
+        self._early[child.name] = child
         self._importing.append(child)
 
     def wait_until_imported(self) -> None:
@@ -236,24 +234,23 @@ class Launcher:
             GraphMismatchError: a node does not declare a parameter that the spec sets.
         """
         # The process of the player first: the inputs have publishers before any other node starts.
-        running_hosts = list(running_hosts)
         plans = sorted(plans, key=lambda plan: plan.join is None or not plan.join.player)
         self._has_opaque_nodes |= any(plan.role != "host" for plan in plans)
-        children = []
+        started: list[tuple[ManagedProcess, ProcessPlan]] = []
         for plan in plans:
-            children.append(self.start(plan))
+            started.append((self.start(plan), plan))
             if plan.join is not None and plan.join.player:
-                self._join(children[-1], plan, deadline, on_joined)
-        started = list(zip(children, plans, strict=True))
+                self._join(*started[-1], deadline, on_joined)
         for child, plan in started:
             if plan.join is not None and not plan.join.player:
                 self._join(child, plan, deadline, on_joined)
         if self.joins is not None:
             self.joins.release()
         hosts = [(child, plan) for child, plan in started if plan.role == "host"]
-        for child, plan in [*(each for each in hosts if each[1].join is None), *running_hosts]:
-            self._configure_host(child, plan)
         hosts += running_hosts
+        for child, plan in hosts:
+            if plan.join is None:
+                self._configure_host(child, plan)
         self._load_components([plan for plan in plans if plan.role == "container"], deadline)
         for child, plan in hosts:
             ready = self._supervisor.answer(
@@ -264,7 +261,7 @@ class Launcher:
             self.differences += unmatched_remappings(ready)
             self.hosts[child] = frozenset(node.name for node in plan.nodes)
             self._created_nodes |= self.hosts[child]
-        return children
+        return [child for child, _ in started]
 
     def _configure_host(self, child: ManagedProcess, plan: ProcessPlan) -> None:
         child.send(
@@ -331,17 +328,14 @@ class Launcher:
         )
         if not containers:
             return
-        child = self._start_helper(_COMPONENT_LOADER)
         timeout_s = deadline.left_s
-        timeout_ns = round(timeout_s * 1e9)
-        self.configure(
-            child, protocol.ConfigureComponents(containers=containers, timeout_ns=timeout_ns)
+        command = protocol.ConfigureComponents(
+            containers=containers, timeout_ns=round(timeout_s * 1e9)
         )
-        self._supervisor.answer(child, protocol.Composed, timeout_s + REPLY_TIMEOUT_S)
-        self._supervisor.end([child])
+        self._run_helper(_COMPONENT_LOADER, command, protocol.Composed, timeout_s)
         self._created_nodes |= {node.name for each in containers for node in each.nodes}
 
-    def _start_helper(self, name: str, role: str = "caller") -> ManagedProcess:
+    def _start_helper(self, name: str, role: str) -> ManagedProcess:
         """Start a harness process that is not in the plan; it then waits for its role."""
         return self._supervisor.start(
             name,
@@ -352,6 +346,15 @@ class Launcher:
             log=self._folder.log_path(name),
         )
 
+    def _run_helper(
+        self, name: str, command: protocol.Command, done: type[protocol.Reply], timeout_s: float
+    ) -> None:
+        """Let a harness process that is not in the plan do one thing, and end it."""
+        child = self._start_helper(name, "caller")
+        self.configure(child, command)
+        self._supervisor.answer(child, done, timeout_s + REPLY_TIMEOUT_S)
+        self._supervisor.end([child])
+
     def run_step(self, step: AfterReadyPlan) -> None:
         """Run one `after_ready` step and wait until it is done.
 
@@ -361,25 +364,25 @@ class Launcher:
         """
         name = f"after_ready.{step.name}"
         timeout_s = step.timeout_ns / 1e9
-        log = self._folder.log_path(name)
+        secrets = self._environment.secrets
         if step.argv:
-            argv = self._environment.secrets.in_words(resolve_command(step.argv, name))
-            env = self._environment.for_node({})
-            child = self._supervisor.start(name, "command", argv, env, cwd=self._base_dir, log=log)
+            child = self._supervisor.start(
+                name,
+                "command",
+                secrets.in_words(resolve_command(step.argv, name)),
+                self._environment.for_node({}),
+                cwd=self._base_dir,
+                log=self._folder.log_path(name),
+            )
             wait_for_exit(child, self._supervisor, timeout_s)
             return
-        child = self._start_helper(name)
-        self.configure(
-            child,
-            protocol.ConfigureCaller(
-                service=step.service,
-                service_type=step.service_type,
-                request=self._environment.secrets.in_value(step.request),
-                timeout_ns=step.timeout_ns,
-            ),
+        command = protocol.ConfigureCaller(
+            service=step.service,
+            service_type=step.service_type,
+            request=secrets.in_value(step.request),
+            timeout_ns=step.timeout_ns,
         )
-        self._supervisor.answer(child, protocol.Called, timeout_s + REPLY_TIMEOUT_S)
-        self._supervisor.end([child])
+        self._run_helper(name, command, protocol.Called, timeout_s)
 
     def configure(self, child: ManagedProcess, command: Any) -> protocol.Ready:
         """Send a harness process its configuration and wait until it is ready.
@@ -387,9 +390,8 @@ class Launcher:
         Raises:
             MiddlewareError: it has loaded one that cannot be configured for the transport.
         """
-        return self._checked(
-            self._supervisor.request(child, command, protocol.Ready, _CONFIGURE_TIMEOUT_S)
-        )
+        child.send(command)
+        return self._answer(child)
 
     def configure_all(
         self, commands: Sequence[tuple[ManagedProcess, Any]]
@@ -397,15 +399,14 @@ class Launcher:
         """As `configure`, for several processes at once."""
         for child, command in commands:
             child.send(command)
-        return tuple(
-            self._checked(self._supervisor.answer(child, protocol.Ready, _CONFIGURE_TIMEOUT_S))
-            for child, _ in commands
-        )
+        return tuple(self._answer(child) for child, _ in commands)
 
-    def _checked(self, ready: protocol.Ready) -> protocol.Ready:
+    def _answer(self, child: ManagedProcess) -> protocol.Ready:
+        ready = self._supervisor.answer(child, protocol.Ready, _CONFIGURE_TIMEOUT_S)
         if ready.rmw:
             self.rmw = ready.rmw
-            check_loaded_rmw(self._environment.transport.kind, ready.rmw)
+            kind = self._environment.transport.kind
+            require_configurable(kind, ready.rmw, "this installation")
         return ready
 
 

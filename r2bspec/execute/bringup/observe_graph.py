@@ -324,12 +324,11 @@ class GraphObserver:
         return self.supervisor.request(self.monitor, command, protocol.Matched)
 
     def _wait_for_matches(self, topics: set[str]) -> None:
-        deadline = time.monotonic() + _MAX_MATCH_WAIT_S
-        while time.monotonic() < deadline:
+        def are_matched() -> bool:
             counts = self._ask_monitor(protocol.CountMatches()).counts
-            if all(counts.get(topic, 0) for topic in topics):
-                return
-            self.supervisor.pump(_POLL_S)
+            return all(counts.get(topic, 0) for topic in topics)
+
+        self.supervisor.pump_until(are_matched, _MAX_MATCH_WAIT_S, _POLL_S)
 
     def _wait_for_quiet(self, files: Iterable[RowReader]) -> None:
         """Wait until no message has arrived for a while; bounded, as some topics never pause."""
@@ -360,8 +359,10 @@ def guarded_topics(plan: Plan) -> tuple[str, ...]:
     """
     if plan.external or any(RMW_VARIABLE in each.env for each in plan.processes):
         return ()
-    sources = (*plan.inputs, *plan.monitors, *all_taps(plan.monitors))
-    return tuple(dict.fromkeys(source.topic for source in sources))
+    topics = [source.topic for source in plan.inputs]
+    topics += [monitor.topic for monitor in plan.monitors]
+    topics += [tap.topic for tap in all_taps(plan.monitors)]
+    return tuple(dict.fromkeys(topics))
 
 
 def foreign_publishers(supervisor: ProcessSupervisor, observer: ManagedProcess) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ import os
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -87,13 +88,8 @@ class IdleTime:
         return total_s if math.isnan(waited_s) else total_s + waited_s
 
 
-def patience_s(plan: Plan) -> float:
+def patience_s(timeout_s: float) -> float:
     """How long a start without any progress is waited for: a third of its timeout, in seconds."""
-    return idle_patience_s(plan.start_timeout_ns / 1e9)
-
-
-def idle_patience_s(timeout_s: float) -> float:
-    """The same for a timeout in seconds."""
     return max(_MIN_PATIENCE_S, timeout_s / 3)
 
 
@@ -227,10 +223,10 @@ def wait_for_external(
     Raises:
         NotReadyError: a node is missing at the deadline.
     """
-    wanted = {each.name for each in plan.external if each.phase == "measure"}
+    expected = {node.name for node in plan.external if node.phase == "measure"}
     while True:
-        survey = supervisor.request(observer, protocol.ListGraph(), protocol.GraphSnapshot)
-        missing = sorted(wanted - set(survey.nodes))
+        graph = supervisor.request(observer, protocol.ListGraph(), protocol.GraphSnapshot)
+        missing = sorted(expected - {*graph.nodes})
         if not missing:
             return
         if deadline.over:
@@ -261,29 +257,26 @@ def wait_for_probe(
     Raises:
         NotReadyError: it was not met in time.
     """
-    deadline = time.monotonic() + plan.timeout_ns / 1e9
-    search = _log_search(plan, folder, supervisor) if plan.kind == "log" else None
-    while not (
-        search.finds(deadline)
-        if search is not None
-        else _is_ready(plan, supervisor, observer, base_dir)
-    ):
-        if time.monotonic() > deadline:
-            what = (
-                f"the log of {plan.target}" if plan.kind == "log" else f"{plan.kind} {plan.target}"
-            )
-            wanted = (
-                f" has no line with {plan.pattern!r}" if plan.kind == "log" else " does not exist"
-            )
-            raise NotReadyError(
-                f"ready.{plan.name}: {what}{wanted} after {plan.timeout_ns / 1e9:g} s",
-                hint=f"The logs are in {folder.path / 'logs'}",
-                code="R2B646",
-            )
-        supervisor.pump(_POLL_S)
+    timeout_s = plan.timeout_ns / 1e9
+    lack = f"{plan.kind} {plan.target} does not exist"
+    if plan.kind == "log":
+        lack = f"the log of {plan.target} has no line with {plan.pattern!r}"
+        is_met = _log_condition(plan, folder, supervisor, time.monotonic() + timeout_s)
+    elif plan.kind == "file":
+        is_met = (base_dir / plan.target).exists
+    else:
+        is_met = partial(_is_in_graph, plan, supervisor, observer)
+    if not supervisor.pump_until(is_met, timeout_s):
+        raise NotReadyError(
+            f"ready.{plan.name}: {lack} after {timeout_s:g} s",
+            hint=f"The logs are in {folder.path / 'logs'}",
+            code="R2B646",
+        )
 
 
-def _log_search(plan: ProbePlan, folder: RunFolder, supervisor: ProcessSupervisor) -> LogSearch:
+def _log_condition(
+    plan: ProbePlan, folder: RunFolder, supervisor: ProcessSupervisor, deadline: float
+) -> Callable[[], bool]:
     try:
         pattern = compile_line_pattern(plan.pattern)
     except PatternError as error:
@@ -292,28 +285,17 @@ def _log_search(plan: ProbePlan, folder: RunFolder, supervisor: ProcessSuperviso
             code="R2B646",
         ) from None
     # What the process of an earlier start wrote says nothing about this one.
-    begin = next((each.log_start for each in supervisor if each.name == plan.target), 0)
-    return LogSearch(folder.log_path(plan.target), pattern, begin)
+    begin = next((child.log_start for child in supervisor if child.name == plan.target), 0)
+    return partial(LogSearch(folder.log_path(plan.target), pattern, begin).finds, deadline)
 
 
-def _is_ready(
-    plan: ProbePlan,
-    supervisor: ProcessSupervisor,
-    observer: ManagedProcess,
-    base_dir: Path,
-) -> bool:
-    match plan.kind:
-        case "file":
-            return (base_dir / plan.target).exists()
-        case "log":
-            raise AssertionError("a log is searched by LogSearch")
-        case "service":
-            survey = supervisor.request(observer, protocol.ListGraph(), protocol.GraphSnapshot)
-            return plan.target in survey.services
-        case "topic":
-            command = protocol.Discover(topics=(plan.target,))
-            found = supervisor.request(observer, command, protocol.Discovered)
-            return bool(found.writers[plan.target] and found.readers[plan.target])
+def _is_in_graph(plan: ProbePlan, supervisor: ProcessSupervisor, observer: ManagedProcess) -> bool:
+    if plan.kind == "service":
+        graph = supervisor.request(observer, protocol.ListGraph(), protocol.GraphSnapshot)
+        return plan.target in graph.services
+    command = protocol.Discover(topics=(plan.target,))
+    found = supervisor.request(observer, command, protocol.Discovered)
+    return bool(found.writers[plan.target] and found.readers[plan.target])
 
 
 class LogSearch:
@@ -375,7 +357,7 @@ def run_setup_step(
         NotInstalledError: its program is not installed.
     """
     created = base_dir / plan.creates if plan.creates else None
-    with _locked(created):
+    with _lock_of(created):
         if created is not None and created.exists():
             note(f"{plan.name}: {plan.creates} already exists")
             return
@@ -405,32 +387,24 @@ def wait_for_exit(child: ManagedProcess, supervisor: ProcessSupervisor, timeout_
         StepFailedError: it exited with another status, or ran longer than `timeout_s` seconds.
     """
     child.exit_expected = True
-    deadline = time.monotonic() + timeout_s
-    while child.process.poll() is None:
-        if time.monotonic() > deadline:
-            raise StepFailedError(
-                f"{child.name} did not exit within {timeout_s:g} s",
-                hint=f"Increase its timeout, or read its output in {child.log}",
-            )
-        supervisor.pump(_POLL_S)
+    if not supervisor.pump_until(lambda: not child.is_running, timeout_s):
+        raise StepFailedError(
+            f"{child.name} did not exit within {timeout_s:g} s",
+            hint=f"Increase its timeout, or read its output in {child.log}",
+        )
     supervisor.end([child])
     if child.process.returncode:
-        tail = child.log_tail()
         raise StepFailedError(
-            f"{child.name} {describe_exit(child.process.returncode)}"
-            + (f"; its last output:\n{tail}" if tail else "; it printed nothing"),
+            f"{child.name} {describe_exit(child.process.returncode)}{child.last_output()}",
             hint=f"Its complete output is in {child.log}",
         )
 
 
-@contextlib.contextmanager
-def _locked(created: Path | None) -> Iterator[None]:
-    """Hold the lock of the file that a step creates; no lock if it creates none."""
+def _lock_of(created: Path | None) -> contextlib.AbstractContextManager[object]:
+    """The lock of the file that a step creates; no lock if it creates none."""
     if created is None:
-        yield
-        return
+        return contextlib.nullcontext()
     from filelock import FileLock
 
     created.parent.mkdir(parents=True, exist_ok=True)
-    with FileLock(created.with_name(f".{created.name}.lock")):
-        yield
+    return FileLock(created.with_name(f".{created.name}.lock"))

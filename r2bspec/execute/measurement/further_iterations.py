@@ -11,6 +11,7 @@ step have the stamps of the recording in the buffers; the ground truth is filed 
 
 from __future__ import annotations
 
+import contextlib
 import heapq
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,6 +31,7 @@ from r2bspec.bags.recording import Message
 from r2bspec.datasets.ground_truth import GroundTruth, read_disparity, read_ground_truth
 from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, SegmentPlayer
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
+from r2bspec.execute.run_context import RunContext
 from r2bspec.ipc import protocol
 from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.buffers import read_index, read_stamps
@@ -39,7 +41,6 @@ from r2bspec.ipc.schedule import CyclicSchedule, Schedule
 from r2bspec.measure.matching import NO_MATCH, match, ratio_of, select_expected_steps
 from r2bspec.measure.truth_accuracy import DisparityAccuracy, TagAccuracy, TagPose
 from r2bspec.plan.plan import MonitorPlan, Plan, TruthPlan
-from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import (
     MONITOR_FIELDS,
     PLAYBACK_FIELDS,
@@ -65,10 +66,9 @@ class OutputRecorder:
     """
 
     plan: Plan
-    supervisor: ProcessSupervisor
+    context: RunContext
     segment_player: SegmentPlayer
     rows_dir: Path
-    folder: RunFolder
 
     def record(self) -> dict[str, int]:
         """Play and record; returns the number of messages by topic in the bag.
@@ -77,16 +77,14 @@ class OutputRecorder:
             RunError: a process does not respond, or exited.
         """
         watches = recorded_topics(self.plan)
-        recording = MessageRecording(self.supervisor, watches, self.rows_dir)
-        recording.begin()
         play = max(self.plan.play, key=lambda each: each.rate_hz)
         at = f"{play.rate_hz:g} Hz, " if play.rate_hz else ""
-        observation = self.segment_player.play_for(
-            SegmentHeading("recorded", "recorded-001", f"{at}recording the messages"),
-            play.rate_hz,
-            play.duration_ns,
-        )
-        recording.end()
+        with recorded_messages(self.context.supervisor, watches, self.rows_dir):
+            observation = self.segment_player.play_for(
+                SegmentHeading("recorded", "recorded-001", f"{at}recording the messages"),
+                play.rate_hz,
+                play.duration_ns,
+            )
         return self._write_bag(watches, self.segment_player.segments[-1], observation.playback)
 
     def _write_bag(
@@ -121,15 +119,21 @@ class OutputRecorder:
                 )
             )
         merged = heapq.merge(*streams, key=lambda each: each.time_ns)
-        return write_output_bag(self.folder.path / OUTPUT_BAG, types, merged)
+        return write_output_bag(self.context.folder.path / OUTPUT_BAG, types, merged)
 
 
 def recorded_topics(plan: Plan) -> tuple[MonitorPlan, ...]:
-    """A subscription for each topic that is played or monitored; no monitor begins with a dot."""
-    types = {each.topic: each.type for each in plan.inputs}
-    types |= {each.topic: each.type for each in plan.monitors}
+    """A subscription for each topic that is played or monitored."""
+    types = {source.topic: source.type for source in plan.inputs}
+    return _subscriptions(
+        "record", types | {monitor.topic: monitor.type for monitor in plan.monitors}
+    )
+
+
+def _subscriptions(name: str, types: Mapping[str, str]) -> tuple[MonitorPlan, ...]:
+    """A subscription for each topic of these types; the name of no monitor begins with a dot."""
     return tuple(
-        MonitorPlan(name=f".record-{number}", topic=topic, type=kind, match="order", qos=None)
+        MonitorPlan(name=f".{name}-{number}", topic=topic, type=kind, match="order", qos=None)
         for number, (topic, kind) in enumerate(types.items())
     )
 
@@ -168,50 +172,35 @@ def _messages(
             yield Message(topic=latency_topic, time_ns=time_ns, data=latency_message(latency_ns))
 
 
-@dataclass(frozen=True)
-class MessageRecording:
-    """A second subscription to some topics, from `begin` to `end`.
+@contextlib.contextmanager
+def recorded_messages(
+    supervisor: ProcessSupervisor, monitors: tuple[MonitorPlan, ...], folder: Path
+) -> Iterator[None]:
+    """A second subscription to some topics, some of which may have no publisher.
 
-    Attributes:
+    The files are complete afterwards.
+
+    Args:
         supervisor: all processes.
         monitors: the topics, with the names of their files.
         folder: receives the files.
+
+    Raises:
+        RunError: a process does not respond, or exited, or the messages could not be written.
     """
 
-    supervisor: ProcessSupervisor
-    monitors: tuple[MonitorPlan, ...]
-    folder: Path
+    def ask(message: Any) -> protocol.Matched:
+        return supervisor.request(supervisor.observer(), message, protocol.Matched)
 
-    def begin(self) -> None:
-        """Subscribe, and wait until the publishers are found; some topics may have none.
-
-        Raises:
-            RunError: a process does not respond, or exited.
-        """
-        self._ask(protocol.Record(monitors=self.monitors, folder=str(self.folder)))
-        deadline = time.monotonic() + _MATCH_TIMEOUT_S
-        while time.monotonic() < deadline:
-            found = self._ask(protocol.CountMatches())
-            if all(found.counts.get(each.topic) for each in self.monitors):
-                return
-            self.supervisor.pump(_POLL_S)
-
-    def end(self) -> None:
-        """Unsubscribe; the files are complete when this returns.
-
-        Raises:
-            RunError: a process does not respond, or the messages could not be written.
-        """
-        self._ask(protocol.EndRecording())
-
-    def _ask(self, message: Any) -> protocol.Matched:
-        observer = self.supervisor.observer()
-        return self.supervisor.request(observer, message, protocol.Matched)
-
-
-def compared_monitors(plan: Plan) -> tuple[MonitorPlan, ...]:
-    """The monitors that name a truth."""
-    return tuple(each for each in plan.monitors if each.truth is not None)
+    ask(protocol.Record(monitors=monitors, folder=str(folder)))
+    deadline = time.monotonic() + _MATCH_TIMEOUT_S
+    while time.monotonic() < deadline:
+        counts = ask(protocol.CountMatches()).counts
+        if all(counts.get(monitor.topic) for monitor in monitors):
+            break
+        supervisor.pump(_POLL_S)
+    yield
+    ask(protocol.EndRecording())
 
 
 @dataclass(frozen=True)
@@ -220,16 +209,15 @@ class TruthComparison:
 
     Attributes:
         rows_dir: has the rows of the player, and receives what is recorded.
-        buffer_dir: has the buffers that are played.
+        schedule: of the player.
         datasets: the folders of the recordings, of which some may have a ground truth.
     """
 
     plan: Plan
-    supervisor: ProcessSupervisor
+    context: RunContext
     segment_player: SegmentPlayer
-    schedule: Schedule
     rows_dir: Path
-    buffer_dir: Path
+    schedule: Schedule
     datasets: tuple[Path, ...]
 
     def compare(self) -> tuple[AccuracyRecord, ...]:
@@ -238,29 +226,25 @@ class TruthComparison:
         Raises:
             RunError: a process does not respond, or exited.
         """
-        watches = {
-            each.name: MonitorPlan(
-                name=f".truth-{number}", topic=each.topic, type=each.type, match="order", qos=None
-            )
-            for number, each in enumerate(compared_monitors(self.plan))
-        }
-        recording = MessageRecording(self.supervisor, tuple(watches.values()), self.rows_dir)
-        recording.begin()
-        played = PlaybackReader(self.rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
-        first = played.count()
+        monitors = [monitor for monitor in self.plan.monitors if monitor.truth is not None]
+        watches = _subscriptions("truth", {each.topic: each.type for each in monitors})
+        rows = {watch.topic: self.rows_dir / f"{watch.name}.rows" for watch in watches}
+        first = PlaybackReader(self.rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS).count()
         rate_hz = _lowest_rate_hz(self.plan)
         at = f"{rate_hz:g} Hz, " if rate_hz else ""
-        observation = self.segment_player.play(
-            SegmentHeading("recorded", "truth-001", f"{at}comparing with the truth"),
-            rate_hz,
-            len(self.schedule.steps),
-        )
-        recording.end()
-        segment = self.segment_player.segments[-1]
+        with recorded_messages(self.context.supervisor, watches, self.rows_dir):
+            observation = self.segment_player.play(
+                SegmentHeading("recorded", "truth-001", f"{at}comparing with the truth"),
+                rate_hz,
+                len(self.schedule.steps),
+            )
         stamps = self._recorded_stamps(first, observation.playback.size)
         return tuple(
-            self._compare_monitor(each, watches[each.name], segment, observation.playback, stamps)
-            for each in compared_monitors(self.plan)
+            self._compare_monitor(
+                monitor, monitor.truth, rows[monitor.topic], observation.playback, stamps
+            )
+            for monitor in monitors
+            if monitor.truth is not None
         )
 
     def _recorded_stamps(self, first: int, count: int) -> list[frozenset[int]]:
@@ -284,21 +268,20 @@ class TruthComparison:
         return [by_place[(first + number) % length] for number in range(count)]
 
     def _buffered_stamps(self, source: str) -> tuple[int, ...]:
-        index = read_index(self.buffer_dir, source)
+        index = read_index(self.context.buffer_dir, source)
         if index.has_header is None:
-            index = read_stamps(self.buffer_dir, index)
+            index = read_stamps(self.context.buffer_dir, index)
         return index.stamps_ns
 
     def _compare_monitor(
         self,
         monitor: MonitorPlan,
-        watch: MonitorPlan,
-        segment: Segment,
+        truth: TruthPlan,
+        path: Path,
         playback: Rows,
         stamps: Sequence[frozenset[int]],
     ) -> AccuracyRecord:
-        truth = monitor.truth
-        assert truth is not None  # noqa: S101 - those without are left out
+        segment = self.segment_player.segments[-1]
         steps = select_expected_steps(playback, self.plan.inputs, monitor)
         places = np.searchsorted(playback["stamp_ns"], steps["stamp_ns"])
         record = AccuracyRecord(
@@ -309,7 +292,6 @@ class TruthComparison:
             steps=int(steps.size),
             values={},
         )
-        path = self.rows_dir / f"{watch.name}.rows"
         if not path.exists():
             return _with_problem(record, f"{monitor.topic} had no publisher.")
         rows = ArrivalReader(path, MONITOR_FIELDS).read(0)

@@ -19,17 +19,16 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import msgspec
 
+from r2bspec.execute.measurement.segments import PLAYBACK_ROWS
 from r2bspec.execute.processes.resources import Interference
-from r2bspec.execute.processes.supervisor import (
-    REPLY_TIMEOUT_S,
-    ManagedProcess,
-    ProcessSupervisor,
-)
+from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess
+from r2bspec.execute.run_context import RunContext
 from r2bspec.ipc import protocol
 from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.playback_file import PlaybackReader
@@ -67,82 +66,93 @@ _NARROW: Final = 0.25
 """How far the ends of the interval may be from the median, as a share of it."""
 
 
-def measure_harness_overhead(
-    supervisor: ProcessSupervisor,
-    player: ManagedProcess,
-    monitor: ManagedProcess,
-    inputs: tuple[InputPlan, ...],
-    rows_dir: Path,
-    playback: str,
-    rate_hz: float,
-    schedule: Schedule,
-    interference: Callable[[int, int], Interference] = lambda _, __: Interference(),
-) -> tuple[HarnessOverheadRecord, ...]:
-    """Measure the overhead on each input; takes at most `DURATION_S`, and longer below 20 Hz.
+@dataclass
+class HarnessOverhead:
+    """The measurement of the overhead on each input of a plan.
 
-    If other programs disturbed it, it is measured once more, and the quieter measurement counts.
-
-    The result is empty if the measurement would affect the graph: if an input already has a
-    subscription, or if an input is transient local, so that late subscriptions would receive the
-    messages played here.
-
-    Args:
-        supervisor: all processes.
-        player: configured with these inputs.
+    Attributes:
+        plan: of the run.
+        context: of the run.
+        player: configured with the inputs of the plan.
         monitor: configured; it need not have subscribed.
-        inputs: of the player.
         rows_dir: where player and monitor write their rows.
-        playback: the name of the player's file in this folder.
-        rate_hz: steps per second; 0 for the rate of the recording.
         schedule: of the player.
-        interference: what others did between two times; see `HostWatch.between`.
-
-    Raises:
-        RunError: a process does not respond, or exited.
     """
-    if not can_be_measured(inputs):
-        return ()
-    topics = [each.topic for each in inputs]
-    if any(_matches(supervisor, player, topics)):
-        return ()
-    watches = tuple(
-        # The name of no monitor begins with a dot.
-        MonitorPlan(
-            name=f".overhead-{number}",
-            topic=each.topic,
-            type=each.type,
-            match="stamp",
-            answers=(each.topic,),
-            qos=msgspec.structs.replace(each.qos, depth=_SUBSCRIPTION_DEPTH),
+
+    plan: Plan
+    context: RunContext
+    player: ManagedProcess
+    monitor: ManagedProcess
+    rows_dir: Path
+    schedule: Schedule
+
+    def measure(self) -> tuple[HarnessOverheadRecord, ...]:
+        """Measure it; takes at most `DURATION_S`, and longer below 20 Hz.
+
+        If other programs disturbed it, it is measured once more, and the quieter measurement
+        counts.
+
+        The result is empty if the measurement would affect the graph: if an input already has a
+        subscription, or if an input is transient local, so that late subscriptions would receive
+        the messages played here.
+
+        Raises:
+            RunError: a process does not respond, or exited.
+        """
+        inputs, supervisor = self.plan.inputs, self.context.supervisor
+        topics = [source.topic for source in inputs]
+        if not can_be_measured(inputs) or any(self._matches(self.player, topics)):
+            return ()
+        watches = tuple(
+            # The name of no monitor begins with a dot.
+            MonitorPlan(
+                name=f".overhead-{number}",
+                topic=source.topic,
+                type=source.type,
+                match="stamp",
+                answers=(source.topic,),
+                qos=msgspec.structs.replace(source.qos, depth=_SUBSCRIPTION_DEPTH),
+            )
+            for number, source in enumerate(inputs)
+            if not source.recorded_rate
         )
-        for number, each in enumerate(inputs)
-        if not each.recorded_rate
-    )
-    step_stamps = StepStamps(schedule)
-    files = [ArrivalReader(rows_dir / f"{each.name}.rows", MONITOR_FIELDS) for each in watches]
-    played = PlaybackReader(rows_dir / playback, PLAYBACK_FIELDS)
-    supervisor.request(monitor, protocol.StartTap(monitors=watches), protocol.Matched)
-    records: tuple[HarnessOverheadRecord, ...] = ()
-    watched = [each.topic for each in watches]
-    # From both sides: what is published before the monitor knows the player is lost to it.
-    if _wait_for_matches(supervisor, player, topics, wanted=True) and _wait_for_matches(
-        supervisor, monitor, watched, wanted=True
-    ):
-        usual = schedule.steps_within(rate_hz, round(DURATION_S * 1e9))
+        supervisor.request(self.monitor, protocol.StartTap(monitors=watches), protocol.Matched)
+        records: tuple[HarnessOverheadRecord, ...] = ()
+        watched = [watch.topic for watch in watches]
+        # From both sides: what is published before the monitor knows the player is lost to it.
+        if self._wait_for_matches(self.player, topics, wanted=True) and self._wait_for_matches(
+            self.monitor, watched, wanted=True
+        ):
+            records = self._measure_watched(watches)
+        supervisor.request(self.monitor, protocol.StopTap(), protocol.Matched)
+        # The start waits for nodes by counting subscriptions, which must not include these.
+        self._wait_for_matches(self.player, topics, wanted=False)
+        return records
+
+    def _measure_watched(
+        self, watches: tuple[MonitorPlan, ...]
+    ) -> tuple[HarnessOverheadRecord, ...]:
+        """Play to these subscriptions, after a warm-up."""
+        rate_hz = overhead_rate_hz(self.plan)
+        step_stamps = StepStamps(self.schedule)
+        files = [
+            ArrivalReader(self.rows_dir / f"{watch.name}.rows", MONITOR_FIELDS) for watch in watches
+        ]
+        played = PlaybackReader(self.rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
+        usual = self.schedule.steps_within(rate_hz, round(DURATION_S * 1e9))
         warm_up_hz = max(rate_hz, _WARM_UP_HZ) if rate_hz else 0.0
-        warm_up_steps = min(_WARM_UP_STEPS, max(1, usual))
-        _play(supervisor, player, files, warm_up_hz, warm_up_steps, schedule)
+        self._play(files, warm_up_hz, min(_WARM_UP_STEPS, max(1, usual)))
         length = overhead_length(usual)
 
         def measure() -> tuple[Interference, tuple[HarnessOverheadRecord, ...]]:
             began_ns = time.monotonic_ns()
-            first, before = played.count(), [each.count() for each in files]
+            first, before = played.count(), [rows.count() for rows in files]
 
             def received() -> Iterator[tuple[MonitorPlan, Rows, Rows]]:
                 sent = played.read(first)
                 for watch, file, start in zip(watches, files, before, strict=True):
                     answers = step_stamps.replace(file.read(start), sent, first)
-                    yield watch, select_expected_steps(sent, inputs, watch), answers
+                    yield watch, select_expected_steps(sent, self.plan.inputs, watch), answers
 
             def is_enough() -> bool:
                 return all(
@@ -151,21 +161,71 @@ def measure_harness_overhead(
                     for _, steps, answers in received()
                 )
 
-            _play(supervisor, player, files, rate_hz, length.most, schedule, is_enough)
-            found = interference(began_ns, time.monotonic_ns())
-            return found, tuple(
+            self._play(files, rate_hz, length.most, is_enough)
+            interference = self.context.host.between(began_ns, time.monotonic_ns())
+            return interference, tuple(
                 msgspec.structs.replace(
                     overhead_record(watch.topic, rate_hz, steps, answers),
-                    disturbed=found.reasons,
+                    disturbed=interference.reasons,
+                    placement=self.plan.harness.placement,
+                    processes=1 if self.player.process is self.monitor.process else 2,
                 )
                 for watch, steps, answers in received()
             )
 
-        records = _quietest(measure)
-    supervisor.request(monitor, protocol.StopTap(), protocol.Matched)
-    # The start waits for nodes by counting subscriptions, which must not include these.
-    _wait_for_matches(supervisor, player, topics, wanted=False)
-    return records
+        return _quietest(measure)
+
+    def _play(
+        self,
+        files: Sequence[RowReader],
+        rate_hz: float,
+        steps: int,
+        is_enough: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Play, and wait until all messages have arrived, or none has arrived for a while.
+
+        Args:
+            files: the rows of the monitor.
+            rate_hz: steps per second; 0 for the rate of the recording.
+            steps: how many are played.
+            is_enough: whether to stop before that; asked some times a second.
+        """
+        supervisor, player = self.context.supervisor, self.player
+        before = [rows.count() for rows in files]
+        player.send(protocol.Play(rate_hz=rate_hz, steps=steps))
+        span_s = self.schedule.span_ns(rate_hz, steps) / 1e9
+        with supervisor.waiting(f"{player.name}: played"):
+            stops_at = time.monotonic() + span_s
+            while not player.inbox and time.monotonic() < stops_at:
+                supervisor.pump(_LOOK_S)
+                if is_enough():
+                    player.send(protocol.Stop())
+                    break
+        timeout_s = span_s * 1.5 + REPLY_TIMEOUT_S
+        steps = supervisor.answer(player, protocol.Played, timeout_s).steps
+        goal = [count + steps for count in before]
+        last, changed = [0], time.monotonic()
+        while time.monotonic() - changed < _QUIET_PERIOD_S:
+            counts = [rows.count() for rows in files]
+            if all(count >= enough for count, enough in zip(counts, goal, strict=True)):
+                return
+            if counts != last:
+                last, changed = counts, time.monotonic()
+            supervisor.pump(_POLL_S)
+
+    def _matches(self, part: ManagedProcess, topics: list[str]) -> list[int]:
+        command = protocol.CountMatches()
+        counts = self.context.supervisor.request(part, command, protocol.Matched).counts
+        return [counts.get(topic, 0) for topic in topics]
+
+    def _wait_for_matches(self, part: ManagedProcess, topics: list[str], *, wanted: bool) -> bool:
+        """Wait until all topics of a part are matched, or, unless `wanted`, none is."""
+        deadline = time.monotonic() + _MAX_MATCH_WAIT_S
+        while time.monotonic() < deadline:
+            if all((count > 0) == wanted for count in self._matches(part, topics)):
+                return True
+            self.context.supervisor.pump(_POLL_S)
+        return False
 
 
 def can_be_measured(inputs: tuple[InputPlan, ...]) -> bool:
@@ -229,66 +289,6 @@ def latencies_ns(playback: Rows, received: Rows) -> Rows:
 def _quantile(values_ns: Rows, q: float) -> int | None:
     found = percentile(values_ns.astype(float), q)
     return None if found is None else round(found)
-
-
-def _play(
-    supervisor: ProcessSupervisor,
-    player: ManagedProcess,
-    files: Sequence[RowReader],
-    rate_hz: float,
-    steps: int,
-    schedule: Schedule,
-    is_enough: Callable[[], bool] = lambda: False,
-) -> None:
-    """Play, and wait until all messages have arrived, or none has arrived for a while.
-
-    Args:
-        supervisor: all processes.
-        player: of the messages.
-        files: the rows of the monitor.
-        rate_hz: steps per second; 0 for the rate of the recording.
-        steps: how many are played.
-        schedule: of the player.
-        is_enough: whether to stop before that; asked some times a second.
-    """
-    before = [each.count() for each in files]
-    player.send(protocol.Play(rate_hz=rate_hz, steps=steps))
-    span_s = schedule.span_ns(rate_hz, steps) / 1e9
-    with supervisor.waiting(f"{player.name}: played"):
-        stops_at = time.monotonic() + span_s
-        while not player.inbox and time.monotonic() < stops_at:
-            supervisor.pump(_LOOK_S)
-            if is_enough():
-                player.send(protocol.Stop())
-                break
-    timeout_s = span_s * 1.5 + REPLY_TIMEOUT_S
-    steps = supervisor.answer(player, protocol.Played, timeout_s).steps
-    goal = [each + steps for each in before]
-    last, changed = [0], time.monotonic()
-    while time.monotonic() - changed < _QUIET_PERIOD_S:
-        counts = [each.count() for each in files]
-        if all(count >= wanted for count, wanted in zip(counts, goal, strict=True)):
-            return
-        if counts != last:
-            last, changed = counts, time.monotonic()
-        supervisor.pump(_POLL_S)
-
-
-def _matches(supervisor: ProcessSupervisor, part: ManagedProcess, topics: list[str]) -> list[int]:
-    counts = supervisor.request(part, protocol.CountMatches(), protocol.Matched).counts
-    return [counts.get(topic, 0) for topic in topics]
-
-
-def _wait_for_matches(
-    supervisor: ProcessSupervisor, part: ManagedProcess, topics: list[str], *, wanted: bool
-) -> bool:
-    """Wait until all topics of a part are matched, or, unless `wanted`, none is; False if not."""
-    deadline = time.monotonic() + _MAX_MATCH_WAIT_S
-    while time.monotonic() < deadline:
-        if all((count > 0) == wanted for count in _matches(supervisor, part, topics)):
-            return True
-        supervisor.pump(_POLL_S)
-    return False
 
 
 class OverheadLength(NamedTuple):

@@ -23,19 +23,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
 
 from r2bspec.judge.stationarity import (
     Capacity,
     CompletionTimes,
-    NonStationarity,
     compare_pace,
     estimate_capacity,
     find_nonstationarity,
     find_start,
 )
 from r2bspec.language.benchmark_defaults import CONFIDENCE
-from r2bspec.record.run_record import CapacityRecord, Probe, SearchRecord
+from r2bspec.record.run_record import CapacityRecord, Limit, Probe, Proof, SearchRecord
 
 _FACTORS = (1.3, 1.1)
 """The offered rates, in turn, as multiples of what comes out: clearly too much, and not much more,
@@ -201,8 +199,6 @@ bad guess is corrected after two or three."""
 _MAX_STEP = 0.5
 """The maximum relative distance of the next probe from an undecided one."""
 
-Proof = Literal["", "confirmed", "probes", "open"]
-Limit = Literal["graph", "player", "range", "interrupted", "interference"]
 
 _MAX_OPEN_PROBES = 8
 """Undecided probes are the longest ones; after this number the search ends."""
@@ -248,7 +244,7 @@ class LongPlays:
     """What is played in a search besides short probes.
 
     Attributes:
-        overload: plays a rate that is too high, for some seconds.
+        overload: plays a rate that is too high, for some seconds; None if there is none.
         confirm: plays the lower end whole; the second argument is the rate up to which the
             capacity is proven. None if the lower end is not confirmed.
         budget_s: for overloaded plays, in all.
@@ -258,9 +254,9 @@ class LongPlays:
         allows: whether there is time to play one more rate whole.
     """
 
-    overload: ProbeFunction
-    confirm: Callable[[float, float], ProbeOutcome] | None
-    budget_s: float
+    overload: ProbeFunction | None = None
+    confirm: Callable[[float, float], ProbeOutcome] | None = None
+    budget_s: float = 0.0
     stages: int = 1
     loss: float = 0.0
     conditions: bool = False
@@ -269,6 +265,10 @@ class LongPlays:
     def needs_probes(self, precision: float) -> bool:
         """Whether the capacity alone does not tell the peak to this precision."""
         return self.conditions or self.loss > precision
+
+
+SHORT_PROBES = LongPlays()
+"""Nothing but short probes."""
 
 
 class PeakSearch:
@@ -282,7 +282,7 @@ class PeakSearch:
         probe: ProbeFunction,
         *,
         confidence: float = CONFIDENCE,
-        long_plays: LongPlays | None = None,
+        long_plays: LongPlays = SHORT_PROBES,
     ) -> None:
         self._minimum_hz = minimum_hz
         self._maximum_hz = maximum_hz
@@ -301,19 +301,16 @@ class PeakSearch:
         self._done = False
         self._proof: Proof = ""
         self._candidate_hz: float | None = None
-        self._overload = self._new_overload(long_plays)
-        self._others: list[CompletionTimes] = []
-
-    def _new_overload(self, plays: LongPlays | None) -> Overload:
-        return Overload(
+        self._overload = Overload(
             play=self._play_overload,
-            max_hz=self._maximum_hz,
-            precision=self._precision,
-            confidence=self._confidence,
-            budget_s=plays.budget_s if plays else 0.0,
-            stages=plays.stages if plays else 1,
-            loss=plays.loss if plays else 0.0,
+            max_hz=maximum_hz,
+            precision=precision,
+            confidence=confidence,
+            budget_s=long_plays.budget_s,
+            stages=long_plays.stages,
+            loss=long_plays.loss,
         )
+        self._others: list[CompletionTimes] = []
 
     @property
     def _holds_hz(self) -> float | None:
@@ -323,20 +320,23 @@ class PeakSearch:
         """Search. Both ends of the range are also probed, so that neither is assumed."""
         if self._try(self._minimum_hz) is not False and self._maximum_hz > self._minimum_hz:
             self._try(self._maximum_hz)
-        aimed = self._long is not None and self._aim(self._long)
-        if not aimed or (self._long is not None and self._long.needs_probes(self._precision)):
+        if not self._aim() or self._long.needs_probes(self._precision):
             while (rate_hz := self._next_rate()) is not None:
                 self._try(rate_hz)
-        if self._long is not None:
-            self._prove(self._long)
+        self._prove()
         self._done = True
         return self.record()
 
     def record(self) -> SearchRecord:
         """The result so far."""
-        unsteady = self._unsteady()
-        lower, fails_hz, limited_by = self._lower, self._fails_hz, self._limited_by()
-        if limited_by == "graph" and fails_hz is not None:
+        unsteady = find_nonstationarity(self._overload.shown, self._others, self._precision)
+        lower, fails_hz = self._lower, self._fails_hz
+        limited_by: Limit = "player" if self._fails_by_player else "graph"
+        if not self._done:
+            limited_by = "interrupted"
+        elif fails_hz is None:
+            limited_by = "range"
+        elif limited_by == "graph":
             fails_hz = unexplained_end(self._probes, self._holds_hz or 0.0, fails_hz)
             limited_by = "graph" if fails_hz == self._fails_hz else "interference"
         return SearchRecord(
@@ -349,23 +349,13 @@ class PeakSearch:
             proof=self._proof,
             proof_s=lower.played_s if lower is not None and self._proof else 0.0,
             lost_at_most=lower.lost_at_most if lower is not None else None,
-            max_lost=self._overload.loss + self._precision / 2 if self._long else None,
+            max_lost=self._overload.loss + self._precision / 2,
             capacity=self._overload.record(),
             unsteady=tuple(each.text for each in unsteady),
             unsteady_ratio=max((each.ratio for each in unsteady), default=1.0),
         )
 
-    def _unsteady(self) -> tuple[NonStationarity, ...]:
-        return find_nonstationarity(self._overload.shown, self._others, self._precision)
-
-    def _limited_by(self) -> Limit:
-        if not self._done:
-            return "interrupted"
-        if self._fails_hz is None:
-            return "range"
-        return "player" if self._fails_by_player else "graph"
-
-    def _aim(self, plays: LongPlays) -> bool:
+    def _aim(self) -> bool:
         """Bound the peak by the capacity of the overloaded graph.
 
         Returns:
@@ -380,13 +370,13 @@ class PeakSearch:
         if upper_hz is None or lower_hz is None or lower_hz <= self._minimum_hz:
             return False
         self._fails_hz = min(upper_hz, self._fails_hz)
-        if plays.confirm is None or plays.needs_probes(self._precision):
+        if self._long.confirm is None or self._long.needs_probes(self._precision):
             return self._try(lower_hz) is True
         self._candidate_hz = lower_hz
         return True
 
     def _play_overload(self, rate_hz: float) -> CompletionTimes | None:
-        if self._long is None:
+        if self._long.overload is None:
             return None
         outcome = self._long.overload(rate_hz)
         self._probes.append(outcome.probe)
@@ -395,20 +385,20 @@ class PeakSearch:
             return None
         return outcome.departures
 
-    def _prove(self, plays: LongPlays) -> None:
+    def _prove(self) -> None:
         """Play the lower end whole, and lower ones if that refutes it."""
         rate_hz = self._candidate_hz or self._holds_hz
         if rate_hz is None:
             return
-        if plays.confirm is None:
+        if self._long.confirm is None:
             self._proof = "probes"
             return
         self._proof = "open"
         undecided: Probe | None = None
         for number in range(_MAX_CONFIRMATIONS):
-            if number and not plays.allows(rate_hz):
+            if number and not self._long.allows(rate_hz):
                 break
-            outcome = plays.confirm(rate_hz, self._overload.proven_hz)
+            outcome = self._long.confirm(rate_hz, self._overload.proven_hz)
             self._probes.append(outcome.probe)
             if outcome.departures is not None and outcome.probe.taken <= self._precision:
                 self._others.append(outcome.departures)

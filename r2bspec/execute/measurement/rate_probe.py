@@ -29,7 +29,7 @@ from r2bspec.execute.measurement.peak_search import LongPlays, ProbeOutcome
 from r2bspec.execute.measurement.segment_observation import SegmentObservation
 from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
 from r2bspec.execute.processes.resources import Interference
-from r2bspec.execute.run_context import TimeBudget
+from r2bspec.execute.run_context import RunContext, TimeBudget
 from r2bspec.judge.rate_decision import (
     Criterion,
     InterimLook,
@@ -51,10 +51,10 @@ from r2bspec.language.benchmark_defaults import (
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.measure.metric_catalogue import resolve
 from r2bspec.measure.metric_values import metric_value
-from r2bspec.plan.plan import Plan
+from r2bspec.plan.plan import Plan, SearchPlan
 from r2bspec.record.run_record import Probe, Segment
 
-DEFAULT_PRECISION = 0.02
+_DEFAULT_PRECISION = 0.02
 _TITLES = {
     "probe": "probing",
     "saturation": "overloading with",
@@ -69,8 +69,7 @@ class _Play:
     """How one rate is played.
 
     Attributes:
-        kind: of the segment.
-        name: of the segment, before its number.
+        kind: of the segment, and its name before its number.
         purpose: for the record.
         limit_s: how long it is played at most, without what few messages need.
         ends_on: the results that end it before that.
@@ -80,7 +79,6 @@ class _Play:
     """
 
     kind: Literal["probe", "sustained"]
-    name: str
     purpose: Literal["probe", "saturation", "confirmation"]
     limit_s: float
     ends_on: frozenset[bool] = frozenset()
@@ -96,69 +94,66 @@ class RateProber:
         self,
         plan: Plan,
         segment_player: SegmentPlayer,
-        note: Callable[[str], None],
-        disturbed: Callable[[Callable[[], ProbeOutcome]], ProbeOutcome] = lambda probe: probe(),
+        context: RunContext,
+        budget: TimeBudget,
     ) -> None:
         """Prepare to probe.
 
         Args:
             plan: of the run.
             segment_player: plays the probes.
-            note: receives a note about each outcome.
-            disturbed: plays a probe, again if need be; see `AffectedProbes.play`.
+            context: of the run; receives a note about each outcome.
+            budget: of the run, for what is played again.
         """
         search = plan.search
-        self._disturbed = disturbed
         self._plan = plan
         self._segment_player = segment_player
-        self._note = note
+        self._note = context.note
         self._limit_s = search.probe_ns / 1e9 if search else PROBE.seconds
         self._conditions = search.holds if search else ()
         self._criterion = Criterion(
-            precision=search.precision if search else DEFAULT_PRECISION,
+            precision=search.precision if search else _DEFAULT_PRECISION,
             loss=max((_allowed_loss(each) for each in self._conditions), default=0.0),
             confidence=search.confidence if search else CONFIDENCE,
+        )
+        self._affected = AffectedProbes(
+            plan.gate.interference,
+            self._criterion.precision,
+            lambda: segment_player.segments[-1],
+            context.host.between,
+            budget,
+            context.note,
         )
         self._numbers = itertools.count(1)
 
     def probe(self, rate_hz: float) -> ProbeOutcome:
         """Probe one rate for the search, until it is clear whether the graph keeps up."""
-        ends_on = frozenset({True, False})
-        play = _Play("probe", "probe", "probe", self._limit_s, ends_on)
-        return self._disturbed(lambda: self._play(play, rate_hz))
+        play = _Play("probe", "probe", self._limit_s, frozenset({True, False}))
+        return self._play(play, rate_hz)
 
     def probe_sustained(self, rate_hz: float) -> ProbeOutcome:
         """Probe one rate for an objective that requires it to be sustained."""
         ends_on = frozenset({False})
-        play = _Play(
-            "sustained", "sustained", "probe", self._limit_s, ends_on, whole=True, enough=True
-        )
-        return self._disturbed(lambda: self._play(play, rate_hz))
+        play = _Play("sustained", "probe", self._limit_s, ends_on, whole=True, enough=True)
+        return self._play(play, rate_hz)
 
-    def long_plays(self, allows: Callable[[float], bool]) -> LongPlays | None:
-        """What the search plays besides short probes; None without a search.
+    def long_plays(self, search: SearchPlan, allows: Callable[[float], bool]) -> LongPlays:
+        """What the search plays besides short probes.
 
         Args:
+            search: of the plan.
             allows: whether there is time to play one more rate whole.
         """
-        search = self._plan.search
-        if search is None:
-            return None
         confirm_s = search.confirm_ns / 1e9
 
-        def overload(rate_hz: float) -> ProbeOutcome:
-            play = _Play("probe", "probe", "saturation", self._limit_s)
-            return self._disturbed(lambda: self._play(play, rate_hz))
+        overload = _Play("probe", "saturation", self._limit_s)
+        whole = _Play("probe", "confirmation", confirm_s, whole=True, enough=True)
 
         def confirm(rate_hz: float, proven_hz: float) -> ProbeOutcome:
-            play = _Play(
-                "probe", "probe", "confirmation", confirm_s, whole=True, enough=True,
-                proven_hz=proven_hz,
-            )  # fmt: skip
-            return self._disturbed(lambda: self._play(play, rate_hz))
+            return self._play(replace(whole, proven_hz=proven_hz), rate_hz)
 
         return LongPlays(
-            overload=overload,
+            overload=lambda rate_hz: self._play(overload, rate_hz),
             confirm=confirm if confirm_s else None,
             budget_s=OVERLOAD_PROBES * self._limit_s,
             stages=_stages(self._plan),
@@ -180,8 +175,12 @@ class RateProber:
         return steps
 
     def _play(self, play: _Play, rate_hz: float) -> ProbeOutcome:
+        """Play a probe, and again if others disturbed it and that can explain its outcome."""
+        return self._affected.play(lambda: self._play_once(play, rate_hz))
+
+    def _play_once(self, play: _Play, rate_hz: float) -> ProbeOutcome:
         number = next(self._numbers)
-        name = f"{play.name}-{number:03d}"
+        name = f"{play.kind}-{number:03d}"
         steps = self._steps(play, rate_hz)
         interim = _InterimMonitor(
             self._criterion,
@@ -370,30 +369,30 @@ class AffectedProbes:
         return replace(again, probe=rerun)
 
     def _wants_replay(self, outcome: ProbeOutcome) -> bool:
-        found = outcome.probe
-        if not found.explained or self._futile >= MAX_FUTILE_REPLAYS:
+        if not outcome.probe.explained or self._futile >= MAX_FUTILE_REPLAYS:
             return False
         segment = self.last_segment()
-        seconds = (segment.ended_ns - segment.began_ns) / 1e9
         return self.budget.allows(
-            f"no rerun of {found.segment}, which host interference affected", seconds
+            f"no rerun of {outcome.probe.segment}, which host interference affected",
+            (segment.ended_ns - segment.began_ns) / 1e9,
         )
 
     def _with_interference(self, outcome: ProbeOutcome) -> ProbeOutcome:
         """An outcome whose probe says what others did meanwhile, and whether that explains it."""
         segment = self.last_segment()
-        found = self.interference(segment.began_ns, segment.ended_ns)
-        one = msgspec.structs.replace(outcome.probe, by_player=outcome.limited_by_player)
-        if found.reasons:
-            one = msgspec.structs.replace(
-                one,
-                disturbed=found.reasons,
-                taken=0.0 if self.policy == "tolerate" else found.taken,
-                explained=self.policy != "tolerate"
-                and one.holds is not True
-                and self._can_explain(one, found.taken),
+        interference = self.interference(segment.began_ns, segment.ended_ns)
+        probe = msgspec.structs.replace(
+            outcome.probe,
+            by_player=outcome.limited_by_player,
+            disturbed=interference.reasons,
+        )
+        if interference.reasons and self.policy != "tolerate":
+            probe = msgspec.structs.replace(
+                probe,
+                taken=interference.taken,
+                explained=probe.holds is not True and self._can_explain(probe, interference.taken),
             )
-        return replace(outcome, probe=one)
+        return replace(outcome, probe=probe)
 
     def _can_explain(self, probe: Probe, taken: float) -> bool:
         if probe.purpose == "saturation":

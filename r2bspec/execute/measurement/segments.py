@@ -14,9 +14,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,11 +29,10 @@ from r2bspec.execute.measurement.segment_observation import (
     output_stopped,
     outstanding_answers,
 )
-from r2bspec.execute.processes.resources import ResourceSampler
-from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
-from r2bspec.execute.progress import Progress
+from r2bspec.execute.processes.supervisor import ManagedProcess
+from r2bspec.execute.run_context import RunContext
 from r2bspec.ipc import protocol
-from r2bspec.ipc.arrivals import ArrivalReader
+from r2bspec.ipc.arrivals import ArrivalReader, read_clocks
 from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import StallLogReader
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
@@ -43,9 +41,8 @@ from r2bspec.measure.run_samples import NO_STAMPS, SegmentRows, segment_samples
 from r2bspec.measure.samples import SegmentSamples
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.plan.taps import tap_monitors
-from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS, Segment, SegmentKind
-from r2bspec.record.sample_arrays import PLAYBACK_DTYPE, Rows
+from r2bspec.record.sample_arrays import PLAYBACK_DTYPE
 
 PLAYBACK_ROWS = "playback"
 """The player's files (`r2bspec.ipc.playback_file`); those of the monitors end in ``.rows``."""
@@ -87,13 +84,9 @@ class SegmentPlayer:
     def __init__(
         self,
         plan: Plan,
-        supervisor: ProcessSupervisor,
+        context: RunContext,
         player: ManagedProcess | None,
         rows_dir: Path,
-        folder: RunFolder,
-        progress: Progress,
-        on_segment: Callable[[], None],
-        resources: ResourceSampler,
         *,
         schedule: Schedule | None = None,
         static_publisher: ManagedProcess | None = None,
@@ -106,9 +99,8 @@ class SegmentPlayer:
         self._schedule = schedule or CyclicSchedule(steps=())
         self._step_stamps = StepStamps(self._schedule)
         self._confirms = confirms
-        self._resources = resources
-        self._on_segment = on_segment
-        self._supervisor = supervisor
+        self._context = context
+        self._supervisor = context.supervisor
         self._player = player
         monitors = plan.monitors
         self._playback = PlaybackReader(rows_dir / PLAYBACK_ROWS, PLAYBACK_FIELDS)
@@ -127,8 +119,6 @@ class SegmentPlayer:
         self._stopped_outputs: set[str] = set()
         self._reported_outputs: set[str] = set()
         self.on_output_stopped: Callable[[Segment, MonitorPlan], None] = lambda _, __: None
-        self._folder = folder
-        self._progress = progress
         self.segments: list[Segment] = []
         self.samples: dict[str, SegmentSamples] = {}
         self._stamps: list[NDArray[np.int64]] = []
@@ -151,7 +141,7 @@ class SegmentPlayer:
             RunError: the player does not respond, or a process exited or failed.
         """
         heading = self._confirming(heading)
-        self._progress.segment(heading.title, steps)
+        self._context.progress.segment(heading.title, steps)
         first = self._first_rows()
         complete = False
         try:
@@ -162,7 +152,20 @@ class SegmentPlayer:
             complete = True
         finally:
             observation = self._observe(first)
-            self._write_segment(heading, rate_hz, steps, first, observation, complete)
+            if observation.playback.size:
+                began_ns = int(observation.playback["due_ns"][0])
+                self._store(
+                    heading,
+                    observation,
+                    first,
+                    rate_hz=rate_hz,
+                    steps=steps,
+                    began_ns=began_ns,
+                    ended_ns=began_ns + self._schedule.span_ns(rate_hz, observation.playback.size),
+                    complete=complete,
+                    played_before=observation.played_before,
+                    monitor_held_ns=self._stall_log.between(began_ns, time.monotonic_ns()),
+                )
         self._detect_stopped_outputs(heading.kind, observation)
         return observation
 
@@ -182,7 +185,7 @@ class SegmentPlayer:
     def play_unrecorded_for(self, title: str, rate_hz: float, duration_ns: int) -> None:
         """Play for a time messages that belong to no segment; see `play_unrecorded`."""
         steps = max(1, self._schedule.steps_within(rate_hz, duration_ns))
-        self._progress.segment(title, steps)
+        self._context.progress.segment(title, steps)
         self.play_unrecorded(rate_hz, steps)
 
     def discard_new_rows(self) -> dict[str, int]:
@@ -274,7 +277,7 @@ class SegmentPlayer:
         live = self._live(first)
         self._player.send(protocol.Play(rate_hz=rate_hz, steps=steps))
         # While the player waits for the first due time, so that earlier use is not counted.
-        self._resources.sample_at(time.monotonic_ns())
+        self._context.resources.sample_at(time.monotonic_ns())
         while True:
             self._supervisor.pump()
             while self._player.inbox:
@@ -292,7 +295,7 @@ class SegmentPlayer:
                 )
             if now >= next_check:
                 next_check = now + _CHECK_INTERVAL_S
-                self._progress.playing(live)
+                self._context.progress.playing(live)
                 if (
                     stop_condition
                     and not stopping
@@ -313,15 +316,18 @@ class SegmentPlayer:
         return ProgressView(self._playback, monitors, first, self._cores)
 
     def _cores(self) -> dict[str, float]:
-        known = {each.name: self._resources.cores(each.pid) for each in self._supervisor}
-        return {name: cores for name, cores in known.items() if cores is not None}
+        return {
+            process.name: cores
+            for process in self._supervisor
+            if (cores := self._context.resources.cores(process.pid)) is not None
+        }
 
     def _sample_at_end(self, first: dict[str, int], steps: int, rate_hz: float) -> None:
         """Schedule a resource sample at the end of the last period; the player ends before it."""
         begun = self._playback.read(first[""], first[""] + 1)
         if begun.size:
             span_ns = self._schedule.span_ns(rate_hz, steps)
-            self._resources.sample_at(int(begun["due_ns"][0]) + span_ns)
+            self._context.resources.sample_at(int(begun["due_ns"][0]) + span_ns)
 
     def _drain(self, kind: SegmentKind, first: dict[str, int]) -> None:
         """Wait for answers; what is missing when this returns counts as lost (see `drain`)."""
@@ -359,42 +365,23 @@ class SegmentPlayer:
             each for name, each in matched.items() if name not in self._stopped_outputs
         )
 
-    def _write_segment(
+    def _store(
         self,
         heading: SegmentHeading,
-        rate_hz: float,
-        steps: int,
-        first: dict[str, int],
         observation: SegmentObservation,
-        complete: bool,
-    ) -> None:
-        playback = observation.playback
-        if not playback.size:
-            return
-        began_ns = int(playback["due_ns"][0])
-        self._write_samples(
-            Segment(
-                id=heading.id,
-                kind=heading.kind,
-                rate_hz=rate_hz,
-                index=heading.index,
-                steps=steps,
-                began_ns=began_ns,
-                ended_ns=began_ns + self._schedule.span_ns(rate_hz, playback.size),
-                complete=complete,
-                played_before=observation.played_before,
-                rerun_of=heading.rerun_of,
-                monitor_held_ns=self._stall_log.between(began_ns, time.monotonic_ns()),
-            ),
-            observation,
-            first,
-        )
-
-    def _write_samples(
-        self, segment: Segment, observation: SegmentObservation, first: dict[str, int]
+        first: dict[str, int],
+        **fields: Any,
     ) -> None:
         """Write a segment and its rows, and keep its samples in memory if they are judged."""
-        segment = msgspec.structs.replace(segment, start=self._start)
+        segment = Segment(
+            id=heading.id,
+            kind=heading.kind,
+            index=heading.index,
+            rerun_of=heading.rerun_of,
+            start=self._start,
+            **fields,
+        )
+        folder = self._context.folder
         taps = {
             topic: self._step_stamps.replace(
                 reader.read(first[topic]), observation.playback, first[""]
@@ -402,12 +389,12 @@ class SegmentPlayer:
             for topic, reader in self._taps.items()
         }
         self._step_stamps.remember(observation.playback, first[""])
-        self._folder.write_playback(segment.id, observation.playback)
+        folder.write_playback(segment.id, observation.playback)
         for name, rows in observation.monitors.items():
-            self._folder.write_monitor(segment.id, name, rows)
+            folder.write_monitor(segment.id, name, rows)
             self._next_rows[name] = first[name] + rows.size
         for topic, rows in taps.items():
-            self._folder.write_tap(segment.id, topic, rows)
+            folder.write_tap(segment.id, topic, rows)
             self._next_rows[topic] = first[topic] + rows.size
         if segment.complete and segment.kind in _JUDGED_KINDS:
             rows_of = SegmentRows(
@@ -417,7 +404,7 @@ class SegmentPlayer:
             self.samples[segment.id] = segment_samples(self._plan, segment, rows_of, matched)
         self._stamps.append(observation.playback["stamp_ns"].copy())
         self.segments.append(segment)
-        self._on_segment()
+        self._context.on_segment()
 
     def _earlier_stamps(self) -> NDArray[np.int64]:
         return np.concatenate(self._stamps) if self._stamps else NO_STAMPS
@@ -426,8 +413,6 @@ class SegmentPlayer:
 _POLL_S = 0.25
 _MAX_CLOCK_DRIFT_NS = 1_000_000
 """A larger change of the offset within a segment means that the system clock was set."""
-
-_CLOCK_READINGS = 5
 
 
 class LiveSegmentWatcher(SegmentPlayer):
@@ -443,37 +428,34 @@ class LiveSegmentWatcher(SegmentPlayer):
         """
         del rate_hz, min_steps
         heading = self._confirming(heading)
-        self._progress.segment(heading.title, 0)
+        self._context.progress.segment(heading.title, 0)
         first = self._first_rows()
-        offset_ns = clock_offset_ns()
+        _, offset_ns = read_clocks()
         began_ns = time.monotonic_ns()
         complete = False
         try:
-            self._resources.sample_at(began_ns)
+            self._context.resources.sample_at(began_ns)
             live = self._live(first)
-            self._wait_until(began_ns + duration_ns, lambda: self._progress.playing(live))
-            self._resources.sample_at(began_ns + duration_ns)
+            while (left_ns := began_ns + duration_ns - time.monotonic_ns()) > 0:
+                self._supervisor.pump(min(_POLL_S, left_ns / 1e9))
+                self._context.progress.playing(live)
+            self._context.resources.sample_at(began_ns + duration_ns)
             complete = True
         finally:
             ended_ns = began_ns + duration_ns if complete else time.monotonic_ns()
-            changed_ns = clock_offset_ns() - offset_ns
+            changed_ns = read_clocks()[1] - offset_ns
             observation = self._observe_between(first, began_ns, ended_ns)
-            self._write_samples(
-                Segment(
-                    id=heading.id,
-                    kind=heading.kind,
-                    rate_hz=0.0,
-                    index=heading.index,
-                    steps=0,
-                    began_ns=began_ns,
-                    ended_ns=ended_ns,
-                    complete=complete,
-                    rerun_of=heading.rerun_of,
-                    live=True,
-                    clock_offset_ns=offset_ns if abs(changed_ns) <= _MAX_CLOCK_DRIFT_NS else None,
-                ),
+            self._store(
+                heading,
                 observation,
                 first,
+                rate_hz=0.0,
+                steps=0,
+                began_ns=began_ns,
+                ended_ns=ended_ns,
+                complete=complete,
+                live=True,
+                clock_offset_ns=offset_ns if abs(changed_ns) <= _MAX_CLOCK_DRIFT_NS else None,
             )
         self._detect_stopped_outputs(heading.kind, observation)
         return observation
@@ -487,7 +469,7 @@ class LiveSegmentWatcher(SegmentPlayer):
     def play_unrecorded_for(self, title: str, rate_hz: float, duration_ns: int) -> None:
         """Let the source publish for a time; the rate has no effect."""
         del rate_hz
-        self._progress.segment(title, 0)
+        self._context.progress.segment(title, 0)
         self._supervisor.pump_for(duration_ns / 1e9)
 
     def _detect_stopped_outputs(self, kind: SegmentKind, observation: SegmentObservation) -> None:
@@ -502,33 +484,12 @@ class LiveSegmentWatcher(SegmentPlayer):
             self._stopped_outputs.add(plan.name)
             self.on_output_stopped(self.segments[-1], plan)
 
-    def _wait_until(self, end_ns: int, report: Callable[[], None]) -> None:
-        while (left_ns := end_ns - time.monotonic_ns()) > 0:
-            self._supervisor.pump(min(_POLL_S, left_ns / 1e9))
-            report()
-
     def _observe_between(
         self, first: dict[str, int], began_ns: int, ended_ns: int
     ) -> SegmentObservation:
         """The messages received between two times."""
-
-        def within(rows: Rows) -> Rows:
+        monitors = {}
+        for name, rows in self._observe(first).monitors.items():
             received = rows["received_ns"]
-            found: Rows = rows[(received >= began_ns) & (received < ended_ns)]
-            return found
-
-        observation = self._observe(first)
-        monitors = {name: within(rows) for name, rows in observation.monitors.items()}
+            monitors[name] = rows[(received >= began_ns) & (received < ended_ns)]
         return SegmentObservation(self._plan, np.empty(0, PLAYBACK_DTYPE), monitors)
-
-
-def clock_offset_ns() -> int:
-    """The system clock minus CLOCK_MONOTONIC, from the closest of a few pairs of readings."""
-    closest = None
-    for _ in range(_CLOCK_READINGS):
-        before_ns = time.monotonic_ns()
-        system_ns = time.time_ns()
-        after_ns = time.monotonic_ns()
-        found = (after_ns - before_ns, system_ns - (before_ns + after_ns) // 2)
-        closest = found if closest is None else min(closest, found)
-    return closest[1] if closest else 0

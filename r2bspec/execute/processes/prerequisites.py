@@ -171,26 +171,22 @@ def check_middleware(plan: Plan, environ: Mapping[str, str]) -> None:
     Raises:
         MiddlewareError: it cannot.
     """
-    _refuse(plan.transport, selected_rmw(environ), RMW_VARIABLE)
+    require_configurable(plan.transport, selected_rmw(environ), RMW_VARIABLE)
     for process in plan.processes:
-        if process.env.get(RMW_VARIABLE):
-            _refuse(plan.transport, selected_rmw(process.env), f"{RMW_VARIABLE} of {process.name}")
+        if rmw := process.env.get(RMW_VARIABLE):
+            require_configurable(plan.transport, rmw, f"{RMW_VARIABLE} of {process.name}")
 
 
-def check_loaded_rmw(kind: TransportKind, rmw: str) -> None:
-    """The same for the implementation that a process says it has loaded.
+def require_configurable(kind: TransportKind, rmw: str, selected_by: str) -> None:
+    """See that a transport can be configured for an implementation.
 
     Raises:
-        MiddlewareError: the transport cannot be configured for it.
+        MiddlewareError: it cannot; the error says what has selected it.
     """
-    _refuse(kind, rmw, "this installation")
-
-
-def _refuse(kind: TransportKind, rmw: str, selected_by: str) -> None:
     refusal = refuse_transport(kind, rmw)
     if refusal is not None:
-        way_out = f"{refusal.help[0].upper()}{refusal.help[1:]}."
-        raise MiddlewareError(f"{refusal.message}, which {selected_by} selects", hint=way_out)
+        hint = f"{refusal.help[0].upper()}{refusal.help[1:]}."
+        raise MiddlewareError(f"{refusal.message}, which {selected_by} selects", hint=hint)
 
 
 @contextlib.contextmanager
@@ -202,9 +198,8 @@ def reserved_domain() -> Iterator[int]:
     Raises:
         RunError: all domains are taken.
     """
-    candidates = list(range(_MIN_DOMAIN, _MAX_DOMAIN + 1))
-    random.shuffle(candidates)
-    for domain in candidates:
+    domains = range(_MIN_DOMAIN, _MAX_DOMAIN + 1)
+    for domain in random.sample(domains, len(domains)):
         with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as guard:
             try:
                 guard.bind(("127.0.0.1", _PORT_BASE + domain))
@@ -252,21 +247,15 @@ def require_free_shared_memory(
     processes = sum(each.phase == phase for each in plan.processes) + (phase == "measure")
     wanted = middleware.required_shm_bytes(processes, segment_bytes)
     if free < wanted:
+        suggested_mib = -(-wanted * 5 // (4 << 20))  # with some to spare
         raise SharedMemoryError(
             f"{folder} has {show(free, 'B')} free; the {processes} processes of the {phase} phase "
             f"need {show(wanted, 'B')}, a segment of {show(segment_bytes, 'B')} each",
-            hint="Make it larger (in a container: "
-            f"--shm-size={_suggested_mib(wanted)}m; else: mount -o "
-            f"remount,size={_suggested_mib(wanted)}m {folder}), or state transport: udp, "
-            "or smaller "
+            hint=f"Make it larger (in a container: --shm-size={suggested_mib}m; else: mount -o "
+            f"remount,size={suggested_mib}m {folder}), or state transport: udp, or smaller "
             "segments (transport: {kind: shared_memory, segment: ...}). 'r2bspec doctor --clean' "
             "frees what dead runs have left.",
         )
-
-
-def _suggested_mib(count: int) -> int:
-    """Mebibytes with some to spare."""
-    return -(-count * 5 // (4 << 20))
 
 
 class SharedMemoryModes:

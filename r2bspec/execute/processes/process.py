@@ -72,18 +72,15 @@ class LogLimiter:
         for folder in self._folders:
             # A folder may not be there yet.
             with contextlib.suppress(OSError):
-                self._keep_small_below(folder)
-
-    def _keep_small_below(self, folder: Path) -> None:
-        for where, _, names, descriptor in os.fwalk(folder):
-            for name in names:
-                with contextlib.suppress(OSError):
-                    self._keep_small(Path(where, name), descriptor)
+                for where, _, names, descriptor in os.fwalk(folder):
+                    for name in names:
+                        with contextlib.suppress(OSError):
+                            self._keep_small(Path(where, name), descriptor)
 
     def _keep_small(self, log: Path, folder: int) -> None:
         """Cut a log if it is too large and a file of its own: no link of either kind."""
-        found = os.stat(log.name, dir_fd=folder, follow_symlinks=False)
-        if found.st_size <= MAX_LOG_BYTES or not _is_own_file(found):
+        status = os.stat(log.name, dir_fd=folder, follow_symlinks=False)
+        if status.st_size <= MAX_LOG_BYTES or not _is_own_file(status):
             return
         flags = os.O_RDWR | os.O_APPEND | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
         with os.fdopen(os.open(log.name, flags, dir_fd=folder), "ab+", buffering=0) as file:
@@ -97,10 +94,10 @@ class LogLimiter:
         tail = file.read(KEPT_TAIL_BYTES) or b""
         file.truncate(KEPT_HEAD_BYTES)
         # What earlier cuts took out is counted; their notes were cut out with the rest.
-        self._removed_bytes[log] = (
-            self._removed_bytes.get(log, 0) + size - KEPT_HEAD_BYTES - KEPT_TAIL_BYTES
-        )
-        file.write(_note(self._removed_bytes[log]) + tail)
+        cut_bytes = self._removed_bytes.get(log, 0) + size - KEPT_HEAD_BYTES - KEPT_TAIL_BYTES
+        self._removed_bytes[log] = cut_bytes
+        note = f"\n[r2bspec removed {cut_bytes / 2**20:.1f} MiB of this log here]\n"
+        file.write(note.encode() + tail)
 
 
 def open_log(log: Path) -> BinaryIO:
@@ -113,12 +110,8 @@ def open_log(log: Path) -> BinaryIO:
     return os.fdopen(os.open(log, flags, 0o600), "ab")
 
 
-def _is_own_file(found: os.stat_result) -> bool:
-    return stat.S_ISREG(found.st_mode) and found.st_nlink == 1
-
-
-def _note(cut_bytes: int) -> bytes:
-    return f"\n[r2bspec removed {cut_bytes / 2**20:.1f} MiB of this log here]\n".encode()
+def _is_own_file(status: os.stat_result) -> bool:
+    return stat.S_ISREG(status.st_mode) and status.st_nlink == 1
 
 
 SLICE_NS: Final = 500_000
@@ -242,7 +235,8 @@ _POLL_S = 0.005
 class ManagedProcess:
     """One process, or a part of one that has its own control channel.
 
-    Programs that are not part of r2bspec have no channel.
+    Programs that are not part of r2bspec have no channel. On a `native` one, messages are as
+    `NativeCodec` writes them.
 
     Attributes:
         parts: those of a harness process, by their roles. A part is started, supervised and ended
@@ -263,8 +257,10 @@ class ManagedProcess:
         role: str,
         process: SessionLeader,
         log: Path,
-        connection: socket.socket | None,
+        connection: socket.socket | None = None,
         redact: Callable[[str], str] = str,
+        *,
+        native: bool = False,
     ) -> None:
         self.name = name
         self.role = role
@@ -277,16 +273,21 @@ class ManagedProcess:
         self.log_start = 0
         self.parts: dict[str, ManagedProcess] = {}
         self.signals: list[int] = []
-        self._encode: Callable[[Any], bytes] = protocol.encode
-        self._decode: Callable[[bytes], Any] = protocol.decode_reply
+        codec = NativeCodec()
+        self._encode: Callable[[Any], bytes] = codec.encode if native else protocol.encode
+        self._decode: Callable[[bytes], Any] = codec.decode if native else protocol.decode_reply
         self.has_joined_parts = False
         self._redact = redact
         self._pending = bytearray()
 
-    def use_native_protocol(self) -> None:
-        """Write commands and read replies as `NativeCodec` does."""
-        codec = NativeCodec()
-        self._encode, self._decode = codec.encode, codec.decode
+    def add_part(self, part: str, connection: socket.socket, *, native: bool) -> ManagedProcess:
+        """Have one more part, with its own control channel."""
+        process = self.process
+        added = ManagedProcess(
+            part, part, process, self.log, connection, self._redact, native=native
+        )
+        self.parts[part] = added
+        return added
 
     @property
     def pid(self) -> int:
@@ -385,6 +386,11 @@ class ManagedProcess:
         except OSError:
             return ""
         return "\n".join(self._redact(text)[-_LOG_TAIL_BYTES:].splitlines()[-_LOG_TAIL_LINES:])
+
+    def last_output(self) -> str:
+        """The last lines of its output, as the end of a sentence."""
+        tail = self.log_tail()
+        return f"; its last output:\n{tail}" if tail else "; it printed nothing"
 
 
 def describe_exit(status: int) -> str:

@@ -26,6 +26,7 @@ import contextlib
 import heapq
 import math
 import os
+import re
 import struct
 import threading
 import time
@@ -58,6 +59,15 @@ _MINOR, _MINOR_OF_CHILDREN = 9, 10
 """The places of ``minflt`` and ``cminflt`` in /proc/PID/stat, counted from 0 (see proc(5))."""
 
 _PROC: Final = Path("/proc")
+
+_Counters = tuple[tuple[str, float], ...]
+"""Patterns of counters of time in files of the kernel, each with its unit as a part of a second."""
+
+_PRESSURE: Final[_Counters] = ((r"^some .*total=(\d+)$", 1e6),)
+_QUOTA: Final[_Counters] = ((r"^throttled_usec (\d+)$", 1e6), (r"^throttled_time (\d+)$", 1e9))
+"""In version 2 of control groups, and in version 1."""
+
+_THERMAL: Final[_Counters] = ((r"^(\d+)$", 1e3),)
 
 
 class InterferenceReading(NamedTuple):
@@ -93,23 +103,18 @@ class InterferenceReader:
 
     def read(self) -> InterferenceReading:
         """The current values of the counters."""
-        busy_s, stolen_s = _core_times(self._cores)
-        quota = _largest(_throttled_s, self._quota_files)
-        heat = _largest(_thermal_throttled_s, self._thermal_files)
-        known = [each for each in (quota, heat) if not math.isnan(each)]
+        times = psutil.cpu_times(percpu=True)
+        # A core that was taken offline has no line.
+        ours = [times[core] for core in self._cores if core < len(times)]
+        quota = _largest(_QUOTA, self._quota_files)
+        heat = _largest(_THERMAL, self._thermal_files)
+        known = [seconds for seconds in (quota, heat) if not math.isnan(seconds)]
         return InterferenceReading(
-            busy_s, stolen_s, _cpu_pressure_s(self._pressure), sum(known) if known else quota
+            busy_s=sum(map(busy_seconds, ours)),
+            stolen_s=sum(getattr(core, "steal", math.nan) for core in ours),
+            waited_s=_counted_s(_PRESSURE, self._pressure),
+            throttled_s=sum(known) if known else quota,
         )
-
-
-def _core_times(cores: list[int]) -> tuple[float, float]:
-    times = psutil.cpu_times(percpu=True)
-    # A core that was taken offline has no line.
-    ours = [times[core] for core in cores if core < len(times)]
-    return (
-        sum(busy_seconds(each) for each in ours),
-        sum(getattr(each, "steal", math.nan) for each in ours),
-    )
 
 
 def busy_seconds(times: psutil._ntuples.scputimes) -> float:
@@ -119,36 +124,20 @@ def busy_seconds(times: psutil._ntuples.scputimes) -> float:
     return float(used - getattr(times, "guest", 0.0) - getattr(times, "guest_nice", 0.0))
 
 
-def _cpu_pressure_s(path: Path) -> float:
-    """``some avg10=0.00 avg60=0.00 avg300=0.00 total=MICROSECONDS``."""
+def _counted_s(counters: _Counters, path: Path) -> float:
+    """The first of some counters that a file has, in seconds; NaN without one."""
     with contextlib.suppress(OSError, ValueError):
-        for line in path.read_text().splitlines():
-            if line.startswith("some "):
-                return int(line.rpartition("total=")[2]) / 1e6
+        text = path.read_text()
+        for pattern, per_second in counters:
+            if match := re.search(pattern, text, re.MULTILINE):
+                return int(match[1]) / per_second
     return math.nan
 
 
-def _throttled_s(path: Path) -> float:
-    """``throttled_usec`` in version 2 of control groups, ``throttled_time`` (ns) in version 1."""
-    with contextlib.suppress(OSError, ValueError):
-        for line in path.read_text().splitlines():
-            name, _, value = line.partition(" ")
-            if name == "throttled_usec":
-                return int(value) / 1e6
-            if name == "throttled_time":
-                return int(value) / 1e9
-    return math.nan
-
-
-def _thermal_throttled_s(path: Path) -> float:
-    with contextlib.suppress(OSError, ValueError):
-        return int(path.read_text()) / 1e3
-    return math.nan
-
-
-def _largest(read: Callable[[Path], float], paths: list[Path]) -> float:
+def _largest(counters: _Counters, paths: list[Path]) -> float:
     """The largest value: groups nest, and cores are throttled together, so sums would be wrong."""
-    return max((found for each in paths if not math.isnan(found := read(each))), default=math.nan)
+    values = (_counted_s(counters, path) for path in paths)
+    return max((value for value in values if not math.isnan(value)), default=math.nan)
 
 
 def _control_groups(root: Path) -> Iterator[Path]:
@@ -160,20 +149,13 @@ def _control_groups(root: Path) -> Iterator[Path]:
     with contextlib.suppress(OSError):
         for line in (root / "proc/self/cgroup").read_text().splitlines():
             _, controllers, group = line.split(":", 2)
-            for mount in _mounts(root, controllers):
+            # In version 2, a group has no controllers here.
+            if not controllers or "cpu" in controllers.split(","):
+                mount = root / "sys/fs/cgroup" / controllers
                 path = mount / group.lstrip("/")
-                yield from (each for each in (path, *path.parents) if _within(each, mount))
-
-
-def _mounts(root: Path, controllers: str) -> list[Path]:
-    base = root / "sys/fs/cgroup"
-    if not controllers:
-        return [base]
-    return [base / controllers] if "cpu" in controllers.split(",") else []
-
-
-def _within(path: Path, mount: Path) -> bool:
-    return path.is_relative_to(mount) and path.is_dir()
+                for folder in (path, *path.parents):
+                    if folder.is_relative_to(mount) and folder.is_dir():
+                        yield folder
 
 
 def minor_faults(pid: int) -> int:

@@ -106,7 +106,7 @@ class ProcessSupervisor:
         *,
         cwd: Path,
         log: Path,
-        parts: Iterable[str] = (),
+        parts: Collection[str] = (),
         native: Collection[str] = (),
         umask: int = PRIVATE_UMASK,
     ) -> ManagedProcess:
@@ -158,18 +158,16 @@ class ProcessSupervisor:
             for each in theirs.values():
                 each.close()
         self._notify_watchdog(f"session {process.pid} {process.session.started}\n")
-        child = ManagedProcess(name, role, process, log, None, self._redact)
+        own_ends = {part: pair[0] for part, pair in channels.items()}
+        child = ManagedProcess(
+            name, role, process, log, own_ends.get(""), self._redact, native="" in native
+        )
         child.log_start = log_start
-        for part, (ours, _) in channels.items():
-            endpoint = child
-            if part:
-                endpoint = child.parts[part] = ManagedProcess(
-                    part, part, process, log, None, self._redact
-                )
-            endpoint.connection = ours
-            if part in native:
-                endpoint.use_native_protocol()
-            self._selector.register(ours, selectors.EVENT_READ, endpoint)
+        for part in parts:
+            child.add_part(part, own_ends[part], native=part in native)
+        for endpoint in (child, *child.parts.values()):
+            if endpoint.connection is not None:
+                self._selector.register(endpoint.connection, selectors.EVENT_READ, endpoint)
         self._running[name] = child
         self._all.append(child)
         if self._on_start is not None:
@@ -180,10 +178,7 @@ class ProcessSupervisor:
         self, child: ManagedProcess, part: str, connection: socket.socket
     ) -> ManagedProcess:
         """A part of the harness that was loaded into a process of the graph."""
-        endpoint = ManagedProcess(part, part, child.process, child.log, None, self._redact)
-        endpoint.connection = connection
-        endpoint.use_native_protocol()
-        child.parts[part] = endpoint
+        endpoint = child.add_part(part, connection, native=True)
         child.has_joined_parts = True
         self._selector.register(connection, selectors.EVENT_READ, endpoint)
         return endpoint
@@ -218,9 +213,22 @@ class ProcessSupervisor:
         Raises:
             RunError: from `pump`.
         """
-        deadline = time.monotonic() + seconds
-        while time.monotonic() < deadline:
-            self.pump()
+        self.pump_until(lambda: False, seconds)
+
+    def pump_until(
+        self, condition: Callable[[], object], timeout_s: float, poll_s: float = _POLL_S
+    ) -> bool:
+        """Call `pump` until a condition holds; False if it does not within a number of seconds.
+
+        Raises:
+            RunError: from `pump`, or from the condition.
+        """
+        deadline = time.monotonic() + timeout_s
+        while not condition():
+            if time.monotonic() > deadline:
+                return False
+            self.pump(poll_s)
+        return True
 
     def _raise_failure(self, child: ManagedProcess) -> None:
         for message in child.inbox:
@@ -237,9 +245,8 @@ class ProcessSupervisor:
         for endpoint in (child, *child.parts.values()):
             if endpoint.read():
                 self._raise_failure(endpoint)
-        tail = child.log_tail()
-        output = f"; its last output:\n{tail}" if tail else "; it printed nothing"
-        if child.process.returncode == _WRONG_RMW_STATUS and _WRONG_RMW in tail:
+        output = child.last_output()
+        if child.process.returncode == _WRONG_RMW_STATUS and _WRONG_RMW in output:
             raise NotInstalledError(
                 f"process {child.name}: the selected middleware (RMW) is not installed{output}",
                 hint="Install it, or unset RMW_IMPLEMENTATION; 'r2bspec doctor' lists what is "

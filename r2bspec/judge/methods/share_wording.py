@@ -76,10 +76,9 @@ def _effective_size_text(test: ShareTest) -> str:
     by_scatter = test.clustering in {"iterations", "starts"}
     chance = by_scatter and test.effective_n > _CLEAR_SCATTER * test.n
     how = f"judged by the scatter of the {test.clustering}" if chance else clustering(test)
-    return (
-        f", {how} (effective sample size {_count_text(test.effective_n)} "
-        f"of {show(test.n, 'count')})"
-    )
+    n = test.effective_n
+    size = show(n, "count") if n >= _MIN_WHOLE_COUNT else show(n, "", 2)
+    return f", {how} (effective sample size {size} of {show(test.n, 'count')})"
 
 
 def clustering(test: ShareTest) -> str:
@@ -90,10 +89,6 @@ def clustering(test: ShareTest) -> str:
         case "iterations" | "starts":
             return f"more in some {test.clustering} than in others"
     return "in 1 burst" if test.bursts == 1 else f"in {show(test.bursts, 'count')} bursts"
-
-
-def _count_text(n: float) -> str:
-    return show(n, "count") if n >= _MIN_WHOLE_COUNT else show(n, "", 2)
 
 
 def _wrong_side(case: RequirementCase, test: ShareTest) -> str:

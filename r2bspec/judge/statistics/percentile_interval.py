@@ -221,7 +221,8 @@ class RankedMessages:
         """The effective sample if the k largest messages are bad, or all but those k."""
         level = min(level for level in self._levels if level >= k)
         inflation, cause = self._inflation_at(level)
-        edge = self._below(k)
+        # The largest message that is not one of the k largest.
+        edge = float(self.ordered[self.n - 1 - k]) if k < self.n else -math.inf
         # Behind the end of an iteration there is NaN, which is neither over nor under.
         flags = self._rows > edge if largest else self._rows <= edge
         return replace(
@@ -229,10 +230,6 @@ class RankedMessages:
             inflation=inflation,
             cause=cause,
         )
-
-    def _below(self, k: int) -> float:
-        """The largest message that is not one of the k largest."""
-        return float(self.ordered[self.n - 1 - k]) if k < self.n else -math.inf
 
     def _inflation_at(self, level: int) -> tuple[float, Clustering]:
         """F at one of the levels, and which estimate it is."""

@@ -346,6 +346,15 @@ def inside_label(
 OUTCOME_COLOURS: Final = {"pass": "good", "fail": "bad", "inconclusive": "unsure"}
 
 
+def scale_values(axes: Axes, *, logarithmic: bool) -> None:
+    """Give the vertical axis a logarithmic scale, or one from 0."""
+    if logarithmic:
+        axes.set_yscale("log")
+        plain_numbers(axes.yaxis)
+    else:
+        axes.set_ylim(bottom=0)
+
+
 def plain_numbers(axis: Any) -> None:
     """Write the ticks of a logarithmic axis as numbers, without powers."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter

@@ -20,7 +20,7 @@ from r2bspec.report.html.chart import (
     draw,
     line_style,
     marker,
-    plain_numbers,
+    scale_values,
 )
 from r2bspec.report.html.latency_charts import MIN_LOG_RATIO, percentile_axes
 from r2bspec.report.suite import SuiteSummary
@@ -113,19 +113,14 @@ def _latency_chart(name: str, what: str, seen: Sequence[_Seen], note: str) -> Ch
         percentile_axes(axes, max((_expected(one.metrics) for one in timed), default=2))
         medians = [one.metrics.latency.p50 or 0.0 for one in timed]
         largest = max((one.metrics.latency.max or 0.0 for one in timed), default=0.0)
-        if medians and 0 < min(medians) * MIN_LOG_RATIO < largest:
-            axes.set_yscale("log")
-            plain_numbers(axes.yaxis)
-        else:
-            axes.set_ylim(bottom=0)
+        is_wide = bool(medians) and 0 < min(medians) * MIN_LOG_RATIO < largest
+        scale_values(axes, logarithmic=is_wide)
         if sketch.labels:
             sketch.figure.legend(loc="outside upper left", ncols=4)
         sketch.register_axes(axes, "percentile", "ms")
-        if any(one.metrics.missed for one in seen):
-            lost = "A curve ends short of 100 % by the share of messages that were lost."
-            sketch.note = f"{lost} {note}".rstrip()
-        else:
-            sketch.note = note
+        lost = "A curve ends short of 100 % by the share of messages that were lost."
+        is_short = any(one.metrics.missed for one in seen)
+        sketch.note = f"{lost} {note}".rstrip() if is_short else note
 
     return draw(name, f"Latency by percentile and host: {what}", description, 3.4, paint)
 

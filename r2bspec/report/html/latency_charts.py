@@ -30,7 +30,7 @@ from r2bspec.report.html.chart import (
     draw,
     inside_label,
     line_style,
-    plain_numbers,
+    scale_values,
 )
 
 if TYPE_CHECKING:
@@ -131,11 +131,8 @@ def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verd
         for one in limits:
             _bar(axes, one, rates.index(one.at_hz or 0.0))
         percentile_axes(axes, total)
-        if median and largest > MIN_LOG_RATIO * min(median):
-            axes.set_yscale("log")
-            plain_numbers(axes.yaxis)
-        else:
-            axes.set_ylim(bottom=0)
+        is_wide = bool(median) and largest > MIN_LOG_RATIO * min(median)
+        scale_values(axes, logarithmic=is_wide)
         for one in limits:
             _label(axes, one)
         if sketch.labels:
@@ -310,15 +307,12 @@ def _row(
         kept + 1, values[kept] * 1e3, ".", color=colour(number), markersize=3, label=label
     )
     sketch.series(line, label)
+    drawn = [(one.limit * 1e3, _ink(one)) for one in limits if one.limit is not None]
     top = float(np.nanmax(values)) * 1e3 if kept.size else 1.0
-    for one in limits:
-        if one.limit is not None:
-            top = max(top, one.limit * 1e3)
+    top = max(top, *(limit for limit, _ in drawn), 0.0)
     axes.set_ylim(0, top * 1.25)
-    for one in limits:
-        if one.limit is not None:
-            name = OUTCOME_COLOURS[one.outcome]
-            axes.axhline(one.limit * 1e3, color=PALETTE[name], linewidth=1, linestyle="--")
+    for limit, ink in drawn:
+        axes.axhline(limit, color=ink, linewidth=1, linestyle="--")
     for end in np.cumsum([part.size for part in parts])[:-1]:
         axes.axvline(end + 0.5, color=PALETTE["quiet"], linewidth=0.6)
     missed = np.isnan(values)

@@ -23,6 +23,7 @@ from r2bspec.report.html.chart import (
     inside_label,
     marker,
     plain_numbers,
+    scale_values,
 )
 from r2bspec.report.html.latency_charts import step_latencies
 from r2bspec.report.report_wording import all_probes
@@ -73,12 +74,8 @@ def load_curve_chart(name: str, metrics: RunMetrics, run: Run | None, verdict: V
         if wide:
             upper.set_xscale("log")
             plain_numbers(upper.xaxis)
-        if wide and _min_delivered(metrics) > 0:
-            # On two logarithmic axes the offered rate stays a straight line.
-            upper.set_yscale("log")
-            plain_numbers(upper.yaxis)
-        else:
-            upper.set_ylim(bottom=0)
+        # On two logarithmic axes the offered rate stays a straight line.
+        scale_values(upper, logarithmic=wide and _min_delivered(metrics) > 0)
         lower.set_ylim(-3, 103)
         _limits(upper, lower, verdict)
         upper.set_ylabel("throughput, Hz")

@@ -1,4 +1,4 @@
-"""Reports that are text, word for word.
+"""Reports that are text, and that of the terminal, word for word.
 
 After a wanted change: `make generated`, and read the difference.
 """
@@ -14,6 +14,7 @@ from golden import compare
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
 from r2bspec.report.format_registry import renderer
+from r2bspec.report.terminal import to_text
 from run_simulation import Simulation
 
 SPEC = """\
@@ -44,8 +45,11 @@ FORMATS = {
 }
 
 
+EVERY_RUN = pytest.mark.parametrize(("name", "simulation"), [("usual", USUAL), ("broken", BROKEN)])
+
+
+@EVERY_RUN
 @pytest.mark.parametrize("format_name", FORMATS)
-@pytest.mark.parametrize(("name", "simulation"), [("usual", USUAL), ("broken", BROKEN)])
 def test_the_report_reads_like_this(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -60,3 +64,15 @@ def test_the_report_reads_like_this(
     reported = ReportInput(result=result_of(run), run=run, spec_file=spec)
     file = Path(__file__).parent / f"{format_name}_{name}.{FORMATS[format_name]}"
     compare(renderer(format_name)(reported), file)
+
+
+@EVERY_RUN
+@pytest.mark.parametrize("width", [80, 100, 120])
+def test_the_terminal_reads_like_this(
+    tmp_path: Path, name: str, simulation: Simulation, width: int
+) -> None:
+    result = result_of(simulation.write(tmp_path))
+    text = to_text(result, Path("runs/simulated-20260101-000000"), width)
+    compare(text, Path(__file__).parent / f"terminal_{name}_{width}.txt")
+    assert all(len(line) <= width for line in text.splitlines())
+    assert "\x1b" not in text

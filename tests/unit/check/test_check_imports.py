@@ -8,9 +8,9 @@ import pytest
 
 from example_spec import example
 from r2bspec.check import check
-from r2bspec.check import installation_advice as advice
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.language.load_spec import load_spec
+from r2bspec.plan import installed_packages as advice
 from r2bspec.plan.installed_packages import missing_imports
 
 NODE = """raise SystemExit("it was executed")

@@ -12,9 +12,11 @@ import pytest
 from check_specs import codes, findings
 
 from example_spec import example
-from r2bspec.check.installation_advice import ros_package_advice
 from r2bspec.diagnostics import Certainty
-from r2bspec.plan.installed_packages import package_executables, top_level_names
+from r2bspec.plan.installed_packages import (
+    ros_package_advice,
+    top_level_names,
+)
 from r2bspec.plan.this_machine import find_module
 
 KNOWN = "subscribes: {image: sensor_msgs/msg/Image}, publishes: {output: sensor_msgs/msg/Image}"
@@ -154,18 +156,6 @@ def test_programs(kind: str, expected: list[str]) -> None:
     found = findings(node(kind))
     assert [each.code for each in found] == expected
     assert all(each.certainty is Certainty.ENVIRONMENT for each in found)
-
-
-@pytest.mark.usefixtures("workspace")
-def test_executables_are_what_can_be_executed() -> None:
-    assert package_executables("detectors") == {"detector_node"}
-    assert package_executables("other") == set()
-
-
-@pytest.mark.usefixtures("workspace")
-def test_a_close_name_is_proposed() -> None:
-    (found,) = findings(node("package: detector, executable: detector_node"))
-    assert found.help == "did you mean 'detectors'?"
 
 
 @pytest.mark.usefixtures("workspace")

@@ -8,7 +8,7 @@ import pytest
 from rosbags.interfaces import Nodetype
 
 from r2bspec.bags import message_types
-from r2bspec.check.rules.parameters import parameter_type
+from r2bspec.check.rules.node_settings import parameter_type
 from r2bspec.diagnostics.quote import quoted_list, suggestion
 
 

@@ -112,19 +112,27 @@ def test_without_room_for_the_traceback_the_line_is_said_all_the_same(
 
 
 def _crash_on(
-    monkeypatch: pytest.MonkeyPatch, names: list[str], crash: Callable[[], object]
-) -> str:
-    """Let the check of one of the files crash, which is not the first; returns its name."""
-    chosen = names[37]
+    monkeypatch: pytest.MonkeyPatch,
+    names: list[str],
+    crash: Callable[[], object],
+    numbers: tuple[int, ...] = (37,),
+) -> list[str]:
+    """Let the checks of some of the files crash; returns their names."""
+    chosen = [names[number] for number in numbers]
     before = check_files_module._load
 
     def load(source: Path | str, file: str, options: CheckOptions) -> object:
-        if file == chosen:
+        if file in chosen:
             crash()
         return before(source, file, options)
 
     monkeypatch.setattr(check_files_module, "_load", load)
     return chosen
+
+
+def _die(number: int = signal.SIGKILL) -> None:
+    faulthandler.disable()  # that of pytest would write to the terminal
+    os.kill(os.getpid(), number)
 
 
 @pytest.mark.parametrize("together", [True, False])
@@ -139,7 +147,7 @@ def test_a_crash_while_a_file_is_checked_names_the_file(
 ) -> None:
     if not together:
         monkeypatch.setattr(check_files_module, "MIN_PARALLEL_FILES", 1000)
-    chosen = _crash_on(monkeypatch, many, CRASHES[kind])
+    (chosen,) = _crash_on(monkeypatch, many, CRASHES[kind])
     assert cli.main(["validate", "--offline", *many]) == ExitStatus.INTERNAL_ERROR
     (line,) = capsys.readouterr().err.splitlines()
     assert f"while checking '{chosen}'" in line
@@ -154,11 +162,7 @@ def test_a_worker_that_dies_is_an_error_that_names_its_file(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def die() -> None:
-        faulthandler.disable()  # that of pytest would write to the terminal
-        os.kill(os.getpid(), number)
-
-    chosen = _crash_on(monkeypatch, many, die)
+    (chosen,) = _crash_on(monkeypatch, many, lambda: _die(number))
     assert cli.main(["validate", "--offline", *many]) == ExitStatus.INTERNAL_ERROR
     first, second = capsys.readouterr().err.splitlines()
     assert first == (
@@ -171,9 +175,9 @@ WRONG = "1: 2\n"
 
 
 @pytest.mark.parametrize("together", [True, False])
-@pytest.mark.parametrize("chosen", [[0], [37], [0, 1, 37, 59]])
+@pytest.mark.parametrize("numbers", [(0,), (37,), (0, 1, 37, 59)])
 def test_a_crash_does_not_hide_the_findings_of_other_files(
-    chosen: list[int],
+    numbers: tuple[int, ...],
     together: bool,
     many: list[str],
     monkeypatch: pytest.MonkeyPatch,
@@ -181,22 +185,14 @@ def test_a_crash_does_not_hide_the_findings_of_other_files(
 ) -> None:
     if not together:
         monkeypatch.setattr(check_files_module, "MIN_PARALLEL_FILES", 1000)
-    crashing = {many[number] for number in chosen}
+    crashing = _crash_on(monkeypatch, many, _nested, numbers)
     wrong = [name for number, name in enumerate(many) if number % 10 == 5]
     for name in wrong:
         Path(name).write_text(WRONG)
-    before = check_files_module._load
-
-    def load(source: Path | str, file: str, options: CheckOptions) -> object:
-        if file in crashing:
-            _nested()
-        return before(source, file, options)
-
-    monkeypatch.setattr(check_files_module, "_load", load)
     assert cli.main(["validate", "--offline", *many]) == ExitStatus.INTERNAL_ERROR
     shown = capsys.readouterr()
     assert [name for name in many if f"{name}:1:" in shown.out] == wrong
-    assert f"{len(many) - len(chosen)} files, " in shown.out
+    assert f"{len(many) - len(numbers)} files, " in shown.out
     assert [name for name in crashing if repr(name) not in shown.err] == []
 
 
@@ -204,12 +200,7 @@ def test_workers_that_die_are_replaced(
     many: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     Path(many[58]).write_text(WRONG)
-
-    def die() -> None:
-        faulthandler.disable()
-        os.kill(os.getpid(), signal.SIGKILL)
-
-    _crash_on(monkeypatch, many, die)
+    _crash_on(monkeypatch, many, _die)
     assert cli.main(["validate", "--offline", *many]) == ExitStatus.INTERNAL_ERROR
     shown = capsys.readouterr()
     assert f"{many[58]}:1:" in shown.out
@@ -235,7 +226,7 @@ def test_a_crash_while_a_file_is_repaired_names_the_file(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    chosen = _crash_on(monkeypatch, many, _nested)
+    (chosen,) = _crash_on(monkeypatch, many, _nested)
     assert cli.main(["validate", "--offline", option, *many]) == ExitStatus.INTERNAL_ERROR
     assert f"while checking '{chosen}'" in capsys.readouterr().err
 

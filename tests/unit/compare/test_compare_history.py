@@ -6,12 +6,15 @@ import contextlib
 import multiprocessing
 import os
 import sqlite3
+from collections.abc import Sequence
 from dataclasses import replace
+from multiprocessing.context import SpawnProcess
 from multiprocessing.synchronize import Barrier
 from pathlib import Path
 
 import pytest
 
+from nightly import size
 from r2bspec.compare.history import (
     SCHEMA_VERSION,
     HistoryEntry,
@@ -158,10 +161,6 @@ def test_what_is_not_there_is_said(tmp_path: Path) -> None:
         pass
 
 
-ROUNDS = int(os.environ.get("R2BSPEC_HISTORY_ROUNDS", "10"))
-"""More of them are for a machine that has the time."""
-
-
 def _write(folder: Path, name: str, barrier: Barrier, rounds: int) -> None:
     for number in range(rounds):
         barrier.wait(60)
@@ -170,18 +169,21 @@ def _write(folder: Path, name: str, barrier: Barrier, rounds: int) -> None:
             history.runs()
 
 
+def run_all(programs: Sequence[SpawnProcess]) -> None:
+    for program in programs:
+        program.start()
+    for program in programs:
+        program.join(120)
+    assert [program.exitcode for program in programs] == [0] * len(programs)
+
+
 def test_many_programs_make_one_history_at_once(tmp_path: Path) -> None:
     context = multiprocessing.get_context("spawn")
-    names, rounds = [f"w{number:02}" for number in range(16)], ROUNDS
+    names, rounds = [f"w{number:02}" for number in range(size(4, 16))], size(3, 10)
     barrier = context.Barrier(len(names))
-    writers = [
-        context.Process(target=_write, args=(tmp_path, name, barrier, rounds)) for name in names
-    ]
-    for each in writers:
-        each.start()
-    for each in writers:
-        each.join(120)
-    assert [each.exitcode for each in writers] == [0] * len(names)
+    run_all(
+        [context.Process(target=_write, args=(tmp_path, name, barrier, rounds)) for name in names]
+    )
     for number in range(rounds):
         with open_history(tmp_path / str(number)) as history:
             assert sorted(one.run_id for one in history.runs()) == names
@@ -199,11 +201,21 @@ def test_several_programs_write_at_once(tmp_path: Path) -> None:
     """Each opens the file anew for every run."""
     path = tmp_path / "h"
     context = multiprocessing.get_context("spawn")
-    writers = [context.Process(target=_append, args=(path, f"w{n}", 10)) for n in range(4)]
-    for each in writers:
-        each.start()
-    for each in writers:
-        each.join(120)
-    assert [each.exitcode for each in writers] == [0] * 4
+    run_all([context.Process(target=_append, args=(path, f"w{n}", 10)) for n in range(4)])
     with open_history(path) as history:
         assert len(history.runs()) == 40
+
+
+def test_no_other_user_may_read_a_new_history(tmp_path: Path) -> None:
+    before = os.umask(0o022)
+    try:
+        file = tmp_path / "folder" / "history.sqlite"
+        with open_history(file, create=True) as history:
+            assert history.runs() == ()
+            modes = {each.name: each.stat().st_mode & 0o777 for each in file.parent.iterdir()}
+        assert os.umask(0o022) == 0o022, "the umask of the process is as it was"
+    finally:
+        os.umask(before)
+    assert set(modes.values()) == {0o600}, modes
+    assert "history.sqlite-wal" in modes
+    assert file.parent.stat().st_mode & 0o777 == 0o700

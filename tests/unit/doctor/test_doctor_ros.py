@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -175,15 +173,6 @@ def test_a_module_that_ends_the_interpreter_is_quoted(tmp_path: Path) -> None:
     system = System(environ={**System().environ, "PYTHONPATH": path})
     assert probe_imports(system, "dies") == {"dies": {"error": "no such middleware"}}
     assert probe_imports(system, "goes") == {"goes": {"error": "it ended with status 102"}}
-
-
-def test_the_doctor_itself_imports_no_ros() -> None:
-    program = (
-        "import sys, r2bspec.doctor.all_checks; "
-        "print([name for name in ('rclpy', 'cv2', 'numpy') if name in sys.modules])"
-    )
-    said = subprocess.run([sys.executable, "-c", program], capture_output=True, check=True)
-    assert said.stdout.strip() == b"[]"
 
 
 def test_the_command_prints_what_programs_and_people_read(

@@ -34,11 +34,6 @@ def test_processors_and_priority(sleeper: subprocess.Popen[bytes]) -> None:
     assert os.getpriority(os.PRIO_PROCESS, sleeper.pid) == os.getpriority(os.PRIO_PROCESS, 0) + 5
 
 
-def test_nothing_asked_for_changes_nothing(sleeper: subprocess.Popen[bytes]) -> None:
-    apply_affinity(plan(), sleeper.pid)
-    assert os.sched_getaffinity(sleeper.pid) == os.sched_getaffinity(0)
-
-
 def test_a_processor_that_is_not_there_is_named(sleeper: subprocess.Popen[bytes]) -> None:
     with pytest.raises(RunError, match="detector cannot run on CPUs 4095") as caught:
         apply_affinity(plan(cpus=(4095,)), sleeper.pid)

@@ -38,38 +38,29 @@ def test_what_is_missing(latencies: list[tuple[float, ...]], outstanding: Outsta
     assert outstanding_answers(matched(*each) for each in latencies) == outstanding
 
 
-def test_the_last_answers_are_waited_for_as_long_as_the_spec_says() -> None:
-    timer = DrainTimer(5.0, 100.0)
-    timer.arrived(100.0)
-    timer.outstanding = "tail"
-    assert not timer.is_over(104.9)
-    assert timer.is_over(105.1)
-
-
-def test_every_arrival_begins_the_wait_anew() -> None:
-    timer = DrainTimer(5.0, 100.0)
-    for now_s in (100.0, 104.0, 108.0):
+@pytest.mark.parametrize(
+    ("timeout_s", "arrivals_s", "outstanding", "over_after_s"),
+    [
+        (5.0, (100.0,), "tail", 105.0),
+        # Every arrival begins the wait anew.
+        (5.0, (100.0, 104.0, 108.0), "tail", 113.0),
+        # A gap is waited for a multiple of the longest pause, and never longer than the spec says.
+        (5.0, (100.0, 100.2, 100.4), "gaps", 101.4),
+        (0.5, (100.0, 100.4), "gaps", 100.9),
+    ],
+)
+def test_how_long_is_waited(
+    timeout_s: float,
+    arrivals_s: tuple[float, ...],
+    outstanding: Outstanding,
+    over_after_s: float,
+) -> None:
+    timer = DrainTimer(timeout_s, 100.0)
+    for now_s in arrivals_s:
         timer.arrived(now_s)
-    timer.outstanding = "tail"
-    assert not timer.is_over(112.9)
-    assert timer.is_over(113.1)
-
-
-def test_a_gap_is_waited_for_a_multiple_of_the_longest_pause() -> None:
-    timer = DrainTimer(5.0, 100.0)
-    for now_s in (100.0, 100.2, 100.4):
-        timer.arrived(now_s)
-    timer.outstanding = "gaps"
-    assert not timer.is_over(101.3)
-    assert timer.is_over(101.5)
-
-
-def test_a_gap_is_never_waited_for_longer_than_the_spec_says() -> None:
-    timer = DrainTimer(0.5, 100.0)
-    for now_s in (100.0, 100.4):
-        timer.arrived(now_s)
-    timer.outstanding = "gaps"
-    assert timer.is_over(101.0)
+    timer.outstanding = outstanding
+    assert not timer.is_over(over_after_s - 0.1)
+    assert timer.is_over(over_after_s + 0.1)
 
 
 def test_what_is_missing_is_looked_up_once_after_each_arrival() -> None:

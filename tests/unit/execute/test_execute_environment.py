@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Literal
 
 import msgspec
 import pytest
@@ -12,9 +11,13 @@ import pytest
 import r2bspec
 from r2bspec.execute.processes.environment import RunEnvironment, inherited_environment
 from r2bspec.middleware.fast_dds import transport_profile
+from r2bspec.middleware.middleware import TransportKind
 from r2bspec.plan.plan import Plan
 from run_simulation import Simulation
 
+NEEDED_BY_ROS = dict.fromkeys(
+    ("AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "RMW_IMPLEMENTATION", "PYTHONPATH", "HOME"), "value"
+)
 MODULE_NAMES = str(Path(r2bspec.__file__).parent / "harness" / "module_names")
 
 SECRETS = {
@@ -27,10 +30,11 @@ SECRETS = {
 }
 
 
-def plan(
-    transport: Literal["inherit", "shared_memory", "udp"] = "shared_memory",
-    environment: tuple[str, ...] = (),
-) -> Plan:
+TRANSPORTS: tuple[TransportKind, ...] = ("shared_memory", "udp", "inherit")
+CONFIGURED = TRANSPORTS[:2]
+
+
+def plan(transport: TransportKind = "shared_memory", environment: tuple[str, ...] = ()) -> Plan:
     return msgspec.structs.replace(
         Simulation().plan(), transport=transport, environment=environment
     )
@@ -42,29 +46,20 @@ def environment(tmp_path: Path, used: Plan) -> RunEnvironment:
     )
 
 
-def test_secrets_are_not_inherited() -> None:
-    assert inherited_environment(SECRETS | {"PATH": "/bin", "LC_ALL": "C"}, ()) == {
-        "PATH": "/bin",
-        "LC_ALL": "C",
-    }
-
-
-def test_secrets_that_the_spec_names_are_inherited() -> None:
-    assert inherited_environment(SECRETS, ("PASSWORD", "AWS_*")) == {
-        "PASSWORD": SECRETS["PASSWORD"],
-        "AWS_SECRET_ACCESS_KEY": "t1",
-    }
-
-
-def test_names_are_told_apart_by_case() -> None:
-    assert inherited_environment({"path": "a", "Path": "b"}, ()) == {}
-
-
 @pytest.mark.parametrize(
-    "name", ["AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "RMW_IMPLEMENTATION", "PYTHONPATH", "HOME"]
+    ("environ", "named", "inherited"),
+    [
+        (SECRETS | {"PATH": "/bin", "LC_ALL": "C"}, (), {"PATH", "LC_ALL"}),
+        (SECRETS, ("PASSWORD", "AWS_*"), {"PASSWORD", "AWS_SECRET_ACCESS_KEY"}),
+        # Names are told apart by case.
+        ({"path": "a", "Path": "b"}, (), set()),
+        (NEEDED_BY_ROS, (), {*NEEDED_BY_ROS}),
+    ],
 )
-def test_what_ros_programs_need_is_inherited(name: str) -> None:
-    assert inherited_environment({name: "value"}, ()) == {name: "value"}
+def test_what_ros_programs_need_and_what_the_spec_names_is_inherited(
+    environ: dict[str, str], named: tuple[str, ...], inherited: set[str]
+) -> None:
+    assert inherited_environment(environ, named) == {name: environ[name] for name in inherited}
 
 
 def test_no_process_of_a_run_gets_a_secret(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -74,23 +69,6 @@ def test_no_process_of_a_run_gets_a_secret(tmp_path: Path, monkeypatch: pytest.M
     for each in (made.for_harness(), made.for_node({})):
         assert each["PASSWORD"] == "t2"
         assert set(each) & set(SECRETS) == {"PASSWORD"}
-
-
-def test_every_process_has_the_run_id_and_a_domain_of_this_host_only(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("ROS_DOMAIN_ID", "42")
-    monkeypatch.setenv("ROS_LOCALHOST_ONLY", "0")
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
-    made = environment(tmp_path, plan())
-    for each in (made.for_harness(), made.for_node({})):
-        assert each["R2BSPEC_RUN_ID"] == "abc"
-        assert each["ROS_DOMAIN_ID"] == "7"
-        # The profile of the transport says it, see below.
-        assert each["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SYSTEM_DEFAULT"
-        assert "ROS_LOCALHOST_ONLY" not in each
-    for each in (environment(tmp_path, plan("inherit")).for_node({}),):
-        assert each["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
 
 
 def test_modules_are_found_although_processes_run_in_the_folder_of_the_spec(
@@ -122,28 +100,17 @@ def test_a_node_gets_the_changes_of_the_spec_and_nothing_of_the_harness(tmp_path
     assert "MODE" not in made.for_harness()
 
 
-def test_an_inherited_transport_is_left_as_the_user_has_set_it(
+def test_the_profile_of_the_user_is_kept_with_an_inherited_transport_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", "/home/user/mine.xml")
-    made = environment(tmp_path, plan("inherit"))
-    assert made.for_node({})["FASTRTPS_DEFAULT_PROFILES_FILE"] == "/home/user/mine.xml"
+    kept = environment(tmp_path, plan("inherit")).for_node({})
+    assert kept["FASTRTPS_DEFAULT_PROFILES_FILE"] == "/home/user/mine.xml"
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("transport", ["shared_memory", "udp"])
-def test_a_chosen_transport_is_a_profile_in_the_scratch_folder(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    transport: Literal["shared_memory", "udp"],
-) -> None:
-    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", "/home/user/mine.xml")
-    made = environment(tmp_path, plan(transport))
-    for each in (made.for_harness(), made.for_node({})):
-        profile = Path(each["FASTRTPS_DEFAULT_PROFILES_FILE"])
-        assert profile.parent == tmp_path
-        assert each["FASTDDS_DEFAULT_PROFILES_FILE"] == str(profile)
-        assert profile.read_text() == transport_profile(transport, 1_000_000)
+    for transport in CONFIGURED:
+        environment(tmp_path, plan(transport))
+        profile = (tmp_path / "transport.xml").read_text()
+        assert profile == transport_profile(transport, 1_000_000)
 
 
 USERS = {
@@ -163,7 +130,7 @@ def of_a_node(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     rmw: str,
-    transport: Literal["inherit", "shared_memory", "udp"],
+    transport: TransportKind,
 ) -> dict[str, str]:
     """The whole environment of a node, where a user has set these variables."""
     selected = {"RMW_IMPLEMENTATION": rmw} if rmw else {}
@@ -189,42 +156,34 @@ def expected(tmp_path: Path, **more: str) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("rmw", ["", "rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp"])
-@pytest.mark.parametrize("transport", ["shared_memory", "udp"])
 def test_with_fast_dds_a_profile_says_everything(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    rmw: str,
-    transport: Literal["shared_memory", "udp"],
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rmw: str
 ) -> None:
     profile = str(tmp_path / "transport.xml")
-    assert of_a_node(tmp_path, monkeypatch, rmw, transport) == expected(
-        tmp_path,
-        **({"RMW_IMPLEMENTATION": rmw} if rmw else {}),
-        ROS_STATIC_PEERS="robot.local",
-        ROS_AUTOMATIC_DISCOVERY_RANGE="SYSTEM_DEFAULT",
-        FASTRTPS_DEFAULT_PROFILES_FILE=profile,
-        FASTDDS_DEFAULT_PROFILES_FILE=profile,
-    )
-
-
-def test_with_fast_dds_an_inherited_transport_is_kept_on_the_host(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert of_a_node(tmp_path, monkeypatch, "", "inherit") == expected(
-        tmp_path, ROS_STATIC_PEERS="robot.local", ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST"
+    selected = {"RMW_IMPLEMENTATION": rmw} if rmw else {}
+    peers = {"ROS_STATIC_PEERS": "robot.local"}
+    for transport in CONFIGURED:
+        assert of_a_node(tmp_path, monkeypatch, rmw, transport) == expected(
+            tmp_path,
+            **selected,
+            **peers,
+            ROS_AUTOMATIC_DISCOVERY_RANGE="SYSTEM_DEFAULT",
+            FASTRTPS_DEFAULT_PROFILES_FILE=profile,
+            FASTDDS_DEFAULT_PROFILES_FILE=profile,
+        )
+    # An inherited one is kept on the host by the variable of ROS.
+    assert of_a_node(tmp_path, monkeypatch, rmw, "inherit") == expected(
+        tmp_path, **selected, **peers, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST"
     )
 
 
 @pytest.mark.parametrize("rmw", ["rmw_cyclonedds_cpp", "rmw_zenoh_cpp", "rmw_connextdds"])
-@pytest.mark.parametrize("transport", ["inherit", "shared_memory", "udp"])
 def test_with_another_middleware_discovery_is_kept_on_the_host_and_nothing_else_is_set(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    rmw: str,
-    transport: Literal["inherit", "shared_memory", "udp"],
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rmw: str
 ) -> None:
     # A run refuses the other transports; `r2bspec interfaces` starts nodes all the same.
-    assert of_a_node(tmp_path, monkeypatch, rmw, transport) == expected(
-        tmp_path, RMW_IMPLEMENTATION=rmw, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST"
-    )
+    for transport in TRANSPORTS:
+        assert of_a_node(tmp_path, monkeypatch, rmw, transport) == expected(
+            tmp_path, RMW_IMPLEMENTATION=rmw, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST"
+        )
     assert list(tmp_path.iterdir()) == []

@@ -51,41 +51,27 @@ def test_the_first_prefix_that_has_it_wins(
     assert find_executable("demo_nodes_cpp", "listener") == prefix / "lib/demo_nodes_cpp/listener"
 
 
-def test_a_package_that_is_not_installed_is_named(prefix: Path) -> None:
-    with pytest.raises(NotInstalledError, match="'apriltag_ros' is not installed") as raised:
-        resolve_argv(process("$(executable apriltag_ros node)"))
-    assert raised.value.code == "R2B622"
-    assert raised.value.exit_code == 2
-
-
-def test_without_a_sourced_workspace_no_package_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
-    with pytest.raises(NotInstalledError, match="in 0 ament prefixes"):
-        find_executable("demo_nodes_cpp", "talker")
-
-
-def test_an_executable_that_the_package_lacks_is_answered_with_those_it_has(prefix: Path) -> None:
-    with pytest.raises(NotInstalledError, match="no executable 'speaker'") as raised:
-        find_executable("demo_nodes_cpp", "speaker")
-    assert raised.value.code == "R2B623"
-    assert raised.value.hint == "Its executables: listener, talker."
-
-
-def test_a_file_that_may_not_be_executed_is_no_executable(prefix: Path) -> None:
+@pytest.mark.parametrize(
+    ("command", "message", "code"),
+    [
+        ("$(executable apriltag_ros node)", "'apriltag_ros' is not installed in 1", "R2B622"),
+        ("$(executable demo_nodes_cpp speaker)", "no executable 'speaker'", "R2B623"),
+        # A file that may not be executed, and a folder.
+        ("$(executable demo_nodes_cpp readme)", "no executable 'readme'", "R2B623"),
+        ("$(executable demo_nodes_cpp plugins)", "no executable 'plugins'", "R2B623"),
+        ("no-such-program", "program 'no-such-program' is not on PATH", "R2B621"),
+    ],
+)
+def test_what_is_not_installed_is_named(
+    prefix: Path, command: str, message: str, code: str
+) -> None:
     (prefix / "lib/demo_nodes_cpp/readme").write_text("text")
-    with pytest.raises(NotInstalledError, match="no executable 'readme'"):
-        find_executable("demo_nodes_cpp", "readme")
-
-
-def test_a_folder_is_no_executable(prefix: Path) -> None:
     (prefix / "lib/demo_nodes_cpp/plugins").mkdir()
-    with pytest.raises(NotInstalledError, match="no executable 'plugins'") as raised:
-        find_executable("demo_nodes_cpp", "plugins")
-    assert "plugins" not in raised.value.hint
-
-
-def test_the_interpreter_is_the_one_that_runs_r2bspec() -> None:
-    assert resolve_argv(process("$(python)", "-m", "x")) == [sys.executable, "-m", "x"]
+    with pytest.raises(NotInstalledError, match=message) as raised:
+        resolve_argv(process(command))
+    assert (raised.value.code, raised.value.exit_code) == (code, 2)
+    if code == "R2B623":
+        assert raised.value.hint == "Its executables: listener, talker."
 
 
 def test_a_program_is_looked_up_on_the_path(
@@ -96,16 +82,5 @@ def test_a_program_is_looked_up_on_the_path(
     program.chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path))
     assert resolve_argv(process("node", "$HOME", "*")) == [str(program), "$HOME", "*"]
-
-
-def test_a_program_that_is_not_there_is_named() -> None:
-    with pytest.raises(
-        NotInstalledError, match="program 'no-such-program' is not on PATH"
-    ) as raised:
-        resolve_argv(process("no-such-program"))
-    assert raised.value.code == "R2B621"
-    assert raised.value.exit_code == 2
-
-
-def test_a_path_is_left_as_it_is() -> None:
     assert resolve_argv(process("./node", "a b")) == ["./node", "a b"]
+    assert resolve_argv(process("$(python)", "-m", "x")) == [sys.executable, "-m", "x"]

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.execute.measurement.harness_overhead import measure_harness_overhead, overhead_record
+from r2bspec.execute.measurement.harness_overhead import HarnessOverhead, overhead_record
 from r2bspec.ipc import protocol
 from r2bspec.ipc.schedule import CyclicSchedule
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import InputPlan
-from r2bspec.record.run_record import HarnessOverheadRecord, RunRecord
+from r2bspec.record.run_record import HarnessOverheadRecord
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE
+from run_simulation import Simulation
 
 MS = 1_000_000
 
@@ -76,11 +78,6 @@ def test_without_samples_there_is_no_time() -> None:
     assert record.latency_p50_ns is None
 
 
-def test_a_record_without_a_floor_can_still_be_read() -> None:
-    fields = {field.name for field in msgspec.structs.fields(RunRecord) if not field.required}
-    assert "harness_overhead" in fields
-
-
 class Asked:
     """Children that answer how many readers each topic has, and nothing else."""
 
@@ -94,29 +91,30 @@ class Asked:
         return protocol.Matched(counts={"/image": self._readers})
 
 
-def measured(children: Any, qos: QoS, folder: Path) -> tuple[HarnessOverheadRecord, ...]:
+@pytest.mark.parametrize(
+    ("readers", "durability", "questions"),
+    [(1, "volatile", 1), (0, "transient_local", 0)],
+    ids=["read already", "kept for late joiners"],
+)
+def test_an_input_that_a_measurement_would_affect_is_not_played(
+    tmp_path: Path, readers: int, durability: Any, questions: int
+) -> None:
+    children: Any = Asked(readers)
+    source = InputPlan(
+        topic="/image",
+        type="sensor_msgs/msg/Image",
+        source="/loaded",
+        bag_topic="/camera",
+        qos=QoS(durability=durability),
+    )
     child: Any = None
-    inputs = (
-        InputPlan(
-            topic="/image",
-            type="sensor_msgs/msg/Image",
-            source="/loaded",
-            bag_topic="/camera",
-            qos=qos,
-        ),
+    measurement = HarnessOverhead(
+        msgspec.structs.replace(Simulation().plan(), inputs=(source,)),
+        cast("Any", SimpleNamespace(supervisor=children)),
+        child,
+        child,
+        tmp_path,
+        CyclicSchedule(steps=((0,),)),
     )
-    return measure_harness_overhead(
-        children, child, child, inputs, folder, "playback", 10.0, CyclicSchedule(steps=((0,),))
-    )
-
-
-def test_an_input_that_somebody_reads_already_is_not_played(tmp_path: Path) -> None:
-    children = Asked(readers=1)
-    assert measured(children, QoS(), tmp_path) == ()
-    assert len(children.commands) == 1
-
-
-def test_an_input_that_is_kept_for_late_joiners_is_not_played(tmp_path: Path) -> None:
-    children = Asked(readers=0)
-    assert measured(children, QoS(durability="transient_local"), tmp_path) == ()
-    assert children.commands == []
+    assert measurement.measure() == ()
+    assert len(children.commands) == questions

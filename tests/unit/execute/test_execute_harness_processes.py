@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import secrets
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -73,30 +72,26 @@ def play(steps: int) -> protocol.Play:
     return protocol.Play(rate_hz=1.0, steps=steps)
 
 
-def test_each_part_answers_what_it_was_asked(
+def test_each_part_answers_for_itself_and_ends_before_its_process(
     children: ProcessSupervisor, whole: ManagedProcess
 ) -> None:
     player, monitor = whole.parts["player"], whole.parts["monitor"]
-    for each in (monitor, whole, player):
-        each.send(play(10))
+    for child in (whole, player, monitor):
+        child.send(play(10))
     # In another order than they were asked.
-    assert children.answer(player, protocol.Played, HANG_S).steps == 10 + len("player")
-    assert children.answer(whole, protocol.Played, HANG_S).steps == 10
-    assert children.answer(monitor, protocol.Played, HANG_S).steps == 10 + len("monitor")
-
-
-def test_there_is_one_process_in_the_record(
-    children: ProcessSupervisor, whole: ManagedProcess
-) -> None:
-    assert [each.name for each in children.records()] == ["harness"]
-    assert [each.name for each in children] == ["harness"]
-    assert {each.pid for each in whole.parts.values()} == {whole.pid}
+    for child, name in ((player, "player"), (whole, ""), (monitor, "monitor")):
+        assert children.answer(child, protocol.Played, HANG_S).steps == 10 + len(name)
+    assert [record.name for record in children.records()] == ["harness"]
+    assert {player.pid, monitor.pid} == {whole.pid}
+    children.end([whole])
+    assert whole.process.returncode == 0
+    assert list(children) == []
 
 
 def test_a_part_that_fails_is_named(children: ProcessSupervisor, whole: ManagedProcess) -> None:
     whole.parts["player"].send(play(0))
     with pytest.raises(ProcessFailedError, match="^player: cannot play nothing"):
-        pump(children)
+        children.pump_for(HANG_S)
 
 
 def test_a_process_that_dies_takes_its_parts_along(
@@ -104,19 +99,4 @@ def test_a_process_that_dies_takes_its_parts_along(
 ) -> None:
     whole.parts["monitor"].send(protocol.Stop())
     with pytest.raises(ProcessDiedError, match="process harness exited with status 3"):
-        pump(children)
-
-
-def test_the_parts_end_before_their_process(
-    children: ProcessSupervisor, whole: ManagedProcess
-) -> None:
-    children.request(whole, play(1), protocol.Played, HANG_S)
-    children.end([whole])
-    assert whole.process.returncode == 0
-    assert list(children) == []
-
-
-def pump(children: ProcessSupervisor) -> None:
-    deadline = time.monotonic() + HANG_S
-    while time.monotonic() < deadline:
-        children.pump()
+        children.pump_for(HANG_S)

@@ -11,14 +11,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from r2bspec.execute.identity.file_digests import build_id
 from r2bspec.execute.identity.identify_graph import graph_identity
-from r2bspec.language.quantities import Duration
+from r2bspec.plan.command_lines import HARNESS_ARGV
 from r2bspec.plan.plan import (
     AfterReadyPlan,
-    DatasetPlan,
     ExternalPlan,
     NodePlan,
     Plan,
@@ -32,39 +32,14 @@ from r2bspec.record.graph_identity import (
     identity_differences,
     revision_text,
 )
+from run_simulation import Simulation
 
+EMPTY = msgspec.structs.replace(Simulation().plan(), topics=(), inputs=(), monitors=())
 NODE = "from rclpy.node import Node\n\n\nclass Blur(Node):\n    pass\n"
 
 
 def plan_of(*processes: ProcessPlan, **fields: Any) -> Plan:
-    return Plan(
-        generator="test",
-        name="test",
-        title="",
-        description="",
-        labels={},
-        namespace="/",
-        environment=(),
-        transport="inherit",
-        largest_message_bytes=0,
-        dataset=DatasetPlan(
-            source="", kind="recorded", sha256="", start_ns=0, end_ns=None, topics=()
-        ),
-        processes=processes,
-        topics=(),
-        playback_mode="live",
-        buffer=0,
-        inputs=(),
-        monitors=(),
-        phases=(),
-        warm_up=Duration(0),
-        start_timeout=Duration(0),
-        search=None,
-        sustained_hz=(),
-        play=(),
-        objectives={},
-        **fields,
-    )
+    return msgspec.structs.replace(EMPTY, processes=processes, **fields)
 
 
 def node_plan(name: str, **fields: Any) -> NodePlan:
@@ -72,26 +47,17 @@ def node_plan(name: str, **fields: Any) -> NodePlan:
     return NodePlan(name=f"/{name}", node=name, namespace="/", **values)
 
 
+def process_of(node: NodePlan, *argv: str, **fields: Any) -> ProcessPlan:
+    values = {"name": node.node, "role": "command", "phase": "measure", "env": {}} | fields
+    return ProcessPlan(argv=argv, nodes=(node,), **values)
+
+
 def python_process(name: str, target: str, **fields: Any) -> ProcessPlan:
-    return ProcessPlan(
-        name=name,
-        role="host",
-        phase="measure",
-        argv=("$(python)", "-P", "-m", "r2bspec.harness.child"),
-        env={},
-        nodes=(node_plan(name, target=target, **fields),),
-    )
+    return process_of(node_plan(name, target=target, **fields), *HARNESS_ARGV, role="host")
 
 
-def command_process(name: str, *argv: str, **fields: Any) -> ProcessPlan:
-    return ProcessPlan(
-        name=name,
-        role="command",
-        phase="measure",
-        argv=argv,
-        env={},
-        nodes=(node_plan(name, **fields),),
-    )
+def command_process(name: str, *argv: str) -> ProcessPlan:
+    return process_of(node_plan(name), *argv)
 
 
 def write(top: Path, files: Mapping[str, str]) -> None:
@@ -446,18 +412,6 @@ def write_program(path: Path, content: bytes) -> None:
     path.chmod(0o755)
 
 
-def test_an_executable_has_its_package_version_and_build_id(
-    top: Path, workspace: Workspace, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    prefix = workspace.package("lens")
-    write_program(prefix / "lib/lens/blur_node", elf(b"\xab\xcd"))
-    workspace.activate(monkeypatch)
-    plan = plan_of(command_process("blur", "$(executable lens blur_node)", "--ros-args"))
-    node = only_node(identity_of(top, plan))
-    assert (node.kind, node.package, node.version) == ("executable", "lens", "0.1.0")
-    assert node.build_id == "abcd"
-
-
 def test_an_executable_of_the_work_tree_is_known_by_the_sources_of_its_package(
     top: Path, workspace: Workspace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -470,7 +424,10 @@ def test_an_executable_of_the_work_tree_is_known_by_the_sources_of_its_package(
     workspace.activate(monkeypatch)
     plan = plan_of(command_process("blur", "$(executable lens blur_node)"))
     before = identity_of(top, plan)
-    assert paths(only_node(before)) == [
+    node = only_node(before)
+    assert (node.kind, node.package, node.version) == ("executable", "lens", "0.1.0")
+    assert node.build_id == "abcd"
+    assert paths(node) == [
         "src/core/package.xml",
         "src/core/src/core.cpp",
         "src/lens/package.xml",
@@ -537,22 +494,16 @@ def test_a_component_is_known_by_its_library(
     write_program(prefix / "lib/libblur.so", elf(b"\x01"))
     write_program(prefix / "lib/libsharpen.so", elf(b"\x02"))
     workspace.activate(monkeypatch)
-    container = ProcessPlan(
-        name="blur",
-        role="container",
-        phase="measure",
-        argv=("$(executable rclcpp_components component_container)",),
-        env={},
-        nodes=(node_plan("blur", package="lens", plugin="lens::Blur"),),
-    )
-    node = only_node(identity_of(top, plan_of(container)))
+
+    def identity_of_component(plugin: str) -> NodeIdentity:
+        node = node_plan("blur", package="lens", plugin=plugin)
+        argv = "$(executable rclcpp_components component_container)"
+        return only_node(identity_of(top, plan_of(process_of(node, argv, role="container"))))
+
+    node = identity_of_component("lens::Blur")
     assert (node.kind, node.build_id, node.version) == ("plugin", "01", "0.1.0")
-    missing = node_plan("blur", package="lens", plugin="lens::Other")
-    container = ProcessPlan(
-        name="blur", role="container", phase="measure", argv=(), env={}, nodes=(missing,)
-    )
-    unknown = only_node(identity_of(top, plan_of(container))).unknown
-    assert unknown == "lens registers no component lens::Other"
+    missing = identity_of_component("lens::Other")
+    assert missing.unknown == "lens registers no component lens::Other"
 
 
 def test_a_build_id_is_read_from_its_note_or_is_the_digest_of_the_file(tmp_path: Path) -> None:
@@ -564,13 +515,9 @@ def test_a_build_id_is_read_from_its_note_or_is_the_digest_of_the_file(tmp_path:
     file.write_bytes(elf(content=b"other"))
     assert first.startswith("sha256:")
     assert build_id(file) != first
-
-
-@pytest.mark.parametrize("length", [3, 4, 16, 40, 70, 130])
-def test_a_build_id_of_a_cut_file_is_the_digest_of_its_content(tmp_path: Path, length: int) -> None:
-    file = tmp_path / "program"
-    file.write_bytes(elf(b"\x01\x02")[:length])
-    assert build_id(file).startswith("sha256:")
+    for length in (3, 4, 16, 40, 70, 130):
+        file.write_bytes(elf(b"\x01\x02")[:length])
+        assert build_id(file).startswith("sha256:")
     assert build_id(tmp_path / "missing") == ""
 
 
@@ -642,14 +589,7 @@ def test_a_launch_file_counts_with_what_it_names_and_says_that_there_is_more(
 def test_preprocessors_setup_steps_and_external_nodes_have_names_of_their_own(top: Path) -> None:
     write(top, {"bench/build.sh": "make\n", "bench/call.sh": "call\n"})
     process = python_process("blur", "../nodes/blur.py:Blur")
-    before = ProcessPlan(
-        name="preprocess.blur",
-        role="host",
-        phase="preprocess",
-        argv=process.argv,
-        env={},
-        nodes=process.nodes,
-    )
+    before = msgspec.structs.replace(process, name="preprocess.blur", phase="preprocess")
     plan = plan_of(
         before,
         process,
@@ -693,8 +633,6 @@ def test_files_of_one_name_are_told_apart_by_their_paths() -> None:
     from r2bspec.record.graph_identity import FileDigest, identity_digest, node_digest
 
     def identity(*contents: str) -> GraphIdentity:
-        import msgspec
-
         files = tuple(
             FileDigest(f"{letter}/__init__.py", content)
             for letter, content in zip("ab", contents, strict=True)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any, cast
 
 import msgspec
 import pytest
 
-from r2bspec.execute.measurement.measurement import IterationRunner
+from r2bspec.execute.measurement.measurement import Measurement
 from r2bspec.execute.measurement.segments import SegmentHeading
 from r2bspec.execute.run_context import TimeBudget
 from r2bspec.judge.verdict import (
@@ -19,7 +20,7 @@ from r2bspec.judge.verdict import (
     RequirementVerdict,
     Verdict,
 )
-from r2bspec.plan.plan import GatePlan, PlayPlan
+from r2bspec.plan.plan import GatePlan, Plan, PlayPlan
 from r2bspec.record.run_record import Segment
 from run_simulation import Simulation
 
@@ -94,22 +95,56 @@ def busy(number: int, **known: Any) -> DisturbedIteration:
     )
 
 
-def no_start() -> Any:
-    pytest.fail("a run of one start has no other")
+class Run:
+    """A measurement that is told one verdict after the other.
+
+    Attributes:
+        starts: what was played in each start.
+        budget: of the run.
+    """
+
+    def __init__(self, verdicts: Sequence[Verdict], plan: Plan = PLAN, budget_ns: int = 0) -> None:
+        self.starts = [Played()]
+        self.budget = TimeBudget(budget_ns, lambda _: None)
+        self._verdicts = iter(verdicts)
+        context = SimpleNamespace(
+            host=SimpleNamespace(between=None),
+            note=lambda _: None,
+            states=SimpleNamespace(enter=lambda *_: None),
+        )
+        self.measurement = Measurement(
+            plan,
+            cast("Any", self.starts[0]),
+            cast("Any", context),
+            lambda: next(self._verdicts),
+            self.budget,
+            self._next_start,
+        )
+
+    def _next_start(self) -> Any:
+        assert self.measurement._plan.starts > 1
+        self.starts.append(Played())
+        return self.starts[-1]
+
+    def measure(self) -> Run:
+        """Play until it is decided; every verdict is asked for: none is reached without a look."""
+        self.measurement.measure()
+        assert next(self._verdicts, None) is None
+        return self
+
+    def played(self) -> list[list[str]]:
+        """The names of what was played in each start."""
+        return [
+            [segment.id.removeprefix("rate-30Hz-") for segment in start.segments]
+            for start in self.starts
+        ]
 
 
 def iterate(verdicts: Sequence[Verdict], budget_ns: int = 0) -> tuple[list[str], TimeBudget]:
-    """Play, told one verdict after the other; the names of what was played."""
-    segment_player, notes = Played(), list[str]()
-    said: Iterator[Verdict] = iter(verdicts)
-    budget = TimeBudget(budget_ns, notes.append)
-    budget.begin()
-    IterationRunner(
-        PLAN, cast("Any", segment_player), lambda: next(said), notes.append, budget, no_start
-    ).play()
-    # Every verdict was asked for: none is reached without a look.
-    assert next(said, None) is None
-    return [each.id.removeprefix("rate-30Hz-") for each in segment_player.segments], budget
+    """The names of what was played in one start."""
+    run = Run(verdicts, budget_ns=budget_ns).measure()
+    (played,) = run.played()
+    return played, run.budget
 
 
 FIRST_LOOK = ["001", "002"]
@@ -152,71 +187,44 @@ def test_the_budget_comes_first() -> None:
     assert look.startswith("No more than 2 iterations: it would exceed the time budget")
 
 
-def start_after_start(
-    iterations: int, starts: int, verdicts: Sequence[Verdict], max_iterations: int = 0
-) -> tuple[list[list[str]], IterationRunner]:
-    """Play in several starts; what was played in each."""
-    stages = [Played()]
-
-    def next_start() -> Any:
-        stages.append(Played())
-        return stages[-1]
-
+def plan_of(iterations: int, starts: int, max_iterations: int = 0) -> Plan:
     play = PlayPlan(
         rate_hz=30.0, duration_ns=1, iterations=iterations, max_iterations=max_iterations
     )
-    said: Iterator[Verdict] = iter(verdicts)
-    runner = IterationRunner(
-        msgspec.structs.replace(PLAN, play=(play,), starts=starts),
-        cast("Any", stages[0]),
-        lambda: next(said),
-        lambda _: None,
-        TimeBudget(0, lambda _: None),
-        next_start,
-    )
-    runner.play()
-    assert next(said, None) is None
-    return [[each.id.removeprefix("rate-30Hz-") for each in one.segments] for one in stages], runner
+    return msgspec.structs.replace(PLAN, play=(play,), starts=starts)
 
 
-def test_each_start_plays_its_part() -> None:
-    played, _ = start_after_start(5, 2, [found("pass")])
-    assert played == [["001", "002", "003"], ["004", "005"]]
+HANGING = found("inconclusive", busy(1), weakened=True)
 
 
-def test_further_iterations_are_further_starts() -> None:
-    verdicts = [found("inconclusive"), found("pass")]
-    played, _ = start_after_start(4, 2, verdicts, max_iterations=16)
-    assert played == [["001", "002"], ["003", "004"], ["005", "006"], ["007", "008"]]
-
-
-def test_one_start_remains_one_start() -> None:
-    played, _ = start_after_start(2, 1, [found("inconclusive"), found("pass")], max_iterations=4)
-    assert played == [["001", "002", "003", "004"]]
+@pytest.mark.parametrize(
+    ("plan", "verdicts", "played"),
+    [
+        (plan_of(5, 2), ["pass"], [["001", "002", "003"], ["004", "005"]]),
+        # Further iterations are further starts.
+        (
+            plan_of(4, 2, 16),
+            ["inconclusive", "pass"],
+            [["001", "002"], ["003", "004"], ["005", "006"], ["007", "008"]],
+        ),
+        (plan_of(2, 1, 4), ["inconclusive", "pass"], [["001", "002", "003", "004"]]),
+    ],
+    ids=["a part in each", "further starts", "one start remains one"],
+)
+def test_each_start_plays_its_part(
+    plan: Plan, verdicts: list[Outcome], played: list[list[str]]
+) -> None:
+    assert Run([found(outcome) for outcome in verdicts], plan).measure().played() == played
 
 
 def test_an_iteration_of_an_earlier_start_is_played_again_in_the_one_that_runs() -> None:
-    hanging = found("inconclusive", busy(1), weakened=True)
     done = found("fail", busy(1, rerun="rate-30Hz-001-again"))
-    played, runner = start_after_start(4, 2, [hanging, done])
-    assert played == [["001", "002"], ["003", "004", "001-again"]]
-    assert runner.segment_player.segments[-1].index == 1
+    run = Run([HANGING, done], plan_of(4, 2)).measure()
+    assert run.played() == [["001", "002"], ["003", "004", "001-again"]]
+    assert run.measurement.segment_player.segments[-1].index == 1
 
 
 def test_a_confirmation_plays_in_as_many_starts() -> None:
-    stages = [Played()]
-    play = PlayPlan(rate_hz=30.0, duration_ns=1, iterations=4, max_iterations=16)
-
-    def next_start() -> Any:
-        stages.append(Played())
-        return stages[-1]
-
-    IterationRunner(
-        msgspec.structs.replace(PLAN, play=(play,), starts=2),
-        cast("Any", stages[0]),
-        lambda: found("fail"),
-        lambda _: None,
-        TimeBudget(0, lambda _: None),
-        next_start,
-    ).play_fixed_number(8)
-    assert [len(each.segments) for each in stages] == [2, 2, 2, 2]
+    run = Run([found("fail")], plan_of(4, 2, 16))
+    run.measurement.measure_confirmation(frozenset({"exact binomial"}), 8, None)
+    assert [len(start) for start in run.played()] == [2, 2, 2, 2]

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 import pytest
@@ -14,6 +11,7 @@ import pytest
 from example_spec import example
 from r2bspec import api
 from r2bspec.check.rules.machine import transport_unsupported_by_middleware
+from r2bspec.cli.main import main
 from r2bspec.compare.interleaved_comparison import prepare_comparison
 from r2bspec.compare.interleaved_runs import ComparisonSide
 from r2bspec.execute.bringup.launcher import Launcher
@@ -73,21 +71,18 @@ def test_what_can_be_configured_is_not_refused(
     check_middleware(plan(transport, env), environ)
 
 
-def test_a_plan_file_is_refused_before_anything_is_started(tmp_path: Path) -> None:
+def test_a_plan_file_is_refused_before_anything_is_started(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     spec = tmp_path / "relay.r2b.yaml"
     spec.write_text(example())
     (tmp_path / "plan.json").write_bytes(canonical_json(api.compile_plan(spec)))
-    done = subprocess.run(
-        [sys.executable, "-m", "r2bspec", "run", "plan.json", "--output", "run"],
-        cwd=tmp_path,
-        env=os.environ | CYCLONE,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 2
-    assert f"{transport_unsupported_by_middleware.code}" in done.stderr
-    assert "cannot be configured with rmw_cyclonedds_cpp" in done.stderr
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("RMW_IMPLEMENTATION", CYCLONE["RMW_IMPLEMENTATION"])
+    assert main(["run", "plan.json", "--output", "run"]) == 2
+    said = capsys.readouterr().err
+    assert transport_unsupported_by_middleware.code in said
+    assert "cannot be configured with rmw_cyclonedds_cpp" in said
     record = open_run(tmp_path / "run").record
     assert record.processes == ()
     assert record.versions["rmw"] == "rmw_cyclonedds_cpp"
@@ -104,47 +99,43 @@ def test_a_comparison_is_refused_before_its_first_run(tmp_path: Path) -> None:
     assert prepare_comparison(inherits[0], inherits[1], against="env:").base.environment == CYCLONE
 
 
-class _Answers:
+class _Loaded:
     """Stands for processes: each that is asked says which middleware it has loaded, or nothing."""
 
     def __init__(self, *rmw: str) -> None:
         self._rmw = iter(rmw)
 
-    def request(self, *_: object) -> protocol.Ready:
+    def send(self, _: object) -> None:
+        pass
+
+    def answer(self, *_: object) -> protocol.Ready:
         return protocol.Ready(rmw=next(self._rmw))
 
 
-def launcher(tmp_path: Path, transport: str, *loaded: str) -> Launcher:
+def configured(tmp_path: Path, transport: str, *loaded: str) -> list[str]:
+    """The middleware that a launcher knows of after each process that it has configured."""
     environment = RunEnvironment(
         plan(transport), run_id="r", domain=1, scratch=tmp_path, largest_message_bytes=1
     )
-    answers: Any = _Answers(*loaded)
-    folder: Any = None
-    return Launcher(answers, environment, folder, tmp_path)
+    processes: Any = _Loaded(*loaded)
+    launcher = Launcher(processes, environment, cast("Any", None), tmp_path)
+    known = []
+    for _ in loaded:
+        launcher.configure(processes, None)
+        known.append(launcher.rmw)
+    return known
 
 
 def test_an_installation_that_loads_another_one_than_ros_usually_does_is_refused(
     tmp_path: Path,
 ) -> None:
-    child: Any = None
-    refused = launcher(tmp_path, "udp", "rmw_cyclonedds_cpp")
-    with pytest.raises(
-        MiddlewareError, match="rmw_cyclonedds_cpp, which this installation selects"
-    ):
-        refused.configure(child, None)
-    left = launcher(tmp_path, "inherit", "rmw_cyclonedds_cpp")
-    left.configure(child, None)
-    assert left.rmw == "rmw_cyclonedds_cpp"
-
-
-def test_processes_that_do_not_say_it_change_nothing(tmp_path: Path) -> None:
-    child: Any = None
-    made = launcher(tmp_path, "udp", "", "rmw_fastrtps_cpp", "")
-    found = []
-    for _ in range(3):
-        made.configure(child, None)
-        found.append(made.rmw)
-    assert found == ["", "rmw_fastrtps_cpp", "rmw_fastrtps_cpp"]
+    refused = "rmw_cyclonedds_cpp, which this installation selects"
+    with pytest.raises(MiddlewareError, match=refused):
+        configured(tmp_path, "udp", "rmw_cyclonedds_cpp")
+    assert configured(tmp_path, "inherit", "rmw_cyclonedds_cpp") == ["rmw_cyclonedds_cpp"]
+    # Processes that do not say it change nothing.
+    said = configured(tmp_path, "udp", "", "rmw_fastrtps_cpp", "")
+    assert said == ["", "rmw_fastrtps_cpp", "rmw_fastrtps_cpp"]
 
 
 @pytest.mark.parametrize(

@@ -23,8 +23,7 @@ class Member:
 
     def __init__(self, process: Any) -> None:
         ours, self.theirs = socket.socketpair()
-        self.managed = ManagedProcess("monitor", "monitor", process, LOG, None)
-        self.managed.connection = ours
+        self.managed = ManagedProcess("monitor", "monitor", process, LOG, ours)
         self.theirs.setblocking(False)
 
     def close(self) -> None:

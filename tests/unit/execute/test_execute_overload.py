@@ -99,6 +99,12 @@ class Graph:
         return [rate_hz for what, rate_hz in self.played if what == purpose]
 
 
+def bracket(record: SearchRecord) -> tuple[float, float]:
+    assert record.holds_hz is not None
+    assert record.fails_hz is not None
+    return record.holds_hz, record.fails_hz
+
+
 def steady(capacity_hz: float) -> Graph:
     return Graph(lambda _: capacity_hz)
 
@@ -107,20 +113,13 @@ def steady(capacity_hz: float) -> Graph:
 def test_the_bracket_is_proved_and_as_narrow_as_was_asked(capacity_hz: float) -> None:
     graph = steady(capacity_hz)
     record = graph.search()
-    assert record.holds_hz is not None
-    assert record.fails_hz is not None
-    assert record.holds_hz <= capacity_hz < record.fails_hz
-    assert record.fails_hz / record.holds_hz <= 1.02 + 1e-9
+    holds_hz, fails_hz = bracket(record)
+    assert holds_hz <= capacity_hz < fails_hz <= holds_hz * (1.02 + 1e-9)
     assert record.proof == "confirmed"
     assert record.shown
     assert record.proof_s == SECONDS
-    assert [what for what, _ in graph.played] == [
-        "probe",
-        "probe",
-        "saturation",
-        "saturation",
-        "confirmation",
-    ]
+    saturations = ["saturation"] * 2
+    assert [what for what, _ in graph.played] == ["probe", "probe", *saturations, "confirmation"]
 
 
 def test_the_overload_is_a_third_or_a_tenth_more_than_what_comes_out() -> None:
@@ -132,22 +131,18 @@ def test_the_overload_is_a_third_or_a_tenth_more_than_what_comes_out() -> None:
 def test_a_graph_that_drowns_is_not_bounded_by_its_overload() -> None:
     # At twice its capacity and more it does 60, at a third more 80.
     graph = Graph(lambda rate: 60.0 if rate > 200 else 80.0 if rate > 115 else 100.0)
-    record = graph.search()
-    assert record.holds_hz is not None
-    assert record.fails_hz is not None
-    assert record.holds_hz <= 100.0 < record.fails_hz
+    holds_hz, fails_hz = bracket(graph.search())
+    assert holds_hz <= 100.0 < fails_hz
 
 
 def test_a_lower_end_that_is_refuted_is_not_the_peak() -> None:
     graph = Graph(lambda _: 100.0, sustains_hz=80.0)
-    record = graph.search()
+    holds_hz, fails_hz = bracket(graph.search())
     first, *others = graph.rates("confirmation")
     assert first > 80.0
     assert others
-    assert record.fails_hz is not None
-    assert record.fails_hz <= first
-    assert record.holds_hz is not None
-    assert record.holds_hz <= 80.0
+    assert fails_hz <= first
+    assert holds_hz <= 80.0
 
 
 def test_a_graph_that_loses_messages_at_any_rate_has_no_proved_peak() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import pytest
 from hypothesis import assume, given
@@ -130,17 +129,12 @@ def test_a_server_that_keeps_working_under_overload_is_found_in_four_probes(
     assert len(server.probed) <= 4
 
 
-def test_every_rate_lies_in_the_range_and_is_probed_once() -> None:
+def test_every_rate_lies_in_the_range_and_is_probed_once_the_ends_first() -> None:
     server = Server(123.4, betrays=0.7)
     search(server)
+    assert server.probed[:2] == [10.0, 1000.0]
     assert all(10.0 <= rate_hz <= 1000.0 for rate_hz in server.probed)
     assert len(set(server.probed)) == len(server.probed)
-
-
-def test_both_ends_of_the_range_are_probed_first() -> None:
-    server = Server(123.4)
-    search(server)
-    assert server.probed[:2] == [10.0, 1000.0]
 
 
 def test_a_capacity_below_the_range_is_found_by_probing_its_lower_end_twice() -> None:
@@ -170,13 +164,15 @@ def test_a_player_that_cannot_offer_more_is_named(player_hz: float) -> None:
     record = search(server)
     holds_hz, fails_hz = bracket(record)
     assert holds_hz <= player_hz < fails_hz
-    assert record.limited_by == "player"
+    # A bound of the player, and not of the graph.
+    assert (record.limited_by, record.upper_hz) == ("player", None)
 
 
 def test_the_graph_limits_if_it_is_slower_than_the_player() -> None:
-    record = search(Server(100.0, player_hz=500.0))
+    record = search(Server(100.0, player_hz=500.0), precision=0.05)
     assert bracket(record)[0] <= 100.0 < bracket(record)[1]
-    assert record.limited_by == "graph"
+    assert (record.limited_by, record.upper_hz) == ("graph", record.fails_hz)
+    assert (record.precision, record.confidence) == (0.05, 0.95)
 
 
 @pytest.mark.parametrize("hiccup", [(10.0, 10.0), (90.0, 97.0)])
@@ -231,17 +227,6 @@ def test_an_end_of_the_range_that_stays_open_bounds_nothing() -> None:
     assert below.open_hz[0] == 10.0
 
 
-def test_precision_and_confidence_are_stated() -> None:
-    record = search(Server(100.0), precision=0.05)
-    assert (record.precision, record.confidence) == (0.05, 0.95)
-
-
-def test_a_player_that_cannot_offer_more_bounds_the_player_and_not_the_graph() -> None:
-    assert search(Server(math.inf, player_hz=300.0)).upper_hz is None
-    graph = search(Server(300.0))
-    assert graph.upper_hz == graph.fails_hz
-
-
 def test_a_search_that_is_cut_short_says_so_and_keeps_what_it_found() -> None:
     server = Server(100.0)
 
@@ -273,9 +258,5 @@ def test_it_ends_whatever_the_answers(answers: list[bool], delivered: list[float
         holds, delivered_hz = next(script, (True, rate_hz))
         return server._outcome(rate_hz, delivered_hz, holds=holds)
 
-    record = search_with(capricious)
+    record = PeakSearch(10.0, 1000.0, 0.02, capricious).run()
     assert len(record.probes) <= 60
-
-
-def search_with(probe: Callable[[float], ProbeOutcome]) -> SearchRecord:
-    return PeakSearch(10.0, 1000.0, 0.02, probe).run()

@@ -17,12 +17,16 @@ LIMIT, HEAD, TAIL = 4000, 500, 1000
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in (
-        ("MAX_LOG_BYTES", LIMIT),
-        ("KEPT_HEAD_BYTES", HEAD),
-        ("KEPT_TAIL_BYTES", TAIL),
-    ):
+    sizes = {"MAX_LOG_BYTES": LIMIT, "KEPT_HEAD_BYTES": HEAD, "KEPT_TAIL_BYTES": TAIL}
+    for name, value in sizes.items():
         monkeypatch.setattr(process, name, value)
+
+
+def limited(*folders: Path) -> LogLimiter:
+    limiter = LogLimiter()
+    for folder in folders:
+        limiter.watch(folder)
+    return limiter
 
 
 def lines(first: int, last: int) -> bytes:
@@ -32,8 +36,7 @@ def lines(first: int, last: int) -> bytes:
 def test_a_log_of_the_allowed_size_stays_as_it_is(tmp_path: Path) -> None:
     log = tmp_path / "node.log"
     log.write_bytes(bytes(LIMIT))
-    kept = LogLimiter()
-    kept.watch(tmp_path)
+    kept = limited(tmp_path)
     kept.truncate_large()
     assert log.read_bytes() == bytes(LIMIT)
     assert kept.truncated == []
@@ -43,8 +46,7 @@ def test_the_head_and_the_tail_of_a_long_log_are_kept_and_its_writer_goes_on(
     tmp_path: Path,
 ) -> None:
     log = tmp_path / "node.log"
-    kept = LogLimiter()
-    kept.watch(tmp_path)
+    kept = limited(tmp_path)
     whole = lines(0, 2000)
     with log.open("ab", buffering=0) as writer:
         writer.write(whole)
@@ -59,8 +61,7 @@ def test_the_head_and_the_tail_of_a_long_log_are_kept_and_its_writer_goes_on(
 
 def test_a_log_is_cut_again_and_again(tmp_path: Path) -> None:
     log = tmp_path / "node.log"
-    kept = LogLimiter()
-    kept.watch(tmp_path)
+    kept = limited(tmp_path)
     with log.open("ab", buffering=0) as writer:
         for begin in range(0, 20_000, 1000):
             writer.write(lines(begin, begin + 1000))
@@ -77,8 +78,7 @@ def test_logs_in_folders_below_are_cut_too_and_others_are_left_alone(tmp_path: P
     inside.parent.mkdir(parents=True)
     for each in (inside, outside):
         each.write_bytes(lines(0, 2000))
-    kept = LogLimiter()
-    kept.watch(tmp_path / "logs")
+    kept = limited(tmp_path / "logs")
     kept.truncate_large()
     assert inside.stat().st_size < LIMIT
     assert outside.read_bytes() == lines(0, 2000)
@@ -86,9 +86,7 @@ def test_logs_in_folders_below_are_cut_too_and_others_are_left_alone(tmp_path: P
 
 def test_a_log_that_is_gone_or_no_file_disturbs_nobody(tmp_path: Path) -> None:
     (tmp_path / "gone.log").symlink_to(tmp_path / "nothing")
-    kept = LogLimiter()
-    kept.watch(tmp_path)
-    kept.watch(tmp_path / "never made")
+    kept = limited(tmp_path, tmp_path / "never made")
     kept.truncate_large()
     assert kept.truncated == []
 
@@ -99,18 +97,14 @@ def test_a_link_to_a_file_elsewhere_does_not_get_it_cut(tmp_path: Path, kind: st
     elsewhere.parent.mkdir()
     elsewhere.write_bytes(lines(0, 2000))
     logs = tmp_path / "logs"
+    logs.mkdir()
     if kind == "folder":
-        logs.mkdir()
         (logs / "ros").symlink_to(elsewhere.parent)
+    elif kind == "symlink":
+        (logs / "node.log").symlink_to(elsewhere)
     else:
-        logs.mkdir()
-        link = logs / "node.log"
-        if kind == "symlink":
-            link.symlink_to(elsewhere)
-        else:
-            link.hardlink_to(elsewhere)
-    kept = LogLimiter()
-    kept.watch(logs)
+        (logs / "node.log").hardlink_to(elsewhere)
+    kept = limited(logs)
     kept.truncate_large()
     assert elsewhere.read_bytes() == lines(0, 2000)
     assert kept.truncated == []
@@ -132,8 +126,7 @@ def test_a_log_that_was_replaced_by_a_link_while_it_was_looked_at_is_not_cut(
             log.symlink_to(elsewhere)
         return found
 
-    kept = LogLimiter()
-    kept.watch(log.parent)
+    kept = limited(log.parent)
     monkeypatch.setattr(os, "stat", look_and_replace)
     kept.truncate_large()
     monkeypatch.undo()

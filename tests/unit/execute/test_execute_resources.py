@@ -75,12 +75,6 @@ def test_a_process_that_ends_is_sampled_no_more_and_disturbs_nobody() -> None:
     assert sampler.resident(process.pid) == 0
 
 
-def test_what_was_never_started_can_be_stopped() -> None:
-    rows, around = ResourceSampler().stop()
-    assert around.size == 1
-    assert rows["process"].tolist() == [MACHINE_INDEX, CONTROLLER_INDEX]
-
-
 def test_a_sample_is_taken_when_it_is_asked_for() -> None:
     sampler = ResourceSampler()
     sampler.start()

@@ -40,12 +40,6 @@ def test_when_all_are_taken_it_says_so(few_domains: range) -> None:
             stack.enter_context(reserved_domain())
 
 
-def test_a_reservation_ends_with_an_exception(few_domains: range) -> None:
-    for _ in range(6):
-        with pytest.raises(ZeroDivisionError), reserved_domain():
-            raise ZeroDivisionError
-
-
 def test_a_reservation_ends_with_its_process_however_it_ends(few_domains: range) -> None:
     program = (
         "import sys, time; from r2bspec.execute.processes import prerequisites; "

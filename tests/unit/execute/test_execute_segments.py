@@ -89,15 +89,18 @@ def player(tmp_path: Path, scripted: Scripted) -> SegmentPlayer:
     def nothing(*_: object) -> None:
         """Progress is not shown."""
 
-    return SegmentPlayer(
-        Simulation().plan(),
-        cast("Any", scripted),
-        cast("Any", scripted),
-        tmp_path,
-        RunFolder.create(tmp_path / "run"),
-        cast("Any", SimpleNamespace(segment=nothing, playing=nothing)),
+    context = SimpleNamespace(
+        supervisor=scripted,
+        folder=RunFolder.create(tmp_path / "run"),
+        progress=SimpleNamespace(segment=nothing, playing=nothing),
         on_segment=nothing,
         resources=ResourceSampler(),
+    )
+    return SegmentPlayer(
+        Simulation().plan(),
+        cast("Any", context),
+        cast("Any", scripted),
+        tmp_path,
         schedule=CyclicSchedule(steps=((0,),)),
     )
 

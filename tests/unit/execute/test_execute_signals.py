@@ -29,14 +29,6 @@ def test_a_signal_is_reported_once(number: signal.Signals) -> None:
         interrupts.check()
 
 
-@SIGNALS
-def test_a_signal_can_interrupt_long_work_at_once(number: signal.Signals) -> None:
-    with Interrupts() as interrupts:
-        with pytest.raises(InterruptedRunError, match=number.name), interrupts.immediate():
-            os.kill(os.getpid(), number)
-        interrupts.check()
-
-
 def test_a_signal_that_came_before_long_work_keeps_it_from_beginning() -> None:
     with Interrupts() as interrupts:
         os.kill(os.getpid(), signal.SIGINT)

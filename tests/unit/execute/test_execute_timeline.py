@@ -170,7 +170,7 @@ def test_transforms_belong_to_no_step_and_old_ones_come_at_the_beginning() -> No
 def test_while_looping_transforms_lie_where_they_lay_between_the_steps() -> None:
     images = index(10, 110, 210, stamps=(0, 100, 200))
     transforms = index(0, 35, 110, 310, 311, header=False)
-    placed = place_transforms(transforms, [(0,), (1,), (2,)], [images])
+    placed = place_transforms(1, transforms, [(0,), (1,), (2,)], [images])
     assert [(each.at, each.position) for each in placed] == [(0.25, 1), (1.0, 2)]
     # Each step is stamped 10 ns before it was recorded, and so are the transforms around it.
     assert [each.origin_ns - T for each in placed] == [25, 100]
@@ -179,7 +179,7 @@ def test_while_looping_transforms_lie_where_they_lay_between_the_steps() -> None
 def test_while_sweeping_transforms_come_back_in_reverse() -> None:
     images = index(0, 100, 200)
     transforms = index(25, 125, header=False)
-    placed = place_transforms(transforms, [(0,), (1,), (2,), (1,)], [images])
+    placed = place_transforms(1, transforms, [(0,), (1,), (2,), (1,)], [images])
     assert [(each.at, each.position) for each in placed] == [
         (0.25, 0),
         (1.25, 1),

@@ -7,7 +7,7 @@ import pytest
 from r2bspec.execute.build_schedule import place_between
 from r2bspec.execute.errors import RunError
 from r2bspec.ipc.buffers import BufferIndex
-from r2bspec.ipc.schedule import NO_STEP, CyclicSchedule
+from r2bspec.ipc.schedule import CyclicSchedule
 from schedule_events import played_events
 
 
@@ -37,23 +37,6 @@ def test_each_message_is_played_where_it_was_stamped() -> None:
         (1.5, 3),
         (2.5, 4),
     ]
-
-
-def test_they_are_between_the_steps_at_any_rate_and_belong_to_none() -> None:
-    imu = recorded("/imu", 25, 75, 150, 250)
-    schedule = CyclicSchedule(
-        steps=STEPS, columns=(0,), between=place_between(1, imu, STEPS, [CAMERA])
-    )
-    for rate_hz, period_ns in ((10.0, 100_000_000), (1000.0, 1_000_000)):
-        events = played_events(schedule, rate_hz, 6)
-        of_steps = [each for each in events if each.step != NO_STEP]
-        others = [each for each in events if each.step == NO_STEP]
-        assert [each.step for each in of_steps] == list(range(6))
-        assert {each.inputs for each in of_steps} == {1}
-        assert len(others) == 8
-        assert [each.offset_ns for each in events] == sorted(each.offset_ns for each in events)
-        assert [each.offset_ns / period_ns for each in others[:4]] == [0.25, 0.75, 1.5, 2.5]
-        assert [each.messages for each in others[:2]] == [((1, 0, 0),), ((1, 1, 0),)]
 
 
 def test_a_step_input_may_come_after_one_with_its_own_rate() -> None:

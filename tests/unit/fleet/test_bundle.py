@@ -19,8 +19,9 @@ from r2bspec.exit_status import ExitStatus
 from r2bspec.fleet.bundle import Bundle, Job, SentFile, Side, make_bundle
 from r2bspec.fleet.errors import HostFullError, HostLostError, NotAllowedError, TransferError
 from r2bspec.fleet.host_store import HostStore, inside
-from r2bspec.fleet.permissions import check_allowed
 from r2bspec.fleet.play_run import Problem
+from r2bspec.language.load_spec import load_spec
+from r2bspec.plan.compile_plan import compile_plan
 from ros_runs import Bench, relay_spec
 
 NODE = "import near\nimport os\n\n\nclass Own:\n    pass\n"
@@ -46,17 +47,12 @@ def folder(tmp_path: Path) -> Path:
 def prepared(folder: Path, **changes: Any) -> api.PreparedBenchmark:
     changes = {"setup": {"make": {"command": ["./tool.sh", "--fast"]}}} | changes
     spec = relay_spec(**changes)
-    relay = spec["graph"]["nodes"]["relay"]
     spec["graph"]["nodes"]["own"] = {
         "python": "./own.py:Own",
         "parameters": {"model": "../config/relay.yaml"},
     }
-    assert relay
     path = folder / "relay.r2b.yaml"
     path.write_text(yaml.safe_dump(spec))
-    from r2bspec.language.load_spec import load_spec
-    from r2bspec.plan.compile_plan import compile_plan
-
     loaded = load_spec(path)
     assert loaded.spec is not None, loaded.diagnostics
     return api.PreparedBenchmark(compile_plan(loaded.spec, None), folder, loaded.resolved_yaml())
@@ -75,6 +71,14 @@ def job_of(bundle: Bundle, identity: str = "x") -> Job:
         files=bundle.files,
         recordings=bundle.recordings,
     )
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> HostStore:
+    """What a host keeps: nothing yet."""
+    store = HostStore(tmp_path / "host")
+    store.open()
+    return store
 
 
 def send(store: HostStore, bundle: Bundle, job: Job, piece_bytes: int = 1000) -> int:
@@ -118,9 +122,9 @@ def test_the_digest_is_that_of_contents_not_of_places(folder: Path, tmp_path: Pa
     assert bundle_of(copied / "specs").digest == first.digest
 
 
-def test_a_host_gets_everything_once_and_has_it_as_it_is_here(folder: Path, tmp_path: Path) -> None:
-    store = HostStore(tmp_path / "host")
-    store.open()
+def test_a_host_gets_everything_once_and_has_it_as_it_is_here(
+    folder: Path, store: HostStore
+) -> None:
     bundle = bundle_of(folder)
     job = job_of(bundle)
     assert send(store, bundle, job) > len(bundle.files)
@@ -140,13 +144,11 @@ def test_a_host_gets_everything_once_and_has_it_as_it_is_here(folder: Path, tmp_
 
 
 def test_a_path_that_goes_up_and_comes_back_is_found_on_a_host(
-    folder: Path, tmp_path: Path
+    folder: Path, store: HostStore, tmp_path: Path
 ) -> None:
     name = f"../../../{tmp_path.name}/work/specs"
     loader = {"bag": f"{name}/bag", "topics": {"/camera": "loaded"}}
     bundle = bundle_of(folder, data_loader=loader, setup={"x": {"command": [f"{name}/tool.sh"]}})
-    store = HostStore(tmp_path / "host")
-    store.open()
     job = job_of(bundle)
     send(store, bundle, job)
     base_dir = store.unpack(job) / job.head.base_dir
@@ -155,9 +157,7 @@ def test_a_path_that_goes_up_and_comes_back_is_found_on_a_host(
     assert base_dir.resolve().is_relative_to(tmp_path / "host" / "work" / bundle.digest)
 
 
-def test_sending_goes_on_where_it_was_interrupted(folder: Path, tmp_path: Path) -> None:
-    store = HostStore(tmp_path / "host")
-    store.open()
+def test_sending_goes_on_where_it_was_interrupted(folder: Path, store: HostStore) -> None:
     job = job_of(bundle := bundle_of(folder))
     largest = max(job.files, key=lambda file: file.size)
     store.put(largest, 0, bundle.sources[largest.sha256].read_bytes()[:500])
@@ -166,9 +166,7 @@ def test_sending_goes_on_where_it_was_interrupted(folder: Path, tmp_path: Path) 
     assert store.missing(job) == {}
 
 
-def test_what_arrives_damaged_is_refused_and_not_kept(folder: Path, tmp_path: Path) -> None:
-    store = HostStore(tmp_path / "host")
-    store.open()
+def test_what_arrives_damaged_is_refused_and_not_kept(folder: Path, store: HostStore) -> None:
     job = job_of(bundle_of(folder))
     file = next(file for file in job.files if file.size)
     with pytest.raises(TransferError, match="did not arrive"):
@@ -210,11 +208,9 @@ def test_the_least_recently_used_is_removed_first(folder: Path, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("path", ["../x", "/etc/passwd", "a/../../x", ""])
-def test_no_path_leads_out_of_a_bundle(path: str, tmp_path: Path) -> None:
+def test_no_path_leads_out_of_a_bundle(path: str, store: HostStore, tmp_path: Path) -> None:
     with pytest.raises(TransferError, match="leads out"):
         inside(tmp_path, path)
-    store = HostStore(tmp_path / "host")
-    store.open()
     file = SentFile(path=path, size=1, sha256=hashlib.sha256(b"x").hexdigest())
     store.put(file, 0, b"x")
     side = Side(plan="", spec_text="", base_dir=".")
@@ -223,15 +219,6 @@ def test_no_path_leads_out_of_a_bundle(path: str, tmp_path: Path) -> None:
         store.unpack(job)
     with pytest.raises(TransferError):
         store.put(msgspec.structs.replace(file, sha256=path), 0, b"x")
-
-
-def test_commands_and_files_of_a_spec_need_a_permission(folder: Path) -> None:
-    plan = prepared(folder).plan
-    with pytest.raises(NotAllowedError, match="allow-commands"):
-        check_allowed(plan, (), "here")
-    with pytest.raises(NotAllowedError, match="allow-python"):
-        check_allowed(plan, ("commands",), "here")
-    check_allowed(plan, ("commands", "python"), "here")
 
 
 def test_an_error_travels_with_its_code_and_exit_status() -> None:

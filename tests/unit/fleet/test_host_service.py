@@ -116,6 +116,11 @@ def play(
     return ended
 
 
+def states(folder: Path) -> list[str]:
+    """How the attempts went, by the journal."""
+    return [event.state for event in read_journal(folder / "out") if event.state]
+
+
 def test_files_that_made_room_for_those_of_another_client_are_sent_again(
     service: Service, tmp_path: Path
 ) -> None:
@@ -131,8 +136,7 @@ def test_files_that_made_room_for_those_of_another_client_are_sent_again(
     assert ended.error is None
     assert (service.plays, asked.count("play")) == (1, 2)
     assert (tmp_path / "out" / "relay" / "record.json").is_file()
-    states = [each.state for each in read_journal(tmp_path / "out") if each.state]
-    assert states == ["sent", "sent", "done"]
+    assert states(tmp_path) == ["sent", "sent", "done"]
 
 
 def test_a_host_that_never_keeps_files_ends_a_run_with_the_reason(
@@ -182,8 +186,7 @@ def test_a_host_without_room_for_a_run_leaves_it_to_others(
     assert isinstance(ended.error, HostFullError)
     assert "no room" in str(ended.error)
     assert list((service.store.root / "spool").iterdir()) == []
-    states = [each.state for each in read_journal(tmp_path / "out") if each.state]
-    assert states == ["sent", "full"]
+    assert states(tmp_path) == ["sent", "full"]
 
 
 def test_a_host_on_which_a_spec_is_not_valid_refuses_it(service: Service, tmp_path: Path) -> None:
@@ -192,8 +195,7 @@ def test_a_host_on_which_a_spec_is_not_valid_refuses_it(service: Service, tmp_pa
     assert isinstance(ended.error, HostRefusesError)
     assert (ended.error.code, str(ended.error)) == ("R2B404", "no package demo")
     assert list((service.store.root / "spool").iterdir()) == []
-    states = [each.state for each in read_journal(tmp_path / "out") if each.state]
-    assert states == ["sent", "refused"]
+    assert states(tmp_path) == ["sent", "refused"]
 
 
 def test_what_is_not_allowed_is_refused_before_anything_is_sent(
@@ -214,8 +216,7 @@ def test_what_is_not_allowed_is_refused_before_anything_is_sent(
     with pytest.raises(NotAllowedError):
         service.answer(HostService.play, *jobs)
     assert service.plays == 0
-    states = [each.state for each in read_journal(tmp_path / "out") if each.state]
-    assert states == ["refused"]
+    assert states(tmp_path) == ["refused"]
 
 
 def test_children_of_a_worker_have_no_user_site(service: Service, tmp_path: Path) -> None:
@@ -248,8 +249,7 @@ def test_a_run_whose_hosts_are_lost_again_and_again_ends(service: Service, tmp_p
     ended = play(tmp_path, service, before, FleetLimits(losses=1))
     assert isinstance(ended.error, HostLostError)
     assert "left the fleet 2 times" in str(ended.error)
-    states = [each.state for each in read_journal(tmp_path / "out") if each.state]
-    assert states == ["sent", "lost", "sent", "lost"]
+    assert states(tmp_path) == ["sent", "lost", "sent", "lost"]
 
 
 def test_a_run_that_was_removed_before_it_was_fetched_is_played_again(
@@ -263,8 +263,7 @@ def test_a_run_that_was_removed_before_it_was_fetched_is_played_again(
     assert play(tmp_path, service, before).error is None
     assert service.plays == 2
     assert (tmp_path / "out" / "relay" / "record.json").is_file()
-    states = [each.state for each in read_journal(tmp_path / "out") if each.state]
-    assert states == ["sent", "sent", "done"]
+    assert states(tmp_path) == ["sent", "sent", "done"]
 
 
 def test_a_host_that_is_lost_when_its_run_is_here_does_not_count_twice(
@@ -275,8 +274,7 @@ def test_a_host_that_is_lost_when_its_run_is_here_does_not_count_twice(
             raise HostLostError("the host here left the fleet")
 
     assert play(tmp_path, service, before).error is None
-    states = [each.state for each in read_journal(tmp_path / "out") if each.state]
-    assert states == ["sent", "done"]
+    assert states(tmp_path) == ["sent", "done"]
 
 
 def test_runs_that_no_client_has_are_removed_last(tmp_path: Path) -> None:

@@ -99,42 +99,40 @@ def test_a_cluster_file_names_scheduler_and_certificates(tmp_path: Path) -> None
         make_certificates(tmp_path / "certificates")
 
 
-@pytest.mark.parametrize("broken", ["ca.pem", "client.pem", "client-key.pem"])
-def test_files_that_are_no_certificates_are_said_to_be_none(tmp_path: Path, broken: str) -> None:
+@pytest.fixture
+def certificates(tmp_path: Path) -> Path:
     pytest.importorskip("cryptography")
     pytest.importorskip("distributed")
     from r2bspec.fleet.security import make_certificates
 
-    folder = tmp_path / "certificates"
-    make_certificates(folder)
-    address = fleet_address(
+    make_certificates(tmp_path / "certificates")
+    return tmp_path / "certificates"
+
+
+def client_address(certificates: Path, key: str = "client-key.pem") -> FleetAddress:
+    return fleet_address(
         "tls://10.0.0.5",
-        ca=folder / "ca.pem",
-        certificate=folder / "client.pem",
-        key=folder / "client-key.pem",
+        ca=certificates / "ca.pem",
+        certificate=certificates / "client.pem",
+        key=certificates / key,
     )
+
+
+@pytest.mark.parametrize("broken", ["ca.pem", "client.pem", "client-key.pem"])
+def test_files_that_are_no_certificates_are_said_to_be_none(
+    certificates: Path, broken: str
+) -> None:
+    address = client_address(certificates)
     assert address.security() is not None
-    (folder / broken).write_text("garbage")
+    (certificates / broken).write_text("garbage")
     with pytest.raises(InsecureFleetError, match="certificates cannot be used") as found:
         address.security()
-    assert str(folder / broken) in found.value.hint
+    assert str(certificates / broken) in found.value.hint
 
 
-def test_a_key_of_another_certificate_is_refused(tmp_path: Path) -> None:
-    pytest.importorskip("cryptography")
-    pytest.importorskip("distributed")
-    from r2bspec.fleet.security import make_certificates
-
-    folder = tmp_path / "certificates"
-    make_certificates(folder)
-    address = fleet_address(
-        "tls://10.0.0.5",
-        ca=folder / "ca.pem",
-        certificate=folder / "client.pem",
-        key=folder / "worker-key.pem",
-    )
+def test_a_key_of_another_certificate_is_refused(certificates: Path) -> None:
     with pytest.raises(InsecureFleetError, match="MISMATCH"):
-        address.security()
+        client_address(certificates, "worker-key.pem").security()
 
 
 @pytest.mark.parametrize("says", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n"])

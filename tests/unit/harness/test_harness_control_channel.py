@@ -14,8 +14,8 @@ import pytest
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
 from r2bspec.ipc import protocol
 from r2bspec.ipc.schedule import (
+    BetweenMessage,
     CyclicSchedule,
-    CyclicTransform,
     TimelineMessage,
     TimelineSchedule,
     TimelineStep,
@@ -45,13 +45,13 @@ ENDPOINT = protocol.Endpoint(
     node="/r2b/relay", type="x/msg/Y", reliability="reliable", durability="volatile"
 )
 
+# Those with values of types of their own; of all others msgspec writes what it reads.
 COMMANDS: list[protocol.Command] = [
-    protocol.ConfigureLoader(sources={"/a": "x/msg/Y"}, recorded={}, buffer_dir="/somewhere"),
     protocol.ConfigurePlayer(
         inputs=(INPUT, INPUT), buffer_dir="/b", rows="/rows", transforms=("/tf",)
     ),
     protocol.LoadSchedule(
-        schedule=CyclicSchedule(steps=((0, 1), (2, 3)), transforms=(CyclicTransform(0.5, 7, -1),))
+        schedule=CyclicSchedule(steps=((0, 1), (2, 3)), between=(BetweenMessage(0.5, 2, 7, -1),))
     ),
     protocol.LoadSchedule(
         schedule=TimelineSchedule(
@@ -64,55 +64,23 @@ COMMANDS: list[protocol.Command] = [
         )
     ),
     protocol.ConfigureMonitor(monitors=(MONITOR,), rows_dir="/rows"),
-    protocol.ConfigureObserver(guarded=("/a",), static_dir="/buffers", clock=True),
-    protocol.AwaitStatic(),
     protocol.ConfigureHost(nodes=(NODE,), base_dir="/spec"),
-    protocol.Prepare(packages=("sensor_msgs",)),
-    protocol.ConfigureCaller(
-        service="/r2b/start",
-        service_type="std_srvs/srv/SetBool",
-        request={"data": True},
-        timeout_ns=1,
-    ),
-    protocol.ConfigureInspector(namespace="/r2b", timeout_s=0.5, file="/nodes.json"),
-    protocol.ConfigureHarness(parts=("player", "monitor")),
     protocol.ConfigureComponents(
         containers=(protocol.ContainerComponents(container="/r2b/front", nodes=(NODE,)),),
         timeout_ns=1,
     ),
-    protocol.Subscribe(),
-    protocol.Subscribe(monitors=(MONITOR,)),
-    protocol.Record(monitors=(MONITOR,), folder="/rows"),
-    protocol.EndRecording(),
-    protocol.StartTap(monitors=(MONITOR,)),
-    protocol.StopTap(),
-    protocol.CountMatches(),
-    protocol.ListModules(),
-    protocol.Discover(topics=("/a", "/b")),
-    protocol.ListGraph(),
-    protocol.ListModules(),
-    protocol.ListParameters(exclude=("/r2b/relay",), timeout_ns=1),
-    protocol.ListForeign(),
-    protocol.Load(max_output_gap_ns=5_000_000_000),
     protocol.Play(rate_hz=29.97, steps=100),
     protocol.Stop(),
     protocol.Shutdown(),
 ]
 REPLIES: list[protocol.Reply] = [
-    protocol.Modules(files=("/module.py",)),
-    protocol.Prepared(),
     protocol.Ready(),
     protocol.Ready(
         endpoints=(("/r2b/relay", "/r2b/in", "x/msg/Y", "subscribes"),),
         undeclared=(("/r2b/relay", "tpyo"),),
         parameters={"/r2b/relay": ("typo",)},
     ),
-    protocol.Ready(headers={"/a": True}),
-    protocol.Matched(counts={"/a": 0, "/b": 2}),
-    protocol.Modules(files=("/a/b.py",)),
     protocol.Discovered(writers={"/a": (ENDPOINT,)}, readers={"/a": ()}),
-    protocol.GraphSnapshot(nodes=("/r2b/relay",), services=()),
-    protocol.ParameterLists(parameters={"/r2b/a": ("gain",)}, lifecycle=("/r2b/a",)),
     protocol.ForeignPublishers(
         publishers=(
             protocol.ForeignPublisher(
@@ -120,10 +88,6 @@ REPLIES: list[protocol.Reply] = [
             ),
         )
     ),
-    protocol.Called(),
-    protocol.Composed(nodes=("/r2b/relay",)),
-    protocol.Loaded(published={"/a": 3}, recorded={"/b": 2}),
-    protocol.Played(steps=7),
     protocol.Failed(code="R2B633", message="line one\nline two: \N{SNOWMAN}", hint="h"),
 ]
 
@@ -156,11 +120,6 @@ def test_every_reply_is_one_line_that_reads_back(
     assert line.count(b"\n") == 1
     assert line.endswith(b"\n")
     assert protocol.decode_reply(line) == reply
-
-
-def test_every_message_of_the_protocol_is_among_these() -> None:
-    assert {type(each) for each in COMMANDS} == set(protocol.Command.__subclasses__())
-    assert {type(each) for each in REPLIES} == set(protocol.Reply.__subclasses__())
 
 
 def test_parameters_keep_their_types() -> None:
@@ -216,21 +175,13 @@ def test_waiting_ends_when_a_command_is_there(ends: tuple[Channel, socket.socket
     channel, controller = ends
     assert channel.wait(0.0) is False
     assert channel.wait(-1.0) is False
-    controller.sendall(protocol.encode(protocol.Stop()))
-    assert channel.wait(30.0) is True
-    assert channel.receive() == protocol.Stop()
-    assert channel.wait(0.0) is False
-
-
-def test_a_command_that_was_read_along_with_another_ends_waiting(
-    ends: tuple[Channel, socket.socket],
-) -> None:
-    channel, controller = ends
     controller.sendall(protocol.encode(protocol.Stop()) + protocol.encode(protocol.Shutdown()))
+    assert channel.wait(30.0) is True
     assert channel.receive() == protocol.Stop()
     # Nothing is left in the socket, but something is in hand.
     assert channel.wait(30.0) is True
     assert channel.receive() == protocol.Shutdown()
+    assert channel.wait(0.0) is False
 
 
 def test_the_end_of_the_controller_is_noticed(ends: tuple[Channel, socket.socket]) -> None:

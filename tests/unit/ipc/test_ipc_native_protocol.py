@@ -19,7 +19,7 @@ from r2bspec.ipc.buffers import TF, TF_STATIC, TF_TYPE, BufferWriter
 from r2bspec.ipc.native_protocol import NativeCodec
 from r2bspec.ipc.playback_file import ENTRY_DTYPE, HEADER_BYTES, PlaybackReader
 from r2bspec.ipc.sample_files import is_refusal
-from r2bspec.ipc.schedule import CyclicSchedule, CyclicTransform
+from r2bspec.ipc.schedule import BetweenMessage, CyclicSchedule
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import InputPlan, MonitorPlan
 from r2bspec.record.run_record import PLAYBACK_FIELDS
@@ -248,7 +248,7 @@ def test_another_line_is_no_reply(reply: bytes) -> None:
 def test_damaged_transforms_are_an_error(tmp_path: Path) -> None:
     whole = b"".join(TRANSFORM)
     write_buffer(tmp_path, "/loaded", IMAGE, bytes(20))
-    schedule = CyclicSchedule(steps=((0,),), transforms=(CyclicTransform(0.5, 0, 10),))
+    schedule = CyclicSchedule(steps=((0,),), between=(BetweenMessage(0.5, 1, 0, 10),))
     codec = NativeCodec()
     codec.encode(player(tmp_path, (TF,)))
     write_buffer(tmp_path, TF, TF_TYPE, whole)

@@ -33,24 +33,6 @@ while True:
 """
 
 
-def test_what_was_appended_is_read_at_once(tmp_path: Path) -> None:
-    writer = RowWriter(tmp_path / "rows", width=3)
-    reader = RowReader(tmp_path / "rows", FIELDS)
-    assert reader.count() == 0
-    writer.append(1, -2, 3)
-    assert reader.count() == 1
-    assert reader.read().tolist() == [(1, -2, 3)]
-    writer.append(4, 5, 6)
-    assert reader.read().tolist() == [(1, -2, 3), (4, 5, 6)]
-    writer.close()
-
-
-def test_a_file_that_is_not_there_yet_has_no_rows(tmp_path: Path) -> None:
-    reader = RowReader(tmp_path / "rows", FIELDS)
-    assert reader.count() == 0
-    assert reader.read().size == 0
-
-
 def test_a_row_that_is_not_whole_yet_is_none(tmp_path: Path) -> None:
     path = tmp_path / "rows"
     writer = RowWriter(path, width=3)
@@ -60,40 +42,6 @@ def test_a_row_that_is_not_whole_yet_is_none(tmp_path: Path) -> None:
         path.write_bytes(whole + bytes(size))
         assert RowReader(path, FIELDS).count() == 1
         assert RowReader(path, FIELDS).read().tolist() == [(1, 2, 3)]
-    writer.close()
-
-
-@pytest.mark.parametrize(
-    ("start", "stop", "expected"),
-    [(0, None, [0, 1, 2, 3, 4]), (2, None, [2, 3, 4]), (1, 3, [1, 2]), (3, 99, [3, 4])],
-)
-def test_a_part_can_be_read(
-    tmp_path: Path, start: int, stop: int | None, expected: list[int]
-) -> None:
-    writer = RowWriter(tmp_path / "rows", width=3)
-    for number in range(5):
-        writer.append(number, 0, 0)
-    rows = RowReader(tmp_path / "rows", FIELDS).read(start, stop)
-    assert rows["a"].tolist() == expected
-    writer.close()
-
-
-@pytest.mark.parametrize(("start", "stop"), [(5, None), (6, None), (3, 3), (4, 2)])
-def test_an_empty_part_is_empty(tmp_path: Path, start: int, stop: int | None) -> None:
-    writer = RowWriter(tmp_path / "rows", width=3)
-    for number in range(5):
-        writer.append(number, 0, 0)
-    assert RowReader(tmp_path / "rows", FIELDS).read(start, stop).size == 0
-    writer.close()
-
-
-def test_what_was_read_does_not_change_afterwards(tmp_path: Path) -> None:
-    writer = RowWriter(tmp_path / "rows", width=3)
-    writer.append(1, 2, 3)
-    rows = RowReader(tmp_path / "rows", FIELDS).read()
-    for _ in range(10_000):
-        writer.append(9, 9, 9)
-    assert rows.tolist() == [(1, 2, 3)]
     writer.close()
 
 
@@ -107,21 +55,26 @@ def test_two_writers_never_share_a_file(tmp_path: Path) -> None:
 @given(
     rows=st.lists(st.tuples(INT64, INT64, INT64), max_size=70),
     start=st.integers(0, 80),
+    stop=st.none() | st.integers(0, 80),
 )
-def test_every_row_is_read(
+def test_every_row_is_read_and_never_changes(
     tmp_path_factory: pytest.TempPathFactory,
     rows: list[tuple[int, int, int]],
     start: int,
+    stop: int | None,
 ) -> None:
     path = tmp_path_factory.mktemp("rows") / "rows"
-    writer = RowWriter(path, width=3)
     reader = RowReader(path, FIELDS)
+    assert (reader.count(), reader.read().size) == (0, 0)
+    writer = RowWriter(path, width=3)
     for number, row in enumerate(rows, 1):
         writer.append(*row)
         assert reader.count() == number
-    assert reader.read(start).tolist() == rows[start:]
+    before = reader.read(start, stop)
+    writer.append(9, 9, 9)
     writer.close()
-    assert reader.read(start).tolist() == rows[start:]
+    assert before.tolist() == rows[start:stop]
+    assert reader.read(start, stop).tolist() == [*rows, (9, 9, 9)][start:stop]
 
 
 def test_a_reader_sees_only_whole_rows_of_a_writer_that_is_killed(tmp_path: Path) -> None:

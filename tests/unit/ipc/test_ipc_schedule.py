@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections import Counter
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from r2bspec.ipc.schedule import (
     NO_STEP,
+    BetweenMessage,
     CyclicSchedule,
-    CyclicTransform,
     TimelineMessage,
     TimelineSchedule,
     TimelineStep,
@@ -36,34 +34,13 @@ TIMELINE = TimelineSchedule(
 )
 
 
-def test_steps_at_a_rate_follow_each_other_round_after_round() -> None:
-    schedule = CyclicSchedule(steps=((0, 5), (1, 6), (2, 7)))
-    events = played_events(schedule, 10.0, 4, first=1)
-    assert [each.offset_ns for each in events] == [0, 10**8, 2 * 10**8, 3 * 10**8]
-    assert [each.messages for each in events] == [
-        ((0, 1, 0), (1, 6, 0)),
-        ((0, 2, 0), (1, 7, 0)),
-        ((0, 0, 0), (1, 5, 0)),
-        ((0, 1, 0), (1, 6, 0)),
-    ]
-    assert [each.complete for each in events] == [1, 2, 3, 4]
-    assert {each.stamp_ns for each in events} == {0}
-
-
-@given(rate_hz=st.floats(0.1, 5000.0), steps=st.integers(1, 300))
-@settings(deadline=None)
-def test_rounding_does_not_add_up(rate_hz: float, steps: int) -> None:
-    *_, last = played_events(CyclicSchedule(steps=((0,),)), rate_hz, steps)
-    assert last.offset_ns == round((steps - 1) * (1e9 / rate_hz))
-
-
 def test_transforms_lie_between_the_steps_in_every_round() -> None:
     schedule = CyclicSchedule(
         steps=((0,), (1,)),
-        transforms=(
-            CyclicTransform(0.25, 4, 100),
-            CyclicTransform(0.5, 5, 200),
-            CyclicTransform(1.5, 6, 300),
+        between=(
+            BetweenMessage(0.25, 1, 4, 100),
+            BetweenMessage(0.5, 1, 5, 200),
+            BetweenMessage(1.5, 1, 6, 300),
         ),
     )
     events = played_events(schedule, 10.0, 4)
@@ -96,22 +73,6 @@ def test_the_next_round_of_a_timeline_is_played_and_stamped_on() -> None:
     assert [each.step + 3 for each in first] == [each.step for each in second]
     assert [each.stamp_ns for each in first] == [-2, 2, -2, 18]
     assert [each.stamp_ns for each in second] == [58, 62, 58, 78]
-
-
-def test_a_play_ends_with_the_last_message_of_its_last_step() -> None:
-    events = played_events(TIMELINE, 0.0, 1)
-    assert [each.step for each in events] == [NO_STEP, 0, 0]
-
-
-@given(steps=st.integers(1, 40))
-@settings(deadline=None)
-def test_every_step_of_a_play_is_whole(steps: int) -> None:
-    events = [each for each in played_events(TIMELINE, 0.0, steps) if each.step != NO_STEP]
-    counts = Counter(each.step for each in events)
-    assert counts.keys() == set(range(steps))
-    assert all(counts[step] == (2 if step % 3 == 0 else 1) for step in counts)
-    assert events[-1].complete == steps
-    assert [each.offset_ns for each in events] == sorted(each.offset_ns for each in events)
 
 
 @given(steps=st.integers(1, 40))

@@ -71,6 +71,10 @@ def verdict_of(run: Run) -> Verdict:
     return judge(run.plan.objectives, read_samples(run))
 
 
+def doubled(_: Rows, rows: Rows) -> Rows:
+    return np.sort(np.repeat(rows, 2), order="received_ns")
+
+
 def doubled_and_dropped(_: Rows, rows: Rows) -> Rows:
     """Every second step answered twice, the others not at all."""
     return np.sort(np.concatenate((rows[::2], rows[::2])), order="received_ns")
@@ -85,11 +89,16 @@ def earlier(by_s: float, share: float = 1.0) -> Callable[[Rows, Rows], Rows]:
     return change
 
 
+def by_stamp(folder: Path, *required: str, steps: int = STEPS, iterations: int = 3) -> Run:
+    """A run whose outputs take 20 ms each."""
+    return Simulation(
+        segments=[Played(30, np.full(steps, 0.02))] * iterations,
+        objectives={"all": objective(*required)},
+    ).write(folder / "run")
+
+
 def test_answers_before_their_question_are_invalid(tmp_path: Path) -> None:
-    run = Simulation(
-        segments=[Played(30, np.full(STEPS, 0.02))] * 3,
-        objectives={"all": objective("latency.p99 < 50 ms", "drop_rate <= 1 %")},
-    ).write(tmp_path / "run")
+    run = by_stamp(tmp_path, "latency.p99 < 50 ms", "drop_rate <= 1 %")
     found = verdict_of(rewrite(run, earlier(0.12)))
     assert (found.outcome, found.exit_code) == ("invalid", 4)
     assert "900 of 900 outputs were received before their input was published" in found.reason
@@ -100,18 +109,12 @@ def test_answers_before_their_question_are_invalid(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("share", "outcome"), [(0.009, "pass"), (0.02, "invalid")])
 def test_one_in_a_hundred_may_be_early(tmp_path: Path, share: float, outcome: str) -> None:
-    run = Simulation(
-        segments=[Played(30, np.full(1000, 0.02))],
-        objectives={"all": objective("drop_rate <= 1 %")},
-    ).write(tmp_path / "run")
+    run = by_stamp(tmp_path, "drop_rate <= 1 %", steps=1000, iterations=1)
     assert verdict_of(rewrite(run, earlier(0.12, share))).outcome == outcome
 
 
 def test_two_clocks_may_be_a_little_apart(tmp_path: Path) -> None:
-    run = Simulation(
-        segments=[Played(30, np.full(STEPS, 0.02))] * 3,
-        objectives={"all": objective("latency.p99 < 50 ms")},
-    ).write(tmp_path / "run")
+    run = by_stamp(tmp_path, "latency.p99 < 50 ms")
     assert verdict_of(rewrite(run, earlier(0.02005))).outcome == "pass"
 
 
@@ -126,8 +129,7 @@ def test_by_order_a_node_that_drops_half_and_doubles_the_rest_is_invalid(tmp_pat
 
 def test_by_order_more_outputs_than_the_ratio_allows_are_invalid(tmp_path: Path) -> None:
     run = by_order("drop_rate <= 1 %", latency=np.full(STEPS, 0.005)).write(tmp_path / "run")
-    twice = rewrite(run, lambda _, rows: np.sort(np.repeat(rows, 2), order="received_ns"))
-    found = verdict_of(twice)
+    found = verdict_of(rewrite(run, doubled))
     assert found.outcome == "invalid"
     assert "received 1,800 outputs for 900 inputs" in found.reason
     assert "its ratio allows 900" in found.reason
@@ -137,8 +139,7 @@ def test_by_order_more_outputs_than_the_ratio_allows_are_invalid(tmp_path: Path)
 def test_a_ratio_that_fits_is_valid(tmp_path: Path) -> None:
     spec = by_order("drop_rate <= 1 %", latency=np.full(STEPS, 0.005))
     run = replace(spec, outputs=2).write(tmp_path / "run")
-    twice = rewrite(run, lambda _, rows: np.sort(np.repeat(rows, 2), order="received_ns"))
-    assert verdict_of(twice).outcome == "pass"
+    assert verdict_of(rewrite(run, doubled)).outcome == "pass"
 
 
 def lossy(lost: int) -> NDArray[np.float64]:
@@ -245,9 +246,7 @@ def test_two_periods_of_lateness_at_1_khz_are_invalid(
 
 
 def reported(tmp_path: Path, rmw: str, *, untimed: bool) -> Result:
-    run = Simulation(
-        segments=[Played(30, np.full(30, 0.02))], objectives={"all": objective("missed == 0")}
-    ).write(tmp_path / "run")
+    run = by_stamp(tmp_path, "missed == 0", steps=30, iterations=1)
     if untimed:
 
         def as_taken(_: Rows, rows: Rows) -> Rows:

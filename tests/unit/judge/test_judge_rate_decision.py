@@ -125,23 +125,36 @@ def test_losses_count_only_beyond_what_the_spec_admits(
         assert any("dropped" in each.reason for each in answers)
 
 
-def test_admitted_losses_do_not_excuse_a_backlog() -> None:
-    criterion = Criterion(precision=0.02, loss=0.5)
-    found = probe(Server(80.0, DEEP), 100.0, criterion=criterion)
-    assert found.judgement.holds is False
-    assert "backlog" in found.judgement.reason
+LOSING_HALF = Criterion(precision=0.02, loss=0.5)
 
 
-def test_a_graph_that_stops_answering_does_not_hold() -> None:
-    found = probe(Server(1000.0, SHALLOW, stalls=(0.7, 100.0)), 100.0)
-    assert found.judgement.holds is False
+@pytest.mark.parametrize(
+    ("server", "rate_hz", "how", "words", "not_words"),
+    [
+        # Admitted losses do not excuse a backlog.
+        (Server(80.0, DEEP), 100.0, {"criterion": LOSING_HALF}, ["backlog"], []),
+        (Server(1000.0, SHALLOW, stalls=(0.7, 100.0)), 100.0, {}, [], []),
+        (Server(1000.0, loses=1.0), 50.0, {}, ["no output"], []),
+        (Server(97.0, SHALLOW), 300.0, {}, ["are dropped"], ["backlog"]),
+        (Server(97.0, DEEP), 300.0, {}, ["backlog"], ["dropped"]),
+        (Server(60.0, 100), 100.0, {}, ["backlog", "dropped"], []),
+        # A graph that fails at the rate of a slow player limits itself.
+        (Server(100.0), 400.0, {"player_hz": 300.0}, [], ["player"]),
+    ],
+)
+def test_what_is_not_sustained_is_named_as_what_it_is(
+    server: Server, rate_hz: float, how: dict[str, Any], words: list[str], not_words: list[str]
+) -> None:
+    judgement = probe(server, rate_hz, **how).judgement
+    assert judgement.holds is False
+    assert not judgement.limited_by_player
+    assert all(word in judgement.reason for word in words)
+    assert not any(word in judgement.reason for word in not_words)
 
 
-def test_a_graph_that_answers_nothing_does_not_hold() -> None:
+def test_a_graph_that_answers_nothing_is_known_long_before_the_end_of_the_probe() -> None:
     found = probe(Server(1000.0, loses=1.0), 50.0)
-    assert found.judgement.holds is False
     assert found.delivery.delivered_hz == 0.0
-    # That is clear long before the end of the probe.
     assert found.stopped_s < 3.0
 
 
@@ -152,41 +165,21 @@ def test_what_the_player_cannot_offer_is_not_held_against_the_graph() -> None:
     assert found.judgement.reason == "the player reached only 300 Hz"
 
 
-def test_a_player_that_is_almost_as_fast_as_asked_does_not_limit() -> None:
-    found = sustained(Server(1000.0), 400.0, player_hz=396.0)
-    assert found.judgement.holds is True
-
-
-def test_a_graph_that_fails_at_the_rate_of_a_slow_player_limits_itself() -> None:
-    found = probe(Server(100.0), 400.0, player_hz=300.0)
-    assert found.judgement.holds is False
-    assert not found.judgement.limited_by_player
-
-
-def test_queues_that_fill_to_where_they_stay_are_no_backlog() -> None:
-    # Every message takes 0.4 s, and as many as that are inside from then on.
-    found = sustained(Server(100.0, stages=40), 90.0)
-    assert found.judgement.holds is True
-
-
 @pytest.mark.parametrize(
-    ("depth", "named", "unnamed"),
-    [(SHALLOW, "are dropped", "backlog"), (DEEP, "backlog", "dropped")],
+    ("server", "rate_hz", "how"),
+    [
+        # A player that is almost as fast as asked does not limit.
+        (Server(1000.0), 400.0, {"player_hz": 396.0}),
+        # Every message takes 0.4 s, and as many as that are inside from then on.
+        (Server(100.0, stages=40), 90.0, {}),
+        # It does nothing for a second, and has caught up soon after.
+        (Server(1000.0, stalls=(0.2, 1.2)), 100.0, {}),
+    ],
 )
-def test_an_overload_is_named_as_what_it_is(depth: int, named: str, unnamed: str) -> None:
-    reason = probe(Server(97.0, depth), 300.0).judgement.reason
-    assert named in reason
-    assert unnamed not in reason
-
-
-def test_an_overload_that_both_waits_and_is_dropped_is_named_as_both() -> None:
-    reason = probe(Server(60.0, 100), 100.0).judgement.reason
-    assert "backlog" in reason
-    assert "dropped" in reason
-
-
-def test_a_silent_graph_is_named_as_silent() -> None:
-    assert probe(Server(1000.0, loses=1.0), 50.0).judgement.reason == "no output"
+def test_what_looks_like_an_overload_and_is_none(
+    server: Server, rate_hz: float, how: dict[str, Any]
+) -> None:
+    assert sustained(server, rate_hz, **how).judgement.holds is True
 
 
 def test_looks_share_the_error_and_end_with_the_probe() -> None:
@@ -223,10 +216,7 @@ def test_how_many_messages_show_that_few_are_lost_depends_on_the_precision() -> 
     assert sustained(Server(1000.0), 10.0, criterion=fine, seconds=4.0).judgement.holds is None
 
 
-def test_a_cold_graph_is_not_failed_in_its_first_seconds() -> None:
-    # It does nothing for a second, and has caught up soon after.
-    cold = Server(1000.0, stalls=(0.2, 1.2))
-    assert sustained(cold, 100.0).judgement.holds is True
+def test_a_graph_is_not_failed_in_its_first_seconds() -> None:
     assert probe(Server(100.0), 120.0).stopped_s >= 5.0
 
 

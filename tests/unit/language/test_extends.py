@@ -64,12 +64,6 @@ def test_every_text_is_at_hand_for_carets() -> None:
     assert loaded.sources[where.file].line(where.line)[where.column - 1] == "3"
 
 
-def test_the_resolved_document_means_the_same() -> None:
-    loaded = load_spec(GOLDEN / "ok_derived.r2b.yaml")
-    assert "extends" not in loaded.resolved_yaml()
-    assert load_spec(loaded.resolved_yaml()).spec == loaded.spec
-
-
 def test_a_folder_outside_must_be_allowed(tmp_path: Path) -> None:
     (tmp_path / "inside").mkdir()
     (tmp_path / "base.yaml").write_text(BASE)

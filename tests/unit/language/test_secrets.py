@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import yaml
 
 from r2bspec.cli.main import main
 from r2bspec.language.environment_access import is_secret_key, is_secret_variable, shown_value
@@ -51,57 +52,8 @@ VALUES = (
     "\x1b[31m::error::x",
 )
 
-REFUSED = {
-    "name": ("name: relay", "name: REF"),
-    "namespace": ("labels: {x: 1}", "namespace: REF"),
-    "a bag": ("bag: r2b_storage", "bag: REF"),
-    "a part of a bag": ("bag: r2b_storage", "bag: ./a-REF-b"),
-    "a topic": ("topic: out", "topic: REF"),
-    "a topic as a key": ("{input: image, output: out}", "{REF: image, output: out}"),
-    "a Python node": ("python: r2bspec.nodes.RelayNode", "python: REF"),
-    "a file of a node": ("python: r2bspec.nodes.RelayNode", "python: ./REF.py:Node"),
-    "a file of parameters": (
-        "{format: sensor_msgs/msg/CameraInfo, service_time_ms: 1.0}",
-        "[REF, {service_time_ms: 1.0}]",
-    ),
-    "a duration": ("duration: 2 s", "duration: REF"),
-    "a rate": ("rates: [10 Hz]", "rates: [REF]"),
-    "an integer": ("duration: 2 s", "iterations: REF, duration: 2 s"),
-    "a type": ("format: sensor_msgs/msg/CameraInfo}}\ngraph", "format: REF}}\ngraph"),
-    "a requirement": ("latency.p99 < 1 s", "REF"),
-    "the bound of a requirement": ("latency.p99 < 1 s", "latency.p99 < REF"),
-    "a metric": ("latency.p99 < 1 s", "REF < 1 s"),
-    "when": ("fast: {at", "fast: {when: {words: REF}, at"),
-    "a rate of an objective": ("fast: {at: 10 Hz", "fast: {at: REF"),
-    "a typed variable": ("{type: rate, value: 10 Hz}", "{type: rate, value: REF}"),
-    "a variable with choices": ("{type: rate, value: 10 Hz}", "{value: REF, choices: [a, b]}"),
-    "a variable as a duration": ("duration: 2 s", "duration: $(var words)"),
-    "an instance of repeat": (
-        "      remappings: {input: image, output: out}",
-        "      remappings: {input: image, output: $(var i)}\n      repeat: {a: {i: REF}}",
-    ),
-    "a matrix": ("labels: {x: 1}", "matrix: {axes: {words: [REF]}}"),
-    "a limit of memory": ("      remappings", "      memory_limit: REF\n      remappings"),
-    "a word of a few": ("labels: {x: 1}", "transport: REF"),
-}
-
-ALLOWED = {
-    "a title": ("labels: {x: 1}", "title: REF"),
-    "a label": ("labels: {x: 1}", "labels: {x: REF}"),
-    "a variable": ("labels: {x: 1}", "labels: {x: $(var words)}"),
-    "a variable of a node": ("      remappings", "      env: {A: a REF}\n      remappings"),
-    "a parameter": ("sensor_msgs/msg/CameraInfo, s", "REF, s"),
-    "a list of parameters": ("service_time_ms: 1.0", "service_time_ms: [REF]"),
-    "a command": (
-        "monitors:",
-        "setup: {a: {command: [echo, REF], env: {A: REF}}}\nmonitors:",
-    ),
-    "a step": ("monitors:", "after_ready: {a: {command: [echo, REF]}}\nmonitors:"),
-    "a request": (
-        "monitors:",
-        "after_ready: {a: {service: {name: s, type: a/srv/B, request: {data: REF}}}}\nmonitors:",
-    ),
-}
+PLACES = yaml.safe_load(Path(__file__).with_name("secret_places.yaml").read_text(encoding="utf-8"))
+REFUSED, ALLOWED = PLACES["refused"], PLACES["allowed"]
 
 VERBS = (
     ["validate"],

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -136,17 +135,6 @@ def test_schema(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["schema", "nonsense"]) == 2
 
 
-def test_validate_imports_nothing_heavy() -> None:
-    code = (
-        "import sys; from r2bspec.cli.main import main; main(['validate', sys.argv[1]]);"
-        "print([m for m in ('rclpy', 'cv2', 'scipy', 'numpy', 'rosbags', 'rich')"
-        " if m in sys.modules])"
-    )
-    command = [sys.executable, "-c", code, str(GOLDEN / "ok_minimal.yaml")]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "[]"
-
-
 # ---- files that build on files, and cases ------------------------------------------------------
 
 CASES = """extends: base.yaml
@@ -205,20 +193,6 @@ def test_plan_explains_where_a_value_came_from(
     )
     assert main(["plan", "cases.r2b.yaml", "--case", "threads=2", "--explain", "graph.nods"]) == 2
     assert "did you mean 'nodes'?" in capsys.readouterr().err
-
-
-def test_a_document_without_mistakes_needs_no_jsonschema() -> None:
-    code = (
-        "import sys; from pathlib import Path; from r2bspec.language.load_spec import load_spec;"
-        "load_spec(Path(sys.argv[1]), environ={'R2B_TEST_COUNT': '7'});"
-        "heavy = ('jsonschema', 'r2bspec.language.explain_violations');"
-        "print([m for m in heavy if m in sys.modules])"
-    )
-    file = str(GOLDEN / "ok_everything.yaml")
-    done = subprocess.run(
-        [sys.executable, "-c", code, file], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.strip() == "[]"
 
 
 def test_strict_fails_on_warnings_and_quiet_prints_findings_only(

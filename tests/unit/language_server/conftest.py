@@ -59,7 +59,7 @@ async def client(folder: Path) -> AsyncIterator[VersionedClient]:
     )
     yield client
     await client.shutdown_session()
-    await client.stop()
+    await client.stop()  # type: ignore[no-untyped-call]
 
 
 @pytest.fixture

@@ -58,37 +58,43 @@ def test_segments_in_a_row_expect_what_one_long_segment_would() -> None:
     assert asked == ratio.trigger_steps(before).tolist()
 
 
-def test_latency_counts_from_the_last_step_that_an_answer_needs() -> None:
-    # Steps at 0.0, 0.1, ..., 0.5; one answer for three of them.
-    playback, monitor = played(6), received([0.23, 0.54])
-    found = match(playback, monitor, "order", Ratio(inputs=3))
-    assert found.step.tolist() == [2, 5]
-    assert step_times(playback, monitor, found).latency == pytest.approx([0.03, 0.04])
+@pytest.mark.parametrize(
+    ("ratio", "steps", "times_s", "latency_s"),
+    [
+        # Steps at 0.0, 0.1, ..., 0.5: latency counts from the last step that an answer needs.
+        (Ratio(inputs=3), 6, [0.23, 0.54], [0.03, 0.04]),
+        (Ratio(outputs=2), 2, [0.01, 0.02, 0.11, 0.13], [0.01, 0.02, 0.01, 0.03]),
+    ],
+)
+def test_each_answer_has_its_own_latency(
+    ratio: Ratio, steps: int, times_s: list[float], latency_s: list[float]
+) -> None:
+    playback, monitor = played(steps), received(times_s)
+    matching = match(playback, monitor, "order", ratio)
+    assert step_times(playback, monitor, matching).latency == pytest.approx(latency_s)
 
 
-def test_each_of_several_answers_has_its_own_latency() -> None:
-    playback, monitor = played(2), received([0.01, 0.02, 0.11, 0.13])
-    found = match(playback, monitor, "order", Ratio(outputs=2))
-    assert step_times(playback, monitor, found).latency == pytest.approx([0.01, 0.02, 0.01, 0.03])
-
-
-def test_what_is_beyond_the_ratio_is_unmatched_and_what_is_short_of_it_missed() -> None:
-    playback = played(6)
-    more = match(playback, received([0.2, 0.5, 0.51]), "order", Ratio(inputs=3))
-    assert (more.missed, more.unmatched) == (0, 1)
-    fewer = match(playback, received([0.2]), "order", Ratio(inputs=3))
-    assert (fewer.missed, fewer.unmatched) == (1, 0)
+@pytest.mark.parametrize(
+    ("times_s", "missed", "unmatched", "early"),
+    [
+        ([0.2, 0.5, 0.51], 0, 1, 0),
+        ([0.2], 1, 0, 0),
+        # Answers before their step show that the counting is wrong.
+        ([0.05, 0.35], 0, 0, 2),
+    ],
+)
+def test_what_is_beyond_the_ratio_or_short_of_it_is_counted(
+    times_s: list[float], missed: int, unmatched: int, early: int
+) -> None:
+    matching = match(played(6), received(times_s), "order", Ratio(inputs=3))
+    counts = (matching.missed, matching.unmatched, matching.early)
+    assert counts == (missed, unmatched, early)
 
 
 def test_by_order_what_comes_before_anything_is_played_answers_nothing() -> None:
     found = match(played(3), received([-0.05, 0.01, 0.11, 0.21]), "order")
     assert found.step.tolist() == [NO_MATCH, 0, 1, 2]
     assert (found.unmatched, found.missed, found.early) == (1, 0, 0)
-
-
-def test_answers_before_their_step_show_that_the_counting_is_wrong() -> None:
-    found = match(played(6), received([0.05, 0.35]), "order", Ratio(inputs=3))
-    assert found.early == 2
 
 
 def test_a_stamp_knows_no_ratio() -> None:
@@ -175,42 +181,34 @@ def with_stamps_of(playback: Rows, steps: list[int], *, late_s: float = 0.01) ->
     return rows
 
 
-def test_by_stamp_an_output_of_several_steps_has_the_latency_of_the_one_whose_stamp_it_has() -> (
-    None
-):
-    playback = played(9)
-    monitor = with_stamps_of(playback, [0, 4, 8])
-    found = match(playback, monitor, "stamp", Ratio(inputs=3))
-    assert found.trigger_steps.tolist() == found.step.tolist() == [0, 4, 8]
-    assert step_times(playback, monitor, found).latency == pytest.approx([0.01] * 3)
-    assert (found.missed, found.duplicates, found.unmatched) == (0, 0, 0)
-
-
-def test_by_stamp_steps_that_nothing_was_asked_of_are_not_missed() -> None:
-    playback = played(12)
-    found = match(playback, with_stamps_of(playback, [1, 7, 10]), "stamp", Ratio(inputs=3))
-    assert (found.answered.size, found.missed) == (4, 1)
-    assert (np.diff(found.trigger_steps) >= 0).all()
-
-
-def test_the_phase_of_a_timer_makes_no_drops() -> None:
-    # 30 Hz in, a timer of 10 Hz whose period is now three steps, now two or four.
-    playback = played(15)
-    found = match(playback, with_stamps_of(playback, [2, 5, 9, 11, 13]), "stamp", Ratio(inputs=3))
-    assert (found.missed, found.duplicates) == (0, 0)
-
-
-def test_by_stamp_what_exceeds_the_ratio_is_a_duplicate() -> None:
-    playback = played(6)
-    found = match(playback, with_stamps_of(playback, list(range(6))), "stamp", Ratio(inputs=3))
-    assert (int(found.answered.sum()), found.duplicates, found.unmatched) == (2, 4, 0)
-
-
-def test_by_stamp_several_outputs_of_one_step_are_all_expected() -> None:
-    playback = played(3)
-    found = match(playback, with_stamps_of(playback, [0, 0, 1, 2, 2, 2]), "stamp", Ratio(outputs=2))
-    assert found.trigger_steps.tolist() == [0, 0, 1, 1, 2, 2]
-    assert (found.missed, found.duplicates) == (1, 1)
+@pytest.mark.parametrize(
+    ("steps", "ratio", "outputs", "triggers", "missed", "duplicates"),
+    [
+        # An output of several steps has the latency of the one whose stamp it has.
+        (9, Ratio(inputs=3), [0, 4, 8], [0, 4, 8], 0, 0),
+        # Steps that nothing was asked of are not missed.
+        (12, Ratio(inputs=3), [1, 7, 10], None, 1, 0),
+        # 30 Hz in, a timer of 10 Hz whose period is now three steps, now two or four.
+        (15, Ratio(inputs=3), [2, 5, 9, 11, 13], None, 0, 0),
+        (6, Ratio(inputs=3), list(range(6)), None, 0, 4),
+        (3, Ratio(outputs=2), [0, 0, 1, 2, 2, 2], [0, 0, 1, 1, 2, 2], 1, 1),
+    ],
+)
+def test_by_stamp_a_group_of_steps_expects_its_outputs(
+    steps: int,
+    ratio: Ratio,
+    outputs: list[int],
+    triggers: list[int] | None,
+    missed: int,
+    duplicates: int,
+) -> None:
+    playback = played(steps)
+    monitor = with_stamps_of(playback, outputs)
+    matching = match(playback, monitor, "stamp", ratio)
+    assert (matching.missed, matching.duplicates, matching.unmatched) == (missed, duplicates, 0)
+    assert triggers is None or matching.trigger_steps.tolist() == triggers
+    latency = step_times(playback, monitor, matching).latency
+    assert latency == pytest.approx([0.01] * (len(outputs) - duplicates))
 
 
 @given(

@@ -60,58 +60,56 @@ def test_latency_that_scatters_over_three_periods_costs_less_than_two_messages(
     assert 60 * (1 - 2 / 600) <= np.mean(found) <= 60
 
 
-def test_a_constant_delay_of_seconds_costs_nothing(tmp_path: Path) -> None:
-    assert measured(tmp_path, 20.0, np.full(40, 4.0)).throughput_hz == pytest.approx(20)
+def ending(latency: float, *last: float, steps: int) -> NDArray[np.float64]:
+    """Equal latencies, of which the last ones are others."""
+    return np.array([latency] * (steps - len(last)) + list(last))
+
+
+HALF_LOST = ending(0.01, *[np.nan] * 50, steps=100)
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "latency", "expected_hz"),
+    [
+        pytest.param(20.0, np.full(40, 4.0), 20.0, id="a constant delay costs nothing"),
+        *(
+            pytest.param(30.0, in_batches(300, 30.0, batch), 30.0, id=f"bursts of {batch}")
+            for batch in (2, 20, 100)
+        ),
+        # 250 steps in batches of 100: half a batch stays inside.
+        pytest.param(25.0, in_batches(250, 25.0, 100), 20.0, id="a last burst never comes"),
+        pytest.param(30.0, ending(0.01, 4.0, steps=300), 29.9, id="a straggler is one message"),
+        # Nothing comes for the last 0.5 s, and everything 0.7 s after the end.
+        pytest.param(
+            20.0, ending(0.01, *np.linspace(1.2, 0.7, 10), steps=200), 19.0, id="a pause at the end"
+        ),
+        pytest.param(10.0, HALF_LOST, 5.0, id="a graph that dies"),
+        pytest.param(10.0, HALF_LOST[::-1], 5.0, id="a graph that begins late"),
+        *(
+            pytest.param(0.5, np.full(steps, 0.3), 0.5, id=f"{steps} messages")
+            for steps in (1, 2, 3)
+        ),
+    ],
+)
+def test_the_throughput_of_a_graph(
+    tmp_path: Path, rate_hz: float, latency: NDArray[np.float64], expected_hz: float
+) -> None:
+    assert measured(tmp_path, rate_hz, latency).throughput_hz == pytest.approx(expected_hz)
 
 
 def test_bursts_with_losses_do_not_look_faster_than_what_came_out(tmp_path: Path) -> None:
-    seen = measured(tmp_path, 20.0, in_batches(200, 20.0, batch=20, lost=3))
+    samples = iteration(tmp_path, 20.0, in_batches(200, 20.0, batch=20, lost=3))
+    seen = samples.monitors["detections"]
     assert (seen.sent, seen.answered) == (200, 170)
     assert seen.throughput_hz == pytest.approx(17.0)
-
-
-@pytest.mark.parametrize("batch", [2, 20, 100])
-def test_bursts_without_losses_have_the_offered_rate(tmp_path: Path, batch: int) -> None:
-    seen = measured(tmp_path, 30.0, in_batches(300, 30.0, batch))
-    assert seen.throughput_hz == pytest.approx(30.0)
-
-
-def test_a_last_burst_that_never_comes_is_missing(tmp_path: Path) -> None:
-    # 250 steps in batches of 100: half a batch stays inside.
-    seen = measured(tmp_path, 25.0, in_batches(250, 25.0, 100))
-    assert seen.throughput_hz == pytest.approx(20.0)
+    windows = window_values(METRICS["throughput.mean"], "detections", samples, SECOND, 0.0)
+    assert windows.values == pytest.approx([17.0] * 10)
 
 
 def test_a_graph_slower_than_its_input_has_its_own_rate(tmp_path: Path) -> None:
     # 20 Hz of 30, from a queue without an end: all are answered, half of them after the window.
     latency = np.linspace(0.05, 0.05 + 299 * (1 / 20 - 1 / 30), 300)
     assert measured(tmp_path, 30.0, latency).throughput_hz == pytest.approx(20, rel=0.005)
-
-
-def test_one_straggler_counts_as_one_message(tmp_path: Path) -> None:
-    latency = np.full(300, 0.01)
-    latency[-1] = 4.0
-    assert measured(tmp_path, 30.0, latency).throughput_hz == pytest.approx(29.9)
-
-
-def test_a_pause_at_the_end_delays_its_messages_beyond_the_window(tmp_path: Path) -> None:
-    # Nothing comes for the last 0.5 s, and everything 0.7 s after the end.
-    latency = np.full(200, 0.01)
-    latency[190:] = np.linspace(1.2, 0.7, 10)
-    assert measured(tmp_path, 20.0, latency).throughput_hz == pytest.approx(19.0)
-
-
-def test_a_graph_that_dies_or_begins_late_has_no_rate_for_that_time(tmp_path: Path) -> None:
-    latency = np.full(100, 0.01)
-    latency[:50] = np.nan
-    assert measured(tmp_path / "late", 10.0, latency).throughput_hz == pytest.approx(5.0)
-    assert measured(tmp_path / "died", 10.0, latency[::-1]).throughput_hz == pytest.approx(5.0)
-
-
-@pytest.mark.parametrize("steps", [1, 2, 3])
-def test_short_iterations_of_few_messages(tmp_path: Path, steps: int) -> None:
-    seen = measured(tmp_path, 0.5, np.full(steps, 0.3))
-    assert seen.throughput_hz == pytest.approx(0.5)
 
 
 def test_nothing_is_no_rate() -> None:
@@ -124,9 +122,3 @@ def test_windows_of_a_rate_that_does_not_divide_them_have_it_too(tmp_path: Path)
     found = window_values(METRICS["throughput.mean"], "detections", samples, SECOND, 0.0)
     assert len(found.values) == 10
     assert found.values == pytest.approx([29.97] * 10, rel=1e-6)
-
-
-def test_bursts_with_losses_in_windows(tmp_path: Path) -> None:
-    samples = iteration(tmp_path, 20.0, in_batches(200, 20.0, batch=20, lost=3))
-    found = window_values(METRICS["throughput.mean"], "detections", samples, SECOND, 0.0)
-    assert found.values == pytest.approx([17.0] * 10)

@@ -52,14 +52,6 @@ class TestMatching:
         assert found.step.tolist() == [0, 1, 2, -1]
         assert (found.missed, found.duplicates, found.unmatched) == (0, 0, 1)
 
-    @pytest.mark.parametrize("by", ["stamp", "order"])
-    def test_nothing_sent_and_nothing_received(self, by: str) -> None:
-        playback, monitor = matched(Played(10, [0.01, 0.01], strangers=1))
-        none = match(playback[:0], monitor, by)  # type: ignore[arg-type]
-        assert (none.missed, none.unmatched) == (0, 3)
-        silent = match(playback, monitor[:0], by)  # type: ignore[arg-type]
-        assert (silent.missed, silent.unmatched) == (2, 0)
-
 
 class TestTimes:
     def test_a_nanosecond_survives_weeks_of_uptime(self) -> None:

@@ -37,34 +37,39 @@ def test_every_step_of_whole_windows_is_in_one(tmp_path: Path, rate_hz: float) -
     assert all(abs(one.sent - rate_hz) <= 1 for one in found)
 
 
-def test_what_is_left_at_the_end_is_left_out(tmp_path: Path) -> None:
-    latency = np.full(25, 0.02)
-    latency[20:] = 9.0
-    assert values(iteration(tmp_path, latency), "latency.max") == pytest.approx((0.02, 0.02))
+def latencies(steps: int, *changes: tuple[slice, float]) -> NDArray[np.float64]:
+    """Equal latencies, of which some are others."""
+    latency = np.full(steps, 0.02)
+    for part, value in changes:
+        latency[part] = value
+    return latency
 
 
-def test_a_late_answer_is_in_the_window_in_which_it_was_asked_for(tmp_path: Path) -> None:
-    latency = np.full(30, 0.02)
-    latency[9] = 1.5
-    samples = iteration(tmp_path, latency)
-    assert values(samples, "latency.max") == pytest.approx((1.5, 0.02, 0.02))
+LOST = latencies(30, (slice(12, 13), math.nan))
 
 
-def test_losses_count_in_their_window(tmp_path: Path) -> None:
-    latency = np.full(30, 0.02)
-    latency[12] = np.nan
-    samples = iteration(tmp_path, latency)
-    assert values(samples, "drop_rate") == pytest.approx((0.0, 0.1, 0.0))
-    assert values(samples, "missed") == (0, 1, 0)
-    assert values(samples, "latency.max") == pytest.approx((0.02, math.inf, 0.02))
-    assert values(samples, "latency.p50") == pytest.approx((0.02, 0.02, 0.02))
-    assert values(samples, "throughput.mean") == pytest.approx((10, 9, 10))
+@pytest.mark.parametrize(
+    ("latency", "metric", "expected"),
+    [
+        # What is left at the end is left out.
+        (latencies(25, (slice(20, 25), 9.0)), "latency.max", (0.02, 0.02)),
+        # A late answer is in the window in which it was asked for.
+        (latencies(30, (slice(9, 10), 1.5)), "latency.max", (1.5, 0.02, 0.02)),
+        (LOST, "drop_rate", (0.0, 0.1, 0.0)),
+        (LOST, "missed", (0, 1, 0)),
+        (LOST, "latency.max", (0.02, math.inf, 0.02)),
+        (LOST, "latency.p50", (0.02, 0.02, 0.02)),
+        (LOST, "throughput.mean", (10, 9, 10)),
+    ],
+)
+def test_the_values_of_windows(
+    tmp_path: Path, latency: NDArray[np.float64], metric: str, expected: tuple[float, ...]
+) -> None:
+    assert values(iteration(tmp_path, latency), metric) == pytest.approx(expected)
 
 
 def test_a_silent_window_is_the_worst(tmp_path: Path) -> None:
-    latency = np.full(30, 0.02)
-    latency[10:20] = np.nan
-    samples = iteration(tmp_path, latency)
+    samples = iteration(tmp_path, latencies(30, (slice(10, 20), math.nan)))
     for metric in ("latency.mean", "interval.max", "throughput.mean", "jitter.p50"):
         assert values(samples, metric)[1] == math.inf
 

@@ -90,13 +90,6 @@ def test_what_is_found_dead_is_what_is_removed_and_looking_changes_nothing(memor
     assert found == ["fastdds_port7000", "fastrtps_a", "fastrtps_c", "fastrtps_d"]
 
 
-def test_a_shared_lock_is_no_segment(memory: Path) -> None:
-    # Readers that share a port hold NAME_sl; they map NAME and never NAME_sl.
-    (memory / "fastrtps_port7000_sl").touch()
-    assert MIDDLEWARE.remove_dead_shm_files(memory) == []
-    assert names(memory) == {"fastrtps_port7000_sl"}
-
-
 def test_what_is_older_than_the_run_stays(memory: Path) -> None:
     make(memory, "fastrtps_old")
     make(memory, "fastrtps_older", lock=False)
@@ -109,9 +102,16 @@ def test_what_is_older_than_the_run_stays(memory: Path) -> None:
 
 
 def test_what_is_not_the_middlewares_stays(memory: Path) -> None:
-    for name in ("lttng-ust-wait-6", "sem.mine", "psm_1234", "my_fastrtps_el"):
+    for name in (
+        "lttng-ust-wait-6",
+        "sem.mine",
+        "psm_1234",
+        "my_fastrtps_el",
+        "fastrtps_port7000_sl",
+    ):
         (memory / name).touch()
     before = names(memory)
+    # Readers that share a port hold NAME_sl; they map NAME and never NAME_sl.
     assert MIDDLEWARE.remove_dead_shm_files(memory) == []
     assert names(memory) == before
 

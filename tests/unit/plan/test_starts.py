@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from example_spec import example
-from r2bspec.check.rules.sample_size import iterations_per_start, starts_of_external_nodes
+from r2bspec.check.rules.benchmark import iterations_per_start, starts_of_external_nodes
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.spec import Spec
 from r2bspec.plan.comparability import load_differences, single_run_plan

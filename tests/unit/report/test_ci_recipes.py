@@ -436,13 +436,11 @@ def test_the_commands_of_the_page(hosts: Hosts, upstream: Upstream, change: Even
     ids=["action", "workflow", "workflow of the tutorial", "template", "job"],
 )
 def test_the_service_can_read_it(schema: str, text: str, tmp_path: Path) -> None:
-    words = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", schema]
-    keys = r"^( *)(shell|runs-on|rules|when):.*"
-    broken = re.sub(keys, r"\1\2: 7", text, flags=re.MULTILINE)
-    for name, content, expected in (("good.yml", text, 0), ("bad.yml", broken, 1)):
-        (tmp_path / name).write_text(content)
-        done = subprocess.run([*words, str(tmp_path / name)], capture_output=True, text=True)
-        assert done.returncode == expected, (name, done.stdout + done.stderr)
+    file = tmp_path / "file.yml"
+    file.write_text(text)
+    words = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", schema, str(file)]
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_the_inputs_of_the_page_are_those_of_the_action() -> None:

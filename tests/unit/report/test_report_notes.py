@@ -16,7 +16,6 @@ from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import DisturbedIteration
-from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import OutputGapRecord, StartRecord
 from r2bspec.report.format_registry import renderer
 from r2bspec.report.notes import MOST_NOTES, Weight, all_notes, notes
@@ -29,10 +28,9 @@ CAVEATS = ("another hour may differ", "of a kind not met", "resembles the one be
 """Of sentences that every run would have alike."""
 
 
-def noted(folder: Path) -> tuple[Run, Result]:
+def noted(folder: Path) -> Result:
     """A run about which there is more to say than a report says."""
-    run = USUAL.write(folder)
-    result = result_of(run)
+    result = result_of(USUAL.write(folder))
     silence = OutputGapRecord(
         segment="iteration-001", topic="/r2b/out", way=(), reason="It crashed."
     )
@@ -54,13 +52,13 @@ def noted(folder: Path) -> tuple[Run, Result]:
         StartRecord(number=1, began_ns=0, ready_ns=1, disturbed=("the disk was busy",), taken=0.5),
     )
     left_out = tuple(f"Planned part {number} was not played." for number in range(6))
-    return run, msgspec.structs.replace(
+    return msgspec.structs.replace(
         result, output_gaps=(silence,), verdict=verdict, starts=starts, left_out=left_out
     )
 
 
 def test_at_most_five_the_most_important_first(tmp_path: Path) -> None:
-    _, result = noted(tmp_path / "run")
+    result = noted(tmp_path / "run")
     found = notes(result)
     assert len(found.shown) == MOST_NOTES == 5
     assert found.shown[0].startswith("No more messages on /r2b/out")
@@ -73,7 +71,7 @@ def test_at_most_five_the_most_important_first(tmp_path: Path) -> None:
 
 
 def test_verbose_has_all_of_them(tmp_path: Path) -> None:
-    _, result = noted(tmp_path / "run")
+    result = noted(tmp_path / "run")
     short, whole = notes(result), notes(result, verbose=True)
     assert (*short.shown, *short.others) == whole.shown
     assert (whole.others, whole.more) == ((), "")
@@ -81,7 +79,7 @@ def test_verbose_has_all_of_them(tmp_path: Path) -> None:
 
 
 def test_interference_is_told_in_a_line_and_in_full_where_all_is_told(tmp_path: Path) -> None:
-    _, result = noted(tmp_path / "run")
+    result = noted(tmp_path / "run")
     (line,) = [text for text in notes(result).shown if "interference" in text]
     assert line.endswith("and 1 of 1 starts; for example, other processes used 1.5 of 2 cores")
     details = {note.text for note in all_notes(result) if note.weight == Weight.DETAIL}
@@ -93,7 +91,7 @@ def test_interference_is_told_in_a_line_and_in_full_where_all_is_told(tmp_path: 
 
 
 def test_a_note_of_several_requirements_is_told_once(tmp_path: Path) -> None:
-    _, result = noted(tmp_path / "run")
+    result = noted(tmp_path / "run")
     failed = [
         msgspec.structs.replace(verdict, outcome="fail", notes=("Confirmed by 5 new starts.",))
         for verdict in result.verdict.requirements[:3]
@@ -110,8 +108,8 @@ def test_a_note_of_several_requirements_is_told_once(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", WORDS)
 @pytest.mark.parametrize("verbose", [False, True])
 def test_no_report_says_what_every_run_would_say(tmp_path: Path, name: str, verbose: bool) -> None:
-    run, result = noted(tmp_path / "run")
-    shown = ReportInput(result=result, run=run, verbose=verbose)
+    result = noted(tmp_path / "run")
+    shown = ReportInput(result=result, verbose=verbose)
     text = " ".join(renderer(name)(shown).decode().split())
     assert not [words for words in CAVEATS if words in text]
 
@@ -155,8 +153,8 @@ def test_the_options_of_the_command_line(tmp_path: Path, capfd: pytest.CaptureFi
 
 
 def test_the_page_shows_the_first_and_folds_the_others(tmp_path: Path) -> None:
-    run, result = noted(tmp_path / "run")
-    page = renderer("html")(ReportInput(result=result, run=run)).decode()
+    result = noted(tmp_path / "run")
+    page = renderer("html")(ReportInput(result=result)).decode()
     section = page.partition('<h2 id="notes">')[2].partition("</section>")[0]
     visible, _, folded = section.partition("<details>")
     found = notes(result)

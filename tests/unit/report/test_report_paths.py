@@ -101,7 +101,6 @@ def test_markdown_has_a_table_of_hops_in_which_names_are_no_markup(result: Resul
 
 
 def test_html_has_a_table_of_hops_with_exact_values(result: Result) -> None:
-    pytest.importorskip("jinja2")
     text = renderer("html")(ReportInput(result=result)).decode()
     assert "Hops to detections" in text
     assert "/r2b/&lt;b&gt;&amp;" in text

@@ -52,7 +52,7 @@ def run_of(folder: Path, starts: int) -> Run:
 def reports(run: Run) -> dict[str, str]:
     """The run in every format that says in words how it was judged."""
     result = result_of(run)
-    reported = ReportInput(result=result, run=run)
+    reported = ReportInput(result=result)  # the charts of single messages say nothing of it
     shown = ("markdown", "html", "junit", "github")
     texts = {name: renderer(name)(reported).decode() for name in shown}
     return texts | {

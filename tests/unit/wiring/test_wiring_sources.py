@@ -229,6 +229,11 @@ def test_files_and_values_apply_in_order(tmp_path: Path) -> None:
     assert merged(own, source)["gain"] == 2.0
 
 
+ALIASES = "a0: &a0 {}\n" + "".join(
+    f"a{i}: &a{i} {{p: [*a{i - 1}, *a{i - 1}]}}\n" for i in range(1, 45)
+)
+
+
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
@@ -240,35 +245,17 @@ def test_files_and_values_apply_in_order(tmp_path: Path) -> None:
             "a: {ros__parameters: {x: !!python/object:os.system {}}}",
             "cannot be used: line 1: YAML tags are not supported",
         ),
+        (
+            "{a: " * 100_000,
+            "cannot be used: line 1: values are nested more than 50 levels deep",
+        ),
+        (ALIASES, "cannot be used: line 12: aliases expand to more than 10,000 values"),
     ],
 )
 def test_files_that_ros_could_not_read(text: str, problem: str, tmp_path: Path) -> None:
     file = tmp_path / "p.yaml"
     file.write_text(text, encoding="utf-8")
     assert read_parameter_file(file).problem == problem
-
-
-@pytest.mark.parametrize("deep", ["[" * 100_000, "{a: " * 100_000, "- " * 100_000])
-def test_a_file_nested_without_end_is_refused(deep: str, tmp_path: Path) -> None:
-    file = tmp_path / "p.yaml"
-    file.write_text(deep, encoding="utf-8")
-    assert read_parameter_file(file).problem == (
-        "cannot be used: line 1: values are nested more than 50 levels deep"
-    )
-
-
-def test_a_file_that_aliases_blow_up_is_refused(tmp_path: Path) -> None:
-    lines = ["a0: &a0 {}", *(f"a{i}: &a{i} {{p: *a{i - 1}, q: *a{i - 1}}}" for i in range(1, 45))]
-    file = tmp_path / "p.yaml"
-    body = "\n".join(f"    {line}" for line in lines)
-    file.write_text(f"n:\n  ros__parameters:\n{body}\n", encoding="utf-8")
-    assert read_parameter_file(file).problem == (
-        "cannot be used: line 14: aliases expand to more than 10,000 values"
-    )
-
-
-def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    assert read_parameter_file(tmp_path / "p.yaml").missing
 
 
 # Recorded interfaces

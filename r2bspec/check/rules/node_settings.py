@@ -1,6 +1,7 @@
-"""Parameters of nodes, from the spec and from parameter files.
+"""Parameters and remappings of nodes.
 
-What a node declares is known from its interface; what ROS can represent is known without it.
+What a node declares is known from its interface; what ROS can represent is known without it. ROS
+ignores a remapping that matches nothing, and says nothing of it.
 """
 
 from __future__ import annotations
@@ -11,9 +12,27 @@ from collections.abc import Iterator
 import msgspec
 
 from r2bspec.check.check_context import Context
-from r2bspec.check.rule import Finding, Findings, as_version_warning, rule, value_key, with_record
+from r2bspec.check.rule import (
+    COMPLETE_SOURCES,
+    Finding,
+    Findings,
+    Pointer,
+    as_version_warning,
+    flow_key,
+    rule,
+    topic_key,
+    value_key,
+    with_record,
+)
 from r2bspec.diagnostics.diagnostic import Path
-from r2bspec.diagnostics.quote import clip, quote, quoted_list, suggestion
+from r2bspec.diagnostics.quote import (
+    MAX_SUGGESTIONS,
+    clip,
+    did_you_mean,
+    quote,
+    quoted_list,
+    suggestion,
+)
 from r2bspec.language.located_tree import ListNode
 from r2bspec.language.spec import ParameterValue
 from r2bspec.wiring.node_interface import ParameterInfo, ParameterType
@@ -41,9 +60,7 @@ def parameter_undeclared(context: Context) -> Findings:
                 key=True,
                 help=suggestion(override.name, declared, "its parameters"),
             )
-            source = node.interface.parameters_from
-            finding = with_record(context, finding, (node, source))
-            yield as_version_warning(node.interface, finding) if source == "catalogue" else finding
+            yield _with_source(context, node, finding)
 
 
 def _is_common_parameter(name: str) -> bool:
@@ -59,12 +76,15 @@ def parameter_type_mismatch(context: Context) -> Findings:
             given = parameter_type(override.value)
             if declared is None or given is None or declared.type in {"", given}:
                 continue
-            source = node.interface.parameters_from
             finding = _type_finding(node.key, override, given, declared)
-            finding = with_record(context, finding, (node, source))
-            if source == "catalogue":
-                finding = as_version_warning(node.interface, finding)
-            yield finding
+            yield _with_source(context, node, finding)
+
+
+def _with_source(context: Context, node: NodeWiring, finding: Finding) -> Finding:
+    """The finding, as certain as what is known of the parameters of the node."""
+    source = node.interface.parameters_from
+    finding = with_record(context, finding, (node, source))
+    return as_version_warning(node.interface, finding) if source == "catalogue" else finding
 
 
 def _type_finding(
@@ -125,9 +145,8 @@ def _representation_problem(value: ParameterValue) -> tuple[str, str] | None:
 def parameter_file_unusable(context: Context) -> Findings:
     """Parameter files that do not exist or that ROS cannot load."""
     for _, node in context.nodes:
-        for path, name in parameter_file_paths(context, node):
-            file = context.companion_files.parameter_files.get(name)
-            if file is None or not file.problem:
+        for path, name, file in parameter_files(context, node):
+            if not file.problem:
                 continue
             yield Finding(
                 message=f"parameter file {quote(name)} not found"
@@ -148,10 +167,9 @@ def parameter_file_node_mismatch(context: Context) -> Findings:
         if node.node.kind.any_program:
             # It may contain several nodes with any names.
             continue
-        for path, name in parameter_file_paths(context, node):
-            file = context.companion_files.parameter_files.get(name)
-            keys = [] if file is None or file.problem else [key for key, _ in file.nodes]
-            if file is not None and keys and not file.matching(node.name):
+        for path, name, file in parameter_files(context, node):
+            keys = [] if file.problem else [key for key, _ in file.nodes]
+            if keys and not file.matching(node.name):
                 yield Finding(
                     message=f"parameter file {quote(name)} has no parameters of {quote(node.name)}",
                     path=path,
@@ -203,27 +221,159 @@ class ParameterOverride(msgspec.Struct, frozen=True):
 def parameter_overrides(context: Context, node: NodeWiring) -> Iterator[ParameterOverride]:
     """The effective parameters of a node, each with the place that sets it."""
     files = [
-        context.companion_files.parameter_files.get(source.file, ParameterFile()).names
-        for source in node.node.parameter_sources
+        (path, name, file.names)
+        for path, name, file in parameter_files(context, node)
+        if file.names
     ]
     for name, value in node.parameters.items():
         path = context.parameter_path(node, name)
         if path is not None and name in node.node.parameters:
             yield ParameterOverride(name, value, path)
             continue
-        for index, source in enumerate(node.node.parameter_sources):
-            if name in files[index]:
-                place: Path = (*node.path, "parameters")
-                listed = isinstance(context.value_at(place), ListNode)
-                path = (*place, index) if listed else place
-                yield ParameterOverride(name, value, path, source.file)
+        for place, file, names in files:
+            if name in names:
+                yield ParameterOverride(name, value, place, file)
                 break
 
 
-def parameter_file_paths(context: Context, node: NodeWiring) -> Iterator[tuple[Path, str]]:
-    """The parameter files of a node, each with its path in the spec."""
+def parameter_files(
+    context: Context, node: NodeWiring
+) -> Iterator[tuple[Path, str, ParameterFile]]:
+    """The parameter files of a node, each with its path in the spec and its name there."""
     place: Path = (*node.path, "parameters")
     listed = isinstance(context.value_at(place), ListNode)
     for index, source in enumerate(node.node.parameter_sources):
-        if source.file:
-            yield ((*place, index) if listed else place), source.file
+        file = context.companion_files.parameter_files.get(source.file)
+        if file is not None:
+            yield ((*place, index) if listed else place), source.file, file
+
+
+_COMMON_TOPICS = ("/rosout", "/parameter_events", "/clock")
+_NODE_REMAPPINGS = {"__ns": "namespace", "__node": "", "__name": ""}
+
+
+@rule("R2B204")
+def remapping_unmatched(context: Context) -> Findings:
+    """Remappings that match no topic of their node."""
+    count = 0
+    for phase, node in context.nodes:
+        topics = _NodeTopics(phase, node)
+        for left, right in node.node.remappings.items():
+            if left in _NODE_REMAPPINGS:
+                yield _node_remapping_finding(phase, node, left)
+            elif topics.known is not None and node.names.full(left) not in topics.known:
+                count += 1
+                finding = _unmatched_finding(topics, left, right, suggest=count <= MAX_SUGGESTIONS)
+                interface = node.interface
+                sources = (interface.subscribes_from, interface.publishes_from)
+                yield with_record(context, finding, *((node, source) for source in sources))
+
+
+class _NodeTopics:
+    """The topics of one node, expanded and remapped once for all of its remappings.
+
+    Attributes:
+        phase: the name of the phase of the node.
+        node: the node.
+        own: the topics in the code of the node.
+        known: the full names that a remapping may have; None if they are not all known.
+    """
+
+    def __init__(self, phase: str, node: NodeWiring) -> None:
+        self.phase = phase
+        self.node = node
+        self.own = node.interface.topics or ()
+        self.known: frozenset[str] | None = None
+        all_known = node.interface.topics is not None and not node.node.kind.names_own_nodes
+        if node.node.remappings and all_known:
+            names = (*self.own, *node.interface.other_remappable_names)
+            self.known = frozenset((*_COMMON_TOPICS, *map(node.names.full, names)))
+        self._remapped: frozenset[str] | None = None
+
+    def used_instead(self, close: str) -> frozenset[str]:
+        """The topics that may be used instead of the intended one.
+
+        Without a close name these are all topics of the node. They are given once: what one finding
+        suppresses, later ones need not name again.
+        """
+        if not close and self._remapped is not None:
+            return frozenset()
+        own = (close,) if close else self.own
+        names = frozenset(self.node.names.resolve(name).name for name in own)
+        if not close:
+            self._remapped = names
+        return names
+
+
+def _unmatched_finding(topics: _NodeTopics, left: str, right: str, *, suggest: bool) -> Finding:
+    node, own = topics.node, topics.own
+    close = did_you_mean(left, own) if suggest else ""
+    # The spec may state topics only; services are remapped in the same way.
+    sources = {node.interface.subscribes_from, node.interface.publishes_from}
+    instead = {node.names.full(left), node.names.full(right), *topics.used_instead(close)}
+    finding = Finding(
+        message=f"{node.key} has no topic {quote(left)} to remap",
+        path=(*node.path, "remappings", left),
+        key=True,
+        help=_unmatched_help(left, right, close, own),
+        severity=None if sources <= COMPLETE_SOURCES else "warning",
+        suppresses={flow_key(topics.phase), *(topic_key(topics.phase, topic) for topic in instead)},
+    )
+    return as_version_warning(node.interface, finding) if "catalogue" in sources else finding
+
+
+def _unmatched_help(left: str, right: str, close: str, own: tuple[str, ...]) -> str:
+    if close:
+        return f"did you mean {quote(close)}?"
+    if right in own:
+        turned = quote(f"{right}: {left}")
+        return f"the topic name of the node comes first: {turned}"
+    return f"its topics: {quoted_list(own)}"
+
+
+def _node_remapping_finding(phase: str, node: NodeWiring, left: str) -> Finding:
+    instead = _NODE_REMAPPINGS[left]
+    return Finding(
+        message=f"{quote(left)} is not a topic; in ROS it renames the node",
+        path=(*node.path, "remappings", left),
+        key=True,
+        help=f"set {quote(instead)} of the node" if instead else "rename the node's key instead",
+        suppresses={flow_key(phase)},
+    )
+
+
+@rule("R2B205")
+def remapping_shadowed(context: Context) -> Findings:
+    """Remappings that have no effect because an earlier one matches the same topic."""
+    for phase, node in context.nodes:
+        first: dict[str, str] = {}
+        for left, right in node.node.remappings.items():
+            full = node.names.full(left)
+            if full not in first:
+                first[full] = left
+                continue
+            place = (*node.path, "remappings")
+            yield Finding(
+                message=f"{quote(left)} and {quote(first[full])} remap the same topic, {full}",
+                path=(*place, left),
+                key=True,
+                help="remove one of them; ROS applies only the first",
+                related=(Pointer("first remapping of the topic", (*place, first[full]), key=True),),
+                suppresses={topic_key(phase, node.names.full(right))},
+            )
+
+
+@rule("R2B206")
+def remapping_identity(context: Context) -> Findings:
+    """Remappings of a topic to itself."""
+    for _, node in context.nodes:
+        for left, right in node.node.remappings.items():
+            full = node.names.full(left)
+            if full == node.names.full(right):
+                also = "" if left == right else f": both names resolve to {full}"
+                yield Finding(
+                    message=f"{quote(left)} is remapped to itself{also}",
+                    path=(*node.path, "remappings", left),
+                    key=True,
+                    help="remove the remapping",
+                )
