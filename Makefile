@@ -70,14 +70,10 @@ coverage: install-dev
 	$(BIN)/pytest tests --ignore=tests/ros --ignore=tests/fault --ignore=tests/fleet --cov --cov-report=term:skip-covered
 
 # Two files of tests at a time, the longest first (tests/conftest.py): they assert what is true on a
-# busy machine, too. Faults one by one: they fill disks and shared memory, and end processes. A shared
-# machine can stop for seconds, so a test that fails is run once more; the summary names it, and it is
-# a defect to look for.
-RERUN := --reruns 1 -rfER
-
+# busy machine, too. Faults fill disks and shared memory of their own.
 ros: install-dev
-	$(BIN)/pytest $(RERUN) -n 2 --dist loadfile --no-loadscope-reorder tests/ros
-	$(BIN)/pytest $(RERUN) tests/fault tests/fleet
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder tests/ros tests/fault
+	$(BIN)/pytest tests/fleet
 
 # Every test at its full size: whole simulations, every kind of pull request through every recipe,
 # fleets under kills. Hours; before a release, and where a pipeline asks for it.
@@ -89,7 +85,7 @@ generated: install-dev
 	PYTHONPATH=tests/support $(BIN)/python tests/support/generated_files.py
 	R2BSPEC_REWRITE=1 $(BIN)/pytest -q tests/golden
 
-# BENCH=--quick prints a short one and writes nothing; BENCH=--ablate leaves out techniques in turn.
+# BENCH=--quick prints a short one and writes nothing.
 BENCH ?=
 
 bench: install-dev

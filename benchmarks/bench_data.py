@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import platform
 import statistics
 import subprocess
 import sys
@@ -22,7 +21,8 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any
+
+from measuring import machine, options, show, table, tell
 
 WIDTH, HEIGHT = 1920, 1200
 IMAGE = "sensor_msgs/msg/Image"
@@ -202,7 +202,7 @@ def child(step: str, bag: Path) -> None:
     begin = time.perf_counter()
     delivered = action(bag)
     seconds = time.perf_counter() - begin
-    _print(json.dumps({"seconds": seconds, "delivered": delivered, "peak_mb": _peak_mb()}))
+    show(json.dumps({"seconds": seconds, "delivered": delivered, "peak_mb": _peak_mb()}))
 
 
 def _peak_mb() -> float:
@@ -240,43 +240,47 @@ def make(folder: Path, plugin: str, mode: str, gib: float) -> Path:
 
 
 def main() -> int:
-    options = _options()
-    if options.child:
-        child(options.child[0], Path(options.child[1]))
+    parser = options(__doc__)
+    parser.add_argument("--gib", type=float, default=3.0, help="size of each recording")
+    parser.add_argument("--repeats", type=int, default=2, help="runs of each step")
+    parser.add_argument("--folder", default=None, help="where the recordings are made")
+    parser.add_argument("--child", nargs=2, help="measure one step of one recording")
+    given = parser.parse_args()
+    if given.child:
+        child(given.child[0], Path(given.child[1]))
         return 0
-    _print(
-        f"{len(os.sched_getaffinity(0))} cores, {platform.machine()}, Linux {platform.release()}, "
-        f"Python {platform.python_version()}; {options.gib:g} GiB of images, medians of "
-        f"{options.repeats}; load average {os.getloadavg()[0]:.1f} at the start.\n"
+    load = f"load average {os.getloadavg()[0]:.1f} at the start"
+    show(
+        f"{machine()}; {given.gib:g} GiB of images, medians of {given.repeats}; {load}.",
+        "",
+        *table(("recording", "step", "cold", "cached", "peak memory"), _rows(given)),
     )
-    _print("| recording | step | cold | cached | peak memory |")
-    _print("| --- | --- | --- | --- | --- |")
-    with tempfile.TemporaryDirectory(prefix="bench-data-", dir=options.folder) as scratch:
-        for number, (name, (plugin, mode)) in enumerate(FORMATS.items()):
-            if options.only not in name:
-                continue
-            _tell(f"making {name}")
-            bag = make(Path(scratch) / f"{number}", plugin, mode, options.gib)
-            _print_rows(name, bag, options.repeats)
-            for file in (*files(bag), *_out(bag).iterdir()):
-                file.unlink()
     return 0
 
 
-def _print_rows(name: str, bag: Path, repeats: int) -> None:
+def _rows(given: argparse.Namespace) -> Iterator[list[str]]:
+    with tempfile.TemporaryDirectory(prefix="bench-data-", dir=given.folder) as scratch:
+        for number, (name, (plugin, mode)) in enumerate(FORMATS.items()):
+            tell(f"making {name}")
+            bag = make(Path(scratch) / f"{number}", plugin, mode, given.gib)
+            yield from _recording_rows(f"{name}, {size(bag) / MB:,.0f} MB", bag, given.repeats)
+            for file in (*files(bag), *_out(bag).iterdir()):
+                file.unlink()
+
+
+def _recording_rows(name: str, bag: Path, repeats: int) -> Iterator[list[str]]:
     found: dict[tuple[str, bool], list[dict[str, float]]] = {}
     for repeat in range(repeats):
         for step, (_, also_cold) in STEPS.items():
             for cold in (True, False) if also_cold else (False,):
-                _tell(f"{name}, {repeat + 1}/{repeats}: {step}{', cold' if cold else ''}")
+                tell(f"{name}, {repeat + 1}/{repeats}: {step}{', cold' if cold else ''}")
                 found.setdefault((step, cold), []).append(measure(step, bag, cold=cold))
     _same_bytes(found)
     for step in STEPS:
         cached = found[step, False]
-        cells = [_speed(found.get((step, True), ())), _speed(cached)]
         peak_mb = max(each["peak_mb"] for each in cached)
         memory = "" if step == "sha256sum" else f"{peak_mb:,.0f} MB"
-        _print(f"| {name}, {size(bag) / MB:,.0f} MB | {step} | {' | '.join(cells)} | {memory} |")
+        yield [name, step, _speed(found.get((step, True), ())), _speed(cached), memory]
 
 
 def _speed(runs: Iterable[dict[str, float]]) -> str:
@@ -298,26 +302,6 @@ def _same_bytes(found: dict[tuple[str, bool], list[dict[str, float]]]) -> None:
         if colon and side in {"AnyReader", "r2bspec"}:
             by_work.setdefault(work[:10], set()).update(each["delivered"] for each in several)
     assert all(len(each) == 1 for each in by_work.values()), by_work
-
-
-def _options() -> Any:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
-    parser.add_argument("--gib", type=float, default=3.0, help="size of each recording")
-    parser.add_argument("--repeats", type=int, default=2, help="runs of each step")
-    parser.add_argument("--folder", default=None, help="where the recordings are made")
-    parser.add_argument("--only", default="", help="only recordings whose name contains this")
-    parser.add_argument("--child", nargs=2, help=argparse.SUPPRESS)
-    return parser.parse_args()
-
-
-def _tell(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)  # noqa: T201 - a program
-
-
-def _print(text: str) -> None:
-    print(text, flush=True)  # noqa: T201 - a program
 
 
 if __name__ == "__main__":

@@ -14,10 +14,8 @@ percentile.
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import os
-import platform
 import statistics
 import subprocess
 import sys
@@ -28,13 +26,13 @@ from functools import partial
 from pathlib import Path
 
 from lsprotocol import types
+from measuring import ROOT, machine, options, show, table
 from pytest_lsp import LanguageClient, client_capabilities, make_test_lsp_client
 
 from r2bspec.check.engine import check_cases
 from r2bspec.language.load_spec import load_cases
 from r2bspec.language_server.server import DEBOUNCE_S
 
-ROOT = Path(__file__).parents[1]
 EDITOR = "editor, from change to diagnostics"
 FULL = "full validate, in-process"
 PROCESS = "full validate, new process"
@@ -174,34 +172,33 @@ async def measure(lines: int, repeat: int, folder: Path) -> dict[str, list[float
     return found
 
 
-def table(cases: dict[int, dict[str, list[float]]]) -> Iterator[str]:
-    """The measured times as a table in Markdown."""
-    yield f"| spec | {EDITOR} | {FULL} | {PROCESS} |"
-    yield "| --- | --- | --- | --- |"
+def rows(cases: dict[int, dict[str, list[float]]]) -> Iterator[list[str]]:
+    """The measured times of each length."""
     for lines, found in cases.items():
         cells = [
             f"{statistics.median(each) * 1e3:.0f}, "
             f"{statistics.quantiles(each, n=20)[-1] * 1e3:.0f} ms"
             for each in found.values()
         ]
-        yield f"| {lines:,} lines | {' | '.join(cells)} |"
+        yield [f"{lines:,} lines", *cells]
 
 
 def main() -> None:
     """Measure, and print what was measured."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser = options(__doc__)
     parser.add_argument("--repeat", type=int, default=60, help="changes of each spec")
-    options = parser.parse_args()
+    given = parser.parse_args()
     os.environ["PYTHONPATH"] = str(ROOT)
     with tempfile.TemporaryDirectory() as name:
         cases = {
-            lines: asyncio.run(measure(lines, options.repeat, Path(name))) for lines in (200, 2000)
+            lines: asyncio.run(measure(lines, given.repeat, Path(name))) for lines in (200, 2000)
         }
-    head = (
-        f"Python {platform.python_version()}, {os.cpu_count()} CPUs, {options.repeat} changes "
-        f"each; median, 95th percentile; the server waits {DEBOUNCE_S * 1e3:.0f} ms of it."
+    show(
+        f"{machine()}, {given.repeat} changes each; median, 95th percentile; "
+        f"the server waits {DEBOUNCE_S * 1e3:.0f} ms of it.",
+        "",
+        *table(("spec", EDITOR, FULL, PROCESS), rows(cases)),
     )
-    sys.stdout.write("\n".join([head, "", *table(cases)]) + "\n")
 
 
 if __name__ == "__main__":

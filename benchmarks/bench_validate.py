@@ -16,9 +16,7 @@ an interpreter that imports yaml and jsonschema.
 
 from __future__ import annotations
 
-import argparse
 import os
-import platform
 import shutil
 import statistics
 import subprocess
@@ -31,7 +29,8 @@ from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+from measuring import ROOT, environment, machine, options, show, table
+
 SPEC = ROOT / "specs" / "apriltag_node.r2b.yaml"
 SCHEMA = ROOT / "schemas" / "r2bspec-v1.schema.json"
 OURS = "r2bspec validate"
@@ -58,13 +57,11 @@ def measure(command: list[str], folder: Path) -> Run:
     Raises:
         SystemExit: it found something wrong, so that it did not do the work that is compared.
     """
-    environ = {
-        **os.environ,
-        "PYTHONPYCACHEPREFIX": str(folder / "byte_code"),
-        "PYTHONPATH": str(ROOT),
-        "XDG_CACHE_HOME": str(folder / "cache"),
-    }
-    environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    environ = environment(
+        PYTHONPYCACHEPREFIX=str(folder / "byte_code"),
+        XDG_CACHE_HOME=str(folder / "cache"),
+        PYTHONDONTWRITEBYTECODE="",
+    )
     with tempfile.TemporaryFile() as output:
         start = time.perf_counter()
         process = subprocess.Popen(command, cwd=ROOT, env=environ, stdout=output, stderr=output)
@@ -137,17 +134,16 @@ def kinds(folder: Path, number: int) -> list[Path]:
     return found[:number]
 
 
-def table(cases: dict[str, dict[str, list[Run]]]) -> Iterator[str]:
-    """The measured times as a table in Markdown."""
-    yield f"| case | {OURS} | {THEIRS} | theirs / ours | memory |"
-    yield "| --- | --- | --- | --- | --- |"
+def rows(cases: dict[str, dict[str, list[Run]]]) -> Iterator[list[str]]:
+    """The measured times of each case."""
     for case, runs in cases.items():
         memory = {tool: max(run.memory_bytes for run in runs[tool]) / 1e6 for tool in TOOLS}
-        yield (
-            f"| {case} | {' | '.join(shown(runs[tool]) for tool in TOOLS)} "
-            f"| {ratios(runs[THEIRS], runs[OURS])} "
-            f"| {memory[OURS]:.0f}, {memory[THEIRS]:.0f} MB |"
-        )
+        yield [
+            case,
+            *(shown(runs[tool]) for tool in TOOLS),
+            ratios(runs[THEIRS], runs[OURS]),
+            f"{memory[OURS]:.0f}, {memory[THEIRS]:.0f} MB",
+        ]
 
 
 def medians(runs: list[Run]) -> tuple[float, float]:
@@ -164,14 +160,12 @@ def ratios(one: list[Run], other: list[Run]) -> str:
     return f"{wall / other_wall:.1f}, CPU {cpu / other_cpu:.1f}"
 
 
-def start_table(runs: dict[str, list[Run]]) -> Iterator[str]:
-    """The start of the program beside that of an interpreter, as a table in Markdown."""
+def start_rows(runs: dict[str, list[Run]]) -> Iterator[list[str]]:
+    """The start of the program beside that of an interpreter."""
     base = next(iter(runs))
-    yield "| command | wall time | CPU | times that of the first |"
-    yield "| --- | --- | --- | --- |"
     for name, found in runs.items():
         wall, cpu = medians(found)
-        yield f"| {name} | {wall:.3f} s | {cpu:.3f} s | {ratios(found, runs[base])} |"
+        yield [name, f"{wall:.3f} s", f"{cpu:.3f} s", ratios(found, runs[base])]
 
 
 def shown(runs: list[Run]) -> str:
@@ -189,49 +183,45 @@ def growth(small: list[Run], large: list[Run], cold: list[Run]) -> float:
 
 def main() -> None:
     """Measure, and print what was measured."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser = options(__doc__)
     parser.add_argument("--repeat", type=int, default=5, help="runs of each case and tool")
     parser.add_argument("--files", type=int, default=1000, help="files of the case with many")
-    options = parser.parse_args()
+    given = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         start = {
             "python -c 'import yaml, jsonschema'": IMPORTS,
             "r2bspec validate SPEC": [*TOOLS[OURS], str(SPEC)],
         }
-        starts = compare(start, 4 * options.repeat, folder)
+        starts = compare(start, 4 * given.repeat, folder)
         (folder / "copies").mkdir()
-        files = copies(folder / "copies", options.files)
+        files = copies(folder / "copies", given.files)
         chains = {}
         for nodes in (500, 5000):
             chains[nodes] = folder / f"chain_{nodes}.r2b.yaml"
             chains[nodes].write_text(chain(nodes))
         measured = partial(compare_tools, folder=folder)
         cases = {
-            "one spec": measured([SPEC], 2 * options.repeat),
-            f"{options.files:,} copies of it": measured(files, options.repeat),
-            f"{options.files:,} copies of all specs here": measured(
-                kinds(folder, options.files), options.repeat
+            "one spec": measured([SPEC], 2 * given.repeat),
+            f"{given.files:,} copies of it": measured(files, given.repeat),
+            f"{given.files:,} copies of all specs here": measured(
+                kinds(folder, given.files), given.repeat
             ),
-            "a spec of 500 nodes": measured([chains[500]], options.repeat),
-            "a spec of 5,000 nodes": measured([chains[5000]], options.repeat),
+            "a spec of 500 nodes": measured([chains[500]], given.repeat),
+            "a spec of 5,000 nodes": measured([chains[5000]], given.repeat),
         }
     cold, _, _, small, large = cases.values()
-    machine = f"Python {platform.python_version()}, {os.cpu_count()} CPUs"
-    lines = [
-        f"{machine}, check-jsonschema {version('check-jsonschema')}, {options.repeat} runs each",
+    show(
+        f"{machine()}, check-jsonschema {version('check-jsonschema')}, {given.repeat} runs each",
         "",
-        *start_table(starts),
+        *table(("command", "wall time", "CPU", "times that of the first"), start_rows(starts)),
         "",
-        *table(cases),
+        *table(("case", OURS, THEIRS, "theirs / ours", "memory"), rows(cases)),
         "",
-    ]
+    )
     for tool in (OURS, THEIRS):
         times = growth(small[tool], large[tool], cold[tool])
-        lines.append(
-            f"{tool}: ten times the nodes take {times:.1f} times the CPU time, start-up apart"
-        )
-    sys.stdout.write("\n".join(lines) + "\n")
+        show(f"{tool}: ten times the nodes take {times:.1f} times the CPU time, start-up apart")
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from measuring import show, table
 from numpy.typing import NDArray
 
 from r2bspec.judge.statistics import effective_sample_size
@@ -38,11 +39,10 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Drawn:
-    """A run made of a recording, and the quantile that is required of it."""
+    """A run made of a recording."""
 
     latency: Latencies
     over: Flags
-    quantile: float
 
 
 _CONFIDENCE = 0.95
@@ -78,65 +78,18 @@ def batches(length: int) -> Callable[[Flags], float]:
     return of
 
 
-def _part(cause: str) -> Callable[[Flags], float]:
-    """One of the three estimates that are used, without the other two."""
-
-    def of(flags: Flags) -> float:
-        n, bad = flags.size, int(flags.sum())
-        if not 0 < bad < n:
-            return 1.0
-        sizes = np.full(flags.shape[0], flags.shape[1])
-        bursts, longest = effective_sample_size._bursts(flags)
-        found = {
-            "bursts": lambda: effective_sample_size._burst_inflation(n, bad, bursts, longest),
-            "clusters": lambda: effective_sample_size._autocorrelation_inflation(
-                flags, sizes, bad / n
-            ),
-            "iterations": lambda: effective_sample_size._level_inflation(
-                flags.sum(axis=1), sizes, effective_sample_size.ONE_START, serial=True
-            ),
-        }
-        return max(1.0, found[cause]())
-
-    return of
-
-
 def used(flags: Flags) -> float:
     """What verdicts use: the largest of the three."""
     sizes = np.full(flags.shape[0], flags.shape[1])
     return effective_sample_size.effective_sample_of_rows(flags, sizes).inflation
 
 
-def own_tail(share: float) -> Callable[[Drawn], float]:
-    """The same, or more if the slowest messages of the run are clustered more than the bad ones.
-
-    The slowest are as many as may be over the limit, or a larger `share`: so many there always are,
-    also in a run that met nothing bad.
-    """
-
-    def of(run: Drawn) -> float:
-        ordered = np.sort(run.latency, axis=None)
-        limit = ordered[rank(min(run.quantile, 1 - share), ordered.size) - 1]
-        return max(used(run.over), used(run.latency > limit))
-
-    return of
-
-
-def _by_flags(estimator: Callable[[Flags], float]) -> Callable[[Drawn], float]:
-    return lambda run: estimator(run.over)
-
-
-ESTIMATORS: dict[str, Callable[[Drawn], float]] = {
-    "one by one": _by_flags(one_by_one),
-    "lag-1": _by_flags(lag_1),
-    "batches of 10": _by_flags(batches(10)),
-    "batches of 50": _by_flags(batches(50)),
-    "bursts": _by_flags(_part("bursts")),
-    "autocorrelation": _by_flags(_part("clusters")),
-    "iterations": _by_flags(_part("iterations")),
-    "all three": _by_flags(used),
-    "own tail": own_tail(0.0),
-    "slowest tenth": own_tail(0.1),
+ESTIMATORS: dict[str, Callable[[Flags], float]] = {
+    "one by one": one_by_one,
+    "lag-1": lag_1,
+    "batches of 10": batches(10),
+    "batches of 50": batches(50),
+    "as used": used,
 }
 
 
@@ -202,10 +155,10 @@ def wrong(
         rows = random.integers(0, over.shape[0], pieces)
         starts = random.integers(0, over.shape[1] - messages + 1, pieces)
         drawn = rows[:, np.newaxis], starts[:, np.newaxis] + np.arange(messages)
-        run = Drawn(latency[drawn], over[drawn], quantile)
+        run = Drawn(latency[drawn], over[drawn])
         n, bad = run.over.size, int(run.over.sum())
         for name, estimator in ESTIMATORS.items():
-            f = min(estimator(run), float(n))
+            f = min(estimator(run.over), float(n))
             counts[name][0] += upper_bound(bad / f, n / f, _CONFIDENCE) <= truth
             counts[name][1] += lower_bound(bad / f, n / f, _CONFIDENCE) > truth
         passes, fails = judged(run, limit, truth)
@@ -218,10 +171,8 @@ CASES = ((0.5, 10, 30), (0.9, 10, 100), (0.99, 10, 300))
 """Quantile, pieces and messages of each."""
 
 
-def table(paths: Sequence[Path]) -> Iterator[str]:
-    """A Markdown table: wrong passes / wrong fails, in % of runs."""
-    yield f"| recording | asked | {' | '.join((*ESTIMATORS, JUDGED))} |"
-    yield f"|{' --- |' * (3 + len(ESTIMATORS))}"
+def rows(paths: Sequence[Path]) -> Iterator[list[str]]:
+    """Wrong passes / wrong fails, in % of runs."""
     for path in paths:
         for name, latency in recorded(path):
             for quantile, pieces, messages in CASES:
@@ -232,13 +183,12 @@ def table(paths: Sequence[Path]) -> Iterator[str]:
                 cells = [
                     f"{100 * passed:.0f} / {100 * failed:.0f}" for passed, failed in found.values()
                 ]
-                asked = f"p{100 * quantile:g} of {pieces} x {messages}"
-                yield f"| {name} | {asked} | {' | '.join(cells)} |"
+                yield [name, f"p{100 * quantile:g} of {pieces} x {messages}", *cells]
 
 
 if __name__ == "__main__":
     if len(sys.argv) < 2:
         sys.exit(__doc__)
-    for line in table([Path(each) for each in sys.argv[1:]]):
-        sys.stdout.write(line + "\n")
-        sys.stdout.flush()
+    recordings = [Path(each) for each in sys.argv[1:]]
+    for line in table(("recording", "asked", *ESTIMATORS, JUDGED), rows(recordings)):
+        show(line)

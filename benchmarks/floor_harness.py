@@ -6,13 +6,21 @@ import contextlib
 import os
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import MappingProxyType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any, cast
 
-from floor_figures import Figures, cpu_ns, figures
-from floor_workloads import COPIES, TOPIC, TYPE, Workload, write_buffer
+from floor_workloads import (
+    COPIES,
+    TOPIC,
+    TYPE,
+    Figures,
+    Workload,
+    cpu_ns,
+    figures,
+    write_buffer,
+)
 
 from r2bspec.execute.measurement.peak_search import PeakSearch, ProbeOutcome
 from r2bspec.execute.measurement.segment_observation import SegmentObservation
@@ -34,13 +42,6 @@ from r2bspec.record.run_record import Probe
 
 MONITOR = "floor"
 SUBSCRIPTION_DEPTH = 1000
-TECHNIQUES = {
-    "allocator": ("MALLOC_MMAP_MAX_", "MALLOC_TRIM_THRESHOLD_", "MALLOC_TOP_PAD_"),
-    "huge-pages": ("GLIBC_TUNABLES",),
-    "time-slice": (),
-}
-"""Techniques of the harness that can be left out, with their variables, if they have any."""
-
 _WARM_UP_STEPS = 60
 _MATCH_S = 30.0
 
@@ -65,14 +66,9 @@ class _Silent:
 
 
 class Floor:
-    """A player and a monitor that are ready for one workload.
+    """A player and a monitor that are ready for one workload."""
 
-    Attributes:
-        start_s: from the start of their processes until both were configured.
-    """
-
-    def __init__(self, segment_player: SegmentPlayer, pids: list[int], start_s: float) -> None:
-        self.start_s = start_s
+    def __init__(self, segment_player: SegmentPlayer, pids: list[int]) -> None:
         self._stage = segment_player
         self._pids = pids
         self._count = 0
@@ -118,21 +114,13 @@ class Floor:
 
 
 @contextlib.contextmanager
-def floor(
-    workload: Workload,
-    transport: str,
-    placement: str,
-    changes: Mapping[str, str] = MappingProxyType({}),
-    without: Sequence[str] = (),
-) -> Iterator[Floor]:
+def floor(workload: Workload, transport: str, placement: str) -> Iterator[Floor]:
     """Bring player and monitor up, warm them up, and end them.
 
     Args:
         workload: what the buffers hold.
         transport: as a spec names it.
         placement: ``two processes`` or ``one process``.
-        changes: environment variables of both; an empty value removes one.
-        without: techniques of the harness to leave out, of `TECHNIQUES`.
     """
     with (
         tempfile.TemporaryDirectory() as scratch,
@@ -147,28 +135,20 @@ def floor(
         (folder / "logs").mkdir()
         write_buffer(buffers, workload)
         run_id = f"bench-{os.getpid()}-{time.monotonic_ns()}"
-        environment = (
-            RunEnvironment(
-                cast("Plan", _TransportPlan(transport)),
-                run_id=run_id,
-                domain=domain,
-                scratch=folder,
-                largest_message_bytes=largest_message_bytes(buffers),
-            ).for_harness()
-            | dict(changes)
-            | {name: "" for each in without for name in TECHNIQUES[each]}
-        )
-        environment = {name: value for name, value in environment.items() if value}
+        environment = RunEnvironment(
+            cast("Plan", _TransportPlan(transport)),
+            run_id=run_id,
+            domain=domain,
+            scratch=folder,
+            largest_message_bytes=largest_message_bytes(buffers),
+        ).for_harness()
         children = ProcessSupervisor(run_id, folder, lambda: None)
         stack.callback(children.close)
         # As of a monitor that copies the quality of service of the player.
         qos = QoS(depth=SUBSCRIPTION_DEPTH)
         plans = (MonitorPlan(name=MONITOR, topic=TOPIC, type=TYPE, match="stamp", qos=qos),)
         watch = protocol.ConfigureMonitor(monitors=plans, rows_dir=str(rows))
-        began_s = time.monotonic()
-        player, monitor, pids = _start_parts(
-            children, environment, folder, placement, short_slice="time-slice" not in without
-        )
+        player, monitor, pids = _start_parts(children, environment, folder, placement)
         children.request(
             player,
             protocol.ConfigurePlayer(
@@ -182,7 +162,6 @@ def floor(
         schedule = CyclicSchedule(steps=tuple((number,) for number in range(COPIES)))
         children.request(player, protocol.LoadSchedule(schedule=schedule), protocol.Ready, 60.0)
         children.request(monitor, watch, protocol.Ready, 60.0)
-        start_s = time.monotonic() - began_s
         children.request(monitor, protocol.Subscribe(monitors=plans), protocol.Matched, 10.0)
         _wait_for_match(children, player)
         # All of a plan that playing looks at.
@@ -196,18 +175,13 @@ def floor(
             resources=ResourceSampler(),
         )
         segment_player = SegmentPlayer(cast("Any", plan), cast("Any", context), player, rows)
-        made = Floor(segment_player, pids, start_s)
+        made = Floor(segment_player, pids)
         made.measure(workload.rate_hz, _WARM_UP_STEPS / workload.rate_hz)
         yield made
 
 
 def _start_parts(
-    children: ProcessSupervisor,
-    environment: dict[str, str],
-    folder: Path,
-    placement: str,
-    *,
-    short_slice: bool,
+    children: ProcessSupervisor, environment: dict[str, str], folder: Path, placement: str
 ) -> tuple[ManagedProcess, ManagedProcess, list[int]]:
     """Player and monitor, not configured yet, and the processes that they are in."""
 
@@ -220,8 +194,7 @@ def _start_parts(
             parts=parts,
             native=("", *parts),
         )
-        if short_slice:
-            shorten_slice(child.pid)
+        shorten_slice(child.pid)
         return child
 
     if placement == "one process":

@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from floor_figures import Figures, cpu_ns, figures
-from floor_workloads import TOPIC, Workload, message
+from floor_workloads import TOPIC, Figures, Workload, cpu_ns, figures, message
 
 from r2bspec.execute.processes.prerequisites import reserved_domain
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS

@@ -1,7 +1,6 @@
 """How fast the harness is with nothing under test: what every reported latency contains.
 
     python benchmarks/harness_floor.py [--quick] [--write docs/performance.md]
-    python benchmarks/harness_floor.py --ablate [--write docs/performance.md]
 
 Player to monitor, for each workload, transport and placement, beside a plain rclpy publisher and
 subscriber in the same run; then the highest rate that each holds. Repetitions are interleaved, and
@@ -14,18 +13,16 @@ from __future__ import annotations
 
 import argparse
 import os
-import platform
 import statistics
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
-from floor_figures import Figures, medians
-from floor_harness import TECHNIQUES, floor
-from floor_page import put
+from floor_harness import floor
 from floor_peer import measure_peer
-from floor_workloads import LARGE, MEDIUM, SMALL, WORKLOADS, Workload
+from floor_workloads import LARGE, MEDIUM, SMALL, WORKLOADS, Figures, Workload, medians
+from measuring import machine, options, show, table, tell
 
 TRANSPORTS = ("shared_memory", "udp", "inherit")
 PLACEMENTS = ("two processes", "one process")
@@ -45,184 +42,86 @@ class Case:
     name: str
     measure: Callable[[float], Figures]
 
-    @property
-    def title(self) -> str:
-        return f"{self.workload.name}, {self.name}"
 
-
-def main() -> int:
-    options = _options()
-    if options.ablate:
-        found, conditions = _measure(_ablations(options), options)
-        _show(options, "techniques", [*_ablation_table(found), "", conditions])
-        return 0
-    found, conditions = _measure(_cases(options), options)
-    if found:
-        _show(options, "floors", [conditions, "", *_floor_table(found)])
-    if options.rates and not options.quick:
-        _show(options, "rates", list(_rate_table(options)))
-    return 0
-
-
-def _measure(made: list[Case], options: argparse.Namespace) -> tuple[dict[Case, Figures], str]:
-    """Measure all cases in turn; returns the medians, and under which conditions they were made."""
-    cases = [each for each in made if options.only in each.title]
-    found: dict[Case, list[Figures]] = {case: [] for case in cases}
-    loads = [os.getloadavg()[0]]
-    for repeat in range(1, options.repeats + 1):
-        for case in cases:
-            loads.append(os.getloadavg()[0])
-            found[case].append(case.measure(options.seconds))
-            _tell(f"{repeat}/{options.repeats} {case.title}")
-    conditions = (
-        f"{len(os.sched_getaffinity(0))} cores, {platform.machine()}, Linux {platform.release()}, "
-        f"Python {platform.python_version()}; load average while measuring "
-        f"{statistics.median(loads):.1f} (median), {max(loads):.1f} (most); medians of "
-        f"{options.repeats} runs of {options.seconds:g} s."
-    )
-    return {case: medians(several) for case, several in found.items()}, conditions
-
-
-def _show(options: argparse.Namespace, section: str, lines: list[str]) -> None:
-    """Print a section, and put it in its place on the page if there is one."""
-    text = "\n".join(lines)
-    print(f"{text}\n", flush=True)  # noqa: T201 - a program
-    if options.write:
-        put(options.write, section, text)
-
-
-def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
+def main() -> None:
+    parser = options(__doc__)
     parser.add_argument("--quick", action="store_true", help="one second of each, and no rates")
     parser.add_argument("--write", type=Path, help="the page to put the tables into")
-    parser.add_argument("--seconds", type=float, default=2.0, help="how long each run plays")
-    parser.add_argument("--repeats", type=int, default=3, help="runs of each case")
-    parser.add_argument(
-        "--no-rates", dest="rates", action="store_false", help="leave out the highest rates"
-    )
-    parser.add_argument("--only", default="", help="only cases whose name contains this")
-    parser.add_argument(
-        "--ablate",
-        action="store_true",
-        help="shared memory between two processes only, with each technique left out in turn",
-    )
-    parser.add_argument(
-        "--without",
-        action="append",
-        default=[],
-        choices=TECHNIQUES,
-        help="leave a technique of the harness out; may be repeated",
-    )
-    parser.add_argument(
-        "--env",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="a variable of player and monitor; NAME= removes it",
-    )
-    options = parser.parse_args()
-    if options.quick:
-        options.seconds, options.repeats = 1.0, 1
-    return options
+    given = parser.parse_args()
+    seconds, repeats = (1.0, 1) if given.quick else (2.0, 3)
+    _show(given, "floors", list(_floors(seconds, repeats)))
+    if not given.quick:
+        rows = map(_rate_row, (WORKLOADS[0], *WORKLOADS[2:]))
+        _show(given, "rates", list(table(("size", *TRANSPORTS, PLACEMENTS[1]), rows)))
 
 
-def _cases(options: argparse.Namespace) -> list[Case]:
-    changes, without = _changes(options), options.without
-    cases = []
-    for workload in WORKLOADS:
-        for transport, placement in ROUTES:
-
-            def measure(
-                seconds: float,
-                workload: Workload = workload,
-                transport: str = transport,
-                placement: str = placement,
-            ) -> Figures:
-                with floor(workload, transport, placement, changes, without) as ready:
-                    return ready.measure(workload.rate_hz, seconds)
-
-            cases.append(Case(workload, f"{transport}, {placement}", measure))
-
-        def peer(seconds: float, workload: Workload = workload) -> Figures:
-            return measure_peer(workload, seconds)
-
-        cases.append(Case(workload, "plain rclpy, two processes", peer))
-    return cases
+def _show(given: argparse.Namespace, section: str, lines: list[str]) -> None:
+    """Print a section, and put it in its place on the page if there is one."""
+    show(*lines, "")
+    if given.write:
+        begin, end = f"<!-- measured: {section} -->\n", "<!-- end -->"
+        before, _, rest = given.write.read_text(encoding="utf-8").partition(begin)
+        text = "\n".join(lines)
+        given.write.write_text(f"{before}{begin}{text}\n{end}{rest.partition(end)[2]}")
 
 
-def _changes(options: argparse.Namespace) -> dict[str, str]:
-    return dict(each.partition("=")[::2] for each in options.env)
-
-
-def _ablations(options: argparse.Namespace) -> list[Case]:
-    changes = _changes(options)
-    cases = []
-    for workload in WORKLOADS:
-        for left_out in ("", *TECHNIQUES):
-
-            def measure(
-                seconds: float, workload: Workload = workload, left_out: str = left_out
-            ) -> Figures:
-                without = [left_out] if left_out else []
-                transport, placement = TRANSPORTS[0], PLACEMENTS[0]
-                with floor(workload, transport, placement, changes, without) as ready:
-                    return ready.measure(workload.rate_hz, seconds)
-
-            cases.append(Case(workload, f"without {left_out}" if left_out else "all", measure))
-    return cases
-
-
-def _floor_table(rows: dict[Case, Figures]) -> Iterator[str]:
+def _floors(seconds: float, repeats: int) -> Iterator[str]:
+    """Measure all cases in turn: the conditions, and the table of the medians."""
+    found: dict[Case, list[Figures]] = {case: [] for case in _cases()}
+    loads = [os.getloadavg()[0]]
+    for repeat in range(1, repeats + 1):
+        for case, several in found.items():
+            loads.append(os.getloadavg()[0])
+            several.append(case.measure(seconds))
+            tell(f"{repeat}/{repeats} {case.workload.name}, {case.name}")
     yield (
-        "| workload | transport, placement | to the middleware p50, p99 | to the monitor p50, p99 "
-        "| published late p50, p99 | CPU per message | sent | lost |"
+        f"{machine()}; load average while measuring {statistics.median(loads):.1f} (median), "
+        f"{max(loads):.1f} (most); medians of {repeats} runs of {seconds:g} s."
     )
-    yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
-    for case, row in rows.items():
-        yield (
-            f"| {case.workload.name} | {case.name} | {_ms(row.received_p50, row.received_p99)} "
-            f"| {_ms(row.taken_p50, row.taken_p99)} | {_ms(row.late_p50, row.late_p99)} "
-            f"| {row.cpu_ms:.3f} ms | {row.sent:.0f} | {row.lost:.0f} |"
-        )
+    yield ""
+    head = (
+        *("workload", "transport, placement", "to the middleware p50, p99"),
+        *("to the monitor p50, p99", "published late p50, p99", "CPU per message"),
+        *("sent", "lost"),
+    )
+    yield from table(head, (_floor_row(case, medians(each)) for case, each in found.items()))
 
 
-def _ablation_table(rows: dict[Case, Figures]) -> Iterator[str]:
-    """A row for each technique that is left out: late, to the middleware, CPU per message."""
-    workloads = list(dict.fromkeys(case.workload for case in rows))
-    yield "| | " + " | ".join(each.name for each in workloads) + " |"
-    yield "| --- |" + " --- |" * len(workloads)
-    for name in dict.fromkeys(case.name for case in rows):
-        cells = {
-            case.workload: f"{row.late_p50:.3f} / {row.received_p50:.3f} / {row.cpu_ms:.3f}"
-            for case, row in rows.items()
-            if case.name == name
-        }
-        yield f"| {name} | " + " | ".join(cells.get(each, "") for each in workloads) + " |"
-
-
-def _rate_table(options: argparse.Namespace) -> Iterator[str]:
-    # In one process the middleware hands messages over by itself, whatever the transport.
-    yield "| size | " + " | ".join([*TRANSPORTS, PLACEMENTS[1]]) + " |"
-    yield "| --- |" + " --- |" * len(ROUTES)
-    for workload in (WORKLOADS[0], *WORKLOADS[2:]):
-        cells = []
+def _cases() -> Iterator[Case]:
+    for workload in WORKLOADS:
         for transport, placement in ROUTES:
-            with floor(workload, transport, placement, _changes(options)) as ready:
-                rate = ready.highest_rate(MOST_HZ[workload.size], 1.0, 0.05)
-            cells.append(f"{rate:,.0f} Hz" if rate else "10 Hz or less")
-            _tell(f"highest rate: {workload.name}, {transport}, {placement}: {cells[-1]}")
-        yield f"| {workload.name.partition(' at')[0]} | " + " | ".join(cells) + " |"
+            measure = partial(_measure_floor, workload, transport, placement)
+            yield Case(workload, f"{transport}, {placement}", measure)
+        yield Case(workload, "plain rclpy, two processes", partial(measure_peer, workload))
 
 
-def _ms(p50: float, p99: float) -> str:
-    return f"{p50:.3f}, {p99:.3f} ms"
+def _measure_floor(workload: Workload, transport: str, placement: str, seconds: float) -> Figures:
+    with floor(workload, transport, placement) as ready:
+        return ready.measure(workload.rate_hz, seconds)
 
 
-def _tell(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)  # noqa: T201 - a program
+def _floor_row(case: Case, row: Figures) -> list[str]:
+    return [
+        case.workload.name,
+        case.name,
+        f"{row.received_p50:.3f}, {row.received_p99:.3f} ms",
+        f"{row.taken_p50:.3f}, {row.taken_p99:.3f} ms",
+        f"{row.late_p50:.3f}, {row.late_p99:.3f} ms",
+        f"{row.cpu_ms:.3f} ms",
+        f"{row.sent:.0f}",
+        f"{row.lost:.0f}",
+    ]
+
+
+def _rate_row(workload: Workload) -> list[str]:
+    cells = [workload.name.partition(" at")[0]]
+    for transport, placement in ROUTES:
+        with floor(workload, transport, placement) as ready:
+            rate = ready.highest_rate(MOST_HZ[workload.size], 1.0, 0.05)
+        cells.append(f"{rate:,.0f} Hz" if rate else "10 Hz or less")
+        tell(f"highest rate: {workload.name}, {transport}, {placement}: {cells[-1]}")
+    return cells
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

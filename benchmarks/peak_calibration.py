@@ -21,11 +21,8 @@ takes the middle capacity only. Asserts nothing.
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import os
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -35,9 +32,10 @@ from typing import Any
 
 import numpy as np
 import yaml
+from measuring import machine, options, run, show, table, tell
 
 from r2bspec.nodes.service_times import service_times_ns
-from r2bspec.record.run_folder import Run, open_run
+from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import SearchRecord
 from r2bspec.report.report_wording import peak_text
 
@@ -111,23 +109,12 @@ class Case:
         }
 
 
-def run(case: Case, benchmark: dict[str, Any], folder: Path) -> Run:
+def play(case: Case, benchmark: dict[str, Any], folder: Path) -> Run:
     """Run the tool, and open what it recorded."""
     folder.mkdir(parents=True)
     path = folder / "spec.r2b.yaml"
     path.write_text(yaml.safe_dump(case.spec(benchmark), sort_keys=False))
-    root = Path(__file__).parents[1]
-    done = subprocess.run(
-        [sys.executable, "-m", "r2bspec", "run", str(path), "--output", str(folder / "run")],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | {"PYTHONPATH": str(root)},
-    )
-    record = folder / "run" / "record.json"
-    if not record.is_file() or open_run(folder / "run").record.status != "complete":
-        raise SystemExit(f"{case.name}: the run failed\n{done.stderr}")
-    return open_run(folder / "run")
+    return run(path, folder / "run")
 
 
 def capacity(case: Case, saturated: Run) -> tuple[float, float]:
@@ -145,31 +132,27 @@ def capacity(case: Case, saturated: Run) -> tuple[float, float]:
     return 1e3 / (case.mean_ms + overhead_ms), overhead_ms
 
 
-def rows(cases: list[Case], truth_s: int) -> Iterator[str]:
-    """The lines of the table."""
-    yield (
-        "| relays | truth | overhead | held | did not hold | in shares of the truth | holds it "
-        "| probes | search |"
-    )
-    yield "| --- " * 9 + "|"
+def rows(cases: list[Case], truth_s: int) -> Iterator[list[str]]:
+    """The rows of the table."""
     with tempfile.TemporaryDirectory(prefix="peak-calibration-") as scratch:
         for number, case in enumerate(cases):
             folder = Path(scratch) / str(number)
             rate = {"rates": [f"{2 * case.about_hz:g} Hz"], "duration": f"{truth_s} s"}
             ends = {"min": f"{case.about_hz / 5:g} Hz", "max": f"{case.about_hz * 3:g} Hz"}
-            before = capacity(case, run(case, rate | {"iterations": 1}, folder / "before"))
-            found = run(case, {"search": ends}, folder / "search")
-            after = capacity(case, run(case, rate | {"iterations": 1}, folder / "after"))
+            before = capacity(case, play(case, rate | {"iterations": 1}, folder / "before"))
+            found = play(case, {"search": ends}, folder / "search")
+            after = capacity(case, play(case, rate | {"iterations": 1}, folder / "after"))
             yield _row(case, sorted((before, after)), found)
 
 
-def _row(case: Case, truths: list[tuple[float, float]], found: Run) -> str:
+def _row(case: Case, truths: list[tuple[float, float]], found: Run) -> list[str]:
     search = found.record.search
     assert search is not None
     (low_hz, most_ms), (high_hz, least_ms) = truths
     truth_hz = (low_hz + high_hz) / 2
     held, upper = search.holds_hz, search.upper_hz
-    cells = [
+    tell(f"{case.name}: truth {low_hz:.4g} to {high_hz:.4g} Hz, peak {peak_text(search)}")
+    return [
         case.name,
         f"{low_hz:.4g} and {high_hz:.4g} Hz",
         f"{least_ms:.2f} and {most_ms:.2f} ms",
@@ -180,10 +163,6 @@ def _row(case: Case, truths: list[tuple[float, float]], found: Run) -> str:
         f"{len(search.probes)}, of them open {sum(each.holds is None for each in search.probes)}",
         f"{_seconds(found):.0f} s",
     ]
-    sys.stderr.write(
-        f"{case.name}: truth {low_hz:.4g} to {high_hz:.4g} Hz, peak {peak_text(search)}\n"
-    )
-    return f"| {' | '.join(cells)} |"
 
 
 def _holds_it(search: SearchRecord, low_hz: float, high_hz: float) -> str:
@@ -202,27 +181,28 @@ def _seconds(found: Run) -> float:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
+    parser = options(__doc__)
     parser.add_argument("--quick", action="store_true", help="the middle capacity only")
     parser.add_argument("--only", default="", help="cases whose name has this text")
-    asked = parser.parse_args()
+    given = parser.parse_args()
     cases = [
         Case(relays, jitter, about_hz)
         for relays in (1, 3)
         for jitter in ("none", "exponential")
-        for about_hz in (_HZ[1:2] if asked.quick else _HZ)
+        for about_hz in (_HZ[1:2] if given.quick else _HZ)
     ]
-    cases = [each for each in cases if asked.only in each.name]
+    cases = [each for each in cases if given.only in each.name]
     began = time.monotonic()
     load = os.getloadavg()[0]
-    for line in rows(cases, _QUICK_TRUTH_S if asked.quick else _TRUTH_S):
-        sys.stdout.write(f"{line}\n")
-        sys.stdout.flush()
-    spent_s = time.monotonic() - began
-    sys.stdout.write(f"\n{spent_s:.0f} s; load average before {load:.1f}, after ")
-    sys.stdout.write(f"{os.getloadavg()[0]:.1f}; {os.cpu_count()} cores\n")
+    head = ("relays", "truth", "overhead", "held", "did not hold", "in shares of the truth")
+    lines = table(
+        (*head, "holds it", "probes", "search"),
+        rows(cases, _QUICK_TRUTH_S if given.quick else _TRUTH_S),
+    )
+    for line in lines:
+        show(line)
+    loads = f"load average before {load:.1f}, after {os.getloadavg()[0]:.1f}"
+    show("", f"{time.monotonic() - began:.0f} s; {loads}; {machine()}")
 
 
 if __name__ == "__main__":

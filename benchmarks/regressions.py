@@ -15,7 +15,6 @@ Folders of all series are kept with ``--output``, and can be judged again.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import random
@@ -28,6 +27,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
+from measuring import machine, options, show, table, tell
 
 from r2bspec import api
 from r2bspec.errors import R2bspecError
@@ -76,7 +76,7 @@ def main() -> int:
             counts[change, objective][said] += 1
             if change == 0 and one is not None and one.compared is not None:
                 noise[objective].append(one.compared.deviation or 0.0)
-            _tell(
+            tell(
                 f"{time.monotonic() - began:6.0f} s  {change:2d} %  {objective:10}  {said:10}  "
                 f"{one.reason if one is not None else ''}"
             )
@@ -85,7 +85,7 @@ def main() -> int:
 
 
 def _parse() -> Asked:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = options(__doc__)
     parser.add_argument("--minutes", type=float, default=15.0, help="start no series after these")
     parser.add_argument("--pairs", type=int, default=5, help="of each series")
     parser.add_argument("--seconds", type=int, default=1, help="of each iteration")
@@ -148,7 +148,7 @@ def _series(spec: Path, change: int, asked: Asked, folder: Path) -> Result | Non
             prepare_base=lambda _: api.prepare(spec, variables={"ms": SERVICE_MS}),
         )
     except R2bspecError as error:
-        _tell(f"{folder.name}: {error}")
+        tell(f"{folder.name}: {error}")
         if error.exit_code == ExitStatus.INTERRUPTED:
             raise
         return None
@@ -168,28 +168,22 @@ def _show(
     seconds: float,
 ) -> None:
     said = (*OUTCOMES.values(), "invalid")
-    lines = [
-        f"{asked.pairs} pairs of {asked.seconds} s, {len(os.sched_getaffinity(0))} cores, load "
+    rows = [
+        [f"{change} %", objective, f"{found.total()}", *(str(found[each]) for each in said)]
+        for (change, objective), found in sorted(counts.items())
+    ]
+    show(
+        f"{asked.pairs} pairs of {asked.seconds} s, {machine()}, load "
         f"{os.getloadavg()[0]:.1f} at the end, {seconds / 60:.0f} minutes"
         + (", failures confirmed" if asked.confirm else ""),
         "",
-        f"| slower by | metric | series | {' | '.join(said)} |",
-        f"| --- | --- | {' | '.join('---' for _ in range(len(said) + 1))} |",
-    ]
-    for (change, objective), found in sorted(counts.items()):
-        cells = [str(found[each]) for each in said]
-        lines.append(f"| {change} % | {objective} | {found.total()} | {' | '.join(cells)} |")
+        *table(("slower by", "metric", "series", *said), rows),
+    )
     for objective, deviations in sorted(noise.items()):
-        lines += ["", f"noise of {objective} in pairs of equals: {max(deviations):.1%} at most"]
-    sys.stdout.write("\n".join([*lines, ""]))
+        show("", f"noise of {objective} in pairs of equals: {max(deviations):.1%} at most")
     kept = {f"{change} {objective}": dict(found) for (change, objective), found in counts.items()}
     (asked.output / "counts.json").write_text(json.dumps(kept, indent=1) + "\n")
-    _tell(f"kept in {asked.output}")
-
-
-def _tell(text: str) -> None:
-    sys.stderr.write(f"{text}\n")
-    sys.stderr.flush()
+    tell(f"kept in {asked.output}")
 
 
 if __name__ == "__main__":

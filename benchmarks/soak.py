@@ -10,18 +10,21 @@ the first tenth, in which buffers and histories fill up. Asserts nothing.
 
 from __future__ import annotations
 
-import argparse
-import json
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
 from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 import psutil
+from measuring import environment, options, run_command, show, table
+
+from r2bspec.record.run_folder import open_run
+from r2bspec.record.run_record import RunRecord
 
 _SPEC = """\
 r2bspec: 1
@@ -42,10 +45,6 @@ graph:
 monitors:
   relayed: {{topic: relayed, format: sensor_msgs/msg/CameraInfo}}
 benchmark: {{duration: {seconds} s, iterations: 1, rates: [{rate:g} Hz]}}
-slos:
-  flat:
-    at: {rate:g} Hz
-    require: [drop_rate <= 1 %]
 """
 _PERIOD_S = 2.0
 
@@ -59,26 +58,21 @@ class Sample(NamedTuple):
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
+    parser = options(__doc__)
     parser.add_argument("--minutes", type=float, default=30.0, help="how long to play")
     parser.add_argument("--rate", type=float, default=100.0, help="messages per second")
-    options = parser.parse_args()
+    given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         spec, output = Path(folder, "soak.r2b.yaml"), Path(folder, "run")
-        spec.write_text(_SPEC.format(seconds=round(options.minutes * 60), rate=options.rate))
-        command = [sys.executable, "-m", "r2bspec", "run", str(spec), "--output", str(output)]
-        with Path(folder, "log").open("w+b") as log:
-            run = subprocess.Popen(command, stdout=log, stderr=log)
-            samples = _watch(psutil.Process(run.pid))
-            status = run.wait()
-            log.seek(0)
-            sys.stderr.write(log.read().decode())
+        spec.write_text(_SPEC.format(seconds=round(given.minutes * 60), rate=given.rate))
+        run = subprocess.Popen(run_command(spec, output), env=environment(), stdout=sys.stderr)
+        samples = _watch(psutil.Process(run.pid))
+        status = run.wait()
         if status not in {0, 1, 4} or not (output / "result.json").exists():
             return 1
-        record = json.loads((output / "record.json").read_text())
-        _print(record, samples, run.pid, options)
+        show(f"{given.minutes:g} minutes at {given.rate:g} Hz.", "")
+        head = ("process", "second tenth", "last tenth", "slope", "descriptors then, at the end")
+        show(*table(head, _rows(open_run(output).record, samples, run.pid)))
     return 0
 
 
@@ -98,27 +92,13 @@ def _watch(controller: psutil.Process) -> dict[int, list[Sample]]:
     return samples
 
 
-def _print(
-    record: dict[str, object],
-    samples: dict[int, list[Sample]],
-    controller: int,
-    options: argparse.Namespace,
-) -> None:
-    names = {controller: "controller"}
-    processes = record["processes"]
-    assert isinstance(processes, list)
-    names |= {each["pid"]: each["name"] for each in processes}
-    segments = record["segments"]
-    assert isinstance(segments, list)
-    played = next(each for each in segments if each["kind"] == "iteration")
-    began_s, ended_s = played["began_ns"] / 1e9, played["ended_ns"] / 1e9
+def _rows(
+    record: RunRecord, samples: dict[int, list[Sample]], controller: int
+) -> Iterator[list[str]]:
+    names = {controller: "controller"} | {each.pid: each.name for each in record.processes}
+    played = next(each for each in record.segments if each.kind == "iteration")
+    began_s, ended_s = played.began_ns / 1e9, played.ended_ns / 1e9
     tenth_s = (ended_s - began_s) / 10
-    out = sys.stdout
-    out.write(
-        f"{options.minutes:g} minutes at {options.rate:g} Hz, {played['steps']} messages.\n\n"
-    )
-    out.write("| process | second tenth | last tenth | slope | descriptors then, at the end |\n")
-    out.write("| --- | --- | --- | --- | --- |\n")
     for pid, name in names.items():
         kept = [each for each in samples[pid] if began_s + tenth_s <= each.at_s <= ended_s]
         if len(kept) < 3:
@@ -128,10 +108,8 @@ def _print(
         slope = statistics.linear_regression(
             [each.at_s / 3600 for each in kept], [each.memory_bytes / 2**20 for each in kept]
         ).slope
-        out.write(
-            f"| {name} | {_mib(early)} | {_mib(late)} | {slope:+.2f} MiB/h "
-            f"| {early[0].descriptors}, {late[-1].descriptors} |\n"
-        )
+        descriptors = f"{early[0].descriptors}, {late[-1].descriptors}"
+        yield [name, _mib(early), _mib(late), f"{slope:+.2f} MiB/h", descriptors]
 
 
 def _mib(samples: list[Sample]) -> str:

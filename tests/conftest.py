@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +23,7 @@ settings.register_profile("without deadline", settings(), deadline=None)
 settings.load_profile("without deadline")
 
 
-_LONGEST = frozenset({"test_ros_tutorial.py", "test_ros_merge_gate.py"})
+_LONGEST = frozenset({"test_ros_tutorial.py", "test_ros_merge_gate.py", "test_ros_diagnosis.py"})
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -51,6 +53,14 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
     for line in load_summary(terminalreporter.stats.get("skipped", [])):
         terminalreporter.write_line(line)
+
+
+@pytest.fixture(autouse=True)
+def nothing_left() -> Iterator[None]:
+    """No process and no shared memory of a real run stays, whatever the test has done."""
+    yield
+    if (runs := sys.modules.get("ros_runs")) is not None:
+        runs.assert_nothing_left()
 
 
 @pytest.fixture(autouse=True)

@@ -6,7 +6,7 @@ without TLS it listens on the loopback interface only: whoever reaches a worker 
 
 Dask's defaults wake a process about 200 times a second for its own statistics. None of them is
 needed here, so this worker keeps two timers: the heartbeat, every few seconds, and a sign of life
-every minute. `benchmarks/fleet_idle_cost.py` measures what is left.
+every minute.
 """
 
 from __future__ import annotations

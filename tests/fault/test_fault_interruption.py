@@ -14,19 +14,11 @@ from typing import Any
 import psutil
 import pytest
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 
-from ros_runs import (
-    HANG_S,
-    Bench,
-    Finished,
-    Running,
-    quick_input,
-    relay_spec,
-)
-from ros_runs import (
-    nothing_left as nothing_left,
-)
+from ros_runs import HANG_S, Bench, Finished, Running, quick_input, relay_spec
 
 NODES = """
 import os
@@ -82,6 +74,7 @@ class Preparing(Node):
         time.sleep(1)
 """
 
+NAMES = ("harness.observer", "player", "monitor", "relay")
 LONG = {"iterations": 100, "duration": "1 s", "rates": ["20 Hz"]}
 SECOND_ITERATION = r"iteration 2 of"
 
@@ -148,7 +141,9 @@ def kept(bench: Bench, done: Finished | Running, *, iterations: int) -> str:
 # Being asked to end
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=only_nightly())]
+)
 def test_a_run_that_is_interrupted_keeps_what_it_has(bench: Bench, number: signal.Signals) -> None:
     with bench.start(long_spec()) as running:
         running.wait_for(SECOND_ITERATION)
@@ -172,6 +167,7 @@ def test_a_run_can_be_interrupted_while_its_graph_comes_up(bench: Bench) -> None
     assert kept(bench, done, iterations=0).endswith("interrupted by SIGINT")
 
 
+@only_nightly()
 def test_a_run_can_be_interrupted_while_it_prepares(bench: Bench) -> None:
     spec = long_spec(
         preprocessors={"prepare": {"python": "./nodes.py:Preparing"}},
@@ -185,6 +181,7 @@ def test_a_run_can_be_interrupted_while_it_prepares(bench: Bench) -> None:
     kept(bench, done, iterations=0)
 
 
+@only_nightly()
 def test_a_second_interrupt_ends_a_run_at_once(bench: Bench) -> None:
     # The node hangs and ignores what it is told, so that ending in good order takes a while.
     with bench.start(graph_of("Nasty")) as running:
@@ -201,7 +198,7 @@ def test_a_second_interrupt_ends_a_run_at_once(bench: Bench) -> None:
 # Being killed
 
 
-@pytest.mark.parametrize("node", ["relay", "Nasty"])
+@pytest.mark.parametrize("node", [pytest.param("relay", marks=only_nightly()), "Nasty"])
 def test_nothing_outlives_a_controller_that_is_killed_in_mid_run(bench: Bench, node: str) -> None:
     spec = long_spec() if node == "relay" else graph_of(node)
     with bench.start(spec) as running:
@@ -214,6 +211,7 @@ def test_nothing_outlives_a_controller_that_is_killed_in_mid_run(bench: Bench, n
         assert kept(bench, running, iterations=1) == "R2B671: the run was killed"
 
 
+@only_nightly()
 def test_nothing_outlives_a_controller_that_is_killed_while_the_graph_comes_up(
     bench: Bench,
 ) -> None:
@@ -225,6 +223,7 @@ def test_nothing_outlives_a_controller_that_is_killed_while_the_graph_comes_up(
         kept(bench, running, iterations=0)
 
 
+@only_nightly()
 def test_another_run_is_not_disturbed_when_one_is_killed(bench: Bench) -> None:
     short = relay_spec()
     short["benchmark"] |= {"iterations": 4}
@@ -236,17 +235,17 @@ def test_another_run_is_not_disturbed_when_one_is_killed(bench: Bench) -> None:
         watchdog.kill()
         victim.process.kill()
         done = survivor.finish()
-    done.assert_complete()
-    (rate,) = done.result()["metrics"]["rates"]
-    out = rate["pooled"]["monitors"]["out"]
-    assert out["answered"] == out["sent"] == 80
-    assert out["unmatched"] == 0
+    done.assert_counts(80)
+    assert done.monitor()["unmatched"] == 0
 
 
 # A part of it being killed
 
 
-@pytest.mark.parametrize("name", ["harness.observer", "player", "monitor", "relay"])
+@pytest.mark.parametrize(
+    "name",
+    ["player", *(pytest.param(name, marks=only_nightly()) for name in NAMES if name != "player")],
+)
 def test_a_process_that_is_killed_is_named(bench: Bench, name: str) -> None:
     with bench.start(long_spec()) as running:
         running.wait_for(SECOND_ITERATION)
@@ -256,5 +255,4 @@ def test_a_process_that_is_killed_is_named(bench: Bench, name: str) -> None:
     assert f"process {name} was killed by SIGKILL" in done.error
     assert f"{name} was killed by SIGKILL" in kept(bench, done, iterations=1)
     codes = {each.name: each.exit_code for each in done.run().record.processes}
-    others = dict.fromkeys(("harness.observer", "player", "monitor", "relay"), 0)
-    assert codes == others | {name: -signal.SIGKILL}
+    assert codes == dict.fromkeys(NAMES, 0) | {name: -signal.SIGKILL}

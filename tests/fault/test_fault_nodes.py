@@ -1,4 +1,7 @@
-"""Promise: nodes that hang, will not end, or print without end, spoil a run for nobody else."""
+"""Promise: nodes that hang, will not end, print without end or answer oddly spoil a run for nobody.
+
+One run with all of them, and an honest node among them; each has a monitor of its name.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,10 @@ import pytest
 pytest.importorskip("rclpy")
 
 from r2bspec.execute.processes.process import MAX_LOG_BYTES
-from ros_runs import IMAGE, Bench, Finished, relay_node, relay_spec
-from ros_runs import nothing_left as nothing_left
+from ros_runs import IMAGE, Bench, Finished, relay_spec
 
 STEPS = 20
+ALL = 2 * STEPS
 
 NODES = """
 import os
@@ -24,12 +27,17 @@ import time
 class Relays(Node):
     def __init__(self, **kwargs):
         super().__init__("node", **kwargs)
+        self.count = 0
         self.begin()
         self.out = self.create_publisher(Image, "output", 100)
-        self.create_subscription(Image, "input", self.answer, 100)
+        self.create_subscription(Image, "input", self.take, 100)
 
     def begin(self):
         pass
+
+    def take(self, message):
+        self.count += 1
+        self.answer(message)
 
     def answer(self, message):
         self.out.publish(message)
@@ -38,12 +46,10 @@ class Relays(Node):
 class Stubborn(Relays):
     # Its callback never returns, and it does not hear what asks it to end.
     def begin(self):
-        self.count = 0
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
 
     def answer(self, message):
-        super().answer(message)
-        self.count += 1
+        self.out.publish(message)
         if self.count == 25:
             print("hangs", flush=True)
             time.sleep(600)
@@ -70,52 +76,59 @@ class Floods(Relays):
         words = b"word " * (1 << 20)
         for _ in range(2):
             os.write(2, words)
-        super().answer(message)
+        self.out.publish(message)
+
+
+class Silent(Relays):
+    # In the middle of the second iteration, after ten messages of warm-up.
+    def answer(self, message):
+        if self.count < 40:
+            self.out.publish(message)
+
+
+class Repeats(Relays):
+    def answer(self, message):
+        self.out.publish(message)
+        self.out.publish(message)
+
+
+class Restamps(Relays):
+    def answer(self, message):
+        message.header.stamp.nanosec ^= 1
+        self.out.publish(message)
 """
+APART = ("Stubborn", "Daemons", "Floods")
+TOGETHER = ("Silent", "Repeats", "Restamps", "Relays")
 
 
-def node(name: str) -> dict[str, Any]:
-    return {"python": f"./nodes.py:{name}", "remappings": {"output": f"out/{name.lower()}"}}
+def node(kind: str, **changes: Any) -> dict[str, Any]:
+    return {"python": f"./nodes.py:{kind}", "remappings": {"output": f"out/{kind}"}} | changes
 
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> Finished:
-    """One run with all of them, and an honest node among them."""
     bench = Bench(tmp_path_factory.mktemp("nodes"))
     bench.write_node("nodes.py", NODES)
-    kinds = ("Stubborn", "Daemons", "Floods")
+    nodes = {kind.lower(): node(kind) for kind in APART}
+    nodes |= {kind.lower(): node(kind, container="box") for kind in TOGETHER}
     spec = relay_spec(
-        graph={
-            "nodes": {kind.lower(): node(kind) for kind in kinds}
-            | {"honest": relay_node(remappings={"output": "out/honest"})}
-        },
-        monitors={
-            name: {"topic": f"out/{name}", "format": IMAGE}
-            for name in ("stubborn", "daemons", "floods", "honest")
-        },
+        containers={"box": {"executable": "python"}},
+        graph={"nodes": nodes},
+        monitors={kind: {"topic": f"out/{kind}", "format": IMAGE} for kind in (*APART, *TOGETHER)},
     )
-    spec["benchmark"] |= {"iterations": 2}
+    spec["benchmark"] |= {"iterations": 2, "rates": [f"{STEPS} Hz"]}
     return bench.run(spec)
 
 
-def pooled(done: Finished, monitor: str) -> dict[str, Any]:
-    (rate,) = done.result()["metrics"]["rates"]
-    found: dict[str, Any] = rate["pooled"]["monitors"][monitor]
-    return found
-
-
-def test_the_run_goes_to_its_end_and_the_honest_are_measured(done: Finished) -> None:
-    done.assert_complete()
-    for monitor in ("honest", "daemons", "floods"):
-        found = pooled(done, monitor)
-        assert found["sent"] == 2 * STEPS
-        assert found["missed"] == 0, monitor
+@pytest.mark.parametrize("monitor", ["Relays", "Daemons", "Floods"])
+def test_the_run_goes_to_its_end_and_the_honest_are_measured(done: Finished, monitor: str) -> None:
+    done.assert_counts(ALL, monitor)
 
 
 def test_a_node_that_hangs_is_measured_up_to_then_and_killed_in_the_end(done: Finished) -> None:
-    found = pooled(done, "stubborn")
-    assert 0 < found["missed"] < 2 * STEPS
-    assert found["answered"] + found["missed"] == 2 * STEPS
+    found = done.monitor("Stubborn")
+    assert 0 < found["missed"] < ALL
+    assert found["answered"] + found["missed"] == ALL
     assert "hangs" in done.log("stubborn")
     codes = {each.name: each.exit_code for each in done.run().record.processes}
     assert codes["stubborn"] == -9
@@ -137,7 +150,7 @@ def test_a_daemon_that_a_node_has_started_ends_with_the_run(done: Finished) -> N
     words = done.log("daemons").split()
     pid, session = words[words.index("daemon") + 1 :][:2]
     process = next(each for each in done.run().record.processes if each.name == "daemons")
-    # It had left the session of its parent; `nothing_left` has seen that it is gone.
+    # It had left the session of its parent; that it is gone is seen after each test.
     assert int(session) not in {process.pid, int(pid)}
 
 
@@ -150,3 +163,33 @@ def test_a_log_without_end_is_cut_and_the_run_says_so(done: Finished) -> None:
     assert text[-5:] in b"word word "
     assert text.count(b" MiB of this log here]\n") == 1
     assert "truncated large logs: floods.log" in done.events()
+
+
+def test_a_node_that_falls_silent_is_measured_as_such(done: Finished) -> None:
+    found = done.monitor("Silent")
+    assert found["sent"] == ALL
+    assert 0 < found["missed"] < ALL
+    assert found["answered"] == ALL - found["missed"]
+
+
+def test_an_output_that_stops_half_way_is_told_with_where_its_messages_end(done: Finished) -> None:
+    (gap,) = [each for each in done.result()["output_gaps"] if each["topic"] == "/r2b/out/Silent"]
+    assert gap["segment"] == "rate-20Hz-002"
+    assert gap["reason"] == (
+        "/r2b/silent publishes nothing on /r2b/out/Silent, although it subscribes to "
+        "/r2b/input (10 messages)"
+    )
+    assert "; 10 messages" in gap["way"][0]
+    assert "No more messages on /r2b/out/Silent in rate-20Hz-002." in done.stdout
+
+
+def test_answers_that_come_twice_are_counted_as_duplicates(done: Finished) -> None:
+    found = done.monitor("Repeats")
+    assert found["missed"] == 0
+    assert found["duplicates"] + found["unmatched"] == ALL
+    assert found["received"] == 2 * ALL
+
+
+def test_answers_with_another_stamp_are_counted_as_unmatched(done: Finished) -> None:
+    found = done.monitor("Restamps")
+    assert found["received"] == found["unmatched"] == found["missed"] == ALL

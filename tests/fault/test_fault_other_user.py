@@ -16,10 +16,11 @@ from typing import Any
 
 import pytest
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 
 from ros_runs import Bench, relay_spec
-from ros_runs import nothing_left as nothing_left
 
 SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - where the middleware keeps its segments
 
@@ -76,7 +77,7 @@ def open_to_traverse(folder: Path) -> None:
             each.chmod(each.stat().st_mode | 0o055)
 
 
-@pytest.mark.usefixtures("nothing_left")
+@only_nightly()
 def test_another_user_reads_and_changes_nothing_of_a_run(tmp_path: Path) -> None:
     uid = _other_uid()
     bench = Bench(tmp_path / "bench")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import os
 import threading
 from collections import Counter
 from dataclasses import dataclass
@@ -12,6 +11,8 @@ from pathlib import Path
 import psutil
 import pytest
 
+from nightly import size
+
 pytest.importorskip("rclpy")
 
 from r2bspec import api
@@ -19,10 +20,8 @@ from r2bspec.execute.errors import ProcessFailedError
 from r2bspec.execute.progress import NullProgress
 from r2bspec.middleware.fast_dds import shm_files
 from ros_runs import Bench, left_behind, note_segments, relay_spec
-from ros_runs import nothing_left as nothing_left
 
-RUNS = int(os.environ.get("R2BSPEC_RUNS_IN_A_ROW", "6"))
-"""Twenty and more are for a machine that has the time."""
+RUNS = size(4, 20)
 
 NODES = """
 class Broken(Node):

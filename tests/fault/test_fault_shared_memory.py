@@ -11,10 +11,11 @@ from pathlib import Path
 
 import pytest
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 
-from ros_runs import Bench, Finished, relay_spec
-from ros_runs import nothing_left as nothing_left
+from ros_runs import Bench, relay_spec
 
 STEPS = 20
 
@@ -33,27 +34,21 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
     return Bench(tmp_path_factory.mktemp("shared_memory"))
 
 
-def counted(done: Finished, iterations: int) -> None:
-    done.assert_complete()
-    (rate,) = done.result()["metrics"]["rates"]
-    found = rate["pooled"]["monitors"]["out"]
-    assert found["sent"] == found["answered"] == iterations * STEPS
-
-
+@only_nightly()
 def test_shared_memory_without_room_is_named_or_done_without(bench: Bench) -> None:
     with bench.start(relay_spec(), through=own_shared_memory("64k")) as running:
         done = running.finish()
     if done.status in {2, 4} and "error[" in done.stderr:
         assert "/dev/shm" in done.error  # noqa: S108 - what the message must name
     else:
-        counted(done, 1)
+        done.assert_counts(STEPS)
 
 
 def test_shared_memory_that_fills_up_in_mid_run_loses_nothing(bench: Bench) -> None:
     spec = relay_spec()
-    spec["benchmark"] |= {"iterations": 4}
+    spec["benchmark"] |= {"iterations": 2}
     with bench.start(spec, through=own_shared_memory("64m")) as running:
-        running.wait_for("iteration 1 of 4")
+        running.wait_for("iteration 1 of 2")
         memory = Path(f"/proc/{running.child('player').pid}/root/dev/shm")
         filler = memory / "filler"
         with pytest.raises(OSError, match="No space left"), filler.open("wb", buffering=0) as file:
@@ -61,7 +56,7 @@ def test_shared_memory_that_fills_up_in_mid_run_loses_nothing(bench: Bench) -> N
                 file.write(bytes(1 << 20))
         assert filler.stat().st_size > 0
         done = running.finish()
-    counted(done, 4)
+    done.assert_counts(2 * STEPS)
 
 
 def test_what_does_not_fit_is_refused_before_player_and_nodes_start(bench: Bench) -> None:
@@ -78,7 +73,8 @@ def test_what_does_not_fit_is_refused_before_player_and_nodes_start(bench: Bench
     assert {each.exit_code for each in started.values()} <= {0, -signal.SIGTERM}
 
 
+@only_nightly()
 def test_udp_is_the_way_out(bench: Bench) -> None:
     with bench.start(relay_spec(transport="udp"), through=own_shared_memory("16m")) as running:
         done = running.finish()
-    counted(done, 1)
+    done.assert_counts(STEPS)

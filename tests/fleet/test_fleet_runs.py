@@ -24,7 +24,6 @@ from fleet_hosts import HANG_S, RUNS, Fleet, fleet, overlapping, quick_spec, wai
 from r2bspec._version import __version__
 from r2bspec.record.run_folder import open_run
 from ros_runs import Bench
-from ros_runs import nothing_left as nothing_left
 
 pytestmark = pytest.mark.timeout(HANG_S)
 

@@ -14,7 +14,6 @@ pytest.importorskip("distributed")
 
 from fleet_hosts import HANG_S, Fleet, fleet
 from ros_runs import Bench, relay_node, relay_spec
-from ros_runs import nothing_left as nothing_left
 
 pytestmark = pytest.mark.timeout(HANG_S)
 

@@ -15,7 +15,6 @@ from fleet_hosts import HANG_S, Client, Fleet, fleet, quick_spec
 from r2bspec.bags.integrity import hash_files
 from r2bspec.fleet.transfer import PIECE_BYTES
 from ros_runs import Bench, relay_spec
-from ros_runs import nothing_left as nothing_left
 from slow_link import SlowLink
 
 pytestmark = pytest.mark.timeout(HANG_S)

@@ -17,7 +17,6 @@ pytest.importorskip("distributed")
 
 from fleet_hosts import HANG_S, Client, Fleet, fleet, quick_spec, wait_until
 from ros_runs import Bench
-from ros_runs import nothing_left as nothing_left
 from slow_link import SlowLink
 
 pytestmark = pytest.mark.timeout(HANG_S)

@@ -8,13 +8,12 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
 
 from r2bspec.check import check
 from r2bspec.cli.authoring import interfaces_command as command
 from r2bspec.language.load_spec import load_spec
 from r2bspec.wiring.companion_files import read_companion_files
-from ros_runs import nothing_left as nothing_left
 
 IMAGE = "sensor_msgs/msg/Image"
 NODES = '''
@@ -57,20 +56,20 @@ benchmark: {rates: [30 Hz]}
 """
 
 
-@pytest.fixture
-def spec(tmp_path: Path) -> Path:
-    (tmp_path / "nodes.py").write_text(NODES, encoding="utf-8")
-    file = tmp_path / "spec.r2b.yaml"
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result]:
+    """The spec, and what the command has said of it."""
+    folder = tmp_path_factory.mktemp("interfaces")
+    (folder / "nodes.py").write_text(NODES, encoding="utf-8")
+    file = folder / "spec.r2b.yaml"
     file.write_text(SPEC, encoding="utf-8")
-    return file
+    return file, CliRunner().invoke(command, [str(file)], standalone_mode=False)
 
 
-@pytest.mark.usefixtures("nothing_left")
-def test_topics_profiles_services_and_parameters_are_recorded(spec: Path) -> None:
-    done = CliRunner().invoke(
-        command, [str(spec), "--node", "merge"], standalone_mode=False, catch_exceptions=False
-    )
-    assert done.return_value == 0
+def test_topics_profiles_services_and_parameters_are_recorded(
+    recorded: tuple[Path, Result],
+) -> None:
+    spec, _ = recorded
     loaded = load_spec(spec)
     assert loaded.spec is not None
     found = read_companion_files(loaded.spec, spec.parent).interfaces["merge"]
@@ -92,17 +91,17 @@ def test_topics_profiles_services_and_parameters_are_recorded(spec: Path) -> Non
     assert found.parameters["cameras"].default is None, "the spec decided that"
 
 
-@pytest.mark.usefixtures("nothing_left")
-def test_a_node_that_cannot_be_made_is_told_and_the_others_are_recorded(spec: Path) -> None:
-    done = CliRunner().invoke(command, [str(spec)], standalone_mode=False, catch_exceptions=False)
+def test_a_node_that_cannot_be_made_is_told_and_the_others_are_recorded(
+    recorded: tuple[Path, Result],
+) -> None:
+    spec, done = recorded
     assert done.return_value == 4
     assert "no camera" in done.stderr
     assert sorted(each.name for each in (spec.parent / "interfaces").iterdir()) == ["merge.yaml"]
 
 
-@pytest.mark.usefixtures("nothing_left")
-def test_what_was_recorded_is_what_rules_go_by(spec: Path) -> None:
-    CliRunner().invoke(command, [str(spec), "--node", "merge"], standalone_mode=False)
+def test_what_was_recorded_is_what_rules_go_by(recorded: tuple[Path, Result]) -> None:
+    spec, _ = recorded
     text = spec.read_text(encoding="utf-8").replace("    broken: {python: ./nodes.py:broken}\n", "")
     assert check(load_spec(text, file=str(spec))) == []
     wrong = text.replace("cameras: 2", "cameras: 2, gian: 1.0").replace("camera1:", "camera3:")

@@ -1,4 +1,4 @@
-"""First specs of real systems: a running graph, and a launch file with a bag."""
+"""First specs of real systems: a running graph, a launch file with a bag, and a script."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from pathlib import Path
 import pytest
 import yaml
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 
 from r2bspec.api import validate
 from r2bspec.cli.main import main
 from r2bspec.execute.processes.prerequisites import reserved_domain
 from ros_runs import HANG_S, Bench
-from ros_runs import nothing_left as nothing_left
 
 NODE = """#!{python}
 import rclpy
@@ -61,12 +62,70 @@ LAUNCH = """
   <node pkg="cell" exec="simulator" name="simulator" if="$(var simulated)"/>
 </launch>
 """
+SCRIPT = '''
+"""How fast images are answered."""
+
+import os
+
+from launch.actions import ExecuteProcess
+from launch_ros.actions import ComposableNodeContainer
+from launch_ros.descriptions import ComposableNode
+from ros2_benchmark import ROS2BenchmarkConfig, ROS2BenchmarkTest
+
+
+def launch_setup(prefix, timeout):
+    space = AnswerTest.generate_namespace()
+    harness = {'namespace': space, 'package': 'ros2_benchmark'}
+    here = os.path.dirname(os.path.realpath(__file__))
+    # Answers every image.
+    answer = ExecuteProcess(
+        name='answer',
+        cmd=[os.path.join(here, 'answer.py'), '--ros-args', '-r', f'__ns:={space}'])
+    return [answer, ComposableNodeContainer(
+        name='harness', namespace=space, package='rclcpp_components',
+        executable='component_container_mt',
+        composable_node_descriptions=[
+            ComposableNode(
+                name='Loader', plugin='ros2_benchmark::DataLoaderNode',
+                remappings=[('camera', 'loaded')], **harness),
+            ComposableNode(
+                name='Player', plugin='ros2_benchmark::PlaybackNode',
+                parameters=[{'data_formats': ['sensor_msgs/msg/Image']}],
+                remappings=[('buffer/input0', 'loaded'), ('input0', 'question')], **harness),
+            ComposableNode(
+                name='Monitor', plugin='ros2_benchmark::MonitorNode',
+                parameters=[{'monitor_data_format': 'sensor_msgs/msg/Image'}],
+                remappings=[('output', 'answer')], **harness)])]
+
+
+def generate_test_description():
+    return AnswerTest.generate_test_description_with_nsys(launch_setup)
+
+
+class AnswerTest(ROS2BenchmarkTest):
+    config = ROS2BenchmarkConfig(
+        benchmark_name='Answers',
+        assets_root='.',
+        input_data_path='bag',
+        benchmark_duration=1,
+        test_iterations=1,
+        playback_message_buffer_size=5,
+        publisher_lower_frequency=20.0,
+        publisher_upper_frequency=20.0,
+        additional_fixed_publisher_rate_tests=[])
+
+    def test_benchmark(self):
+        self.run_benchmark()
+'''
 QUICK = (
     *("--set", "benchmark.starts=1"),
-    *("--set", "benchmark.iterations=6"),
-    *("--set", "benchmark.duration=1 s"),
     *("--set", "benchmark.warm_up=100 ms"),
     *("--set", "benchmark.gate.interference=tolerate"),
+)
+LAUNCHED = (
+    *QUICK,
+    *("--set", "benchmark.iterations=6"),
+    *("--set", "benchmark.duration=500 ms"),
     *("--set", "slos.keeps_up.require=[received > 0]"),
 )
 
@@ -142,12 +201,24 @@ def test_a_launch_file_and_a_bag_run(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setenv("AMENT_PREFIX_PATH", ":".join(paths))
     Path("cell.launch.xml").write_text(LAUNCH)
     assert main(["init", "cell", "--from-launch", "cell.launch.xml", "--from-bag", "./bag"]) == 0
-    finished = bench.run(bench.folder / "cell.r2b.yaml", *QUICK)
+    finished = bench.run(bench.folder / "cell.r2b.yaml", *LAUNCHED)
     finished.assert_complete()
-    (rate,) = finished.result()["metrics"]["rates"]
-    monitor = rate["pooled"]["monitors"]["cell_answer"]
+    monitor = finished.monitor("cell_answer")
     assert monitor["sent"] == monitor["received"] > 0
-    assert main(["suggest", "cell.r2b.yaml", str(finished.folder), "--write", *QUICK]) == 0
+    assert main(["suggest", "cell.r2b.yaml", str(finished.folder), "--write", *LAUNCHED]) == 0
     slos = yaml.safe_load(Path("cell.r2b.yaml").read_text())["slos"]
     assert any("latency.p" in each for each in slos["measured_at_30_3_hz"]["require"]), slos
     assert [each for each in validate(Path("cell.r2b.yaml")) if each.severity == "error"] == []
+
+
+@only_nightly()
+def test_an_imported_script_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench(tmp_path / "bench")
+    monkeypatch.chdir(bench.folder)
+    Path("answers.py").write_text(SCRIPT)
+    write_program(Path("answer.py"))
+    assert main(["import", "answers.py", "-o", "answers.r2b.yaml"]) == 0
+    done = bench.run(bench.folder / "answers.r2b.yaml", "--var", "assets_root=.", *QUICK)
+    done.assert_counts(20, "Monitor")
+    (rate,) = done.result()["metrics"]["rates"]
+    assert rate["offered_hz"] == 20

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,8 +16,7 @@ from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from ros_runs import IMAGE, START_NS, STRING, Bench, Finished, quick_input, relay_node, relay_spec
-from ros_runs import nothing_left as nothing_left
+from ros_runs import IMAGE, START_NS, STRING, Bench, quick_input, relay_node, relay_spec
 
 COUNT = 6
 STEP_NS = 33_000_000
@@ -84,33 +82,50 @@ FORMATS: dict[str, Callable[[Path], Path]] = {
 }
 
 
-@pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Finished:
-    """One run that plays a recording of each format, each through a relay of its own."""
-    bench = Bench(tmp_path_factory.mktemp("formats"))
-    bags = [f"./{make(bench.folder / name).name}" for name, make in FORMATS.items()]
-    spec = relay_spec(
-        data_loader={"bags": bags, "topics": {f"/{name}": f"loaded/{name}" for name in FORMATS}},
+def relays(
+    bags: list[str], topics: dict[str, str], kinds: dict[str, str], match: str
+) -> dict[str, Any]:
+    """A spec that plays topics, by the names of their relays, which share a process."""
+    return relay_spec(
+        transport="udp",
+        data_loader={
+            "bags": bags,
+            "topics": {topic: f"loaded/{name}" for name, topic in topics.items()},
+        },
         playback={
             "buffer": 0,
-            "inputs": {f"in/{name}": quick_input(f"loaded/{name}") for name in FORMATS},
+            "inputs": {
+                f"in/{name}": quick_input(f"loaded/{name}", kind) for name, kind in kinds.items()
+            },
         },
         graph={
             "placement": "shared",
             "nodes": {
-                name: relay_node(0.0, remappings={"input": f"in/{name}", "output": f"out/{name}"})
-                for name in FORMATS
+                name: relay_node(
+                    parameters={"format": kind, "queue_depth": 100},
+                    remappings={"input": f"in/{name}", "output": f"out/{name}"},
+                )
+                for name, kind in kinds.items()
             },
         },
-        monitors={name: {"topic": f"out/{name}", "format": IMAGE} for name in FORMATS},
+        monitors={
+            name: {"topic": f"out/{name}", "format": kind, "match": match}
+            for name, kind in kinds.items()
+        },
     )
-    return bench.run(spec)
 
 
-def test_every_message_of_every_format_goes_through(done: Finished) -> None:
+def test_every_message_of_every_format_goes_through(tmp_path: Path) -> None:
+    """One run that plays a recording of each format, each through a relay of its own."""
+    bench = Bench(tmp_path / "formats")
+    bags = [f"./{make(bench.folder / name).name}" for name, make in FORMATS.items()]
+    topics = {name: f"/{name}" for name in FORMATS}
+    done = bench.run(relays(bags, topics, dict.fromkeys(FORMATS, IMAGE), "stamp"))
     done.assert_complete()
     run = done.run()
-    (segment,) = [each for each in run.record.segments if each.kind == "iteration"]
+    names = {each.name for each in run.record.processes}
+    assert names == {"harness.observer", "player", "graph", "monitor"}
+    (segment,) = done.segments()
     sent = sorted(run.playback(segment)["stamp_ns"])
     assert len(sent) == segment.steps
     for name in FORMATS:
@@ -126,42 +141,13 @@ RECORDED = {
 }
 
 
-def test_recordings_of_others_are_played(tmp_path: Path) -> None:
-    folder = os.environ.get("R2BSPEC_TEST_BAGS", "")
-    if not folder:
-        pytest.skip("R2BSPEC_TEST_BAGS names no folder")
+def test_recordings_of_others_are_played(tmp_path: Path, real_bags: Path) -> None:
     pytest.importorskip("test_msgs.msg")
-    parameters = {"queue_depth": 100}
-    spec = relay_spec(
-        data_loader={
-            "bags": [f"{folder}/{bag}" for bag, _, _ in RECORDED.values()],
-            "topics": {topic: f"loaded/{name}" for name, (_, topic, _) in RECORDED.items()},
-        },
-        playback={
-            "buffer": 0,
-            "inputs": {
-                f"in/{name}": quick_input(f"loaded/{name}", kind)
-                for name, (_, _, kind) in RECORDED.items()
-            },
-        },
-        graph={
-            "placement": "shared",
-            "nodes": {
-                name: relay_node(
-                    parameters=parameters | {"format": kind},
-                    remappings={"input": f"in/{name}", "output": f"out/{name}"},
-                )
-                for name, (_, _, kind) in RECORDED.items()
-            },
-        },
-        monitors={
-            name: {"topic": f"out/{name}", "format": kind, "match": "order"}
-            for name, (_, _, kind) in RECORDED.items()
-        },
-    )
-    done = Bench(tmp_path).run(spec)
+    bags = [f"{real_bags}/{bag}" for bag, _, _ in RECORDED.values()]
+    topics = {name: topic for name, (_, topic, _) in RECORDED.items()}
+    kinds = {name: kind for name, (_, _, kind) in RECORDED.items()}
+    done = Bench(tmp_path).run(relays(bags, topics, kinds, "order"))
     done.assert_complete()
-    run = done.run()
-    (segment,) = [each for each in run.record.segments if each.kind == "iteration"]
-    counts = {name: run.monitor(segment, name).size for name in RECORDED}
+    (segment,) = done.segments()
+    counts = {name: done.run().monitor(segment, name).size for name in RECORDED}
     assert counts == dict.fromkeys(RECORDED, segment.steps)

@@ -12,10 +12,15 @@ from typing import Any
 import psutil
 import pytest
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 
 from machine_load import skip_for_load
 from ros_runs import Bench, Finished, relay_node, relay_spec
+
+# Its strangers would disturb what is tested beside it.
+pytestmark = only_nightly()
 
 BUSY = "while True: pass"
 SAID = "other processes used"
@@ -48,7 +53,7 @@ def spec(node: dict[str, Any], interference: str, *require: str) -> dict[str, An
     return relay_spec(
         graph={"nodes": {"relay": node}},
         benchmark={
-            "duration": "2 s",
+            "duration": "1 s",
             "iterations": 2,
             "rates": ["30 Hz"],
             "warm_up": "100 ms",
@@ -66,10 +71,6 @@ def usable(finished: Finished) -> Finished:
     return finished
 
 
-def words(finished: Finished) -> str:
-    return " ".join(finished.stdout.split())
-
-
 @pytest.mark.skipif(
     not Path("/proc/self/schedstat").exists(), reason="this kernel does not count run-queue waits"
 )
@@ -80,14 +81,14 @@ def test_a_node_that_sleeps_too_long_fails_on_a_busy_machine(bench: Bench) -> No
     assert done.status == 1
     (one,) = done.result()["verdict"]["requirements"]
     assert one["outcome"] == "fail"
-    assert SAID in words(done)
-    assert "That does not explain the failure" in words(done)
+    assert SAID in done.words
+    assert "That does not explain the failure" in done.words
 
 
 def test_a_strict_gate_accepts_no_pass_from_a_busy_machine(bench: Bench) -> None:
     done = usable(bench.run(spec(sleeper(1.0), "strict", "latency.p50 < 60 s")))
     assert (done.status, done.outcome) == (3, "inconclusive")
-    assert "'interference: strict' accepts no such PASS" in words(done)
+    assert "'interference: strict' accepts no such PASS" in done.words
     reruns = [each for each in done.run().record.segments if each.rerun_of]
     assert reruns, "what was affected is played again"
 
@@ -95,7 +96,7 @@ def test_a_strict_gate_accepts_no_pass_from_a_busy_machine(bench: Bench) -> None
 def test_a_tolerant_gate_judges_as_measured_and_says_what_was_there(bench: Bench) -> None:
     done = usable(bench.run(spec(sleeper(1.0), "tolerate", "latency.p50 < 60 s")))
     assert (done.status, done.outcome) == (0, "pass")
-    assert SAID in words(done)
+    assert SAID in done.words
     assert not [each for each in done.run().record.segments if each.rerun_of]
 
 
@@ -129,8 +130,8 @@ def test_a_peak_among_strangers_is_at_best_a_lower_bound(bench: Bench) -> None:
         assert search.fails_hz is not None
         assert not failed[search.fails_hz].explained
     elif search.limited_by == "interference":
-        assert "during the probes above, other processes used" in words(done)
-    assert "Host interference during" in words(done)
+        assert "during the probes above, other processes used" in done.words
+    assert "Host interference during" in done.words
 
 
 def test_nothing_of_the_strangers_is_left_out() -> None:

@@ -5,15 +5,16 @@ from __future__ import annotations
 import re
 import signal
 from pathlib import Path
-from typing import Any
 
 import pytest
+
+from nightly import only_nightly
 
 pytest.importorskip("rclpy")
 
 from c_nodes import c_node_spec
-from ros_runs import Bench, Finished, relay_spec
-from ros_runs import nothing_left as nothing_left
+from r2bspec.record.run_record import Segment
+from ros_runs import Bench, relay_spec
 
 STEPS = 20
 """Of the one iteration of `relay_spec`."""
@@ -24,60 +25,53 @@ def bench(tmp_path: Path) -> Bench:
     return Bench(tmp_path / "bench")
 
 
-def spec_of(name: str, **parameters: Any) -> dict[str, Any]:
-    return relay_spec(graph={"nodes": {"node": c_node_spec(name, parameters=parameters)}})
-
-
-def assert_every_message_matched(done: Finished) -> None:
-    done.assert_complete()
-    (rate,) = done.result()["metrics"]["rates"]
-    out = rate["pooled"]["monitors"]["out"]
-    assert (out["received"], out["answered"], out["missed"]) == (STEPS, STEPS, 0), out
-
-
-def test_names_and_parameters_reach_the_nodes_as_ros_arguments(bench: Bench) -> None:
+def test_programs_get_their_arguments_and_are_waited_for(bench: Bench) -> None:
     relay = c_node_spec(
         "relay", parameters={"service_time_ms": 2.5}, remappings={"output": "middle"}
     )
     threads = c_node_spec(
         "two_threads",
         namespace="inner",
-        remappings={"input": "/r2b/middle", "output": "/r2b/output"},
+        remappings={"input": "/r2b/middle", "output": "/r2b/more"},
     )
-    done = bench.run(relay_spec(graph={"nodes": {"relay": relay, "threads": threads}}))
-    assert_every_message_matched(done)
-    (rate,) = done.result()["metrics"]["rates"]
+    late = c_node_spec("late", parameters={"load_time_ms": 1500}, remappings={"input": "more"})
+    spec = relay_spec(graph={"nodes": {"relay": relay, "threads": threads, "late": late}})
+    done = bench.run(spec | {"ready": {"model": {"log": {"process": "late", "pattern": "loaded"}}}})
+    done.assert_counts(STEPS)
     # The shortest latency is no matter of the machine: the relay computes for that long.
-    assert rate["pooled"]["monitors"]["out"]["latency"]["min"] >= 0.0025
+    assert done.monitor()["latency"]["min"] >= 0.0025
     nodes = [each for each in done.run().record.processes if each.role == "command"]
-    assert [(each.name, each.exit_code, each.signals) for each in nodes] == [
-        ("relay", 0, (signal.SIGINT,)),
-        ("threads", 0, (signal.SIGINT,)),
-    ]
+    assert {(each.name, each.exit_code, each.signals) for each in nodes} == {
+        (name, 0, (signal.SIGINT,)) for name in ("relay", "threads", "late")
+    }
+    assert_nothing_was_played_before_it_was_loaded(done.log("late"), done.run().record.segments)
+
+
+@only_nightly()
+def test_nothing_is_played_before_a_late_node_is_ready(bench: Bench) -> None:
+    """Without a probe, too."""
+    late = c_node_spec("late", parameters={"load_time_ms": 1500})
+    done = bench.run(relay_spec(graph={"nodes": {"late": late}}))
+    done.assert_counts(STEPS)
+    assert_nothing_was_played_before_it_was_loaded(done.log("late"), done.run().record.segments)
+
+
+def assert_nothing_was_played_before_it_was_loaded(log: str, segments: tuple[Segment, ...]) -> None:
+    found = re.search(r"the model is loaded at (\d+) ns", log)
+    assert found
+    assert int(found[1]) < min(each.began_ns for each in segments)
 
 
 def test_a_crash_is_named_by_its_signal_and_loses_nothing(bench: Bench) -> None:
     warm_up, further = 10, 5
-    spec = spec_of("crash", messages=warm_up + further)
-    done = bench.run(spec)
+    crash = c_node_spec("crash", parameters={"messages": warm_up + further})
+    done = bench.run(relay_spec(graph={"nodes": {"node": crash}}))
     assert done.status == 4
     assert "process node was killed by SIGSEGV" in done.error
     run = done.run()
     assert run.record.status == "incomplete"
     (node,) = [each for each in run.record.processes if each.name == "node"]
     assert (node.exit_code, node.signals) == (-signal.SIGSEGV, ())
-    (segment,) = [each for each in run.record.segments if each.kind == "iteration"]
+    (segment,) = done.segments()
     assert not segment.complete
     assert run.monitor(segment, "out").size == further
-
-
-@pytest.mark.parametrize(
-    "probe", [{}, {"model": {"log": {"process": "node", "pattern": "is loaded"}}}]
-)
-def test_nothing_is_played_before_a_late_node_is_ready(bench: Bench, probe: dict[str, Any]) -> None:
-    spec = spec_of("late", load_time_ms=1500)
-    done = bench.run(spec | {"ready": probe})
-    assert_every_message_matched(done)
-    found = re.search(r"the model is loaded at (\d+) ns", done.log("node"))
-    assert found
-    assert int(found[1]) < min(each.began_ns for each in done.run().record.segments)

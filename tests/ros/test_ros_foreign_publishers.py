@@ -19,7 +19,6 @@ pytest.importorskip("rclpy")
 
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from ros_runs import IMAGE, Bench, Running, relay_spec
-from ros_runs import nothing_left as nothing_left
 
 INTRUDER = """
 import sys, time
@@ -96,16 +95,16 @@ def intruder(bench: Bench, running: Running, topic: str) -> Iterator[int]:
 
 def long_spec() -> dict[str, Any]:
     spec = relay_spec()
-    spec["benchmark"] |= {"iterations": 8}
+    spec["benchmark"] |= {"iterations": 6}
     return spec
 
 
-@pytest.mark.parametrize("topic", ["/r2b/output", "/r2b/input"])
+@pytest.mark.parametrize("topic", ["/r2b/output", pytest.param("/r2b/input", marks=only_nightly())])
 def test_a_publisher_that_is_not_of_the_run_makes_it_invalid_and_is_named(
     bench: Bench, topic: str
 ) -> None:
     with bench.start(long_spec()) as running:
-        running.wait_for("iteration 2 of")
+        running.wait_for("iteration 1 of")
         with intruder(bench, running, topic) as pid:
             done = running.finish()
     assert done.status == 4
@@ -132,6 +131,7 @@ def test_one_that_has_left_before_the_end_is_named_too(bench: Bench) -> None:
     assert "/elsewhere/intruder" in done.run().record.reason
 
 
+@only_nightly()
 def test_one_in_the_domain_of_another_run_does_not_matter(bench: Bench) -> None:
     spec = long_spec()
     with bench.start(spec) as other:
@@ -142,6 +142,7 @@ def test_one_in_the_domain_of_another_run_does_not_matter(bench: Bench) -> None:
     done.assert_complete()
 
 
+@only_nightly()
 def test_a_process_of_the_run_is_known_without_its_id_in_the_environment(bench: Bench) -> None:
     (bench.folder / "program.py").write_text(HIDES_ITS_RUN)
     program = {

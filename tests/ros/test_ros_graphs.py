@@ -14,17 +14,7 @@ pytest.importorskip("rclpy")
 from r2bspec.measure.matching import match
 from r2bspec.record.graph_identity import read_loaded_files
 from r2bspec.record.run_record import Segment
-from ros_runs import (
-    IMAGE,
-    STRING,
-    Bench,
-    Finished,
-    relay_node,
-    relay_spec,
-)
-from ros_runs import (
-    nothing_left as nothing_left,
-)
+from ros_runs import IMAGE, STRING, Bench, Finished, relay_spec
 
 NODES = """
 from rclpy.qos import qos_profile_sensor_data
@@ -162,7 +152,7 @@ def test_a_command_in_python_names_the_modules_that_it_has_imported(
 
 
 def iteration(done: Finished) -> Segment:
-    (found,) = [each for each in done.run().record.segments if each.kind == "iteration"]
+    (found,) = done.segments()
     return found
 
 
@@ -179,6 +169,7 @@ def notes(bench: Bench, done: Finished) -> dict[str, dict[int, int]]:
 def test_the_run_is_complete(done: Finished) -> None:
     done.assert_complete()
     assert [each.exit_code for each in done.run().record.processes] == [0] * 7
+    assert done.run().record.differences == ()
 
 
 @pytest.mark.parametrize("monitor", ["stamped", "again", "best_effort", "commanded"])
@@ -193,8 +184,7 @@ def test_answers_without_a_header_are_matched_by_their_order(done: Finished) -> 
     rows = run.monitor(segment, "noted")
     assert rows.size == run.playback(segment).size == segment.steps
     assert set(rows["stamp_ns"]) == {0}
-    (rate,) = done.result()["metrics"]["rates"]
-    noted = rate["pooled"]["monitors"]["noted"]
+    noted = done.monitor("noted")
     assert noted["answered"] == noted["sent"] == segment.steps
     assert noted["unmatched"] == 0
 
@@ -236,27 +226,3 @@ def test_a_command_gets_its_arguments_and_ends_when_it_is_asked_to(done: Finishe
 
 def test_a_topic_of_the_bag_that_the_spec_does_not_name_is_not_touched(done: Finished) -> None:
     assert "/unused" not in (done.folder / "plan.json").read_text()
-
-
-def test_nodes_can_share_a_process_and_a_transport_can_be_chosen(bench: Bench) -> None:
-    shared = relay_spec(
-        transport="udp",
-        data_loader={"bag": "./bag", "topics": {"/left": "loaded"}},
-        graph={
-            "placement": "shared",
-            "nodes": {
-                "first": relay_node(remappings={"output": "between"}),
-                "second": relay_node(remappings={"input": "between"}),
-            },
-        },
-    )
-    done = bench.run(shared)
-    done.assert_complete()
-    assert {each.name for each in done.run().record.processes} == {
-        "harness.observer",
-        "player",
-        "graph",
-        "monitor",
-    }
-    out = done.result()["metrics"]["rates"][0]["pooled"]["monitors"]["out"]
-    assert out["answered"] == out["sent"] == 20

@@ -12,7 +12,6 @@ pytest.importorskip("rclpy")
 
 from r2bspec.record.graph_identity import read_loaded_files
 from ros_runs import IMAGE, Bench, relay_spec
-from ros_runs import nothing_left as nothing_left
 
 NODE = """
 import gains

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 
 from rosbags.rosbag2 import Reader
@@ -16,7 +18,6 @@ from rosbags.typesys import Stores, get_typestore
 
 from r2bspec.execute.processes.machine import DISABLED_BY
 from ros_runs import Bench, relay_spec
-from ros_runs import nothing_left as nothing_left
 
 NO_CONFIRMATION = {"gate": {"confirm": False, "interference": "tolerate"}}
 
@@ -35,8 +36,9 @@ def bench(tmp_path: Path) -> Bench:
 def test_a_folder_of_specs_is_run_with_one_summary(bench: Bench) -> None:
     slos = {"received": {"at": "20 Hz", "require": ["received > 0"]}}
     impossible = {"never": {"at": "20 Hz", "require": ["latency.max < 1 us"]}}
-    bench.write(relay_spec(name="good", slos=slos, benchmark=short()), "good")
-    bench.write(relay_spec(name="late", slos=impossible, benchmark=short()), "late")
+    quick = short(duration="500 ms")
+    bench.write(relay_spec(name="good", slos=slos, benchmark=quick), "good")
+    bench.write(relay_spec(name="late", slos=impossible, benchmark=quick), "late")
     done = bench.run(bench.folder, "--format", "json")
     summary = json.loads(done.stdout)
     assert summary == json.loads((done.folder / "suite.json").read_text())
@@ -60,7 +62,7 @@ def test_a_smoke_run_plays_one_short_iteration(bench: Bench) -> None:
     done.assert_complete()
     record = done.run().record
     assert [each.kind for each in record.segments if each.kind != "warm_up"] == ["iteration"]
-    (iteration,) = (each for each in record.segments if each.kind == "iteration")
+    (iteration,) = done.segments()
     assert iteration.steps <= 41
     assert record.search is None
     assert (record.harness_overhead, record.starts[0].overhead_ns) == ((), 0)
@@ -74,11 +76,11 @@ def test_a_rate_whose_failure_nothing_can_change_ends(bench: Bench) -> None:
         "never": {"at": "20 Hz", "require": ["latency.p90 < 1 us"]},
         "easy": {"at": "10 Hz", "require": ["received > 0"]},
     }
-    benchmark = short(iterations=5, rates=["10 Hz", "20 Hz"])
+    benchmark = short(iterations=4, duration="500 ms", rates=["10 Hz", "20 Hz"])
     done = bench.run(relay_spec(slos=slos, benchmark=benchmark), "--abort-on-fail")
-    played = [each.rate_hz for each in done.run().record.segments if each.kind == "iteration"]
-    assert played.count(10) == 5
-    assert 1 <= played.count(20) < 5
+    played = [each.rate_hz for each in done.segments()]
+    assert played.count(10) == 4
+    assert 1 <= played.count(20) < 4
     record = done.run().record
     assert [each.rate_hz for each in record.ended_rates] == [20]
     assert record.ended_rates[0].iterations == played.count(20)
@@ -90,9 +92,11 @@ def test_a_rate_whose_failure_nothing_can_change_ends(bench: Bench) -> None:
 
 
 def test_recorded_outputs_are_a_bag_with_a_latency_for_each_output(bench: Bench) -> None:
-    done = bench.run(relay_spec(benchmark=short(rates=["10 Hz", "20 Hz"])), "--record-outputs")
+    done = bench.run(
+        relay_spec(benchmark=short(rates=["10 Hz", "20 Hz"], duration="500 ms")), "--record-outputs"
+    )
     done.assert_complete()
-    (segment,) = (each for each in done.run().record.segments if each.kind == "recorded")
+    (segment,) = done.segments("recorded")
     # It counts for nothing.
     assert segment.rate_hz == 20
     assert [len(rate["iterations"]) for rate in done.result()["metrics"]["rates"]] == [1, 1]
@@ -116,6 +120,7 @@ def test_recorded_outputs_are_a_bag_with_a_latency_for_each_output(bench: Bench)
     assert np.min(latencies_ms) > 1
 
 
+@only_nightly()
 def test_a_second_run_waits_for_the_first_or_refuses(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -123,14 +128,14 @@ def test_a_second_run_waits_for_the_first_or_refuses(
     own.mkdir()
     monkeypatch.setenv("TMPDIR", str(own))
     monkeypatch.delenv(DISABLED_BY)
-    spec = relay_spec(name="first", benchmark=short(duration="2 s", iterations=3))
+    spec = relay_spec(name="first", benchmark=short(iterations=4))
     with bench.start(spec) as first:
         first.wait_for("starting player and monitor")
         refused = bench.run(relay_spec(name="refused"), "--no-wait")
         assert refused.status == 4
         assert "R2B697" in refused.error
         assert f"first (process {first.process.pid})" in refused.error
-        with bench.start(relay_spec(name="second", benchmark=short())) as second:
+        with bench.start(relay_spec(name="second", benchmark=short(duration="500 ms"))) as second:
             second.wait_for(rf"waiting for first \(process {first.process.pid}\)")
             assert first.finish().run().record.status == "complete"
             waited = second.finish()

@@ -2,18 +2,21 @@
 
 The table of docs/gate.md has the expected outcomes; `test_the_page_has_this_table` compares it with
 `OUTCOMES`. How often a comparison of starts errs is simulated (tests/simulation) and measured
-(benchmarks/merge_gate.py): these tests assert only what no load of the machine can change.
+(benchmarks/regressions.py): these tests assert only what no load of the machine can change.
 
 Every kind goes through the steps of the GitHub action, whose summary and comment the assertions
 read. The shell script differs in what comes before and after a run; what is played is the same. So
-kinds that end before a run go through both, and of those that are played a sample;
-R2BSPEC_NIGHTLY=1 sends all of them.
+one kind goes through both; R2BSPEC_NIGHTLY=1 sends all of them.
 """
 
 from __future__ import annotations
 
 import json
 import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -23,7 +26,6 @@ pytest.importorskip("rclpy")
 from git_repositories import git
 from nightly import only_nightly, size
 from pull_requests import PACKAGE, PARAMETERS, SPEC, Recipe, Workspace, spec, without_sections
-from ros_runs import nothing_left as nothing_left
 
 OUTCOMES = {
     "neutral": "PASS",
@@ -59,47 +61,35 @@ BASE = r"(main@)?[0-9a-f]{7}"
 
 
 @pytest.fixture
-def workspace(tmp_path: Path, recipe: Recipe, monkeypatch: pytest.MonkeyPatch) -> Workspace:
+def workspace(
+    tmp_path: Path, recipe: Recipe, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Workspace]:
+    """A repository; every gate removes the work tree of its base, whatever happened."""
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     monkeypatch.setenv("TMPDIR", str(temporary))
-    return Workspace.create(tmp_path, recipe)
+    made = Workspace.create(tmp_path, recipe)
+    yield made
+    assert list(temporary.glob("r2bspec-base-*")) == []
+    assert git(made.top, "worktree", "list").count("\n") == 0
 
 
-@pytest.fixture
-def recipe() -> Recipe:
-    """That of tests which say nothing of it."""
-    return "shell"
-
-
-@pytest.fixture(autouse=True)
-def no_tree_left(workspace: Workspace) -> object:
-    """Every gate removes the work tree of its base, whatever happened."""
-    yield
-    left = list((workspace.top.parent / "temporary").glob("r2bspec-base-*"))
-    assert left == []
-    assert git(workspace.top, "worktree", "list").count("\n") == 0
-
-
+@only_nightly()
 @SAMPLED
 def test_a_neutral_change_does_not_fail(workspace: Workspace) -> None:
     node = (workspace.top / PACKAGE / "node.py").read_text()
     workspace.change({f"{PACKAGE}/node.py": f"{node}# v2\n"})
-    gated = workspace.gate("--pairs", str(size(2, 5)))
+    gated = workspace.gate("--pairs", "5")
     gated.assert_status(0, 3)
     assert "node.py changed" in gated.summary
     record = json.loads((gated.folder / "pairs.json").read_text())
     assert re.match(BASE, record["against"])
-    loaded = json.loads((gated.folder / "base/001/loaded_files.json").read_text())["blur"]
-    assert any("/r2bspec-base-" in path and path.endswith("blur/cost.py") for path in loaded)
-    loaded = json.loads((gated.folder / "head/001/loaded_files.json").read_text())["blur"]
-    assert str(workspace.head / PACKAGE / "cost.py") in loaded
 
 
 @SAMPLED
 def test_a_slower_node_does_not_pass(workspace: Workspace) -> None:
     workspace.set_cost(23.0)
-    gated = workspace.gate("--pairs", str(size(3, 5)))
+    gated = workspace.gate("--pairs", str(size(2, 5)))
     gated.assert_status(1, 3)
     assert re.search(rf"{BASE}.*cost\.py changed", gated.summary)
     result = json.loads((gated.folder / "result.json").read_text())
@@ -108,10 +98,11 @@ def test_a_slower_node_does_not_pass(workspace: Workspace) -> None:
     assert ratio > 1.05
 
 
+@only_nightly()
 @SAMPLED
 def test_a_faster_node_does_not_fail(workspace: Workspace) -> None:
     workspace.set_cost(17.0)
-    workspace.gate("--pairs", str(size(2, 5))).assert_status(0, 3)
+    workspace.gate("--pairs", "5").assert_status(0, 3)
 
 
 @SAMPLED
@@ -123,12 +114,29 @@ def test_a_node_that_crashes_is_the_heads_failure(workspace: Workspace) -> None:
     assert "R2B698" not in gated.said
 
 
+RENAMED = "bench/renamed.r2b.yaml"
+WEAKER = spec().replace("107 % of", "150 % of")
+
+
 @SAMPLED
-def test_a_parameter_file_is_a_part_of_the_graph(workspace: Workspace) -> None:
-    workspace.change({PARAMETERS: "/**:\n  ros__parameters:\n    cost_ms: 21.0\n"})
-    gated = workspace.gate(*ONE_PAIR)
+def test_what_changed_is_judged_and_named(workspace: Workspace) -> None:
+    """A parameter file, the name of the spec, an objective, and what is not committed."""
+    git(workspace.top, "mv", SPEC, RENAMED)
+    parameters = "/**:\n  ros__parameters:\n    cost_ms: 21.0\n"
+    workspace.change({PARAMETERS: parameters, RENAMED: WEAKER})
+    with (workspace.top / PACKAGE / "cost.py").open("a") as file:
+        file.write("# not committed\n")
+    gated = workspace.gate(*ONE_PAIR, spec=RENAMED, allow="objective fast")
     gated.assert_status(0, 1, 3)
-    assert "blur.yaml changed" in gated.summary
+    for words in ("blur.yaml changed", "+dirty", "cost.py changed"):
+        assert words in gated.summary
+    assert re.search(rf"Renamed: the spec is {SPEC} in {BASE}", gated.summary)
+    assert "allowed: objective fast" in gated.summary.lower()
+    # Each side has loaded its own files.
+    loaded = json.loads((gated.folder / "base/001/loaded_files.json").read_text())["blur"]
+    assert any("/r2bspec-base-" in path and path.endswith("blur/cost.py") for path in loaded)
+    loaded = json.loads((gated.folder / "head/001/loaded_files.json").read_text())["blur"]
+    assert str(workspace.head / PACKAGE / "cost.py") in loaded
 
 
 @SAMPLED
@@ -142,12 +150,9 @@ def test_a_dependency_is_a_part_of_the_graph(workspace: Workspace) -> None:
     assert "kernels.py changed" in gated.summary
 
 
-WEAKER = {SPEC: spec().replace("107 % of", "150 % of")}
-
-
 @BOTH
 def test_an_objective_that_is_weakened_is_an_error_at_its_line(workspace: Workspace) -> None:
-    workspace.change(WEAKER)
+    workspace.change({SPEC: WEAKER})
     gated = workspace.gate()
     gated.assert_status(2)
     for text in (gated.said, gated.summary):
@@ -156,14 +161,6 @@ def test_an_objective_that_is_weakened_is_an_error_at_its_line(workspace: Worksp
 
 
 @SAMPLED
-def test_an_objective_that_is_weakened_can_be_allowed(workspace: Workspace) -> None:
-    workspace.change(WEAKER)
-    allowed = workspace.gate(*ONE_PAIR, allow="objective fast")
-    allowed.assert_status(0, 1, 3)
-    assert "allowed: objective fast" in allowed.summary.lower()
-
-
-@BOTH
 @pytest.mark.parametrize(
     ("changed", "code", "message"),
     [
@@ -186,26 +183,18 @@ def test_objectives_that_are_deleted(
     assert message in gated.summary
 
 
-@BOTH
+@SAMPLED
 def test_a_spec_that_is_deleted(workspace: Workspace) -> None:
-    git(workspace.top, "mv", SPEC, "bench/renamed.r2b.yaml")
+    git(workspace.top, "mv", SPEC, RENAMED)
     workspace.change()
     gated = workspace.gate()
     gated.assert_status(2)
     assert "R2B692" in gated.summary
     assert f"spec {SPEC}" in gated.summary
-    assert "bench/renamed.r2b.yaml" in gated.said
+    assert RENAMED in gated.said
 
 
-@SAMPLED
-def test_a_spec_that_is_renamed(workspace: Workspace) -> None:
-    git(workspace.top, "mv", SPEC, "bench/renamed.r2b.yaml")
-    workspace.change()
-    gated = workspace.gate(*ONE_PAIR, spec="bench/renamed.r2b.yaml")
-    gated.assert_status(0, 3)
-    assert re.search(rf"Renamed: the spec is {SPEC} in {BASE}", gated.summary)
-
-
+@only_nightly()
 @SAMPLED
 def test_a_spec_that_is_deleted_from_a_folder(workspace: Workspace) -> None:
     git(workspace.top, "rm", "--quiet", SPEC)
@@ -226,6 +215,7 @@ def test_a_new_spec_is_judged_alone(workspace: Workspace) -> None:
     assert (gated.folder / "record.json").exists()
 
 
+@only_nightly()
 @SAMPLED
 def test_a_base_that_fails_itself(workspace: Workspace) -> None:
     """It fails while it plays, as what may pass at the next attempt does."""
@@ -252,7 +242,7 @@ def test_a_base_that_fails_itself_can_be_left_out(workspace: Workspace) -> None:
 BROKEN = spec() + "nonsense: 1\n"
 
 
-@BOTH
+@SAMPLED
 def test_a_base_whose_spec_is_broken(workspace: Workspace) -> None:
     workspace.change({SPEC: BROKEN}, on_main=True)
     workspace.change({SPEC: spec()})
@@ -261,6 +251,7 @@ def test_a_base_whose_spec_is_broken(workspace: Workspace) -> None:
     assert re.search(rf"R2B698.*{BASE} cannot be compared with: {SPEC}", gated.summary)
 
 
+@only_nightly()
 @SAMPLED
 def test_a_base_whose_spec_is_broken_can_be_left_out(workspace: Workspace) -> None:
     workspace.change({SPEC: BROKEN}, on_main=True)
@@ -275,7 +266,7 @@ UNBUILT = {
 }
 
 
-@BOTH
+@SAMPLED
 def test_a_base_that_does_not_build(workspace: Workspace) -> None:
     workspace.change({SPEC: spec(benchmark=UNBUILT)}, on_main=True)
     workspace.change({f"{PACKAGE}/new.py": ""})
@@ -286,6 +277,8 @@ def test_a_base_that_does_not_build(workspace: Workspace) -> None:
     assert "--allow base" in gated.summary
 
 
+@only_nightly()
+@pytest.mark.parametrize("recipe", ["shell"])
 def test_a_base_that_is_built_runs_what_was_built(workspace: Workspace) -> None:
     script = "mkdir -p out && cp -r src/blur/blur out/ && echo 'FACTOR = 1.0' >> out/blur/cost.py"
     base = {"build": [["sh", "-c", script]], "setup": f"PYTHONPATH=out:{workspace.site}"}
@@ -300,23 +293,13 @@ def test_a_base_that_is_built_runs_what_was_built(workspace: Workspace) -> None:
 
 
 @SAMPLED
-def test_a_dirty_work_tree_is_judged_as_it_is(workspace: Workspace) -> None:
-    with (workspace.top / PACKAGE / "cost.py").open("a") as file:
-        file.write("# not committed\n")
-    gated = workspace.gate(*ONE_PAIR)
-    gated.assert_status(0, 3)
-    assert "+dirty" in gated.summary
-    assert "cost.py changed" in gated.summary
-
-
-@BOTH
 def test_the_same_code_is_the_graph_against_itself(workspace: Workspace) -> None:
     gated = workspace.gate(*ONE_PAIR)
     gated.assert_status(0, 3)
     assert re.search(f"Same spec and same code as {BASE}", gated.summary)
 
 
-@BOTH
+@SAMPLED
 def test_a_shallow_clone_is_told_what_to_fetch(workspace: Workspace) -> None:
     workspace.set_cost(21.0)
     gated = workspace.shallow_clone().gate(against="origin/main")
@@ -337,11 +320,8 @@ def test_a_side_that_loads_files_of_the_other_is_an_error(workspace: Workspace) 
     assert "of the head (" in gated.summary
 
 
+@pytest.mark.parametrize("recipe", ["shell"])
 def test_an_interrupted_gate_leaves_nothing(workspace: Workspace) -> None:
-    import signal
-    import subprocess
-    import sys
-
     process = subprocess.Popen(
         [sys.executable, "-m", "r2bspec", "run", SPEC, "--against", "main", "--no-lock"],
         cwd=workspace.top,

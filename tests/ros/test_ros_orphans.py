@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 pytest.importorskip("rclpy")
 
+from r2bspec.execute.processes.resources import OrphanFinder
+from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from ros_runs import IMAGE, Bench, relay_spec
-from ros_runs import nothing_left as nothing_left
 
 NODES = '''
 import subprocess
@@ -46,11 +51,11 @@ def test_the_processor_time_of_an_orphaned_grandchild_is_the_runs_own(
     bench.write_node("nodes.py", NODES)
     endpoints = {"publishes": {"output": IMAGE}, "subscribes": {"input": IMAGE}}
     spec = relay_spec(graph={"nodes": {"relay": {"python": "./nodes.py:Relay", **endpoints}}})
-    spec["benchmark"] |= {"duration": "3 s", "iterations": 1}
+    spec["benchmark"] |= {"duration": "2 s", "iterations": 1}
     done = bench.run(spec)
     done.assert_complete()
     run = done.run()
-    (segment,) = [each for each in run.record.segments if each.kind == "iteration"]
+    (segment,) = done.segments()
     index = [each.name for each in run.record.processes].index("relay")
 
     rows = run.resources()
@@ -70,3 +75,16 @@ def test_the_processor_time_of_an_orphaned_grandchild_is_the_runs_own(
     own_cores = rate["iterations"][0]["interference"]["own_cores"]
     seconds = (segment.ended_ns - segment.began_ns) / 1e9
     assert own_cores >= 0.8 * by_worker / seconds
+
+
+def test_a_process_that_is_just_being_started_is_no_orphan() -> None:
+    """It is a child of the controller, which has not added it yet."""
+    command = [sys.executable, "-c", "input()"]
+    environment = os.environ | {RUN_ID_VARIABLE: "a run"}
+    with subprocess.Popen(
+        command, env=environment, stdin=subprocess.PIPE, start_new_session=True
+    ) as process:
+        try:
+            assert OrphanFinder("a run").find({}, {}, unknown=-1) == {}
+        finally:
+            process.kill()

@@ -9,13 +9,14 @@ from pathlib import Path
 
 import pytest
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 
 from machine_load import skip_for_load
 from r2bspec.judge.statistics.t_interval import pair_orders
 from r2bspec.record.comparison_folder import open_comparison
 from ros_runs import Bench, Finished, relay_node, relay_spec
-from ros_runs import nothing_left as nothing_left
 
 # The base waits for six times as long: nothing fails, so that nothing is played again for that.
 RELAY = relay_node()
@@ -76,7 +77,7 @@ def test_the_verdict_says_what_it_rests_on(compared: Finished) -> None:
     assert one["compared"]["head"] > 0.005
     assert len(one["compared"]["head_values"]) == 2
     assert "Compared with var:ms=30.0" in compared.stdout
-    assert "service_time_ms: 30.0 -> 5.0" in " ".join(compared.stdout.split())
+    assert "service_time_ms: 30.0 -> 5.0" in compared.words
 
 
 def test_judging_the_folder_again_gives_the_same_bytes(bench: Bench, compared: Finished) -> None:
@@ -85,6 +86,7 @@ def test_judging_the_folder_again_gives_the_same_bytes(bench: Bench, compared: F
     assert again.status == compared.status
 
 
+@only_nightly()
 def test_an_interrupted_comparison_keeps_its_pairs(bench: Bench) -> None:
     with bench.start(SPEC, "--control", "--pairs", "5") as running:
         # A coin decides which side is first.
@@ -102,6 +104,7 @@ def test_an_interrupted_comparison_keeps_its_pairs(bench: Bench) -> None:
     assert kept["status"] == "complete"
 
 
+@only_nightly()
 def test_a_head_that_dies_never_passes(bench: Bench) -> None:
     bench.write_node("dying.py", DYING)
     spec = SPEC | {"graph": {"nodes": {"relay": {"python": "./dying.py:Dying"}}}}

@@ -14,7 +14,6 @@ pytest.importorskip("rclpy")
 
 from r2bspec.measure.matching import match
 from ros_runs import IMAGE, Bench, Finished, quick_input, relay_node, relay_spec
-from ros_runs import nothing_left as nothing_left
 
 STRING = "std_msgs/msg/String"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
@@ -146,17 +145,11 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Finished:
     return finished
 
 
-def pooled(done: Finished, monitor: str) -> dict[str, Any]:
-    (rate,) = done.result()["metrics"]["rates"]
-    found: dict[str, Any] = rate["pooled"]["monitors"][monitor]
-    return found
-
-
 ALL = ITERATIONS * STEPS
 
 
 def test_every_hop_of_a_tapped_way_has_its_latency(done: Finished) -> None:
-    chain = pooled(done, "chain")
+    chain = done.monitor("chain")
     assert chain["answered"] == ALL
     hops = chain["hops"]
     assert [(hop["source"], hop["target"]) for hop in hops] == [
@@ -185,7 +178,7 @@ def test_hops_are_shown(done: Finished) -> None:
 def test_answers_that_are_fewer_or_more_than_inputs_are_counted_by_their_ratio(
     done: Finished,
 ) -> None:
-    found = pooled(done, "twoforthree")
+    found = done.monitor("twoforthree")
     # The node counts on from one iteration to the next: of inputs 11 to 50, 13 complete a three.
     assert found["sent"] == ALL
     assert found["answered"] == 26
@@ -200,25 +193,25 @@ def test_of_offered_means_the_outputs_that_the_inputs_let_expect(done: Finished)
 
 
 def test_answers_in_another_order_are_reordered(done: Finished) -> None:
-    found = pooled(done, "swaps")
+    found = done.monitor("swaps")
     assert (found["answered"], found["reordered"], found["unmatched"]) == (ALL, ITERATIONS, 0)
 
 
 def test_answers_after_the_end_of_playback_are_late_and_not_lost(done: Finished) -> None:
-    found = pooled(done, "dawdles")
+    found = done.monitor("dawdles")
     assert found["answered"] == ALL
     assert found["late"] >= ITERATIONS * STEPS // 4
 
 
 def test_an_answer_that_was_given_up_is_overdue_and_no_strangers(done: Finished) -> None:
-    found = pooled(done, "procrastinates")
+    found = done.monitor("procrastinates")
     assert (found["answered"], found["missed"]) == (ALL - 1, 1)
     assert (found["unmatched"], found["overdue"]) == (1, 1)
-    assert "1 arrived in a later segment (counted as missed)" in " ".join(done.stdout.split())
+    assert "1 arrived in a later segment (counted as missed)" in done.words
 
 
 def test_one_answer_to_two_inputs_has_their_stamp_whatever_its_type(done: Finished) -> None:
-    found = pooled(done, "synchronises")
+    found = done.monitor("synchronises")
     assert (found["answered"], found["missed"], found["unmatched"]) == (ALL, 0, 0)
 
 

@@ -12,11 +12,9 @@ pytest.importorskip("rclpy")
 from git_repositories import git
 from machine_load import skip_for_load
 from nightly import only_nightly
-from page_blocks import ROOT
 from pipelines import Workplace
 from pull_requests import Workspace
 from ros_runs import Bench, relay_spec
-from ros_runs import nothing_left as nothing_left
 
 FORGED = '{"verdict": {"outcome": "pass\\nstatus=0"}}'
 
@@ -52,13 +50,6 @@ def test_a_run_that_passes_passes(place: Workplace) -> None:
 
 
 def test_an_objective_that_cannot_be_met_fails(place: Workplace) -> None:
-    done = place.action(sys.executable, "broken.r2b.yaml")
-    if done.outputs["outcome"] == "invalid":
-        skip_for_load("play 20 messages a second on time")
-    assert done.code == 1, done.printed
-    assert done.outputs["outcome"] == "fail"
-    assert FORGED not in done.summary
-    assert "::error file=broken.r2b.yaml" in done.printed
     job = place.job(sys.executable, "broken.r2b.yaml")
     if job.code == 4:
         skip_for_load("play 20 messages a second on time")
@@ -68,32 +59,37 @@ def test_an_objective_that_cannot_be_met_fails(place: Workplace) -> None:
     assert FORGED not in (reports / "result.json").read_text()
 
 
+@only_nightly()
+def test_an_objective_that_cannot_be_met_fails_the_action(place: Workplace) -> None:
+    done = place.action(sys.executable, "broken.r2b.yaml")
+    if done.outputs["outcome"] == "invalid":
+        skip_for_load("play 20 messages a second on time")
+    assert done.code == 1, done.printed
+    assert done.outputs["outcome"] == "fail"
+    assert FORGED not in done.summary
+    assert "::error file=broken.r2b.yaml" in done.printed
+
+
+@only_nightly()
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize("recipe", [pytest.param("shell", marks=only_nightly()), "gitlab"])
-def test_a_slower_node_is_found_by_the_scripts(recipe: str, tmp_path: Path) -> None:
-    """The scripts as they are copied, on a repository as colcon has it, with a base."""
+def test_a_slower_node_is_found_by_the_template_of_gitlab(tmp_path: Path) -> None:
+    """As it is copied, on a repository as colcon has it, with a base."""
     workspace = Workspace.create(tmp_path)
     workspace.set_cost(100.0)
     place = Workplace(workspace.top, tmp_path / "temp")
     place.runner.mkdir()
-    variables = {
-        "PYTHONPATH": workspace.environment()["PYTHONPATH"],
-        "R2BSPEC_ARGUMENTS": "--pairs=2\n--no-lock",
-        "R2BSPEC_PYTHON": sys.executable,
-    }
-    if recipe == "gitlab":
-        variables["CI_MERGE_REQUEST_DIFF_BASE_SHA"] = git(workspace.top, "rev-parse", "main")
-        done = place.job(sys.executable, "bench", "sh", **variables)
-        code, printed = done.code, done.printed
-        reports = workspace.top / "r2bspec-artifacts" / "reports"
-    else:
-        reports = tmp_path / "gated" / "reports"
-        script = f"'{ROOT}/ci/shell/gate.sh' bench main"
-        variables["R2BSPEC_OUTPUT"] = str(reports.parent)
-        code, printed = place.shell("sh", script, **variables)
-    if code in (3, 4):
+    done = place.job(
+        sys.executable,
+        "bench",
+        "sh",
+        PYTHONPATH=workspace.environment()["PYTHONPATH"],
+        R2BSPEC_ARGUMENTS="--pairs=2\n--no-lock",
+        CI_MERGE_REQUEST_DIFF_BASE_SHA=git(workspace.top, "rev-parse", "main"),
+    )
+    if done.code in (3, 4):
         skip_for_load("compare two nodes of which one takes five times as long")
-    assert code == 1, printed
-    assert "cost.py changed" in printed
+    assert done.code == 1, done.printed
+    assert "cost.py changed" in done.printed
+    reports = workspace.top / "r2bspec-artifacts" / "reports"
     assert {path.name for path in reports.iterdir()} >= {"report.html", "junit.xml", "summary.md"}
     assert "cost.py changed" in (reports / "summary.md").read_text()

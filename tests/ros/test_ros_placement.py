@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 
-from r2bspec.execute.processes.process import SLICE_NS, slice_of
-from ros_runs import IMAGE, Bench, Finished, relay_node, relay_spec
-from ros_runs import nothing_left as nothing_left
+from ros_runs import MEASURED, Bench, Finished, relay_node, relay_spec
 
 FAILS = """
 class Fails(Node):
@@ -22,8 +22,6 @@ class Fails(Node):
 """
 
 IN_ONE = {"placement": "shared"}
-MEASURED = {"buffer": 5, "inputs": {"input": {"from": "loaded", "format": IMAGE}}}
-"""An input that has a floor, unlike `quick_input`."""
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +44,7 @@ def test_one_process_plays_watches_and_holds_the_nodes(beside: Finished) -> None
         ("harness", "harness", 0),
         ("harness.observer", "observer", 0),
     ]
-    (segment,) = [each for each in record.segments if each.kind == "iteration"]
+    (segment,) = beside.segments()
     out = beside.run().monitor(segment, "out")
     assert set(out["stamp_ns"]) == set(beside.run().playback(segment)["stamp_ns"])
     assert out.size == segment.steps == 20
@@ -60,9 +58,9 @@ def test_the_floor_is_that_of_one_process(beside: Finished) -> None:
 
 
 def test_processor_time_of_the_harness_is_counted_once(beside: Finished) -> None:
-    (rate,) = beside.result()["metrics"]["rates"]
-    assert set(rate["pooled"]["processes"]) >= {"harness"}
-    assert not {"player", "monitor", "relay"} & set(rate["pooled"]["processes"])
+    used = set(beside.pooled()["processes"])
+    assert used >= {"harness"}
+    assert not {"player", "monitor", "relay"} & used
 
 
 def test_player_and_monitor_share_a_process_apart_from_the_graph(bench: Bench) -> None:
@@ -74,10 +72,11 @@ def test_player_and_monitor_share_a_process_apart_from_the_graph(bench: Bench) -
         ("harness.observer", 0),
         ("relay", 0),
     ]
-    (segment,) = [each for each in record.segments if each.kind == "iteration"]
+    (segment,) = done.segments()
     assert done.run().monitor(segment, "out").size == 20
 
 
+@only_nightly()
 def test_a_node_that_fails_beside_the_harness_is_named(bench: Bench) -> None:
     bench.write_node("fails.py", FAILS)
     graph = {"placement": "harness", "nodes": {"fails": {"python": "./fails.py:Fails"}}}
@@ -87,6 +86,7 @@ def test_a_node_that_fails_beside_the_harness_is_named(bench: Bench) -> None:
     assert "a callback of /r2b/fails raised RuntimeError: lost the plot" in done.error
 
 
+@only_nightly()
 def test_a_harness_that_is_killed_is_named(bench: Bench) -> None:
     spec = relay_spec(harness=IN_ONE)
     spec["benchmark"]["duration"] = "30 s"
@@ -97,19 +97,3 @@ def test_a_harness_that_is_killed_is_named(bench: Bench) -> None:
     assert done.status == 4
     assert "process harness was killed by SIGKILL" in done.error
     assert done.run().record.status == "incomplete"
-
-
-@pytest.mark.skipif(slice_of(0) == 0, reason="this kernel has no time slices for each process")
-def test_only_player_and_monitor_have_a_shorter_time_slice(bench: Bench) -> None:
-    spec = relay_spec(graph={"nodes": {"relay": relay_node()}})
-    spec["benchmark"] |= {"iterations": 3}
-    with bench.start(spec) as running:
-        running.wait_for_messages("out", 1)
-        # Threads of the middleware, too, which inherit it.
-        slices = {
-            name: {slice_of(each.id) for each in running.child(name).threads()}
-            for name in ("player", "monitor", "relay")
-        }
-        finished = running.finish()
-    finished.assert_complete()
-    assert slices == {"player": {SLICE_NS}, "monitor": {SLICE_NS}, "relay": {slice_of(0)}}

@@ -8,20 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 
-from ros_runs import (
-    IMAGE,
-    STRING,
-    Bench,
-    Finished,
-    quick_input,
-    relay_node,
-    relay_spec,
-)
-from ros_runs import (
-    nothing_left as nothing_left,
-)
+from ros_runs import IMAGE, STRING, Bench, Finished, quick_input, relay_node, relay_spec
 
 COUNT = 40
 
@@ -168,6 +159,7 @@ def test_a_shortfall_of_a_chain_names_the_topic_and_the_counts(tmp_path: Path) -
     assert set(names[3:]) == {"harness.observer", "player", "notebook", "monitor"}
 
 
+@only_nightly()
 def test_a_preprocessor_that_publishes_nothing_ends_the_run(tmp_path: Path) -> None:
     bench = Bench(tmp_path, {"/camera": (0, 33)})
     silent = "class Silent(Node):\n    def __init__(self, **kwargs):\n"

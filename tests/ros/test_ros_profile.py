@@ -19,7 +19,6 @@ from r2bspec.execute.profilers import find_profiler, require_usable
 from r2bspec.record.run_folder import read_stacks
 from r2bspec.record.run_record import ProfileRecord
 from ros_runs import Bench, Finished, relay_node, relay_spec
-from ros_runs import nothing_left as nothing_left
 
 STEPS = 20
 """Of the one iteration of `relay_spec`, and of the one that is observed."""
@@ -65,7 +64,7 @@ def assert_measured_before(done: Finished) -> None:
     """See that the run is complete, and that all of it was over before the profiler started."""
     done.assert_complete()
     run = done.run()
-    (iteration,) = [each for each in run.record.segments if each.kind == "iteration"]
+    (iteration,) = done.segments()
     assert run.monitor(iteration, "out").size == STEPS
     profile = the_profile(done)
     counting = [each for each in run.record.segments if each.kind != "warm_up" or each.start == 1]
@@ -94,7 +93,7 @@ def test_py_spy_shows_the_functions_of_a_python_node(bench: Bench) -> None:
     assert {each.kind for each in done.run().record.segments} == {"warm_up", "iteration"}
 
 
-@pytest.mark.parametrize("placement", ["separate", "graph"])
+@pytest.mark.parametrize("placement", ["separate", pytest.param("graph", marks=only_nightly())])
 def test_perf_shows_the_functions_of_a_program_in_c(bench: Bench, placement: str) -> None:
     require("perf")
     node = c_node_spec("relay", parameters={"service_time_ms": 10.0})
@@ -171,19 +170,6 @@ def test_a_profiler_that_is_killed_costs_no_verdict(bench: Bench) -> None:
 
 
 @only_nightly()
-def test_runs_at_once_have_profiles_of_their_own(bench: Bench) -> None:
-    require("py-spy")
-    spec = graph(relay_node(5.0))
-    with (
-        bench.start(spec, "--profile", "py-spy") as one,
-        bench.start(spec, "--profile", "py-spy") as other,
-    ):
-        for done in (one.finish(), other.finish()):
-            done.assert_complete()
-            assert the_profile(done).error == ""
-            assert any("_on_message" in each for each in functions(done))
-
-
 def test_an_interruption_ends_the_profiler_too(bench: Bench) -> None:
     require("py-spy")
     spec = graph(relay_node(1.0))
@@ -194,7 +180,7 @@ def test_an_interruption_ends_the_profiler_too(bench: Bench) -> None:
         done = running.finish()
     assert done.status == 130
     assert done.run().record.status == "incomplete"
-    (iteration,) = [each for each in done.run().record.segments if each.kind == "iteration"]
+    (iteration,) = done.segments()
     assert iteration.complete
 
 

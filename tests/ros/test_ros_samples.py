@@ -19,7 +19,6 @@ from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples
 from r2bspec.record.run_folder import open_run
 from ros_runs import IMAGE, Bench, relay_node, relay_spec
-from ros_runs import nothing_left as nothing_left
 
 
 @pytest.fixture(scope="module")

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import signal
+import itertools
 from typing import Any
 
 import pytest
 
+from machine_load import skip_for_load
+from nightly import only_nightly
 from r2bspec.exit_status import ExitStatus
 
 pytest.importorskip("rclpy")
 
-from machine_load import skip_for_load
-from ros_runs import IMAGE, Bench, Finished, relay_spec
-from ros_runs import nothing_left as nothing_left
+from ros_runs import IMAGE, MEASURED, Bench, Finished, relay_spec
 
 NODES = '''
 import os
@@ -38,6 +38,8 @@ class Relay(Node):
             os._exit(9)
         self.out.publish(message)
 '''
+ITERATIONS = 5
+PROCESSES = ("relay", "harness.observer", "player", "monitor")
 
 
 @pytest.fixture(scope="module")
@@ -57,65 +59,143 @@ def spec(counter: str, *, iterations: int, starts: int, **changes: Any) -> dict[
         ready={"up": {"log": {"process": "relay", "pattern": "has pid"}}},
         **changes,
     )
-    used["benchmark"] |= {"duration": "500 ms", "iterations": iterations, "starts": starts}
+    used["benchmark"] |= {"duration": "250 ms", "iterations": iterations, "starts": starts}
     return used
+
+
+@pytest.fixture(scope="module")
+def done(bench: Bench) -> Finished:
+    """Two starts, with the overhead of the harness."""
+    used = spec("starts.txt", iterations=ITERATIONS, starts=2, playback=MEASURED)
+    finished = bench.run(used, "--timings")
+    finished.assert_complete()
+    return finished
 
 
 def starts_of(done: Finished, kind: str) -> list[tuple[str, int]]:
     """The segments of a kind with their starts; reruns are no iterations of their own."""
-    return [
-        (each.id, each.start)
-        for each in done.run().record.segments
-        if each.kind == kind and not each.rerun_of
-    ]
+    return [(each.id, each.start) for each in done.segments(kind) if not each.rerun_of]
 
 
 def pids(done: Finished, name: str) -> list[int]:
     return [each.pid for each in done.run().record.processes if each.name == name]
 
 
-def test_each_start_has_fresh_processes_and_its_part_of_the_iterations(bench: Bench) -> None:
-    done = bench.run(spec("three.txt", iterations=7, starts=3))
-    done.assert_complete()
-    starts = [1, 1, 1, 2, 2, 3, 3]
+def phase(done: Finished, name: str, number: int = 0) -> tuple[int, int]:
+    """When a phase of a name began and ended."""
+    found = [each for each in done.run().record.phases if each.name == name]
+    return found[number].began_ns, found[number].ended_ns
+
+
+# The starts
+
+
+def test_each_start_has_fresh_processes_and_its_part_of_the_iterations(done: Finished) -> None:
     assert starts_of(done, "iteration") == [
-        (f"rate-20Hz-{number:03d}", start) for number, start in enumerate(starts, start=1)
+        (f"rate-20Hz-{number:03d}", start) for number, start in enumerate((1, 1, 1, 2, 2), start=1)
     ]
     # Each start warms up, once or more often, under an id of its own.
     warmed = starts_of(done, "warm_up")
     assert len(set(warmed)) == len(warmed)
-    assert {start for _, start in warmed} == {1, 2, 3}
-    for name in ("player", "monitor", "relay"):
-        assert len(set(pids(done, name))) == len(pids(done, name)) == 3
+    assert {start for _, start in warmed} == {1, 2}
+    # Those that import ROS are started before the player.
+    names = [each.name for each in done.run().record.processes]
+    assert names[:4] == [*PROCESSES]
+    assert sorted(names) == sorted(2 * PROCESSES)
+    assert len({each.pid for each in done.run().record.processes}) == 2 * len(PROCESSES)
     # The node itself says so, in one log.
     said = [line for line in done.log("relay").splitlines() if line.startswith("start ")]
     assert said == [
         f"start {number} has pid {pid}" for number, pid in enumerate(pids(done, "relay"), start=1)
     ]
+
+
+def test_a_start_is_complete_before_its_first_iteration(done: Finished) -> None:
     record = done.run().record
-    assert [each.number for each in record.starts] == [1, 2, 3]
-    assert not any(each.confirms for each in record.starts)
-    # Others can have had a part of the time of each, and no more.
-    assert all(
-        0.0 <= each.taken <= 1.0 and bool(each.disturbed) >= bool(each.taken)
-        for each in record.starts
-    )
+    assert [(each.number, each.confirms) for each in record.starts] == [(1, False), (2, False)]
+    for start in record.starts:
+        # Others can have had a part of the time of each, and no more.
+        assert 0.0 <= start.taken <= 1.0
+        assert bool(start.disturbed) >= bool(start.taken)
+        own = [each for each in record.segments if each.start == start.number]
+        assert all(start.began_ns < each.began_ns for each in own)
+        assert all(start.ready_ns < each.began_ns for each in own if each.kind == "iteration")
     # What does not depend on the processes is done once.
-    for phase in ("load", "harness_overhead"):
-        assert done.events().count(f"phase {phase}") == 1
-    # A start is complete before its first iteration, and its processes end before the next.
-    for each in record.starts:
-        own = [one for one in record.segments if one.start == each.number]
-        assert all(each.began_ns < one.began_ns for one in own)
-        assert all(each.ready_ns < one.began_ns for one in own if one.kind == "iteration")
+    for name in ("load", "harness_overhead"):
+        assert done.events().count(f"phase {name}") == 1
     # All steps of all starts were answered, and none by an earlier start.
     (rate,) = done.result()["metrics"]["rates"]
-    assert [each["monitors"]["out"]["answered"] for each in rate["iterations"]] == [10] * 7
+    answered = [each["monitors"]["out"]["answered"] for each in rate["iterations"]]
+    assert answered == [5] * ITERATIONS
+
+
+# What is done at the same time, and how long each part takes
+
+
+def test_nodes_are_idle_while_the_overhead_is_measured(done: Finished) -> None:
+    record, rows = done.run().record, done.run().resources()
+    began_ns, ended_ns = phase(done, "harness_overhead")
+    for name in ("relay", "harness.observer"):
+        index = [each.name for each in record.processes].index(name)
+        used = rows[rows["process"] == index]
+        meanwhile = used[(used["time_ns"] > began_ns) & (used["time_ns"] <= ended_ns)]["cpu_s"]
+        assert meanwhile.size, name
+        # Almost all of its processor time until then was that of its imports.
+        assert meanwhile[-1] - meanwhile[0] <= 0.1 * meanwhile[-1], name
+    waits = {each.name: each.waits for each in reversed(record.phases)}
+    assert {"relay: prepared", "harness.observer: prepared"} <= {
+        each.what for each in waits["start"]
+    }
+
+
+def test_the_phases_of_the_record_are_those_of_its_events(done: Finished) -> None:
+    record = done.run().record
+    named = [text for _, text in record.events if text.startswith("phase ")]
+    assert [f"phase {each.name}" for each in record.phases] == ["phase prepare", *named]
+    for before, after in itertools.pairwise(record.phases):
+        assert before.ended_ns <= after.began_ns
+    # Segments lie in the phases that play them.
+    for segment in record.segments:
+        name = "warm_up" if segment.kind == "warm_up" else "play"
+        began_ns, ended_ns = phase(done, name, segment.start - 1)
+        assert began_ns <= segment.began_ns <= ended_ns
+
+
+def test_the_table_says_where_the_time_went(done: Finished) -> None:
+    lines = done.stderr[done.stderr.index("time  of each phase") :].splitlines()
+    shown = [line.split()[0] for line in lines[2:]]
+    phases = dict.fromkeys(each.name for each in done.run().record.phases)
+    assert [each for each in shown if each in phases] == [*phases]
+    assert {"command", "report", "beyond"} <= {*shown}
+
+
+# The overhead of the harness
+
+
+def test_each_run_has_the_overhead_of_its_input(done: Finished) -> None:
+    (overhead,) = done.run().record.harness_overhead
+    assert overhead.topic.endswith("/input")
+    assert overhead.rate_hz == 20.0
+    assert overhead.sent == overhead.received == 20
+    assert overhead.bytes > 64 * 48 * 3
+    assert overhead.latency_p50_ns is not None
+    assert overhead.latency_p99_ns is not None
+    assert 0 < overhead.latency_p50_ns <= overhead.latency_p99_ns
+
+
+def test_what_was_played_for_the_overhead_is_in_no_segment(done: Finished) -> None:
+    run = done.run()
+    for segment in run.record.segments:
+        playback, out = run.playback(segment), run.monitor(segment, "out")
+        assert playback.size == segment.steps
+        assert set(out["stamp_ns"]) <= set(playback["stamp_ns"])
+
+
+# What goes wrong in a later start
 
 
 def test_a_node_that_exits_in_a_later_start_leaves_what_was_measured(bench: Bench) -> None:
-    used = spec("fatal.txt", iterations=4, starts=2, parameters={"fatal_start": 2})
-    done = bench.run(used)
+    done = bench.run(spec("fatal.txt", iterations=4, starts=2, parameters={"fatal_start": 2}))
     assert done.status == ExitStatus.RUN_FAILED
     assert "process relay exited with status 9" in done.error
     assert "(in start 2)" in done.error
@@ -127,20 +207,14 @@ def test_a_node_that_exits_in_a_later_start_leaves_what_was_measured(bench: Benc
     assert [each.number for each in record.starts] == [1]
 
 
-def test_an_interrupt_between_two_starts_leaves_what_was_measured(bench: Bench) -> None:
-    with bench.start(spec("interrupted.txt", iterations=6, starts=3)) as running:
-        running.wait_for("start 2")
-        running.process.send_signal(signal.SIGINT)
-        done = running.finish()
-    assert done.status == ExitStatus.INTERRUPTED
-    assert starts_of(done, "iteration")[:2] == [("rate-20Hz-001", 1), ("rate-20Hz-002", 1)]
-    assert done.run().record.status == "incomplete"
+# Confirmation
 
 
-def run_that_fails(bench: Bench) -> Finished:
+def run_that_fails(bench: Bench, name: str, **gate: Any) -> Finished:
     """A run whose only requirement cannot be met, on a machine that keeps the schedule."""
     for attempt in range(3):
-        used = spec(f"confirm{attempt}.txt", iterations=4, starts=2)
+        used = spec(f"{name}{attempt}.txt", iterations=4, starts=2)
+        used["benchmark"]["gate"] |= gate
         used["slos"] = {"impossible": {"at": "20 Hz", "require": ["latency.max < 1 us"]}}
         done = bench.run(used)
         if done.outcome != "invalid":
@@ -149,18 +223,14 @@ def run_that_fails(bench: Bench) -> Finished:
 
 
 def test_a_failure_is_confirmed_by_as_many_fresh_starts(bench: Bench) -> None:
-    done = run_that_fails(bench)
+    done = run_that_fails(bench, "confirm")
+    starts = [1, 1, 2, 2]
     assert starts_of(done, "iteration") == [
-        ("rate-20Hz-001", 1),
-        ("rate-20Hz-002", 1),
-        ("rate-20Hz-003", 2),
-        ("rate-20Hz-004", 2),
+        (f"rate-20Hz-{number:03d}", start) for number, start in enumerate(starts, start=1)
     ]
     assert starts_of(done, "confirmation") == [
-        ("confirm-rate-20Hz-001", 3),
-        ("confirm-rate-20Hz-002", 3),
-        ("confirm-rate-20Hz-003", 4),
-        ("confirm-rate-20Hz-004", 4),
+        (f"confirm-rate-20Hz-{number:03d}", 2 + start)
+        for number, start in enumerate(starts, start=1)
     ]
     record = done.run().record
     assert [each.confirms for each in record.starts] == [False, False, True, True]
@@ -168,3 +238,23 @@ def test_a_failure_is_confirmed_by_as_many_fresh_starts(bench: Bench) -> None:
     assert done.events().count("phase harness_overhead") == 2
     assert len(set(pids(done, "relay"))) == 4
     assert all(each.exit_code is not None for each in record.processes)
+    # A disturbance may make the fresh batch unusable; then it says so, and nothing fails.
+    assert done.outcome in {"fail", "inconclusive"}
+    if done.outcome == "fail":
+        assert done.status == 1
+        assert "Confirmed by a second run in new processes." in done.words
+    again = bench.judge(done.folder, "--format", "json")
+    assert again.stdout.encode() == (done.folder / "result.json").read_bytes()
+    # What else happened on the machine stands beside every iteration, and cost none of them.
+    (rate,) = done.result()["metrics"]["rates"]
+    assert all(each["interference"]["seconds"] > 0 for each in rate["iterations"])
+    assert done.run().interference().size > 2
+
+
+@only_nightly()
+def test_what_a_time_budget_does_not_allow_is_left_out_and_told(bench: Bench) -> None:
+    # Bringing a batch up takes longer than that, on any machine.
+    done = run_that_fails(bench, "budget", time_budget="1200 ms")
+    assert (done.status, done.outcome) == (1, "fail")
+    assert done.run().record.confirmation is None
+    assert "No confirmation run: it would exceed the time budget of 1.2 s." in done.words

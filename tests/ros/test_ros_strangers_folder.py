@@ -14,7 +14,6 @@ import pytest
 pytest.importorskip("rclpy")
 
 from ros_runs import Bench, relay_spec
-from ros_runs import nothing_left as nothing_left
 
 DEPENDENCIES = {
     *("click", "yaml", "numpy", "msgspec", "rich", "psutil", "scipy", "rosbags", "filelock"),
@@ -35,21 +34,24 @@ def stranger(folder: Path, marker: Path) -> None:
         )
 
 
-@pytest.mark.usefixtures("nothing_left")
-def test_a_run_imports_nothing_from_the_current_folder(tmp_path: Path) -> None:
-    bench = Bench(tmp_path / "checkout")
-    marker = tmp_path / "imported"
-    stranger(bench.folder, marker)
-    done = bench.run(relay_spec())
-    done.assert_complete()
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    found = Bench(tmp_path_factory.mktemp("strangers") / "checkout")
+    stranger(found.folder, found.folder.parent / "imported")
+    return found
+
+
+def assert_nothing_imported(bench: Bench) -> None:
+    marker = bench.folder.parent / "imported"
     assert not marker.exists(), marker.read_text()
 
 
-@pytest.mark.usefixtures("nothing_left")
-def test_an_inspection_imports_nothing_from_the_current_folder(tmp_path: Path) -> None:
-    bench = Bench(tmp_path / "checkout")
-    marker = tmp_path / "imported"
-    stranger(bench.folder, marker)
+def test_a_run_imports_nothing_from_the_current_folder(bench: Bench) -> None:
+    bench.run(relay_spec()).assert_complete()
+    assert_nothing_imported(bench)
+
+
+def test_an_inspection_imports_nothing_from_the_current_folder(bench: Bench) -> None:
     spec = bench.write(relay_spec())
     done = subprocess.run(
         [sys.executable, "-m", "r2bspec", "interfaces", spec.name],
@@ -61,13 +63,11 @@ def test_an_inspection_imports_nothing_from_the_current_folder(tmp_path: Path) -
     )
     assert done.returncode == 0, done.stderr
     assert (bench.folder / "interfaces" / "relay.yaml").is_file()
-    assert not marker.exists(), marker.read_text()
+    assert_nothing_imported(bench)
 
 
-def test_a_module_of_a_stranger_would_be_noticed(tmp_path: Path) -> None:
-    marker = tmp_path / "imported"
-    folder = tmp_path / "checkout"
-    folder.mkdir()
-    stranger(folder, marker)
-    subprocess.run([sys.executable, "-c", "import yaml"], cwd=folder, check=False)
+def test_a_module_of_a_stranger_would_be_noticed(bench: Bench) -> None:
+    subprocess.run([sys.executable, "-c", "import yaml"], cwd=bench.folder, check=False)
+    marker = bench.folder.parent / "imported"
     assert marker.read_text() == "yaml\n"
+    marker.unlink()

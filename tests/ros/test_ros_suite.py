@@ -12,6 +12,8 @@ from typing import Any
 import pytest
 import yaml
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 pytest.importorskip("cv2")
 
@@ -59,24 +61,26 @@ def accuracy(done: Finished) -> AccuracyRecord:
     return found
 
 
+@only_nightly()
 def test_the_live_graph_finds_its_tag(tmp_path: Path) -> None:
     bench = Bench(tmp_path)
     done = bench.run(SUITE / "live_graph.r2b.yaml", "--smoke")
     done.assert_complete()
-    (rate,) = done.result()["metrics"]["rates"]
-    assert rate["pooled"]["monitors"]["detections"]["received"] > 0
+    assert done.monitor("detections")["received"] > 0
     assert not done.run().record.accuracy
 
 
+@only_nightly()
 def test_the_rectify_node_answers_every_image(tmp_path: Path) -> None:
     done = Bench(tmp_path).run(short(tmp_path, "rectify_node"))
     done.assert_complete()
-    (rate,) = done.result()["metrics"]["rates"]
-    seen = rate["pooled"]["monitors"]["rectified"]
+    seen = done.monitor("rectified")
     assert (seen["answered"], seen["missed"]) == (5, 0)
 
 
-@pytest.mark.parametrize("name", ["disparity_node", "disparity_graph"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("disparity_node", marks=only_nightly()), "disparity_graph"]
+)
 def test_disparities_are_right(tmp_path: Path, name: str) -> None:
     done = Bench(tmp_path).run(short(tmp_path, name))
     assert done.status in {0, INVALID}, done.stderr
@@ -85,6 +89,7 @@ def test_disparities_are_right(tmp_path: Path, name: str) -> None:
     assert values["accuracy.disparity_density"] > 0.8
 
 
+@only_nightly()
 @pytest.mark.parametrize("name", ["apriltag_node", "apriltag_graph"])
 def test_tags_are_where_they_are_said_to_be(tmp_path: Path, name: str) -> None:
     done = Bench(tmp_path).run(short(tmp_path, name))
@@ -105,7 +110,10 @@ NOT_RECTIFIED = {
     ("name", "changes", "metric"),
     [
         ("apriltag_node", {"apriltag": WRONG_SIZE}, "accuracy.tag_missed"),
-        ("disparity_graph", {"disparity": NOT_RECTIFIED}, "accuracy.disparity_bad_pixels"),
+        pytest.param(
+            *("disparity_graph", {"disparity": NOT_RECTIFIED}, "accuracy.disparity_bad_pixels"),
+            marks=only_nightly(),
+        ),
     ],
 )
 def test_a_wrong_graph_fails_by_its_accuracy(

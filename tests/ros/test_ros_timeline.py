@@ -11,18 +11,7 @@ pytest.importorskip("rclpy")
 
 from r2bspec.measure.matching import match_segment
 from r2bspec.measure.run_samples import read_samples
-from ros_runs import (
-    IMAGE,
-    START_NS,
-    Bench,
-    Finished,
-    quick_input,
-    relay_node,
-    relay_spec,
-)
-from ros_runs import (
-    nothing_left as nothing_left,
-)
+from ros_runs import IMAGE, START_NS, Bench, Finished, quick_input, relay_node, relay_spec
 
 MS = 1_000_000
 CAMERA = (0, 100, 170, 300)

@@ -12,7 +12,6 @@ import pytest
 pytest.importorskip("rclpy")
 
 from ros_runs import START_NS, Bench, Finished, quick_input, relay_spec
-from ros_runs import nothing_left as nothing_left
 from transform_bags import read_transforms, with_tf2, write_transform_bag
 
 MS = 1_000_000

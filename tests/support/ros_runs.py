@@ -15,7 +15,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -31,7 +31,7 @@ from rosbags.typesys import Stores, get_typestore
 from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.record.run_folder import Run, open_run
-from r2bspec.record.run_record import MONITOR_FIELDS
+from r2bspec.record.run_record import MONITOR_FIELDS, Segment
 
 HANG_S = 180.0
 """Guards against hanging only; nothing that passes takes so long."""
@@ -103,6 +103,10 @@ def relay_spec(**changes: Any) -> dict[str, Any]:
     return spec | copy.deepcopy(changes)
 
 
+MEASURED = {"buffer": 5, "inputs": {"input": {"from": "loaded", "format": IMAGE}}}
+"""Playback with an input whose harness overhead is measured, unlike that of `quick_input`."""
+
+
 def quick_input(source: str, kind: str = IMAGE) -> dict[str, Any]:
     """An input as a spec declares it.
 
@@ -159,6 +163,37 @@ class Finished:
         """What result.json holds."""
         return json.loads((self.folder / "result.json").read_text())
 
+    def pooled(self) -> Any:
+        """The pooled metrics of the only rate."""
+        (rate,) = self.result()["metrics"]["rates"]
+        return rate["pooled"]
+
+    def monitor(self, name: str = "out") -> Any:
+        """The metrics of a monitor at the only rate."""
+        return self.pooled()["monitors"][name]
+
+    def requirement(self, text: str) -> Any:
+        """The verdict of the only requirement that begins with a text."""
+        requirements = self.result()["verdict"]["requirements"]
+        (found,) = (each for each in requirements if each["text"].startswith(text))
+        return found
+
+    def segments(self, kind: str = "iteration") -> list[Segment]:
+        """The segments of a kind, in the order in which they were played."""
+        return [each for each in self.run().record.segments if each.kind == kind]
+
+    @property
+    def words(self) -> str:
+        """The report, without its line breaks."""
+        return " ".join(self.stdout.split())
+
+    def assert_counts(self, steps: int, monitor: str = "out") -> None:
+        """See that the run is complete, and that each of so many steps was answered."""
+        self.assert_complete()
+        found = self.monitor(monitor)
+        seen = (found["sent"], found["received"], found["answered"], found["missed"])
+        assert seen == (steps, steps, steps, 0), found
+
     def events(self) -> list[str]:
         """What the record says happened, in order."""
         return [text for _, text in self.run().record.events]
@@ -175,6 +210,7 @@ class Bench:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder = folder
         self.bag = write_bag(folder / "bag", topics or {"/camera": range(0, 330, 33)})
+        self.run_ids: set[str] = set()
         self._numbers = iter(range(1, 1_000))
         _benches.append(self)
 
@@ -216,8 +252,7 @@ class Bench:
 
     def processes(self) -> list[psutil.Process]:
         """Every process that works in this folder, or carries the id of one of its runs."""
-        ids = {found for each in self.folder.glob("*/record.json") if (found := _run_id(each))}
-        return [each for each in psutil.process_iter() if _belongs(each, self.folder, ids)]
+        return [each for each in psutil.process_iter() if _bench_of(each) is self]
 
 
 _DISCOVERY = re.compile(r"fast\w+_port7[0-3]\d\d")
@@ -334,7 +369,7 @@ class Running:
         note_segments(self._bench, self._before)
 
     def _watch(self) -> None:
-        while not self._ended.wait(0.25):
+        while not self._ended.wait(0.5):
             self.sample()
 
 
@@ -351,23 +386,22 @@ def note_segments(bench: Bench, before: set[str]) -> None:
         _seen_segments.update(dict.fromkeys(_maps(each.pid) - before, bench))
 
 
-def _belongs(process: psutil.Process, folder: Path, ids: set[str]) -> bool:
+def _bench_of(process: psutil.Process) -> Bench | None:
+    """The bench that a process works for, by its folder, or by the id of a run seen there."""
     if process.pid == os.getpid():
-        return False
+        return None
     try:
         if process.status() == psutil.STATUS_ZOMBIE:
-            return False
-        if Path(process.cwd()).is_relative_to(folder):
-            return True
-        return process.environ().get(RUN_ID_VARIABLE, "") in ids
+            return None
+        run_id = process.environ().get(RUN_ID_VARIABLE, "")
+        place = f"{process.cwd()}/"
     except (psutil.Error, OSError):
-        return False
-
-
-def _run_id(record: Path) -> str:
-    with contextlib.suppress(ValueError, OSError):
-        return str(json.loads(record.read_text())["run_id"])
-    return ""
+        return None
+    for bench in _benches:
+        if place.startswith(f"{bench.folder}/"):
+            bench.run_ids |= {run_id} - {""}
+            return bench
+    return next((bench for bench in _benches if run_id in bench.run_ids), None)
 
 
 def _maps(pid: int) -> set[str]:
@@ -390,42 +424,32 @@ def segments_left(bench: Bench | None = None) -> list[str]:
     return [name for name in there if name not in used]
 
 
-def _command_line(process: psutil.Process) -> str:
-    """What a process runs; empty if it has just ended."""
-    with contextlib.suppress(psutil.Error):
-        return " ".join(process.cmdline())
-    return ""
+def processes_left(bench: Bench | None = None) -> list[str]:
+    """The processes of runs of these tests that still run, in words; of all benches, or of one."""
+    left = []
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error):
+            if (user := _bench_of(process)) is not None and bench in {None, user}:
+                left.append(f"process {process.pid}: {' '.join(process.cmdline())}")
+    return left
 
 
 def left_behind() -> list[str]:
     """Processes and segments that runs of these tests have left behind, in words."""
-    processes = [each for bench in _benches for each in processes_left(bench)]
-    return processes + [f"segment {name}" for name in segments_left()]
+    if not _benches:
+        return []
+    return processes_left() + [f"segment {name}" for name in segments_left()]
 
 
-def processes_left(bench: Bench) -> list[str]:
-    """The processes of one bench that still run, in words."""
-    return [
-        f"process {each.pid}: {words}"
-        for each in bench.processes()
-        if (words := _command_line(each))
-    ]
-
-
-@pytest.fixture(autouse=True)
-def nothing_left() -> Iterator[None]:
-    """Promise: whatever happens in a run, nothing of it is left.
-
-    Imported by every module of tests that run something.
-    """
-    yield
+def assert_nothing_left() -> None:
+    """Promise: whatever happens in a run, nothing of it is left."""
     # What the watchdog does after a SIGKILL may take it some seconds.
     deadline = time.monotonic() + 10.0
     while left := left_behind():
         if time.monotonic() > deadline:
-            for bench in _benches:
-                for process in bench.processes():
-                    with contextlib.suppress(psutil.Error):
+            for process in psutil.process_iter():
+                with contextlib.suppress(psutil.Error):
+                    if _bench_of(process) is not None:
                         process.kill()
             _seen_segments.clear()
             pytest.fail("left behind:\n" + "\n".join(left))

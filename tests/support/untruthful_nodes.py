@@ -56,15 +56,13 @@ class BatchesLossy(Answering):
 
 
 class StopsOnce(Answering):
-    """Answers everything, and stops once for 1.2 s before its message of a given number."""
+    """Answers everything, and stops once for 1.2 s.
 
-    def __init__(self, **kwargs: Any) -> None:
-        super().__init__(**kwargs)
-        # After up to 124 messages of warm-up; after the usual ten, near the end of 120 others.
-        self.declare_parameter("number", 125)
+    After the usual ten messages of warm-up, or up to 60 of them, that is in the second iteration.
+    """
 
     def answer(self, message: Image) -> None:
-        if self.received == self.get_parameter("number").value:
+        if self.received == 70:
             time.sleep(1.2)
         self.out.publish(message)
 
@@ -103,16 +101,17 @@ class Restamps(Answering):
 
 
 class SecondsLate(Answering):
-    """Answers every message after a number of seconds, 4 by default."""
+    """Answers every message after three seconds."""
+
+    delay_s = 3.0
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
-        self.declare_parameter("delay_s", 4.0)
         self.waiting: deque[tuple[float, Image]] = deque()
         self.create_timer(0.01, self._publish)
 
     def answer(self, message: Image) -> None:
-        self.waiting.append((time.monotonic() + self.get_parameter("delay_s").value, message))
+        self.waiting.append((time.monotonic() + self.delay_s, message))
 
     def _publish(self) -> None:
         while self.waiting and self.waiting[0][0] <= time.monotonic():

@@ -211,9 +211,12 @@ class OrphanFinder:
         for pid, ours in self._belongs.items():
             if ours and pid not in descendants and pid not in leaders and pid != os.getpid():
                 if pid not in self._owners:
-                    with contextlib.suppress(OSError):
-                        self._owners[pid] = leaders.get(os.getsid(pid), unknown)
-                found[pid] = self._owners.setdefault(pid, unknown)
+                    session = _session_of(pid)
+                    if session == pid and _parent_of(pid) == os.getpid():
+                        # The controller has just started it, and is about to add it.
+                        continue
+                    self._owners[pid] = leaders.get(session, unknown)
+                found[pid] = self._owners[pid]
         return found
 
     def _has_run_id(self, pid: int) -> bool:
@@ -222,6 +225,20 @@ class OrphanFinder:
         except OSError:
             return False
         return self._wanted in variables.split(b"\0")
+
+
+def _parent_of(pid: int) -> int:
+    try:
+        return psutil.Process(pid).ppid()
+    except psutil.Error:
+        return -1
+
+
+def _session_of(pid: int) -> int:
+    try:
+        return os.getsid(pid)
+    except OSError:
+        return -1
 
 
 class RunQueueWaits:
@@ -499,23 +516,19 @@ class _Use:
     """What a process has used, with its descendants, and with orphans that were descendants.
 
     Attributes:
+        cpu_s: CPU time in seconds; it never falls.
         resident: of all that run now, in bytes.
         minor_faults: of the process and its descendants; those of orphans are not counted.
     """
 
     def __init__(self) -> None:
+        self.cpu_s = 0.0
         self.resident = 0
         self.minor_faults = 0
         self._tree: dict[int, float] = {}
         self._ended_s = 0.0
         self._ended_tree: dict[int, float] = {}
         self._orphans: dict[int, _OrphanUse] = {}
-
-    @property
-    def cpu_s(self) -> float:
-        """CPU time in seconds."""
-        orphans_s = sum(each.cpu_s for each in self._orphans.values())
-        return sum(self._tree.values()) + self._ended_s + orphans_s
 
     def read_tree(self, process: psutil.Process, tree: list[psutil.Process]) -> None:
         """Read a process that runs, and its descendants.
@@ -557,6 +570,9 @@ class _Use:
                 # Of a tree that has ended, it is counted already.
                 self._ended_s -= self._ended_tree.pop(each.pid, 0.0)
                 self.resident += memory
+        orphans_s = sum(each.cpu_s for each in self._orphans.values())
+        # One that exits between the readings of its parent and its own is missing in this sample.
+        self.cpu_s = max(self.cpu_s, sum(self._tree.values()) + self._ended_s + orphans_s)
 
 
 class _OrphanUse(NamedTuple):

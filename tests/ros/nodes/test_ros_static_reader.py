@@ -21,6 +21,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from nightly import size
+
 pytest.importorskip("rclpy")
 
 from rclpy.context import Context
@@ -299,7 +301,7 @@ def test_what_is_read_is_what_runs(context: Context, tmp_path: Path) -> None:
     numbers = itertools.count(1)
 
     @settings(
-        max_examples=300,
+        max_examples=size(60, 300),
         deadline=None,
         derandomize=True,
         database=None,

@@ -1,0 +1,79 @@
+"""What all benchmarks do: start runs, name the machine, print tables in Markdown."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+from r2bspec.record.run_folder import Run, open_run
+
+ROOT = Path(__file__).parents[1]
+
+
+def options(doc: str | None) -> argparse.ArgumentParser:
+    """A parser that shows the docstring of a program."""
+    return argparse.ArgumentParser(
+        description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+
+
+def tell(text: str) -> None:
+    """Say how far the program is."""
+    print(text, file=sys.stderr, flush=True)  # noqa: T201 - a program
+
+
+def show(*lines: str) -> None:
+    """Print a part of the result."""
+    print("\n".join(lines), flush=True)  # noqa: T201 - a program
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
+    """The lines of a table."""
+    yield f"| {' | '.join(head)} |"
+    yield "| --- " * len(head) + "|"
+    for row in rows:
+        yield f"| {' | '.join(row)} |"
+
+
+def machine() -> str:
+    """What the figures are true of."""
+    return (
+        f"{len(os.sched_getaffinity(0))} cores, {platform.machine()}, Linux {platform.release()}, "
+        f"Python {platform.python_version()}"
+    )
+
+
+def run_command(spec: Path, output: Path, *arguments: str) -> list[str]:
+    """The command line of a run of this source tree."""
+    command = [sys.executable, "-m", "r2bspec", "run", str(spec), "--quiet"]
+    return [*command, "--output", str(output), *arguments]
+
+
+def environment(**changes: str) -> Mapping[str, str]:
+    """Of a process that has to find this source tree."""
+    return os.environ | {"PYTHONPATH": str(ROOT)} | changes
+
+
+def run(spec: Path, output: Path, *arguments: str) -> Run:
+    """Run a spec, and open what it recorded.
+
+    Raises:
+        SystemExit: the run is not complete.
+    """
+    ended = subprocess.run(
+        run_command(spec, output, *arguments),
+        capture_output=True,
+        text=True,
+        check=False,
+        env=environment(),
+    )
+    if (output / "record.json").is_file():
+        recorded = open_run(output)
+        if recorded.record.status == "complete":
+            return recorded
+    raise SystemExit(f"the run of {spec} failed\n{ended.stderr}")
