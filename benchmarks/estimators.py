@@ -23,11 +23,11 @@ import numpy as np
 from measuring import show, table
 from numpy.typing import NDArray
 
+from r2bspec.judge.measure.run_samples import read_samples
+from r2bspec.judge.measure.times import rank
 from r2bspec.judge.statistics import effective_sample_size
 from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
 from r2bspec.judge.statistics.percentile_interval import RankedMessages
-from r2bspec.measure.run_samples import read_samples
-from r2bspec.measure.times import rank
 from r2bspec.record.run_folder import open_run
 
 Latencies = NDArray[np.float64]

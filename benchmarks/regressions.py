@@ -30,8 +30,7 @@ import yaml
 from measuring import machine, options, show, table, tell
 
 from r2bspec import api
-from r2bspec.errors import R2bspecError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict
 from ros_runs import relay_node, relay_spec, write_bag

@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Unpack
 
 from r2bspec.diagnostics.quote import clip
-from r2bspec.errors import R2bspecError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.language.selected_spec import SelectionValues, select
 from r2bspec.language.selected_spec import SpecSelection as SpecSelection
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark as PreparedBenchmark

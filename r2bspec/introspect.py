@@ -17,7 +17,7 @@ from typing import Any
 
 import msgspec
 
-from r2bspec.errors import R2bspecError
+from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.execute.errors import NotReadyError
 from r2bspec.execute.processes.environment import RunEnvironment, make_redactor, replaced_texts
 from r2bspec.execute.processes.prerequisites import (
@@ -27,7 +27,6 @@ from r2bspec.execute.processes.prerequisites import (
 )
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.execute.states import Interrupts
-from r2bspec.exit_status import ExitStatus
 from r2bspec.ipc import protocol
 from r2bspec.language.environment_access import quoted_secret_references
 from r2bspec.language.spec import Spec
@@ -35,10 +34,10 @@ from r2bspec.plan.command_lines import HARNESS_ARGV, node_argv
 from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.installed_packages import package_version
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
-from r2bspec.wiring.build_wiring import build_wiring
-from r2bspec.wiring.companion_files import read_companion_files
-from r2bspec.wiring.node_interface import RecordOrigin, files_digest, node_target
-from r2bspec.wiring.wiring import NodeWiring
+from r2bspec.plan.wiring.build_wiring import build_wiring
+from r2bspec.plan.wiring.companion_files import read_companion_files
+from r2bspec.plan.wiring.node_interface import RecordOrigin, files_digest, node_target
+from r2bspec.plan.wiring.wiring import NodeWiring
 
 NAMESPACE = "/r2bspec_interfaces"
 

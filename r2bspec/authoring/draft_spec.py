@@ -18,9 +18,9 @@ from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.names import MESSAGE_TYPE, TOPIC
-from r2bspec.wiring.build_wiring import build_wiring
-from r2bspec.wiring.companion_files import read_companion_files
-from r2bspec.wiring.wiring import PhaseWiring
+from r2bspec.plan.wiring.build_wiring import build_wiring
+from r2bspec.plan.wiring.companion_files import read_companion_files
+from r2bspec.plan.wiring.wiring import PhaseWiring
 
 _COMMON = frozenset({"/rosout", "/parameter_events", "/tf", "/tf_static", "/clock"})
 _LONGEST_WINDOW_S = 10

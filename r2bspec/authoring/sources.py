@@ -54,8 +54,8 @@ from r2bspec.plan.installed_packages import (
     python_target,
     top_level_names,
 )
+from r2bspec.plan.wiring.ast_reader import read_node_class, read_python_file
 from r2bspec.safe_io.safe_file import is_folder, is_regular
-from r2bspec.wiring.ast_reader import read_node_class, read_python_file
 
 _SUFFIXES = (".launch.py", ".launch.xml", ".launch.yaml", ".launch.yml", "_launch.py", ".launch")
 

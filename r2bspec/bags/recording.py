@@ -16,8 +16,7 @@ from typing import Final, Literal
 import msgspec
 
 from r2bspec.diagnostics.quote import did_you_mean, printable
-from r2bspec.errors import R2bspecError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.safe_io.safe_json import read_json
 
 

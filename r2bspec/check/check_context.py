@@ -14,21 +14,21 @@ from r2bspec.bags.recording import BagIndex, BagLocation, DataError, merge_index
 from r2bspec.check.bag_facts import cached_index
 from r2bspec.datasets.catalogue import locate
 from r2bspec.diagnostics.diagnostic import Path
+from r2bspec.judge.measure.metric_catalogue import MetricError, MetricInfo, resolve
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.located_tree import ListNode, MapNode, TreeNode, child, lookup
 from r2bspec.language.quantities import Rate
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Spec
-from r2bspec.measure.metric_catalogue import MetricError, MetricInfo, resolve
 from r2bspec.plan.compile_plan import bag_types, has_own_rate
 from r2bspec.plan.installed_packages import package_version
 from r2bspec.plan.process_plans import process_names
+from r2bspec.plan.wiring.build_wiring import build_wiring, harness_topic
+from r2bspec.plan.wiring.companion_files import CompanionFiles, CompanionReader
+from r2bspec.plan.wiring.wiring import NodeWiring, Wiring
 from r2bspec.record.calibration_file import CalibrationFile, calibration_path, read_calibration_file
 from r2bspec.record.files import RecordError
 from r2bspec.safe_io.looked_up_files import note_folder
-from r2bspec.wiring.build_wiring import build_wiring, harness_topic
-from r2bspec.wiring.companion_files import CompanionFiles, CompanionReader
-from r2bspec.wiring.wiring import NodeWiring, Wiring
 
 if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec

@@ -21,8 +21,8 @@ from r2bspec.diagnostics.diagnostic import (
     Span,
 )
 from r2bspec.language.located_tree import ScalarNode, lookup
+from r2bspec.plan.wiring.wiring import NodeWiring
 from r2bspec.record.run_record import Difference
-from r2bspec.wiring.wiring import NodeWiring
 
 if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec

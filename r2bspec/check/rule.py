@@ -26,8 +26,8 @@ from r2bspec.check.check_context import Context
 from r2bspec.diagnostics.code_pages import Page, find_page
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import quoted_list, suggestion
-from r2bspec.wiring.node_interface import Interface, InterfaceSource
-from r2bspec.wiring.wiring import Endpoint, NodeWiring, PhaseWiring
+from r2bspec.plan.wiring.node_interface import Interface, InterfaceSource
+from r2bspec.plan.wiring.wiring import Endpoint, NodeWiring, PhaseWiring
 
 SeverityName = Literal["error", "warning", "info"]
 """A `r2bspec.diagnostics.diagnostic.Severity`, as rules write it."""

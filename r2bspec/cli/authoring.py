@@ -18,8 +18,7 @@ from r2bspec.cli.shared_options import (
     spec_options,
 )
 from r2bspec.cli.text_output import show_findings
-from r2bspec.errors import UsageError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, UsageError
 from r2bspec.language.quantities import Duration
 from r2bspec.report.output import echo
 
@@ -290,8 +289,8 @@ def interfaces_command(
 def _write_interface(folder: Path, name: str, interface: dict[str, Any]) -> str:
     """Write a node's file atomically; returns its path as the user would write it."""
     from r2bspec.language.yaml_document import to_yaml
+    from r2bspec.plan.wiring.companion_files import interface_file
     from r2bspec.record.files import write_atomically
-    from r2bspec.wiring.companion_files import interface_file
 
     file = interface_file(folder, name)
     file.parent.mkdir(parents=True, exist_ok=True)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus
 from r2bspec.report.output import echo_document
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def complete_template(_ctx: click.Context) -> Iterable[str]:
 def complete_code(_ctx: click.Context) -> Iterable[str]:
     """Codes, their slugs, and metrics."""
     from r2bspec.diagnostics.code_pages import all_pages
-    from r2bspec.measure.metric_catalogue import names
+    from r2bspec.judge.measure.metric_catalogue import names
 
     pages = all_pages()
     return [*pages, *(page.slug for page in pages.values()), *names()]
@@ -89,7 +89,7 @@ def complete_code(_ctx: click.Context) -> Iterable[str]:
 @_proposals
 def complete_metric(_ctx: click.Context) -> Iterable[str]:
     """The metrics."""
-    from r2bspec.measure.metric_catalogue import names
+    from r2bspec.judge.measure.metric_catalogue import names
 
     return names()
 

@@ -15,8 +15,7 @@ from r2bspec.bags.recording import WritableStorage
 from r2bspec.cli.completion import complete_dataset
 from r2bspec.cli.shared_options import format_option, max_bytes_option
 from r2bspec.cli.text_output import print_table
-from r2bspec.errors import UsageError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, UsageError
 from r2bspec.report.output import console, echo, echo_json
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import click
 from r2bspec.cli.shared_options import FOLDER, format_option
 from r2bspec.cli.text_output import counted, styled
 from r2bspec.diagnostics.plain_text import plain
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus
 from r2bspec.report.output import echo, echo_json
 
 if TYPE_CHECKING:

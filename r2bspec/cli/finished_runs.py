@@ -22,7 +22,7 @@ from r2bspec.cli.shared_options import (
 )
 from r2bspec.cli.text_output import counted, print_table, show_findings
 from r2bspec.diagnostics.quote import clip
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus
 from r2bspec.language.quantities import Share
 from r2bspec.report.output import echo, echo_document, echo_json
 

@@ -16,7 +16,7 @@ from r2bspec.cli.shared_options import (
     repeatable_option,
 )
 from r2bspec.cli.text_output import print_table
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus
 from r2bspec.report.output import echo, echo_json
 
 if TYPE_CHECKING:

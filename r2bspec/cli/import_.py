@@ -17,8 +17,7 @@ from r2bspec.cli.check_files import SUFFIX
 from r2bspec.cli.shared_options import FILE, FOLDER, repeatable_option
 from r2bspec.cli.text_output import aligned_lines, counted, print_findings
 from r2bspec.diagnostics import Diagnostic, Severity
-from r2bspec.errors import UsageError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, UsageError
 from r2bspec.report import finding_formats
 from r2bspec.report.finding_formats import FORMATS
 from r2bspec.report.output import echo, echo_document
@@ -252,7 +251,7 @@ def _import_report(report: Path, output_format: str, output: Path | None) -> int
 
 
 def _text(report: ReferenceReport) -> str:
-    from r2bspec.measure.units import show
+    from r2bspec.judge.measure.units import show
 
     lines = [report.name or "a report of ros2_benchmark"]
     if report.peak_hz is not None:
@@ -266,6 +265,6 @@ def _text(report: ReferenceReport) -> str:
 
 
 def _row(rate: str, monitor: str, figures: MonitorFigures) -> list[str]:
-    from r2bspec.measure.units import show
+    from r2bspec.judge.measure.units import show
 
     return [rate, monitor or "-", *(show(getattr(figures, k), unit) for _, k, unit in _COLUMNS)]

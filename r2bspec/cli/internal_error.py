@@ -8,8 +8,7 @@ from pathlib import Path
 import msgspec
 
 from r2bspec._version import __version__
-from r2bspec.errors import R2bspecError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, R2bspecError
 
 _PACKAGE = Path(__file__).parents[1]
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import click
 
-from r2bspec.errors import UsageError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, UsageError
 
 
 @click.command("lsp")

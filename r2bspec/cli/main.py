@@ -1,6 +1,6 @@
 """The `r2bspec` command: dispatches to a verb, prints errors with a hint, sets the exit status.
 
-`r2bspec.exit_status` has every exit status, for every verb.
+`r2bspec.errors` has every exit status, for every verb.
 """
 
 from __future__ import annotations
@@ -19,8 +19,7 @@ import click
 
 from r2bspec._version import __version__
 from r2bspec.diagnostics.plain_text import plain
-from r2bspec.errors import R2bspecError, UsageError
-from r2bspec.exit_status import ExitStatus, exit_status_text
+from r2bspec.errors import ExitStatus, R2bspecError, UsageError, exit_status_text
 from r2bspec.report.output import echo
 
 _VERBS = {

@@ -16,7 +16,7 @@ from r2bspec.cli.shared_options import (
 )
 from r2bspec.cli.spec_selection import SpecSelection, prepare_and_report
 from r2bspec.cli.text_output import show_findings
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus
 from r2bspec.report.output import echo, echo_document
 
 if TYPE_CHECKING:

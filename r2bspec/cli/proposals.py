@@ -19,8 +19,7 @@ from r2bspec.cli.shared_options import (
 )
 from r2bspec.cli.spec_selection import SpecSelection, prepare_and_report
 from r2bspec.cli.text_output import print_table
-from r2bspec.errors import UsageError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, UsageError
 from r2bspec.report.output import echo
 
 if TYPE_CHECKING:
@@ -135,7 +134,7 @@ def _require_same_graph(prepared: PreparedBenchmark, measured: Plan, what: str, 
 
 def _show_noise(found: Calibration, name: str, pairs: PairedComparison) -> None:
     """Print the noise: a line for each metric, the smallest change by the number of pairs."""
-    from r2bspec.measure.units import show
+    from r2bspec.judge.measure.units import show
 
     echo(f"{name} on {found.machine}")
     used = len(pairs.usable_pairs())
@@ -168,7 +167,7 @@ def _show_noise(found: Calibration, name: str, pairs: PairedComparison) -> None:
 
 def _change_text(margin: float) -> str:
     """A margin, given as a logarithm; over 100 % its digits are omitted."""
-    from r2bspec.measure.units import show
+    from r2bspec.judge.measure.units import show
 
     change = math.expm1(min(margin, 1.0))
     return show(change, "share") if change <= 1 else "> 100 %"

@@ -14,8 +14,7 @@ from r2bspec.cli.shared_options import format_option
 from r2bspec.cli.text_output import styled
 from r2bspec.diagnostics.code_pages import FAMILIES, Page, all_pages
 from r2bspec.diagnostics.quote import printable
-from r2bspec.errors import UsageError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, UsageError
 from r2bspec.report.output import echo, echo_document, echo_json
 
 _FILE = "example.r2b.yaml"
@@ -55,7 +54,7 @@ def _find_code(code: str, pages: Mapping[str, Page]) -> Page:
 
     close = _near_code(number, pages) if number[3:].isdigit() else did_you_mean(slug, by_slug)
     if not close and "." in code:
-        from r2bspec.measure.metric_catalogue import names
+        from r2bspec.judge.measure.metric_catalogue import names
 
         close = did_you_mean(code, names())
     raise UsageError(
@@ -135,8 +134,8 @@ def metrics_command(names: tuple[str, ...], output_format: str) -> int:
 
     With METRIC, such as latency.p99, only these, with their definition.
     """
-    from r2bspec.measure import metric_catalogue as reference
-    from r2bspec.measure.metric_catalogue import METRICS, MetricError
+    from r2bspec.judge.measure import metric_catalogue as reference
+    from r2bspec.judge.measure.metric_catalogue import METRICS, MetricError
 
     try:
         infos = [reference.find_metric(name) for name in names] or list(METRICS.values())
@@ -156,7 +155,7 @@ def metrics_command(names: tuple[str, ...], output_format: str) -> int:
 
 def explain_metric(name: str) -> list[str]:
     """The lines about a metric; none if there is no metric of this name."""
-    from r2bspec.measure.metric_catalogue import MetricError
+    from r2bspec.judge.measure.metric_catalogue import MetricError
 
     try:
         return list(_definition(name))
@@ -165,8 +164,8 @@ def explain_metric(name: str) -> list[str]:
 
 
 def _overview() -> Iterator[str]:
-    from r2bspec.measure import metric_catalogue as reference
-    from r2bspec.measure.metric_catalogue import METRICS
+    from r2bspec.judge.measure import metric_catalogue as reference
+    from r2bspec.judge.measure.metric_catalogue import METRICS
 
     width = max(map(len, METRICS))
     for number, (_, infos) in enumerate(reference.groups()):
@@ -182,14 +181,14 @@ def _overview() -> Iterator[str]:
 
 def _shown_modes(modes: tuple[str, ...]) -> str:
     """The modes in which a metric is known, where these are not all."""
-    from r2bspec.measure.metric_catalogue import MODES
+    from r2bspec.judge.measure.metric_catalogue import MODES
 
     missing = [mode for mode in MODES if mode not in modes]
     return f" (not {' or '.join(missing)})" if missing else ""
 
 
 def _definition(name: str) -> Iterator[str]:
-    from r2bspec.measure import metric_catalogue as reference
+    from r2bspec.judge.measure import metric_catalogue as reference
 
     info = reference.find_metric(name)
     meant = reference.definition(info)

@@ -24,8 +24,7 @@ from r2bspec.cli.run_single import (
 )
 from r2bspec.cli.spec_selection import Playing, RunItem, SuiteEntry, prepare_and_report
 from r2bspec.cli.text_output import counted, locked_host
-from r2bspec.errors import R2bspecError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.report.output import echo, echo_document
 from r2bspec.safe_io.safe_file import is_regular
 

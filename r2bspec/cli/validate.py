@@ -15,7 +15,7 @@ import click
 from r2bspec.cli.check_files import FileReport
 from r2bspec.cli.shared_options import SpecValues, flag_options, max_bytes_option, spec_options
 from r2bspec.cli.text_output import counted, print_findings
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus
 from r2bspec.report.finding_formats import DOCUMENT_FORMATS, FORMATS
 from r2bspec.report.output import echo
 from r2bspec.safe_io.looked_up_files import Lookups, Stamp, looked_up_files, shared_lookups, stamp

@@ -25,8 +25,7 @@ from r2bspec.cli.internal_error import (
     UncheckedFiles,
     WorkerEndedError,
 )
-from r2bspec.errors import R2bspecError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, R2bspecError
 
 T = TypeVar("T")
 

@@ -40,11 +40,10 @@ from urllib.parse import unquote, urlsplit
 
 from r2bspec.compare.base_tree import BaseRevisionError, BaseTree
 from r2bspec.diagnostics.quote import clip
-from r2bspec.errors import R2bspecError
+from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.execute.processes.environment import applied_environment, workspace_environment
 from r2bspec.execute.progress import Progress
 from r2bspec.execute.states import Interrupts
-from r2bspec.exit_status import ExitStatus
 from r2bspec.language.spec import GateBase
 from r2bspec.safe_io.safe_file import names_in
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from r2bspec.compare.errors import IncomparableError
 from r2bspec.judge.baseline_comparison import TrackedMetric, run_value, tracked_metrics
+from r2bspec.judge.measure.run_samples import read_samples
+from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.statistics.t_interval import noise_floor, smallest_detectable
-from r2bspec.measure.run_samples import read_samples
-from r2bspec.measure.samples import RunSamples
 from r2bspec.plan.comparability import measured_hash, pair_count
 from r2bspec.record.calibration_file import (
     Calibration,

@@ -32,13 +32,13 @@ from r2bspec.compare.errors import IncomparableError, UnreadableResultError
 from r2bspec.compare.report_input import read_content, read_folder
 from r2bspec.errors import R2bspecError
 from r2bspec.judge.judge_run import from_json
+from r2bspec.judge.measure.distribution import MAIN_PERCENTILES, part_value, quantile
+from r2bspec.judge.measure.metrics import MonitorMetrics, RateMetrics
+from r2bspec.judge.measure.times import rank
+from r2bspec.judge.measure.units import show
 from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.t_interval import RunValues, welch_ratio_of_runs
 from r2bspec.language.benchmark_defaults import CONFIDENCE
-from r2bspec.measure.distribution import MAIN_PERCENTILES, part_value, quantile
-from r2bspec.measure.metrics import MonitorMetrics, RateMetrics
-from r2bspec.measure.times import rank
-from r2bspec.measure.units import show
 from r2bspec.plan.comparability import brief_difference, graph_differences, load_differences
 from r2bspec.plan.plan import Plan
 from r2bspec.record.graph_identity import MACHINE_FACTS, GraphIdentity, identity_differences

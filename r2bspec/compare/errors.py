@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from r2bspec.errors import R2bspecError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, R2bspecError
 
 SAMPLES_MISSING: Final = "R2B661"
 RESULT_UNREADABLE: Final = "R2B662"

@@ -27,8 +27,7 @@ from r2bspec.diagnostics.code_pages import all_pages
 from r2bspec.diagnostics.diagnostic import Path, Span
 from r2bspec.diagnostics.quote import quote
 from r2bspec.diagnostics.waivers import Waiver, effective_waivers
-from r2bspec.errors import R2bspecError, UsageError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, R2bspecError, UsageError
 from r2bspec.language.located_tree import ListNode, MapNode, TreeNode
 
 if TYPE_CHECKING:

@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar
 
-from r2bspec.errors import R2bspecError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.private_files import private_files
 from r2bspec.safe_io.safe_file import RefusedDataError, is_there
 from r2bspec.safe_io.safe_sqlite import check_schema, end_deadline, restrict

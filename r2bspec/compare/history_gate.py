@@ -32,10 +32,10 @@ from r2bspec.judge.baseline_comparison import (
     tracked_metrics,
 )
 from r2bspec.judge.judge_run import result_of
+from r2bspec.judge.measure.run_samples import read_samples
+from r2bspec.judge.measure.samples import starts_of
 from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.t_interval import MAX_HISTORY_RUNS
-from r2bspec.measure.run_samples import read_samples
-from r2bspec.measure.samples import starts_of
 from r2bspec.plan.canonical_json import plan_hash
 from r2bspec.plan.comparability import measured_hash
 from r2bspec.plan.plan import Plan

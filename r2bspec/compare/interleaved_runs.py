@@ -18,15 +18,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from r2bspec.compare.judge_pairs import read_pair_set
-from r2bspec.errors import R2bspecError, without_output
+from r2bspec.errors import ExitStatus, R2bspecError, without_output
 from r2bspec.execute.controller import RunOptions, run_plan
 from r2bspec.execute.errors import InterruptedRunError, RunError, UnwritableRunError
 from r2bspec.execute.processes.environment import applied_environment
 from r2bspec.execute.progress import Progress
 from r2bspec.execute.states import Interrupts
-from r2bspec.exit_status import ExitStatus
 from r2bspec.judge.confirmation import needs_confirmation
 from r2bspec.judge.decision_policy import decision_policy
+from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.pair_comparison import (
     confirmation_terms,
     interference_text,
@@ -38,7 +38,6 @@ from r2bspec.judge.statistics.t_interval import PairOrder, pair_orders
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.environment_access import shown_value
 from r2bspec.language.spec import Objective
-from r2bspec.measure.run_samples import read_samples
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.comparability import single_run_plan
 from r2bspec.plan.plan import Plan

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import build_result
+from r2bspec.judge.measure.metrics import summarise
+from r2bspec.judge.measure.run_samples import read_samples
+from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pair_comparison import InterleavedRuns, PairSet, judge_comparison
 from r2bspec.judge.result import PairsResult, Result
 from r2bspec.language.spec import Objective
-from r2bspec.measure.metrics import summarise
-from r2bspec.measure.run_samples import read_samples
-from r2bspec.measure.samples import RunSamples
 from r2bspec.plan.plan import GatePlan
 from r2bspec.record.comparison_folder import MergedRun, PairedComparison, PairRecord, Side
 

@@ -39,12 +39,11 @@ from r2bspec.compare.gate_strength import (
 from r2bspec.compare.interleaved_runs import BaseFailsError, ComparisonSide
 from r2bspec.compare.spec_sets import SpecName, missing_specs, spec_name
 from r2bspec.diagnostics.quote import clip
-from r2bspec.errors import R2bspecError, without_output
+from r2bspec.errors import ExitStatus, R2bspecError, without_output
 from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.execute.processes.environment import applied_environment
 from r2bspec.execute.progress import NullProgress, Progress
-from r2bspec.exit_status import ExitStatus
 from r2bspec.language.load_spec import LoadedSpec
 from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.language.spec import GateBase, Objective

@@ -19,9 +19,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from r2bspec.compare.gate_change import GateChange, GateSide, spec_of
+from r2bspec.judge.measure.metric_catalogue import MetricError, resolve
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Objective
-from r2bspec.measure.metric_catalogue import MetricError, resolve
 
 _OF_MONITORS = ("monitor", "truth")
 

@@ -27,6 +27,8 @@ from r2bspec.check.rules.metrics import (
     narrow_margins,
 )
 from r2bspec.diagnostics.edits import apply_edits
+from r2bspec.judge.measure.distribution import PROPOSED_PERCENTILES, part_value
+from r2bspec.judge.measure.metrics import RateMetrics
 from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.t_interval import predicted_ratio
 from r2bspec.language.benchmark_defaults import CONFIDENCE
@@ -35,8 +37,6 @@ from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNod
 from r2bspec.language.quantities import Rate
 from r2bspec.language.requirement_grammar import Requirement, parse_requirement
 from r2bspec.language.spec import Objective, Spec
-from r2bspec.measure.distribution import PROPOSED_PERCENTILES, part_value
-from r2bspec.measure.metrics import RateMetrics
 from r2bspec.record.calibration_file import Calibration
 
 _OBJECTIVE_NAME = "no_regression"

@@ -15,10 +15,10 @@ import msgspec
 from r2bspec.compare.errors import SamplesMissingError, UnreadableResultError
 from r2bspec.compare.judge_pairs import judge_comparison_folder
 from r2bspec.judge.judge_run import from_json, result_of
+from r2bspec.judge.measure.run_samples import read_samples
+from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.result import Result
 from r2bspec.language.spec import Objective
-from r2bspec.measure.run_samples import read_samples
-from r2bspec.measure.samples import RunSamples
 from r2bspec.plan.plan import GatePlan
 from r2bspec.record.comparison_folder import is_comparison, open_comparison
 from r2bspec.record.run_folder import Run, open_run

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from r2bspec.doctor.checkup import CheckResult, System, advised
-from r2bspec.measure.units import show
+from r2bspec.judge.measure.units import show
 from r2bspec.middleware.middleware import (
     RMW_VARIABLE,
     middleware_named,

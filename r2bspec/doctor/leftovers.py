@@ -21,7 +21,7 @@ from r2bspec.datasets.dataset_cache import datasets_dir
 from r2bspec.doctor.checkup import CheckResult, System, advised
 from r2bspec.ipc.process_cleanup import Session, end_run_processes, now_ticks
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
-from r2bspec.measure.units import show
+from r2bspec.judge.measure.units import show
 from r2bspec.middleware.middleware import known_middlewares
 
 _WATCHDOG = "r2bspec.harness.watchdog"

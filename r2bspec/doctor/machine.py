@@ -16,7 +16,7 @@ from pathlib import Path
 
 from r2bspec.datasets.dataset_cache import datasets_dir
 from r2bspec.doctor.checkup import CheckResult, Status, System, advised, read_int, read_text
-from r2bspec.measure.units import show
+from r2bspec.judge.measure.units import show
 from r2bspec.middleware.middleware import Middleware, Transport, middleware_of
 
 _PROCESSOR = "processor"

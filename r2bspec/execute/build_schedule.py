@@ -45,7 +45,7 @@ from r2bspec.ipc.schedule import (
     TimelineStep,
     round_length_ns,
 )
-from r2bspec.measure.matching import input_mask
+from r2bspec.judge.measure.matching import input_mask
 from r2bspec.plan.nearest_stamps import pair_nearest
 from r2bspec.plan.plan import InputPlan, Plan, TimelinePlan
 from r2bspec.record.run_record import UnplayedMessages

@@ -67,11 +67,11 @@ from r2bspec.ipc.arrivals import ClockOffsetTracker
 from r2bspec.ipc.buffers import largest_message_bytes
 from r2bspec.judge.confirmation import judge_confirmation, needs_confirmation
 from r2bspec.judge.decision_policy import certain_failures, decision_policy
+from r2bspec.judge.measure.run_samples import HostSamples, run_samples
+from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.quantities import Size
-from r2bspec.measure.run_samples import HostSamples, run_samples
-from r2bspec.measure.samples import RunSamples
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.this_machine import find_module

@@ -68,8 +68,8 @@ from r2bspec.execute.states import RunState
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import TF_STATIC, buffered_transforms
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
+from r2bspec.judge.measure.samples import SegmentSamples
 from r2bspec.judge.rate_decision import load_scipy
-from r2bspec.measure.samples import SegmentSamples
 from r2bspec.plan.plan import Plan, ProcessPlan
 from r2bspec.plan.taps import all_taps, tap_monitors
 from r2bspec.record.run_record import (

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.errors import R2bspecError, UsageError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, R2bspecError, UsageError
 
 
 class FleetError(R2bspecError):

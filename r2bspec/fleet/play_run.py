@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
-from r2bspec.errors import R2bspecError
+from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.execute.progress import NullProgress
-from r2bspec.exit_status import ExitStatus
 from r2bspec.fleet.bundle import Job, Side
 from r2bspec.fleet.messages import Played, Problem, RunState
 from r2bspec.record.files import write_atomically

@@ -21,7 +21,7 @@ import time
 import traceback
 from typing import Protocol
 
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
 from r2bspec.ipc import protocol
 from r2bspec.ipc.sample_files import is_refusal, refusal_text

@@ -19,7 +19,7 @@ from typing import Any
 import rclpy
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus
 from r2bspec.harness import rclpy_tools
 from r2bspec.harness.control_channel import Channel
 from r2bspec.ipc import protocol

@@ -41,7 +41,7 @@ from r2bspec.harness.node_main import (
 )
 from r2bspec.ipc import protocol
 from r2bspec.plan.plan import NodePlan
-from r2bspec.wiring.name_resolution import expand
+from r2bspec.plan.wiring.name_resolution import expand
 
 
 def describe_nodes(nodes: Sequence[tuple[NodePlan, Node]]) -> protocol.Ready:

@@ -23,11 +23,11 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus
 from r2bspec.plan.command_lines import flow_yaml
 from r2bspec.plan.plan import NodePlan
-from r2bspec.wiring.python_package import module_of
-from r2bspec.wiring.python_source import KEYWORD_ARGUMENTS
+from r2bspec.plan.wiring.python_package import module_of
+from r2bspec.plan.wiring.python_source import KEYWORD_ARGUMENTS
 
 
 class NodeError(Exception):

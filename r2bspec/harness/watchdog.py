@@ -19,7 +19,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus
 from r2bspec.ipc.process_cleanup import Session, clean_up, now_ticks
 from r2bspec.record.files import LOCK_FILE
 

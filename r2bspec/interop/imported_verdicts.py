@@ -27,6 +27,8 @@ from typing import Final, Literal
 import msgspec
 
 from r2bspec.interop.ros2_benchmark import MonitorFigures, ReferenceReport
+from r2bspec.judge.measure.metric_catalogue import MetricError, MetricInfo, resolve
+from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods.message_share import share_test
 from r2bspec.judge.requirement_case import (
     Decision,
@@ -39,8 +41,6 @@ from r2bspec.judge.statistics.effective_sample_size import EffectiveSample
 from r2bspec.judge.verdict import EXIT_CODES, RequirementVerdict, Verdict, outcome_of
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Objective
-from r2bspec.measure.metric_catalogue import MetricError, MetricInfo, resolve
-from r2bspec.measure.units import show
 from r2bspec.plan.plan import GatePlan
 
 _Extreme = Literal["", "largest", "smallest"]

@@ -21,8 +21,7 @@ import msgspec
 
 from r2bspec.compare.comparison import ComparedResult, ComparedSource, MetricSeries, SeriesKey
 from r2bspec.diagnostics.plain_text import escaped_json
-from r2bspec.errors import R2bspecError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.report.ros2_benchmark import BASIC_PREFIX, METADATA_PREFIX, RESOURCE_PREFIX
 from r2bspec.safe_io.safe_file import read_bytes
 from r2bspec.safe_io.safe_json import MAX_JSON_BYTES, decode_python_json

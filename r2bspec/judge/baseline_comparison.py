@@ -33,16 +33,16 @@ from r2bspec.judge.baseline_ratio import (
 )
 from r2bspec.judge.confirmation import confirm_requirement
 from r2bspec.judge.decision_policy import DecisionPolicy, without_own_confidence
+from r2bspec.judge.measure.distribution import HISTORY_PARTS
+from r2bspec.judge.measure.metric_catalogue import MetricError, MetricInfo, resolve
+from r2bspec.judge.measure.metric_values import metric_value
+from r2bspec.judge.measure.samples import RunSamples, starts_of
 from r2bspec.judge.methods.mean_bound import resolution
 from r2bspec.judge.pipeline import judge, latency_unknown_by_order
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Objective
-from r2bspec.measure.distribution import HISTORY_PARTS
-from r2bspec.measure.metric_catalogue import MetricError, MetricInfo, resolve
-from r2bspec.measure.metric_values import metric_value
-from r2bspec.measure.samples import RunSamples, starts_of
 from r2bspec.plan.plan import Plan
 from r2bspec.record.baseline_file import BaselineRecord
 from r2bspec.record.run_folder import Run

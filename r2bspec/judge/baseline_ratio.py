@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 
 import msgspec
 
+from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import Method
 from r2bspec.judge.requirement_case import Decision, RequirementCase, requirement_verdict
 from r2bspec.judge.statistics.t_interval import (
@@ -33,7 +34,6 @@ from r2bspec.judge.statistics.t_interval import (
     welch_ratio_of_runs,
 )
 from r2bspec.judge.verdict import BaselineEstimate, Outcome, RequirementVerdict
-from r2bspec.measure.units import show
 
 Values = Sequence[float | None]
 """A metric in the iterations of one side; None or infinite where it has no value."""

@@ -20,14 +20,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from r2bspec.judge.measure.samples import RunSamples
+from r2bspec.judge.measure.times import Seconds
+from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import METHODS
 from r2bspec.judge.requirement_case import RequirementCase
 from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.verdict import Outcome, RequirementVerdict
 from r2bspec.language.benchmark_defaults import CONFIDENCE
-from r2bspec.measure.samples import RunSamples
-from r2bspec.measure.times import Seconds
-from r2bspec.measure.units import show
 
 _PROBES: Final = ("probe", "sustained")
 """Segments of probes. In a comparison in pairs, each run has its own."""

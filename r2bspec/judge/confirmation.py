@@ -29,6 +29,7 @@ from collections.abc import Mapping
 import msgspec
 
 from r2bspec.judge.decision_policy import DecisionPolicy, without_own_confidence
+from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.methods import METHODS
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import (
@@ -39,7 +40,6 @@ from r2bspec.judge.verdict import (
 )
 from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 from r2bspec.language.spec import Objective
-from r2bspec.measure.samples import RunSamples
 
 _CONFIRMED = "Confirmed by a second run in new processes."
 _NOT_CONFIRMED = "It had failed, but a second run in new processes did not confirm the failure."

@@ -46,6 +46,8 @@ from typing import Literal
 
 import msgspec
 
+from r2bspec.judge.measure.samples import RunSamples, starts_of
+from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import METHODS
 from r2bspec.judge.statistics.binomial import lower_bound
 from r2bspec.judge.verdict import (
@@ -56,8 +58,6 @@ from r2bspec.judge.verdict import (
 )
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.spec import Objective
-from r2bspec.measure.samples import RunSamples, starts_of
-from r2bspec.measure.units import show
 from r2bspec.plan.plan import GatePlan, Plan
 from r2bspec.plan.smoke_plan import is_smoke_plan
 

@@ -70,9 +70,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.measure.host_usage import HostInterference, ResourceUse
-from r2bspec.measure.matching import NO_MATCH
-from r2bspec.measure.samples import (
+from r2bspec.judge.measure.host_usage import HostInterference, ResourceUse
+from r2bspec.judge.measure.matching import NO_MATCH
+from r2bspec.judge.measure.samples import (
     MonitorSamples,
     PlaybackSamples,
     SegmentSamples,

@@ -14,12 +14,12 @@ from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.judge.baseline_comparison import judge_with_baseline
 from r2bspec.judge.confirmation import judge_with_confirmation
 from r2bspec.judge.decision_policy import decision_policy
+from r2bspec.judge.measure.metrics import RunMetrics, summarise
+from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.methods.peak_bracket import with_refuted_peak
 from r2bspec.judge.result import BaselineResult, ObjectiveText, PairsResult, Result
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.spec import Objective
-from r2bspec.measure.metrics import RunMetrics, summarise
-from r2bspec.measure.run_samples import read_samples
 from r2bspec.plan.plan import GatePlan
 from r2bspec.record.baseline_file import read_baseline, read_confirmation
 from r2bspec.record.graph_identity import GraphIdentity, identity_differences

@@ -68,14 +68,14 @@ from r2bspec.judge.baseline_ratio import BaselineCase, judge_pairs
 from r2bspec.judge.confirmation import confirm_run, needs_confirmation
 from r2bspec.judge.decision_policy import DecisionPolicy, without_own_confidence
 from r2bspec.judge.interference_bound import best_case_iteration
+from r2bspec.judge.measure.samples import RunSamples
+from r2bspec.judge.measure.units import show
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.statistics.t_interval import mean_interval
 from r2bspec.judge.validity import PlaybackValidity
 from r2bspec.judge.verdict import EXIT_CODES, Outcome, RequirementVerdict, Verdict, outcome_of
 from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 from r2bspec.language.spec import Objective
-from r2bspec.measure.samples import RunSamples
-from r2bspec.measure.units import show
 from r2bspec.record.comparison_folder import Side
 
 EXCESS_CONFIDENCE: Final = 0.99

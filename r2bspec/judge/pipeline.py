@@ -40,6 +40,16 @@ from r2bspec.judge.affected_iterations import (
 )
 from r2bspec.judge.caveats import run_caveats, with_caveats
 from r2bspec.judge.decision_policy import DecisionPolicy, combine_looks
+from r2bspec.judge.measure.metric_catalogue import (
+    MetricError,
+    MetricInfo,
+    available_live,
+    kind_of,
+    resolve,
+)
+from r2bspec.judge.measure.metrics import pool_monitor
+from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, RunSamples, SegmentSamples
+from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import METHODS
 from r2bspec.judge.methods.mean_bound import MEAN_BOUND
 from r2bspec.judge.methods.message_share import PERCENTILE_BOUND, SHARE_BOUND
@@ -68,16 +78,6 @@ from r2bspec.judge.verdict import (
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Objective
-from r2bspec.measure.metric_catalogue import (
-    MetricError,
-    MetricInfo,
-    available_live,
-    kind_of,
-    resolve,
-)
-from r2bspec.measure.metrics import pool_monitor
-from r2bspec.measure.samples import LOSS_SENSITIVE_FAMILIES, RunSamples, SegmentSamples
-from r2bspec.measure.units import show
 
 DECISION_METHODS: Final[tuple[DecisionMethod, ...]] = (
     TRUTH_COMPARISON,

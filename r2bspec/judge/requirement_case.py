@@ -6,14 +6,14 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from r2bspec.judge.measure.metric_catalogue import MetricInfo
+from r2bspec.judge.measure.samples import MonitorSamples, SegmentSamples, starts_of
+from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import Method
 from r2bspec.judge.statistics.effective_sample_size import SampleDesign
 from r2bspec.judge.verdict import Outcome, RequirementVerdict, ShareTest
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
-from r2bspec.measure.metric_catalogue import MetricInfo
-from r2bspec.measure.samples import MonitorSamples, SegmentSamples, starts_of
-from r2bspec.measure.units import show
 from r2bspec.record.run_record import RunRecord
 
 

@@ -6,9 +6,9 @@ from typing import Any, Literal
 
 import msgspec
 
+from r2bspec.judge.measure.metrics import RunMetrics
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.spec import Scalar
-from r2bspec.measure.metrics import RunMetrics
 from r2bspec.record.comparison_folder import PairRecord
 from r2bspec.record.graph_identity import GraphIdentity
 from r2bspec.record.run_record import (

@@ -11,7 +11,7 @@ hundred is no reason to discard a run. By order, an early output means that it a
 input than the one it is matched to, and a surplus means that it is unknown which one it answers.
 By stamp, it means that the times or the stamps are wrong.
 
-Throughput cannot be more than offered times answered: see `r2bspec.measure.times`.
+Throughput cannot be more than offered times answered: see `r2bspec.judge.measure.times`.
 
 The schedule of the harness
 ---------------------------
@@ -45,11 +45,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from r2bspec.measure.metric_catalogue import Statistic
-from r2bspec.measure.metrics import pool_monitor, pool_playback
-from r2bspec.measure.samples import MonitorSamples, RunSamples, SegmentSamples
-from r2bspec.measure.times import percentile
-from r2bspec.measure.units import show
+from r2bspec.judge.measure.metric_catalogue import Statistic
+from r2bspec.judge.measure.metrics import pool_monitor, pool_playback
+from r2bspec.judge.measure.samples import MonitorSamples, RunSamples, SegmentSamples
+from r2bspec.judge.measure.times import percentile
+from r2bspec.judge.measure.units import show
 
 MAX_IMPOSSIBLE_SHARE = 0.01
 

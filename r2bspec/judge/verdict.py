@@ -23,7 +23,7 @@ from typing import Final, Literal
 
 import msgspec
 
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus
 from r2bspec.judge.methods import Method
 
 Outcome = Literal["pass", "fail", "inconclusive"]

@@ -9,8 +9,8 @@ Grammar (white space between tokens is free)::
     windows     = "in " share " of " duration " windows"
     name, part, monitor = letter { letter | digit | "_" }
 
-The metrics and their dimensions are defined in `r2bspec.measure.metric_catalogue`; this module
-only parses the text.
+The metrics and their dimensions are defined in `r2bspec.judge.measure.metric_catalogue`; this
+module only parses the text.
 """
 
 from __future__ import annotations

@@ -25,12 +25,12 @@ from r2bspec.diagnostics.code_pages import find_page, page_file
 from r2bspec.diagnostics.edits import applicable_together
 from r2bspec.diagnostics.waivers import NOT_WAIVABLE
 from r2bspec.errors import R2bspecError
+from r2bspec.judge.measure.units import show
 from r2bspec.language.load_spec import load_cases
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.positions import TextPositions
-from r2bspec.measure.units import show
+from r2bspec.plan.wiring.wiring import NodeWiring
 from r2bspec.safe_io.safe_file import unsaved_files
-from r2bspec.wiring.wiring import NodeWiring
 
 RUN: Final = "r2bspec.run"
 SMOKE: Final = "r2bspec.smoke"

@@ -14,6 +14,7 @@ from lsprotocol import types
 from r2bspec.check.check_context import Context, KnownMetric, max_wrong_share
 from r2bspec.diagnostics import Path, Span, format_path
 from r2bspec.errors import R2bspecError
+from r2bspec.judge.measure.metric_catalogue import definition
 from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.language.declaration import rule_at
 from r2bspec.language.located_tree import (
@@ -28,10 +29,9 @@ from r2bspec.language.value_trace import UnknownPathError, provenance
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.positions import Place, TextPositions, place_at, walk
 from r2bspec.language_server.symbols import Occurrence, occurrence_at
-from r2bspec.measure.metric_catalogue import definition
 from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.time_estimate import estimate_time
-from r2bspec.wiring.wiring import Endpoint
+from r2bspec.plan.wiring.wiring import Endpoint
 
 
 def hover(

@@ -35,8 +35,8 @@ from r2bspec.language_server.proposed_values import (
 )
 from r2bspec.language_server.symbols import names_of
 from r2bspec.plan.installed_packages import installed_message_types
-from r2bspec.wiring.name_resolution import expand
-from r2bspec.wiring.wiring import NodeWiring
+from r2bspec.plan.wiring.name_resolution import expand
+from r2bspec.plan.wiring.wiring import NodeWiring
 
 
 def message_types(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:

@@ -85,7 +85,7 @@ def _files(
 
 def python_classes(analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
     """The reference nodes, and the classes in Python files next to the spec, without imports."""
-    from r2bspec.wiring.node_interface import reference_node_interfaces
+    from r2bspec.plan.wiring.node_interface import reference_node_interfaces
 
     for name in reference_node_interfaces():
         yield Proposal(name, "reference node", kind=types.CompletionItemKind.Class, order=300)
@@ -100,7 +100,7 @@ def python_classes(analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
 
 def packages(_analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
     """The packages that are installed, and those of the catalogue."""
-    from r2bspec.wiring.node_interface import catalogue_packages
+    from r2bspec.plan.wiring.node_interface import catalogue_packages
 
     installed = ament_packages()
     for name in sorted(installed):
@@ -111,7 +111,7 @@ def packages(_analysis: Analysis, _: CursorContext) -> Iterator[Proposal]:
 
 def plugins(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
     """The composable nodes of the package that the node names."""
-    from r2bspec.wiring.node_interface import catalogue_nodes
+    from r2bspec.plan.wiring.node_interface import catalogue_nodes
 
     package = _package_beside(analysis, context)
     installed = package_plugins(package)
@@ -122,7 +122,7 @@ def plugins(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
 
 def executables(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:
     """The executables of the package that the node names."""
-    from r2bspec.wiring.node_interface import catalogue_nodes
+    from r2bspec.plan.wiring.node_interface import catalogue_nodes
 
     package = _package_beside(analysis, context)
     installed = package_executables(package)
@@ -191,7 +191,7 @@ def requirements(analysis: Analysis, context: CursorContext) -> Iterator[Proposa
 
 
 def _metrics(analysis: Analysis) -> Iterator[Proposal]:
-    from r2bspec.measure.metric_catalogue import (
+    from r2bspec.judge.measure.metric_catalogue import (
         METRICS,
         MetricError,
         example_requirement,
@@ -231,7 +231,7 @@ def _metrics(analysis: Analysis) -> Iterator[Proposal]:
 
 
 def _dimension(metric: str) -> str:
-    from r2bspec.measure.metric_catalogue import MetricError, find_metric
+    from r2bspec.judge.measure.metric_catalogue import MetricError, find_metric
 
     for name in (metric, metric.partition(".")[2]):
         try:

@@ -15,17 +15,16 @@ from pathlib import Path as FilePath
 from typing import Final, Literal
 
 from r2bspec.diagnostics import Path, Span
-from r2bspec.errors import R2bspecError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.language.document import Source, inner_span
 from r2bspec.language.located_tree import MapNode, ScalarNode, TreeNode, child, lookup
 from r2bspec.language.variables import Reference, references
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.positions import place_at, walk
 from r2bspec.plan.installed_packages import python_target
+from r2bspec.plan.wiring.name_resolution import expand
+from r2bspec.plan.wiring.wiring import Endpoint
 from r2bspec.safe_io.safe_file import RefusedFileError, read_text
-from r2bspec.wiring.name_resolution import expand
-from r2bspec.wiring.wiring import Endpoint
 
 SymbolKind = Literal["variable", "topic", "node", "container", "monitor"]
 

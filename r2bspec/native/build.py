@@ -23,8 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from r2bspec.errors import R2bspecError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.private_files import private_files
 
 NOT_BUILT = "R2B668"

@@ -15,8 +15,7 @@ from typing import Any, Final
 import msgspec
 
 from r2bspec.diagnostics.plain_text import escaped_json
-from r2bspec.errors import R2bspecError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.language.benchmark_defaults import MAX_STARTS
 from r2bspec.language.declaration import decode_text, encode_text
 from r2bspec.language.quantities import Quantity

@@ -26,7 +26,7 @@ from r2bspec.language.environment_access import quoted_secret_references
 from r2bspec.language.node_kinds import NodeKindName
 from r2bspec.language.spec import Container, Launch, ParameterValue
 from r2bspec.plan.plan import NodePlan, ProcessPlan
-from r2bspec.wiring.wiring import NodeWiring
+from r2bspec.plan.wiring.wiring import NodeWiring
 
 HARNESS_ARGV = ("$(python)", "-P", "-m", "r2bspec.harness.child")
 """The command line of the loader, and of a host of Python nodes."""

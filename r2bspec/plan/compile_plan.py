@@ -29,10 +29,10 @@ from r2bspec.plan.plan import (
 )
 from r2bspec.plan.process_plans import plan_external, plan_processes
 from r2bspec.plan.topic_plans import plan_inputs, plan_monitors, plan_topics
-from r2bspec.wiring.build_wiring import build_wiring, harness_topic
-from r2bspec.wiring.companion_files import NO_COMPANION_FILES, CompanionFiles
-from r2bspec.wiring.node_interface import InterfaceTable
-from r2bspec.wiring.wiring import Wiring
+from r2bspec.plan.wiring.build_wiring import build_wiring, harness_topic
+from r2bspec.plan.wiring.companion_files import NO_COMPANION_FILES, CompanionFiles
+from r2bspec.plan.wiring.node_interface import InterfaceTable
+from r2bspec.plan.wiring.wiring import Wiring
 
 if TYPE_CHECKING:
     from r2bspec.bags.recording import BagIndex

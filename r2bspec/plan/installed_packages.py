@@ -16,6 +16,9 @@ from typing import NamedTuple
 import msgspec
 
 from r2bspec.plan.this_machine import find_module
+from r2bspec.plan.wiring.companion_files import source_folder
+from r2bspec.plan.wiring.node_interface import catalogue_packages
+from r2bspec.plan.wiring.python_package import module_of
 from r2bspec.safe_io.looked_up_files import shared_lookup
 from r2bspec.safe_io.safe_file import (
     is_folder,
@@ -25,9 +28,6 @@ from r2bspec.safe_io.safe_file import (
     read_bytes,
     real_path,
 )
-from r2bspec.wiring.companion_files import source_folder
-from r2bspec.wiring.node_interface import catalogue_packages
-from r2bspec.wiring.python_package import module_of
 
 _MAX_SOURCE_BYTES = 1_000_000
 _VERSION = re.compile(r"<version[^>]*>([^<]{1,100})</version>")

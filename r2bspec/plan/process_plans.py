@@ -26,8 +26,8 @@ from r2bspec.plan.command_lines import (
     node_argv,
 )
 from r2bspec.plan.plan import ExternalPlan, JoinPlan, NodePlan, ProcessPlan
-from r2bspec.wiring.build_wiring import harness_topic
-from r2bspec.wiring.wiring import Endpoint, NodeWiring, Phase, PhaseWiring, Wiring
+from r2bspec.plan.wiring.build_wiring import harness_topic
+from r2bspec.plan.wiring.wiring import Endpoint, NodeWiring, Phase, PhaseWiring, Wiring
 
 HARNESS_PROCESS_NAMES = ("loader", "player", "monitor")
 """Names of the processes of the harness."""

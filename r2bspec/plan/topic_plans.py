@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 from r2bspec.language.spec import Monitor, Spec
 from r2bspec.plan.plan import InputPlan, MonitorPlan, TapPlan, TopicPlan, TruthPlan
-from r2bspec.wiring.build_wiring import harness_topic
-from r2bspec.wiring.wiring import Endpoint, PhaseWiring, Wiring
+from r2bspec.plan.wiring.build_wiring import harness_topic
+from r2bspec.plan.wiring.wiring import Endpoint, PhaseWiring, Wiring
 
 
 def plan_inputs(spec: Spec, wiring: Wiring) -> tuple[InputPlan, ...]:

@@ -17,8 +17,7 @@ from typing import Any, BinaryIO, Final, TypeVar
 
 import msgspec
 
-from r2bspec.errors import R2bspecError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.plan.canonical_json import PlanError, parse_plan
 from r2bspec.plan.plan import Plan
 from r2bspec.safe_io.safe_file import read_bytes

@@ -9,7 +9,7 @@ import msgspec
 
 from r2bspec.compare.comparison import ADVICE, Comparison, ComparisonLine, Outcome
 from r2bspec.diagnostics.plain_text import harmless, plain_values
-from r2bspec.measure.units import at_rate, show
+from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.report.finding_formats import command
 from r2bspec.report.format_registry import COMPARISON_FORMATS, load
 from r2bspec.report.markdown import code, escaped, folded, table

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from r2bspec.errors import R2bspecError, UsageError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, R2bspecError, UsageError
 
 REPORT_FORMAT_UNKNOWN: Final = "R2B660"
 REPORT_UNMAKEABLE: Final = "R2B661"

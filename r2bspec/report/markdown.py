@@ -10,16 +10,16 @@ import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
 
 from r2bspec.compare.report_input import ReportInput
-from r2bspec.judge.result import Result
-from r2bspec.judge.verdict import Verdict
-from r2bspec.measure.distribution import (
+from r2bspec.judge.measure.distribution import (
     MAIN_PERCENTILES,
     SHORT_PERCENTILES,
     part_title,
     part_value,
 )
-from r2bspec.measure.metrics import RunMetrics
-from r2bspec.measure.units import show, show_rate
+from r2bspec.judge.measure.metrics import RunMetrics
+from r2bspec.judge.measure.units import show, show_rate
+from r2bspec.judge.result import Result
+from r2bspec.judge.verdict import Verdict
 from r2bspec.report.headline import headline, reason_after
 from r2bspec.report.notes import notes
 from r2bspec.report.report_wording import (

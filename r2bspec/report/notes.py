@@ -13,10 +13,10 @@ from enum import IntEnum
 from typing import Final
 
 from r2bspec.judge.caveats import FIRST_START_ALONE, MAY_RESEMBLE, WITHOUT_BURST, particular_caveats
+from r2bspec.judge.measure.metrics import RunMetrics
+from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import DisturbedIteration, RequirementVerdict
-from r2bspec.measure.metrics import RunMetrics
-from r2bspec.measure.units import at_rate, show
 from r2bspec.middleware.middleware import middleware_named
 from r2bspec.record.run_record import Probe, ProfileRecord, StartRecord
 from r2bspec.report.headline import headline

@@ -28,11 +28,11 @@ from numpy.typing import NDArray
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics.plain_text import escaped_json
-from r2bspec.measure.distribution import MAIN_PERCENTILES
-from r2bspec.measure.metrics import MonitorMetrics, RateMetrics
-from r2bspec.measure.samples import known_latencies
-from r2bspec.measure.times import rank
-from r2bspec.measure.units import at_rate, rate_name
+from r2bspec.judge.measure.distribution import MAIN_PERCENTILES
+from r2bspec.judge.measure.metrics import MonitorMetrics, RateMetrics
+from r2bspec.judge.measure.samples import known_latencies
+from r2bspec.judge.measure.times import rank
+from r2bspec.judge.measure.units import at_rate, rate_name
 from r2bspec.report.errors import ReportError
 from r2bspec.report.report_wording import peak_text
 from r2bspec.report.result_table import Measured, Row, measured, result_rows

@@ -9,10 +9,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from r2bspec.compare.report_input import ReportInput
+from r2bspec.judge.measure.distribution import PERCENTILES, Distribution, part_value
+from r2bspec.judge.measure.metrics import RateMetrics, RunMetrics
+from r2bspec.judge.measure.units import rate_name
 from r2bspec.judge.verdict import EXIT_CODES
-from r2bspec.measure.distribution import PERCENTILES, Distribution, part_value
-from r2bspec.measure.metrics import RateMetrics, RunMetrics
-from r2bspec.measure.units import rate_name
 from r2bspec.record.run_record import HarnessOverheadRecord
 from r2bspec.report.report_wording import own_pace
 from r2bspec.report.result_table import METRICS, measured

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from r2bspec.diagnostics.plain_text import plain
 from r2bspec.diagnostics.quote import printable
 from r2bspec.execute.progress import NullProgress, Progress, SegmentProgress
-from r2bspec.measure.units import show
+from r2bspec.judge.measure.units import show
 from r2bspec.plan.time_estimate import TimeEstimate, time_text
 from r2bspec.report.output import console, write
 

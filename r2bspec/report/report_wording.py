@@ -5,12 +5,12 @@ from __future__ import annotations
 import statistics
 from collections.abc import Iterator, Sequence
 
+from r2bspec.judge.measure.metrics import RunMetrics
+from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import METHODS
 from r2bspec.judge.methods.peak_bracket import peak_doubts
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import OverallOutcome, RequirementVerdict, Verdict
-from r2bspec.measure.metrics import RunMetrics
-from r2bspec.measure.units import show
 from r2bspec.record.graph_identity import revision_text
 from r2bspec.record.run_record import HarnessOverheadRecord, Probe, SearchRecord, StartRecord
 

@@ -14,17 +14,17 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Final, NamedTuple
 
-from r2bspec.judge.result import Result
-from r2bspec.judge.verdict import RequirementVerdict, Verdict
-from r2bspec.measure.distribution import PARTS, part_title, part_value
-from r2bspec.measure.metrics import (
+from r2bspec.judge.measure.distribution import PARTS, part_title, part_value
+from r2bspec.judge.measure.metrics import (
     MonitorMetrics,
     RateMetrics,
     RunMetrics,
     SegmentMetrics,
     Spread,
 )
-from r2bspec.measure.units import at_rate, show, show_range, show_rate
+from r2bspec.judge.measure.units import at_rate, show, show_range, show_rate
+from r2bspec.judge.result import Result
+from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.record.run_record import HarnessOverheadRecord
 from r2bspec.report.report_wording import (
     bounds_text,

@@ -31,8 +31,7 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.errors import R2bspecError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.report.output import echo
 from r2bspec.safe_io import safe_file
 from r2bspec.safe_io.safe_json import decode_json

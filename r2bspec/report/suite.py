@@ -16,12 +16,11 @@ import msgspec
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics.plain_text import harmless
 from r2bspec.diagnostics.quote import printable, printable_lines
-from r2bspec.errors import R2bspecError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, R2bspecError
+from r2bspec.judge.measure.distribution import SHORT_PERCENTILES, part_title
+from r2bspec.judge.measure.units import show, show_rate
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict
-from r2bspec.measure.distribution import SHORT_PERCENTILES, part_title
-from r2bspec.measure.units import show, show_rate
 from r2bspec.report.format_registry import HOST_CHARTS, load
 from r2bspec.report.headline import headline
 from r2bspec.report.notes import notes_of_an_open_run

@@ -19,9 +19,9 @@ from rich.text import Text
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import to_json
+from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import Verdict
-from r2bspec.measure.units import at_rate, show
 from r2bspec.record.run_record import SearchRecord
 from r2bspec.report.findings_text import wants_colour
 from r2bspec.report.headline import headline, reason_after, verdict_headline

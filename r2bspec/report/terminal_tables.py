@@ -15,17 +15,17 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from r2bspec.judge.result import Result
-from r2bspec.judge.verdict import OverallOutcome
-from r2bspec.measure.distribution import (
+from r2bspec.judge.measure.distribution import (
     MAIN_PERCENTILES,
     SHORT_PERCENTILES,
     TAIL_PERCENTILE,
     part_title,
     part_value,
 )
-from r2bspec.measure.metrics import RateMetrics, RunMetrics, UseMetrics
-from r2bspec.measure.units import at_rate, show, show_rate, significant
+from r2bspec.judge.measure.metrics import RateMetrics, RunMetrics, UseMetrics
+from r2bspec.judge.measure.units import at_rate, show, show_rate, significant
+from r2bspec.judge.result import Result
+from r2bspec.judge.verdict import OverallOutcome
 from r2bspec.record.run_record import HarnessOverheadRecord, PhaseTime, RunRecord
 from r2bspec.report.output import console
 from r2bspec.report.report_wording import OUTCOME_WORDS, overhead_placement

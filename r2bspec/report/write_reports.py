@@ -20,7 +20,7 @@ from urllib.parse import quote
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.errors import R2bspecError
-from r2bspec.measure.units import rate_name
+from r2bspec.judge.measure.units import rate_name
 from r2bspec.record.files import RUN_UNWRITABLE, RecordError, write_atomically
 from r2bspec.report import finding_formats
 from r2bspec.report.errors import ReportError, ReportUsageError

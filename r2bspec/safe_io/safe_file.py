@@ -17,8 +17,7 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import BinaryIO, Final
 
-from r2bspec.errors import R2bspecError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.safe_io.looked_up_files import note_lookup, note_read
 
 

@@ -15,7 +15,7 @@ from test_hostile_files import COMMAND
 from data_bags import text, write_bag, write_mcap, write_ros1
 from r2bspec.bags.metadata import MAX_ENTRIES
 from r2bspec.language.extends import MAX_EXTENDED_BYTES
-from r2bspec.wiring.companion_files import MAX_SOURCE_BYTES, MAX_YAML_BYTES
+from r2bspec.plan.wiring.companion_files import MAX_SOURCE_BYTES, MAX_YAML_BYTES
 
 pytestmark = pytest.mark.timeout(4 * LONGEST_S)
 

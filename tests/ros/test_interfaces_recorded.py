@@ -13,7 +13,7 @@ from click.testing import CliRunner, Result
 from r2bspec.check import check
 from r2bspec.cli.authoring import interfaces_command as command
 from r2bspec.language.load_spec import load_spec
-from r2bspec.wiring.companion_files import read_companion_files
+from r2bspec.plan.wiring.companion_files import read_companion_files
 
 IMAGE = "sensor_msgs/msg/Image"
 NODES = '''

@@ -12,7 +12,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from r2bspec.measure.matching import match
+from r2bspec.judge.measure.matching import match
 from ros_runs import IMAGE, Bench, Finished, quick_input, relay_node, relay_spec
 
 STRING = "std_msgs/msg/String"

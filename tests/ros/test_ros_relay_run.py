@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from machine_load import skip_for_load
-from r2bspec.measure.host_usage import CONTROLLER_INDEX, MACHINE_INDEX
+from r2bspec.judge.measure.host_usage import CONTROLLER_INDEX, MACHINE_INDEX
 from r2bspec.record.run_record import SearchRecord, Segment
 from ros_runs import HEIGHT, MEASURED, WIDTH, Bench, Finished, relay_node, relay_spec
 

@@ -15,8 +15,8 @@ pytest.importorskip("rclpy")
 
 from r2bspec import api
 from r2bspec.execute import controller
-from r2bspec.measure.run_samples import read_samples
-from r2bspec.measure.samples import RunSamples
+from r2bspec.judge.measure.run_samples import read_samples
+from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.record.run_folder import open_run
 from ros_runs import IMAGE, Bench, relay_node, relay_spec
 

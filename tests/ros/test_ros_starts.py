@@ -9,7 +9,7 @@ import pytest
 
 from machine_load import skip_for_load
 from nightly import only_nightly
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus
 
 pytest.importorskip("rclpy")
 

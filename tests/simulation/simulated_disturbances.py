@@ -21,9 +21,9 @@ from simulated_runs import RATE_HZ, run_of
 from simulated_worlds import bursts
 
 from r2bspec.judge.decision_policy import DecisionPolicy
+from r2bspec.judge.measure.host_usage import HostInterference
+from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pipeline import judge
-from r2bspec.measure.host_usage import HostInterference
-from r2bspec.measure.samples import RunSamples
 from run_simulation import objective
 
 Kind = Literal["stalls", "contention"]

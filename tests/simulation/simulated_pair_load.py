@@ -22,6 +22,8 @@ from simulated_runs import RATE_HZ, run_of
 
 from r2bspec.judge.confirmation import confirm_run
 from r2bspec.judge.decision_policy import DecisionPolicy
+from r2bspec.judge.measure.host_usage import HostInterference
+from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pair_comparison import (
     InterleavedRuns,
     PairSet,
@@ -30,8 +32,6 @@ from r2bspec.judge.pair_comparison import (
 )
 from r2bspec.judge.verdict import InterferencePolicy, Verdict
 from r2bspec.language.spec import Objective
-from r2bspec.measure.host_usage import HostInterference
-from r2bspec.measure.samples import RunSamples
 from r2bspec.record.comparison_folder import Side
 from run_simulation import objective
 

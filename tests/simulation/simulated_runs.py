@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.judge.decision_policy import DecisionPolicy
-from r2bspec.judge.pipeline import judge
-from r2bspec.judge.verdict import Verdict
-from r2bspec.measure.host_usage import HostInterference
-from r2bspec.measure.matching import match_monitor
-from r2bspec.measure.samples import (
+from r2bspec.judge.measure.host_usage import HostInterference
+from r2bspec.judge.measure.matching import match_monitor
+from r2bspec.judge.measure.samples import (
     RunSamples,
     SegmentSamples,
     monitor_samples,
     playback_samples,
 )
+from r2bspec.judge.pipeline import judge
+from r2bspec.judge.verdict import Verdict
 from r2bspec.record.run_record import Segment
 from run_simulation import (
     EMPTY_RECORD,

@@ -19,12 +19,12 @@ from scipy import signal, special
 from simulated_gates import CONFIDENCE, Errors
 
 from r2bspec.judge.decision_policy import InterimLooks
+from r2bspec.judge.measure.times import rank
 from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
 from r2bspec.judge.statistics.effective_sample_size import SampleDesign, effective_sample
 from r2bspec.judge.statistics.percentile_interval import RankedMessages, percentile_interval
 from r2bspec.judge.statistics.t_interval import hierarchical_interval
 from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
-from r2bspec.measure.times import rank
 
 Values = NDArray[np.float64]
 Parts = tuple[tuple[float, float, float], ...]

@@ -15,9 +15,9 @@ import numpy as np
 from simulated_runs import run_of
 
 from r2bspec.judge.decision_policy import DecisionPolicy
+from r2bspec.judge.measure.host_usage import HostInterference
+from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pipeline import judge
-from r2bspec.measure.host_usage import HostInterference
-from r2bspec.measure.samples import RunSamples
 from run_simulation import objective
 from simulated_waits import Stalls, disturbed
 

@@ -12,9 +12,9 @@ from simulated_runs import RATE_HZ, run_of
 
 from nightly import size
 from r2bspec.judge.decision_policy import certain_failures, decision_policy
+from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pipeline import judge
 from r2bspec.language.benchmark_defaults import CONFIDENCE
-from r2bspec.measure.samples import RunSamples
 from r2bspec.plan.plan import Plan, PlayPlan
 from run_simulation import Simulation, objective
 

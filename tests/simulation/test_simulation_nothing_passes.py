@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from simulated_runs import judged, run_of
 
+from r2bspec.judge.measure.metric_catalogue import names
 from r2bspec.judge.pipeline import judge
-from r2bspec.measure.metric_catalogue import names
 from run_simulation import objective
 
 pytestmark = pytest.mark.simulation
@@ -25,7 +25,7 @@ OF_MONITOR = [
 
 
 def bounds(metric: str) -> list[str]:
-    from r2bspec.measure.metric_catalogue import METRICS as KNOWN
+    from r2bspec.judge.measure.metric_catalogue import METRICS as KNOWN
 
     bound = BOUNDS[KNOWN[metric].dimension]
     return [f"{metric} {op} {bound}" for op in ("<", "<=", ">", ">=", "==", "!=")]

@@ -10,10 +10,10 @@ import re
 from pathlib import Path
 
 from key_tables import with_tables
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus
+from r2bspec.judge.measure import metric_catalogue
 from r2bspec.language import json_schema
 from r2bspec.language.templates import SUFFIX, filled, templates
-from r2bspec.measure import metric_catalogue
 from r2bspec.plan import canonical_json
 from r2bspec.report import result_json
 

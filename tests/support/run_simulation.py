@@ -12,11 +12,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from r2bspec.judge.measure.host_usage import HostInterference
+from r2bspec.judge.measure.samples import RunSamples, SegmentSamples
 from r2bspec.language.quantities import Duration, Rate
 from r2bspec.language.requirement_grammar import parse_requirement
 from r2bspec.language.spec import Objective
-from r2bspec.measure.host_usage import HostInterference
-from r2bspec.measure.samples import RunSamples, SegmentSamples
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import DatasetPlan, MonitorPlan, Plan
 from r2bspec.record.run_folder import Run, RunFolder, open_run

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.execute.measurement.peak_search import LongPlays, PeakSearch, ProbeOutcome
+from r2bspec.judge.measure.matching import match
+from r2bspec.judge.measure.times import DeliveryEstimate
 from r2bspec.judge.rate_decision import (
     Criterion,
     InterimLook,
@@ -21,8 +23,6 @@ from r2bspec.judge.rate_decision import (
 )
 from r2bspec.judge.stationarity import CompletionTimes
 from r2bspec.language.benchmark_defaults import MAX_LONGER, MIN_PROBE_STEPS, OVERLOAD_PROBES
-from r2bspec.measure.matching import match
-from r2bspec.measure.times import DeliveryEstimate
 from r2bspec.record.run_record import Probe, SearchRecord
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE, Rows
 

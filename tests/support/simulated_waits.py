@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.measure.host_usage import HostInterference
-from r2bspec.measure.matching import match_monitor
-from r2bspec.measure.samples import MonitorSamples, monitor_samples
+from r2bspec.judge.measure.host_usage import HostInterference
+from r2bspec.judge.measure.matching import match_monitor
+from r2bspec.judge.measure.samples import MonitorSamples, monitor_samples
 from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE
 from run_simulation import EPOCH_NS, MONITOR_PLAN, STAMP_NS

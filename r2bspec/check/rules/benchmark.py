@@ -12,11 +12,11 @@ from r2bspec.check.check_context import Context, KnownMetric, max_wrong_share
 from r2bspec.check.rule import Finding, Findings, Pointer, rule, value_key
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import pluralize, quote
+from r2bspec.judge.measure.metric_catalogue import METRICS
 from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.language.benchmark_defaults import MIN_ITERATIONS, default_starts
 from r2bspec.language.quantities import Duration, Rate
 from r2bspec.language.spec import Objective
-from r2bspec.measure.metric_catalogue import METRICS
 
 
 @rule("R2B408")

@@ -15,8 +15,8 @@ from r2bspec.bags.message_types import begins_with_header
 from r2bspec.check.check_context import Context, KnownMetric
 from r2bspec.check.rule import Finding, Findings, Pointer, rule
 from r2bspec.diagnostics.quote import quote, quoted_list
-from r2bspec.measure.metric_catalogue import TRUTHS, MetricError, available_live, kind_of
-from r2bspec.measure.units import show
+from r2bspec.judge.measure.metric_catalogue import TRUTHS, MetricError, available_live, kind_of
+from r2bspec.judge.measure.units import show
 from r2bspec.record.calibration_file import Calibration, MetricNoise
 
 

@@ -7,8 +7,8 @@ from r2bspec.check.check_context import Context
 from r2bspec.check.rule import MEASURE_FLOW, Finding, Findings, Pointer, rule, topic_key, value_key
 from r2bspec.datasets.catalogue import TruthNames, truth_names
 from r2bspec.diagnostics.quote import did_you_mean, quote, quoted_list, suggestion
+from r2bspec.judge.measure.metric_catalogue import TRUTHS
 from r2bspec.language.spec import Monitor, Truth
-from r2bspec.measure.metric_catalogue import TRUTHS
 
 
 @rule("R2B405")

@@ -35,9 +35,9 @@ from r2bspec.diagnostics.quote import (
 )
 from r2bspec.language.located_tree import ListNode
 from r2bspec.language.spec import ParameterValue
-from r2bspec.wiring.node_interface import ParameterInfo, ParameterType
-from r2bspec.wiring.parameter_files import ParameterFile
-from r2bspec.wiring.wiring import NodeWiring
+from r2bspec.plan.wiring.node_interface import ParameterInfo, ParameterType
+from r2bspec.plan.wiring.parameter_files import ParameterFile
+from r2bspec.plan.wiring.wiring import NodeWiring
 
 # Every node accepts these, and qos_overrides of its topics.
 _COMMON_PARAMETERS = ("use_sim_time", "start_type_description_service")

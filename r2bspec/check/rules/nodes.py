@@ -15,7 +15,7 @@ from r2bspec.language.node_kinds import PROCESS_KEYS
 from r2bspec.language.spec import Container
 from r2bspec.plan.plan import ProcessPlan
 from r2bspec.plan.process_plans import Place, find_places, graph_processes, reserved_names
-from r2bspec.wiring.wiring import NodeWiring, PhaseWiring
+from r2bspec.plan.wiring.wiring import NodeWiring, PhaseWiring
 
 
 @rule("R2B203")

@@ -22,8 +22,8 @@ from r2bspec.check.rule import (
 from r2bspec.diagnostics.quote import did_you_mean, quote, quoted_list, suggestion
 from r2bspec.plan.nearest_stamps import pair_nearest
 from r2bspec.plan.topic_plans import direct_bag_topic
+from r2bspec.plan.wiring.wiring import Endpoint, PhaseWiring
 from r2bspec.record.run_record import UNPAIRED_HELP, UnplayedMessages
-from r2bspec.wiring.wiring import Endpoint, PhaseWiring
 
 
 @rule("R2B401")

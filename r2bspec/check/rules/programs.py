@@ -32,15 +32,15 @@ from r2bspec.plan.installed_packages import (
     top_level_names,
 )
 from r2bspec.plan.this_machine import find_module
-from r2bspec.safe_io.safe_file import is_regular, names_if_any
-from r2bspec.wiring.companion_files import source_folder
-from r2bspec.wiring.node_interface import (
+from r2bspec.plan.wiring.companion_files import source_folder
+from r2bspec.plan.wiring.node_interface import (
     ROS_DISTRIBUTION,
     catalogue_nodes,
     catalogue_packages,
     reference_node_interfaces,
 )
-from r2bspec.wiring.wiring import NodeWiring
+from r2bspec.plan.wiring.wiring import NodeWiring
+from r2bspec.safe_io.safe_file import is_regular, names_if_any
 
 
 @rule("R2B613")

@@ -23,9 +23,9 @@ from r2bspec.check.rule import (
 )
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import MAX_SUGGESTIONS, did_you_mean, quote, quoted_list, suggestion
-from r2bspec.wiring.name_resolution import SHARED_TOPICS
-from r2bspec.wiring.node_interface import InterfaceSource
-from r2bspec.wiring.wiring import Endpoint, NodeWiring, PhaseWiring
+from r2bspec.plan.wiring.name_resolution import SHARED_TOPICS
+from r2bspec.plan.wiring.node_interface import InterfaceSource
+from r2bspec.plan.wiring.wiring import Endpoint, NodeWiring, PhaseWiring
 
 
 @rule("R2B201")

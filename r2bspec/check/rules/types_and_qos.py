@@ -24,7 +24,7 @@ from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import did_you_mean, quote
 from r2bspec.plan.installed_packages import ros_package_advice, top_level_names
 from r2bspec.plan.this_machine import find_module
-from r2bspec.wiring.wiring import Endpoint, PhaseWiring
+from r2bspec.plan.wiring.wiring import Endpoint, PhaseWiring
 
 
 @rule("R2B202")

@@ -20,7 +20,7 @@ from typing import Literal
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.execute.bringup.observe_graph import HARNESS, GraphFacts, TopicFacts
 from r2bspec.ipc.protocol import Endpoint
-from r2bspec.wiring.name_resolution import SHARED_TOPICS
+from r2bspec.plan.wiring.name_resolution import SHARED_TOPICS
 
 FaultKind = Literal["no publisher", "types", "qos", "no output", "no subscription"]
 

@@ -39,8 +39,8 @@ from r2bspec.ipc import protocol
 from r2bspec.ipc.protocol import weakest_offer
 from r2bspec.plan.command_lines import has_planned_name
 from r2bspec.plan.plan import MonitorPlan, Plan
+from r2bspec.plan.wiring.name_resolution import expand
 from r2bspec.record.run_record import Difference
-from r2bspec.wiring.name_resolution import expand
 
 _NO_FAULT = "publishers and subscriptions are matched, and no fault was found"
 

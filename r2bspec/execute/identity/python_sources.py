@@ -31,8 +31,8 @@ from itertools import chain
 from pathlib import Path
 from typing import Final
 
+from r2bspec.plan.wiring.python_package import module_of
 from r2bspec.safe_io.safe_file import is_folder, is_regular, names_in, read_bytes
-from r2bspec.wiring.python_package import module_of
 
 _MAX_METADATA_BYTES: Final = 16_000_000
 _MAX_DISTRIBUTIONS: Final = 1_000

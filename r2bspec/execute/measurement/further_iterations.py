@@ -38,8 +38,8 @@ from r2bspec.ipc.buffers import read_index, read_stamps
 from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import read_messages
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
-from r2bspec.measure.matching import NO_MATCH, match, ratio_of, select_expected_steps
-from r2bspec.measure.truth_accuracy import DisparityAccuracy, TagAccuracy, TagPose
+from r2bspec.judge.measure.matching import NO_MATCH, match, ratio_of, select_expected_steps
+from r2bspec.judge.measure.truth_accuracy import DisparityAccuracy, TagAccuracy, TagPose
 from r2bspec.plan.plan import MonitorPlan, Plan, TruthPlan
 from r2bspec.record.run_record import (
     MONITOR_FIELDS,

@@ -34,8 +34,8 @@ from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import RowReader
 from r2bspec.ipc.schedule import Schedule
-from r2bspec.measure.matching import StepStamps, match, select_expected_steps
-from r2bspec.measure.times import percentile
+from r2bspec.judge.measure.matching import StepStamps, match, select_expected_steps
+from r2bspec.judge.measure.times import percentile
 from r2bspec.plan.plan import InputPlan, MonitorPlan, Plan
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS, HarnessOverheadRecord
 from r2bspec.record.sample_arrays import Rows

@@ -30,6 +30,8 @@ from r2bspec.execute.measurement.segment_observation import SegmentObservation
 from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
 from r2bspec.execute.processes.resources import Interference
 from r2bspec.execute.run_context import RunContext, TimeBudget
+from r2bspec.judge.measure.metric_catalogue import resolve
+from r2bspec.judge.measure.metric_values import metric_value
 from r2bspec.judge.rate_decision import (
     Criterion,
     InterimLook,
@@ -49,8 +51,6 @@ from r2bspec.language.benchmark_defaults import (
     PROBE,
 )
 from r2bspec.language.requirement_grammar import Requirement
-from r2bspec.measure.metric_catalogue import resolve
-from r2bspec.measure.metric_values import metric_value
 from r2bspec.plan.plan import Plan, SearchPlan
 from r2bspec.record.run_record import Probe, Segment
 

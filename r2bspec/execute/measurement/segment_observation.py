@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 
 from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import RowReader
-from r2bspec.measure.matching import NO_MATCH, MatchedMonitor, Matching, match_monitor
-from r2bspec.measure.samples import SegmentSamples, monitor_samples, playback_samples
-from r2bspec.measure.times import percentile
+from r2bspec.judge.measure.matching import NO_MATCH, MatchedMonitor, Matching, match_monitor
+from r2bspec.judge.measure.samples import SegmentSamples, monitor_samples, playback_samples
+from r2bspec.judge.measure.times import percentile
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import Rows

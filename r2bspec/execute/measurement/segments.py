@@ -36,9 +36,9 @@ from r2bspec.ipc.arrivals import ArrivalReader, read_clocks
 from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import StallLogReader
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
-from r2bspec.measure.matching import StepStamps
-from r2bspec.measure.run_samples import NO_STAMPS, SegmentRows, segment_samples
-from r2bspec.measure.samples import SegmentSamples
+from r2bspec.judge.measure.matching import StepStamps
+from r2bspec.judge.measure.run_samples import NO_STAMPS, SegmentRows, segment_samples
+from r2bspec.judge.measure.samples import SegmentSamples
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.plan.taps import tap_monitors
 from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS, Segment, SegmentKind

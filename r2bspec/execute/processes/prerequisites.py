@@ -29,7 +29,7 @@ from r2bspec.execute.errors import (
     RunError,
     SharedMemoryError,
 )
-from r2bspec.measure.units import show
+from r2bspec.judge.measure.units import show
 from r2bspec.middleware.middleware import (
     RMW_VARIABLE,
     SHARED_MEMORY,

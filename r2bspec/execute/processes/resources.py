@@ -41,7 +41,7 @@ import psutil
 
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.judge.affected_iterations import interference_reasons, largest_taken_share
-from r2bspec.measure.host_usage import (
+from r2bspec.judge.measure.host_usage import (
     CONTROLLER_INDEX,
     MACHINE_INDEX,
     ORPHANS_INDEX,

@@ -23,7 +23,7 @@ from r2bspec.interop.script_import.node_roles import (
     played_inputs,
 )
 from r2bspec.interop.script_import.values import Construct, PlacedDict
-from r2bspec.wiring.node_interface import catalogue_nodes
+from r2bspec.plan.wiring.node_interface import catalogue_nodes
 
 _WORDS: Final = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 _ABSOLUTE_NAMES: Final = frozenset({"/tf", "/tf_static", "/clock", "/rosout", "/parameter_events"})

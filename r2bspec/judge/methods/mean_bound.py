@@ -15,6 +15,11 @@ import math
 from dataclasses import replace
 
 from r2bspec.judge.caveats import correlation_notes, stall_notes
+from r2bspec.judge.measure.metric_catalogue import MetricInfo
+from r2bspec.judge.measure.metric_values import metric_value
+from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, SegmentSamples, starts_of
+from r2bspec.judge.measure.times import Seconds
+from r2bspec.judge.measure.units import show
 from r2bspec.judge.requirement_case import (
     Decision,
     DecisionMethod,
@@ -27,11 +32,6 @@ from r2bspec.judge.statistics.t_interval import (
     iterations_to_settle,
 )
 from r2bspec.judge.verdict import Outcome
-from r2bspec.measure.metric_catalogue import MetricInfo
-from r2bspec.measure.metric_values import metric_value
-from r2bspec.measure.samples import LOSS_SENSITIVE_FAMILIES, SegmentSamples, starts_of
-from r2bspec.measure.times import Seconds
-from r2bspec.measure.units import show
 
 _MAX_ITERATIONS = 200
 """More than this many are not proposed."""

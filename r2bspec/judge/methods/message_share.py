@@ -28,6 +28,8 @@ import msgspec
 import numpy as np
 
 from r2bspec.judge.caveats import correlation_notes, share_notes
+from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, MonitorSamples, starts_of
+from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.methods import Method
 from r2bspec.judge.methods.share_wording import (
     level_sentence,
@@ -51,8 +53,6 @@ from r2bspec.judge.statistics.percentile_interval import (
     percentile_interval,
 )
 from r2bspec.judge.verdict import Outcome, ShareTest
-from r2bspec.measure.samples import LOSS_SENSITIVE_FAMILIES, MonitorSamples, starts_of
-from r2bspec.measure.times import Seconds
 
 
 def judge_share(case: RequirementCase) -> Decision:

@@ -35,6 +35,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.judge.affected_iterations import REMEDY
+from r2bspec.judge.measure.samples import MonitorSamples, RunSamples
+from r2bspec.judge.measure.units import show
 from r2bspec.judge.requirement_case import (
     Decision,
     DecisionMethod,
@@ -46,8 +48,6 @@ from r2bspec.judge.statistics.autocorrelation import trend
 from r2bspec.judge.statistics.binomial import lower_bound
 from r2bspec.judge.statistics.t_interval import mean_interval
 from r2bspec.language.benchmark_defaults import CONFIDENCE
-from r2bspec.measure.samples import MonitorSamples, RunSamples
-from r2bspec.measure.units import show
 from r2bspec.record.run_record import SearchRecord
 
 

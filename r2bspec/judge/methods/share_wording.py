@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from r2bspec.judge.measure.units import show
 from r2bspec.judge.requirement_case import RequirementCase
 from r2bspec.judge.statistics.binomial import (
     lower_bound,
@@ -14,7 +15,6 @@ from r2bspec.judge.statistics.percentile_interval import LevelMargin, Percentile
 from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.judge.statistics.t_interval import iterations_to_settle
 from r2bspec.judge.verdict import Outcome, ShareTest
-from r2bspec.measure.units import show
 
 _COUNTED_NOUNS = {
     "latency": "outputs",

@@ -1,10 +1,10 @@
 """``latency.p99 < 50 ms in 99 % of 1 s windows``: the exact binomial test over windows.
 
-Each complete window of each iteration (`r2bspec.measure.metric_values`) has a value of the metric,
-and either meets the bound or does not. At most a share 1 - SHARE of all windows may not. That is a
-bound on a percentile of the windows' values, and is judged as one: with the effective number of
-windows, for bad windows come in bursts as bad messages do. For a lower limit the values are
-negated.
+Each complete window of each iteration (`r2bspec.judge.measure.metric_values`) has a value of the
+metric, and either meets the bound or does not. At most a share 1 - SHARE of all windows may not.
+That is a bound on a percentile of the windows' values, and is judged as one: with the effective
+number of windows, for bad windows come in bursts as bad messages do. For a lower limit the values
+are negated.
 """
 
 from __future__ import annotations
@@ -15,6 +15,10 @@ from dataclasses import replace
 import numpy as np
 
 from r2bspec.judge.caveats import share_notes
+from r2bspec.judge.measure.metric_values import WindowValues, has_windows, window_values
+from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES
+from r2bspec.judge.measure.times import Seconds
+from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods.mean_bound import MAX_LOST_SHARE
 from r2bspec.judge.methods.message_share import (
     decision_by_share,
@@ -39,10 +43,6 @@ from r2bspec.judge.statistics.percentile_interval import (
     allowed_share,
     percentile_interval,
 )
-from r2bspec.measure.metric_values import WindowValues, has_windows, window_values
-from r2bspec.measure.samples import LOSS_SENSITIVE_FAMILIES
-from r2bspec.measure.times import Seconds
-from r2bspec.measure.units import show
 
 
 def judge_windows(case: RequirementCase) -> Decision:

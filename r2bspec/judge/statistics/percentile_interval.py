@@ -58,6 +58,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from r2bspec.judge.measure.times import rank
 from r2bspec.judge.statistics.autocorrelation import serial_degrees_of_freedom, serial_inflation
 from r2bspec.judge.statistics.binomial import last_true, lower_bound, upper_bound
 from r2bspec.judge.statistics.effective_sample_size import (
@@ -69,7 +70,6 @@ from r2bspec.judge.statistics.effective_sample_size import (
     pad_rows,
 )
 from r2bspec.judge.statistics.t_interval import t_quantile
-from r2bspec.measure.times import rank
 
 _MAD_TO_DEVIATION = 1.4826
 _MIN_LEVELS = 2

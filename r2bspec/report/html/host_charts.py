@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from r2bspec.diagnostics.quote import printable
+from r2bspec.judge.measure.distribution import PERCENTILES, part_value
+from r2bspec.judge.measure.metrics import MonitorMetrics, RateMetrics
+from r2bspec.judge.measure.units import show_rate
 from r2bspec.judge.result import Result
-from r2bspec.measure.distribution import PERCENTILES, part_value
-from r2bspec.measure.metrics import MonitorMetrics, RateMetrics
-from r2bspec.measure.units import show_rate
 from r2bspec.report.html.chart import (
     PALETTE,
     Chart,

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.diagnostics.quote import printable
+from r2bspec.judge.measure.distribution import quantile
+from r2bspec.judge.measure.matching import match_segment
+from r2bspec.judge.measure.metrics import pace_of
+from r2bspec.judge.measure.samples import RunSamples, SegmentSamples, known_latencies
+from r2bspec.judge.measure.units import at_rate, show, show_rate
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
-from r2bspec.measure.distribution import quantile
-from r2bspec.measure.matching import match_segment
-from r2bspec.measure.metrics import pace_of
-from r2bspec.measure.samples import RunSamples, SegmentSamples, known_latencies
-from r2bspec.measure.units import at_rate, show, show_rate
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import Segment
 from r2bspec.report.html.chart import (

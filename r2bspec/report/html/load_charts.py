@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.diagnostics.quote import printable
-from r2bspec.measure.host_usage import MACHINE_INDEX, spaced_indices
+from r2bspec.judge.measure.host_usage import MACHINE_INDEX, spaced_indices
 from r2bspec.record.run_folder import Run
 from r2bspec.record.sample_arrays import Rows
 from r2bspec.report.html.chart import PALETTE, Chart, ChartBuilder, colour, draw, line_style

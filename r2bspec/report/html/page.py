@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from r2bspec.compare.report_input import ReportInput
-from r2bspec.measure.distribution import (
+from r2bspec.judge.measure.distribution import (
     MAIN_PERCENTILES,
     PARTS,
     SHORT_PERCENTILES,
@@ -18,8 +18,8 @@ from r2bspec.measure.distribution import (
     part_title,
     part_value,
 )
-from r2bspec.measure.metrics import RunMetrics
-from r2bspec.measure.units import at_rate, show, show_rate
+from r2bspec.judge.measure.metrics import RunMetrics
+from r2bspec.judge.measure.units import at_rate, show, show_rate
 from r2bspec.record.run_folder import Run, read_stacks
 from r2bspec.report.headline import headline, reason_after
 from r2bspec.report.html.chart import Chart

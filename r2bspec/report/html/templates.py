@@ -8,8 +8,8 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from r2bspec.diagnostics.quote import clip
-from r2bspec.measure.distribution import part_title
-from r2bspec.measure.units import at_rate, show, show_rate
+from r2bspec.judge.measure.distribution import part_title
+from r2bspec.judge.measure.units import at_rate, show, show_rate
 from r2bspec.report import report_wording
 from r2bspec.report.html.chart import PALETTE
 from r2bspec.report.result_table import pointer

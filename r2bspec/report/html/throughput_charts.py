@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from r2bspec.diagnostics.quote import printable
+from r2bspec.judge.measure.metrics import RunMetrics
+from r2bspec.judge.measure.units import show
 from r2bspec.judge.verdict import Verdict
-from r2bspec.measure.metrics import RunMetrics
-from r2bspec.measure.units import show
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import Segment
 from r2bspec.report.html.chart import (

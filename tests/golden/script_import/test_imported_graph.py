@@ -13,7 +13,7 @@ import pytest
 
 import executed_script
 from r2bspec.api import compile_plan
-from r2bspec.wiring.name_resolution import expand
+from r2bspec.plan.wiring.name_resolution import expand
 
 HERE = Path(__file__).parent / "scripts"
 SCRIPTS = (

@@ -8,18 +8,18 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.judge.pipeline import judge
-from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
-from r2bspec.judge.statistics.t_interval import mean_interval
-from r2bspec.judge.verdict import RequirementVerdict
-from r2bspec.measure.matching import NO_MATCH
-from r2bspec.measure.samples import (
+from r2bspec.judge.measure.matching import NO_MATCH
+from r2bspec.judge.measure.samples import (
     MonitorSamples,
     PlaybackSamples,
     RunSamples,
     SegmentSamples,
     StepTimes,
 )
+from r2bspec.judge.pipeline import judge
+from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
+from r2bspec.judge.statistics.t_interval import mean_interval
+from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.record.run_record import Segment
 from run_simulation import EMPTY_RECORD, EPOCH_NS, objective
 

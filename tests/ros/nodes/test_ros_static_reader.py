@@ -29,9 +29,9 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from r2bspec.wiring.ast_reader import read_node_class, read_python_file
-from r2bspec.wiring.name_resolution import expand
-from r2bspec.wiring.node_interface import InterfaceEntry
+from r2bspec.plan.wiring.ast_reader import read_node_class, read_python_file
+from r2bspec.plan.wiring.name_resolution import expand
+from r2bspec.plan.wiring.node_interface import InterfaceEntry
 
 HEAD = """
 import contextlib

@@ -144,7 +144,6 @@ def test_importing_the_package_imports_no_stage() -> None:
         "r2bspec",
         "r2bspec._version",
         "r2bspec.errors",
-        "r2bspec.exit_status",
     }
 
 

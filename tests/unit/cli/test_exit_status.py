@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from r2bspec.cli import main as cli
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus
 from r2bspec.judge.verdict import EXIT_CODES, OverallOutcome, Verdict
 
 ROOT = Path(__file__).parents[3]

@@ -13,7 +13,7 @@ import pytest
 import r2bspec.cli.check_files as check_files_module
 from example_spec import example
 from r2bspec.cli.main import main
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus
 from r2bspec.judge.judge_run import from_json, result_of, to_json
 from r2bspec.plan.canonical_json import PlanError, canonical_json, parse_plan
 from r2bspec.record.files import RecordError

@@ -21,8 +21,7 @@ from r2bspec.cli import main as cli
 from r2bspec.cli.check_files import CheckOptions
 from r2bspec.cli.internal_error import MAX_FAILURES, Crash, InternalError, WorkerEndedError
 from r2bspec.cli.worker_processes import map_in_processes
-from r2bspec.errors import UsageError
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus, UsageError
 
 LONGEST_S = 60
 """Ends only what would not end."""

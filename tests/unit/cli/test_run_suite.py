@@ -19,10 +19,9 @@ from r2bspec import api
 from r2bspec.cli.main import main
 from r2bspec.cli.run import command as run_verb
 from r2bspec.cli.spec_selection import SpecSelection, run_items
-from r2bspec.errors import R2bspecError, UsageError
+from r2bspec.errors import ExitStatus, R2bspecError, UsageError
 from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.identity.identify_graph import graph_identity
-from r2bspec.exit_status import ExitStatus
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.judge_run import to_json as result_json
 from r2bspec.judge.result import Result

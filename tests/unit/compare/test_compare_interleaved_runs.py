@@ -13,9 +13,9 @@ from pair_simulation import latencies
 from r2bspec.compare import interleaved_runs
 from r2bspec.compare.interleaved_comparison import compare
 from r2bspec.compare.interleaved_runs import BaseFailsError, ComparisonSide, ComparisonSpec
+from r2bspec.errors import ExitStatus
 from r2bspec.execute.errors import NotReadyError, ProcessDiedError, RunError, UnwritableRunError
 from r2bspec.execute.progress import NullProgress
-from r2bspec.exit_status import ExitStatus
 from r2bspec.plan.plan import Plan
 from r2bspec.record.comparison_folder import PairedComparison, open_comparison
 from r2bspec.record.run_folder import RunFolder

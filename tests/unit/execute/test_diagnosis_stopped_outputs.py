@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from r2bspec.execute.measurement.segment_observation import output_stopped
-from r2bspec.measure.matching import Ratio, match
+from r2bspec.judge.measure.matching import Ratio, match
 from r2bspec.record.sample_arrays import MONITOR_DTYPE
 from run_simulation import EPOCH_NS, Played, monitor_rows, playback_rows
 

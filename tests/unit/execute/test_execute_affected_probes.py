@@ -19,8 +19,8 @@ from r2bspec.execute.measurement.peak_search import (
 from r2bspec.execute.measurement.rate_probe import MAX_FUTILE_REPLAYS, AffectedProbes
 from r2bspec.execute.processes.resources import Interference, interference_of
 from r2bspec.execute.run_context import TimeBudget
+from r2bspec.judge.measure.host_usage import HostInterference
 from r2bspec.judge.stationarity import CompletionTimes
-from r2bspec.measure.host_usage import HostInterference
 from r2bspec.record.run_record import Probe, SearchRecord, Segment
 
 QUIET = Interference()

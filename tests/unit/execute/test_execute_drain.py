@@ -9,7 +9,7 @@ from r2bspec.execute.measurement.segment_observation import (
     Outstanding,
     outstanding_answers,
 )
-from r2bspec.measure.matching import MatchedMonitor, match_monitor
+from r2bspec.judge.measure.matching import MatchedMonitor, match_monitor
 from run_simulation import MONITOR_PLAN, Played, monitor_rows, playback_rows
 
 LOST = float("nan")

@@ -16,7 +16,7 @@ import pytest
 from family_trees import Family, family, wait_for
 from r2bspec.execute.processes.resources import OrphanFinder, ResourceSampler
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
-from r2bspec.measure.host_usage import ORPHANS_INDEX
+from r2bspec.judge.measure.host_usage import ORPHANS_INDEX
 
 RUN = uuid.uuid4().hex
 

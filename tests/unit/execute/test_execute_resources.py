@@ -17,7 +17,7 @@ import pytest
 from family_trees import wait_for
 from r2bspec.execute.processes import resources
 from r2bspec.execute.processes.resources import ResourceSampler, RunQueueWaits
-from r2bspec.measure.host_usage import CONTROLLER_INDEX, MACHINE_INDEX
+from r2bspec.judge.measure.host_usage import CONTROLLER_INDEX, MACHINE_INDEX
 from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE
 
 BUSY = "while True: pass"

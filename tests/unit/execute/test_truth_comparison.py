@@ -21,7 +21,7 @@ from r2bspec.datasets.ground_truth import (
 )
 from r2bspec.datasets.synthesis import make
 from r2bspec.execute.measurement.further_iterations import compare_outputs
-from r2bspec.measure.metric_catalogue import (
+from r2bspec.judge.measure.metric_catalogue import (
     BAD_PIXELS,
     DENSITY,
     TAG_FALSE,

@@ -15,7 +15,7 @@ import yaml
 
 from r2bspec import api
 from r2bspec.bags.integrity import hash_files
-from r2bspec.exit_status import ExitStatus
+from r2bspec.errors import ExitStatus
 from r2bspec.fleet.bundle import Bundle, Job, SentFile, Side, make_bundle
 from r2bspec.fleet.errors import HostFullError, HostLostError, NotAllowedError, TransferError
 from r2bspec.fleet.host_store import HostStore, inside

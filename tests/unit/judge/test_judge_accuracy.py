@@ -10,10 +10,10 @@ import pytest
 
 from r2bspec.judge.confirmation import judge_with_confirmation
 from r2bspec.judge.decision_policy import DecisionPolicy
+from r2bspec.judge.measure.run_samples import read_samples
+from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import RequirementVerdict
-from r2bspec.measure.run_samples import read_samples
-from r2bspec.measure.samples import RunSamples
 from r2bspec.record.comparison_folder import merge_runs
 from r2bspec.record.run_record import AccuracyRecord
 from run_simulation import Played, Simulation, objective

@@ -17,6 +17,7 @@ from r2bspec.judge.baseline_ratio import (
     judge_history,
     judge_pairs,
 )
+from r2bspec.judge.measure.metric_catalogue import resolve
 from r2bspec.judge.statistics.autocorrelation import trend
 from r2bspec.judge.statistics.t_interval import (
     noise_floor,
@@ -29,7 +30,6 @@ from r2bspec.judge.statistics.t_interval import (
     welch_ratio,
 )
 from r2bspec.language.requirement_grammar import parse_requirement
-from r2bspec.measure.metric_catalogue import resolve
 
 BASE = [100.0, 101.5, 98.7, 100.4, 99.1, 102.2]
 HEAD = [95.2, 97.1, 93.0, 96.3, 94.4, 96.0]

@@ -15,9 +15,9 @@ from r2bspec.judge.confirmation import (
 )
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.judge_run import result_of, to_json
+from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.pipeline import judge
 from r2bspec.language.quantities import Share
-from r2bspec.measure.run_samples import read_samples
 from r2bspec.record.run_folder import Run, open_run
 from r2bspec.record.run_record import ConfirmationRecord, SearchRecord
 from run_simulation import Played, Simulation, objective, probe

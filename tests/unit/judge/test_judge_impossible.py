@@ -16,12 +16,12 @@ from r2bspec.judge.baseline_comparison import judge_baseline_requirements
 from r2bspec.judge.baseline_ratio import BaselineCase
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import result_of
+from r2bspec.judge.measure.metrics import summarise
+from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.result import Result
 from r2bspec.judge.validity import lateness_limit_s
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
-from r2bspec.measure.metrics import summarise
-from r2bspec.measure.run_samples import read_samples
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.record.sample_arrays import Rows

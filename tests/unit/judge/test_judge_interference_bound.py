@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from r2bspec.judge.interference_bound import shortest_latencies, taken_share
-from r2bspec.measure.host_usage import HostInterference
+from r2bspec.judge.measure.host_usage import HostInterference
 from simulated_waits import Disturbed, Stalls, disturbed
 
 

@@ -12,6 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 from r2bspec.judge.decision_policy import decision_policy
+from r2bspec.judge.measure.run_samples import read_samples
+from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import (
     InconclusivePolicy,
@@ -22,8 +24,6 @@ from r2bspec.judge.verdict import (
     outcome_of,
 )
 from r2bspec.language.quantities import Share
-from r2bspec.measure.run_samples import read_samples
-from r2bspec.measure.samples import RunSamples
 from r2bspec.plan.smoke_plan import smoke_plan
 from r2bspec.record.run_record import SearchRecord
 from run_simulation import Played, Simulation, objective, probe

@@ -15,14 +15,14 @@ from r2bspec.judge.decision_policy import (
     decide_after_look,
     decision_policy,
 )
+from r2bspec.judge.measure.metric_catalogue import METRICS
+from r2bspec.judge.measure.run_samples import read_samples
+from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.methods import Method
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.requirement_case import Decision, RequirementCase, requirement_verdict
 from r2bspec.judge.verdict import Outcome, RequirementVerdict
 from r2bspec.language.requirement_grammar import parse_requirement
-from r2bspec.measure.metric_catalogue import METRICS
-from r2bspec.measure.run_samples import read_samples
-from r2bspec.measure.samples import RunSamples
 from run_simulation import Played, Simulation, objective
 
 

@@ -7,6 +7,7 @@ from typing import get_args
 
 import pytest
 
+from r2bspec.judge.measure.metric_catalogue import METRICS
 from r2bspec.judge.methods import METHODS, Method
 from r2bspec.judge.methods.mean_bound import MEAN_BOUND
 from r2bspec.judge.methods.message_share import PERCENTILE_BOUND, SHARE_BOUND
@@ -16,7 +17,6 @@ from r2bspec.judge.methods.window_share import WINDOW_SHARE
 from r2bspec.judge.pipeline import method_of
 from r2bspec.judge.requirement_case import DecisionMethod, RequirementCase
 from r2bspec.language.requirement_grammar import parse_requirement
-from r2bspec.measure.metric_catalogue import METRICS
 
 
 def case(text: str) -> RequirementCase:

@@ -14,6 +14,9 @@ from pair_simulation import Comparison, latencies
 from r2bspec.compare.judge_pairs import judge_comparison_folder, read_pair_set
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.judge_run import to_json
+from r2bspec.judge.measure.host_usage import HostInterference
+from r2bspec.judge.measure.run_samples import read_samples
+from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pair_comparison import (
     InterleavedRuns,
     judge_pair_set,
@@ -27,9 +30,6 @@ from r2bspec.judge.verdict import (
     RequirementVerdict,
     Verdict,
 )
-from r2bspec.measure.host_usage import HostInterference
-from r2bspec.measure.run_samples import read_samples
-from r2bspec.measure.samples import RunSamples
 from r2bspec.record.comparison_folder import open_comparison
 from r2bspec.record.files import RecordError
 from run_simulation import Played, Simulation, objective

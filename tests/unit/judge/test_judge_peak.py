@@ -8,11 +8,11 @@ import msgspec
 import numpy as np
 import pytest
 
+from r2bspec.judge.measure.run_samples import read_samples
+from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.methods.peak_bracket import peak_doubts, with_refuted_peak
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import RequirementVerdict
-from r2bspec.measure.run_samples import read_samples
-from r2bspec.measure.samples import RunSamples
 from r2bspec.record.run_record import SearchRecord
 from r2bspec.report.report_wording import peak_text, probe_mark
 from run_simulation import Played, Simulation, objective, probe

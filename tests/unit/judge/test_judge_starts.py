@@ -11,6 +11,9 @@ import pytest
 from scipy import stats
 
 from r2bspec.judge.decision_policy import DecisionPolicy
+from r2bspec.judge.measure.host_usage import HostInterference
+from r2bspec.judge.measure.run_samples import read_samples
+from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.statistics.effective_sample_size import (
     BadFlags,
@@ -20,9 +23,6 @@ from r2bspec.judge.statistics.effective_sample_size import (
 from r2bspec.judge.statistics.percentile_interval import level_margin
 from r2bspec.judge.statistics.t_interval import hierarchical_interval, predicted_ratio
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
-from r2bspec.measure.host_usage import HostInterference
-from r2bspec.measure.run_samples import read_samples
-from r2bspec.measure.samples import RunSamples
 from run_simulation import Played, Simulation, objective, with_interference, with_starts
 
 STARTS = (1, 1, 2, 2, 3, 3, 4, 4, 5, 5)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from r2bspec.measure.metric_catalogue import BAD_PIXELS, DENSITY
-from r2bspec.measure.truth_accuracy import DisparityAccuracy, resampled, visible_to_both
+from r2bspec.judge.measure.metric_catalogue import BAD_PIXELS, DENSITY
+from r2bspec.judge.measure.truth_accuracy import DisparityAccuracy, resampled, visible_to_both
 
 HEIGHT, WIDTH = 40, 120
 WALL_PX, BOX_PX = 10.0, 20.0

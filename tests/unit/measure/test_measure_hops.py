@@ -8,9 +8,9 @@ import msgspec
 import numpy as np
 import pytest
 
+from r2bspec.judge.measure.matching import Ratio, match
+from r2bspec.judge.measure.samples import HopSamples, hop_samples, pool_hops
 from r2bspec.language.spec import QoS
-from r2bspec.measure.matching import Ratio, match
-from r2bspec.measure.samples import HopSamples, hop_samples, pool_hops
 from r2bspec.plan.plan import InputPlan, MonitorPlan, Plan, TapPlan, TopicPlan
 from r2bspec.plan.taps import PLAYER, all_taps, hops_to, tap_monitors
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, Rows

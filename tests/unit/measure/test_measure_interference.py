@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.measure.host_usage import (
+from r2bspec.judge.measure.host_usage import (
     CONTROLLER_INDEX,
     MACHINE_INDEX,
     MIN_SPACING_NS,

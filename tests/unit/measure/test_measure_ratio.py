@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from r2bspec.judge.measure.matching import NO_MATCH, Ratio, match, ratio_of
+from r2bspec.judge.measure.metrics import measure_segment
+from r2bspec.judge.measure.run_samples import read_samples
+from r2bspec.judge.measure.samples import MonitorSamples, step_times
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.rate_decision import Criterion, estimate_probe, judge_final, plan_interim_looks
-from r2bspec.measure.matching import NO_MATCH, Ratio, match, ratio_of
-from r2bspec.measure.metrics import measure_segment
-from r2bspec.measure.run_samples import read_samples
-from r2bspec.measure.samples import MonitorSamples, step_times
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, Rows
 from run_simulation import EPOCH_NS, Played, Simulation, objective, playback_rows

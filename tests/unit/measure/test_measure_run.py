@@ -8,10 +8,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.measure.metric_catalogue import names, resolve
-from r2bspec.measure.metric_values import metric_value
-from r2bspec.measure.metrics import RunMetrics, summarise
-from r2bspec.measure.run_samples import read_samples
+from r2bspec.judge.measure.metric_catalogue import names, resolve
+from r2bspec.judge.measure.metric_values import metric_value
+from r2bspec.judge.measure.metrics import RunMetrics, summarise
+from r2bspec.judge.measure.run_samples import read_samples
 from run_simulation import Played, Simulation
 
 NAN = float("nan")

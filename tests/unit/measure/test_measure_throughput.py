@@ -9,11 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 from nightly import size
-from r2bspec.measure.metric_catalogue import METRICS
-from r2bspec.measure.metric_values import window_values
-from r2bspec.measure.run_samples import read_samples
-from r2bspec.measure.samples import MonitorSamples, SegmentSamples
-from r2bspec.measure.times import throughput
+from r2bspec.judge.measure.metric_catalogue import METRICS
+from r2bspec.judge.measure.metric_values import window_values
+from r2bspec.judge.measure.run_samples import read_samples
+from r2bspec.judge.measure.samples import MonitorSamples, SegmentSamples
+from r2bspec.judge.measure.times import throughput
 from run_simulation import EPOCH_NS, Played, Simulation
 
 SECOND = 10**9

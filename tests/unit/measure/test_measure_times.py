@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from r2bspec.measure.host_usage import resource_use
-from r2bspec.measure.matching import match
-from r2bspec.measure.samples import step_times
-from r2bspec.measure.times import (
+from r2bspec.judge.measure.host_usage import resource_use
+from r2bspec.judge.measure.matching import match
+from r2bspec.judge.measure.samples import step_times
+from r2bspec.judge.measure.times import (
     arrivals,
     edge_gaps,
     intervals,

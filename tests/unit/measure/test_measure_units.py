@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from r2bspec.measure.units import show, show_range
+from r2bspec.judge.measure.units import show, show_range
 
 
 @pytest.mark.parametrize(

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from r2bspec.measure.metric_catalogue import METRICS
-from r2bspec.measure.metric_values import has_windows, window_values, windows
-from r2bspec.measure.run_samples import read_samples
-from r2bspec.measure.samples import SegmentSamples
+from r2bspec.judge.measure.metric_catalogue import METRICS
+from r2bspec.judge.measure.metric_values import has_windows, window_values, windows
+from r2bspec.judge.measure.run_samples import read_samples
+from r2bspec.judge.measure.samples import SegmentSamples
 from run_simulation import Played, Simulation
 
 SECOND = 10**9

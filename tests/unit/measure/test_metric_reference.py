@@ -9,10 +9,10 @@ import pytest
 from example_spec import example
 from r2bspec.check import check
 from r2bspec.cli.main import main
+from r2bspec.judge.measure import metric_catalogue as reference
+from r2bspec.judge.measure.metric_catalogue import METRICS, PROCESS
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.requirement_grammar import RequirementError, parse_requirement
-from r2bspec.measure import metric_catalogue as reference
-from r2bspec.measure.metric_catalogue import METRICS, PROCESS
 
 
 def test_every_metric_has_a_definition_and_every_definition_a_metric() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from r2bspec.ipc.schedule import CyclicSchedule, TimelineMessage, TimelineSchedule, TimelineStep
-from r2bspec.measure.matching import StepStamps
+from r2bspec.judge.measure.matching import StepStamps
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE, Rows
 
 OFFSETS = ((0, -3), (-5, 0))

@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from r2bspec.measure.metric_catalogue import TAG_FALSE, TAG_MISSED, TAG_POSITION_ERROR
-from r2bspec.measure.truth_accuracy import TagAccuracy, TagPose, angle_deg, offset
+from r2bspec.judge.measure.metric_catalogue import TAG_FALSE, TAG_MISSED, TAG_POSITION_ERROR
+from r2bspec.judge.measure.truth_accuracy import TagAccuracy, TagPose, angle_deg, offset
 
 
 def turned(degrees: float) -> tuple[float, float, float, float]:

@@ -23,8 +23,8 @@ from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.recording import Window
 from r2bspec.datasets.ground_truth import read_disparity
 from r2bspec.datasets.synthesis import make
-from r2bspec.measure.metric_catalogue import BAD_PIXELS, DENSITY
-from r2bspec.measure.truth_accuracy import DisparityAccuracy
+from r2bspec.judge.measure.metric_catalogue import BAD_PIXELS, DENSITY
+from r2bspec.judge.measure.truth_accuracy import DisparityAccuracy
 from r2bspec.nodes import camera, images, rectification, stereo
 
 WIDTH, HEIGHT = 960, 540

@@ -12,7 +12,7 @@ from r2bspec.plan.command_lines import HARNESS_ARGV, parameter_text
 from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.plan import PlayPlan, ProcessPlan
 from r2bspec.plan.process_plans import process_names
-from r2bspec.wiring.build_wiring import build_wiring
+from r2bspec.plan.wiring.build_wiring import build_wiring
 
 
 def process(name: str, **sections: Any) -> ProcessPlan:

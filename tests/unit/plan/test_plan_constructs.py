@@ -12,8 +12,8 @@ from plan_specs import BAG, IMAGE, STRAIGHT, plan, spec
 from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.drawing import to_dot
 from r2bspec.plan.plan import Plan, ProcessPlan
-from r2bspec.wiring.companion_files import CompanionFiles
-from r2bspec.wiring.parameter_files import ParameterFile
+from r2bspec.plan.wiring.companion_files import CompanionFiles
+from r2bspec.plan.wiring.parameter_files import ParameterFile
 
 RECTIFY = {"package": "image_proc", "plugin": "image_proc::RectifyNode"}
 RELAY = {"python": "r2bspec.nodes.RelayNode"}

@@ -9,7 +9,7 @@ from plan_specs import IMAGE, STRAIGHT, plan, spec
 
 from r2bspec.plan.plan import JoinPlan, Plan
 from r2bspec.plan.process_plans import Place, find_places, graph_processes, process_names
-from r2bspec.wiring.build_wiring import build_wiring
+from r2bspec.plan.wiring.build_wiring import build_wiring
 
 GRAPH: dict[str, Any] = {"placement": "graph"}
 FIRST = {"python": "r2bspec.nodes.RelayNode", "remappings": {"input": "image", "output": "middle"}}

@@ -12,9 +12,9 @@ import msgspec
 import pytest
 
 from r2bspec.compare.report_input import ReportInput
+from r2bspec.judge.measure.distribution import PARTS, part_value
+from r2bspec.judge.measure.metrics import MonitorMetrics
 from r2bspec.judge.result import Result
-from r2bspec.measure.distribution import PARTS, part_value
-from r2bspec.measure.metrics import MonitorMetrics
 from r2bspec.report.suite import SuiteRun, SuiteSummary, run_with_result, to_html
 from report_runs import HOSTILE
 

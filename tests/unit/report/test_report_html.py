@@ -16,7 +16,7 @@ import pytest
 from html_elements import Page
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
-from r2bspec.measure.units import show
+from r2bspec.judge.measure.units import show
 from r2bspec.report.html.page import render
 from report_runs import SIMULATIONS, USUAL
 from run_simulation import Played, Simulation, objective

@@ -9,9 +9,9 @@ import pytest
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import from_json, result_of, to_json
+from r2bspec.judge.measure.distribution import Distribution
+from r2bspec.judge.measure.metrics import HopMetrics
 from r2bspec.judge.result import Result
-from r2bspec.measure.distribution import Distribution
-from r2bspec.measure.metrics import HopMetrics
 from r2bspec.record.run_record import Difference, OutputGapRecord
 from r2bspec.report.format_registry import renderer
 from r2bspec.report.terminal import to_text

@@ -7,14 +7,14 @@ from typing import Any
 import pytest
 from wiring_specs import IMAGE, INFO, spec
 
-from r2bspec.wiring.build_wiring import build_wiring
-from r2bspec.wiring.node_interface import (
+from r2bspec.plan.wiring.build_wiring import build_wiring
+from r2bspec.plan.wiring.node_interface import (
     Interface,
     InterfaceEntry,
     ParameterInfo,
     reference_node_interfaces,
 )
-from r2bspec.wiring.wiring import Endpoint, PhaseWiring
+from r2bspec.plan.wiring.wiring import Endpoint, PhaseWiring
 
 POSES = "geometry_msgs/msg/PoseArray"
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.wiring.name_resolution import Remapper, ResolvedName, expand, join_namespaces
+from r2bspec.plan.wiring.name_resolution import Remapper, ResolvedName, expand, join_namespaces
 
 
 def remap(name: str, rules: dict[str, str], node: str, namespace: str) -> ResolvedName:

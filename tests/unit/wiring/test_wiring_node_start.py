@@ -12,8 +12,8 @@ from r2bspec.diagnostics import Diagnostic
 from r2bspec.language.load_spec import load_spec
 from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.plan import Plan
-from r2bspec.wiring.companion_files import read_companion_files
-from r2bspec.wiring.python_source import NodeStart, read_node_start
+from r2bspec.plan.wiring.companion_files import read_companion_files
+from r2bspec.plan.wiring.python_source import NodeStart, read_node_start
 
 CLASS = "from rclpy.node import Node\nclass N(Node):\n"
 

@@ -13,7 +13,12 @@ from wiring_specs import IMAGE, node
 from r2bspec.check import check
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.language.load_spec import load_spec
-from r2bspec.wiring.node_interface import RecordOrigin, files_digest, node_target, origin_difference
+from r2bspec.plan.wiring.node_interface import (
+    RecordOrigin,
+    files_digest,
+    node_target,
+    origin_difference,
+)
 
 FLOAT = "std_msgs/msg/Float32"
 # Nothing in it is literal: what is known of it is what was recorded.

@@ -9,21 +9,21 @@ import pytest
 from wiring_specs import IMAGE, INFO, node, spec
 
 from r2bspec.language.spec import Node, ParameterSource
-from r2bspec.wiring.ast_reader import read_node_class, read_python_file
-from r2bspec.wiring.build_wiring import build_wiring
-from r2bspec.wiring.companion_files import (
+from r2bspec.plan.wiring.ast_reader import read_node_class, read_python_file
+from r2bspec.plan.wiring.build_wiring import build_wiring
+from r2bspec.plan.wiring.companion_files import (
     NO_COMPANION_FILES,
     interface_file,
     read_companion_files,
 )
-from r2bspec.wiring.node_interface import (
+from r2bspec.plan.wiring.node_interface import (
     InterfaceEntry,
     catalogue_entry,
     catalogue_nodes,
     catalogue_packages,
 )
-from r2bspec.wiring.parameter_files import merged_parameters, read_parameter_file
-from r2bspec.wiring.wiring import NodeWiring
+from r2bspec.plan.wiring.parameter_files import merged_parameters, read_parameter_file
+from r2bspec.plan.wiring.wiring import NodeWiring
 
 
 def read_node_source(file: Path, name: str) -> InterfaceEntry | None:

@@ -12,9 +12,9 @@ import msgspec
 
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.spec import Node, ParameterValue, QoS
-from r2bspec.wiring.name_resolution import Remapper
-from r2bspec.wiring.node_interface import Interface
-from r2bspec.wiring.python_source import KEYWORDS, NodeStart
+from r2bspec.plan.wiring.name_resolution import Remapper
+from r2bspec.plan.wiring.node_interface import Interface
+from r2bspec.plan.wiring.python_source import KEYWORDS, NodeStart
 
 Phase = Literal["preprocess", "measure"]
 ProcessRole = Literal["host", "container", "command"]

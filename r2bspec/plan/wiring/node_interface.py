@@ -20,9 +20,9 @@ import msgspec
 
 from r2bspec.language.declaration import decode_text
 from r2bspec.language.spec import Node, ParameterValue, QoS
+from r2bspec.plan.wiring.name_resolution import Remapper
 from r2bspec.safe_io import safe_file
 from r2bspec.safe_io.safe_yaml import load_values
-from r2bspec.wiring.name_resolution import Remapper
 
 _MAX_FILE_BYTES = 64_000_000
 
@@ -86,7 +86,7 @@ def origin_difference(origin: RecordOrigin, node: Node, base_dir: Path) -> str:
     return ""
 
 
-_TABLE = Path(__file__).parents[1] / "nodes" / "interfaces.yaml"
+_TABLE = Path(__file__).parents[2] / "nodes" / "interfaces.yaml"
 _PARAMETER = re.compile(r"\$\(parameter ([^)]*)\)")
 _DERIVED_TOPIC = re.compile(r"\$\((?:camera_info of|beside) ([^)]*)\)")
 """With both spellings: records of interfaces may have the earlier one."""

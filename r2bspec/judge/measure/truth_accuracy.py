@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.measure.metric_catalogue import (
+from r2bspec.judge.measure.metric_catalogue import (
     BAD_PIXELS,
     DENSITY,
     TAG_FALSE,

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.measure.host_usage import (
+from r2bspec.judge.measure.host_usage import (
     MACHINE_INDEX,
     ORPHANS_INDEX,
     HostInterference,
@@ -17,8 +17,8 @@ from r2bspec.measure.host_usage import (
     host_interference,
     resource_use,
 )
-from r2bspec.measure.matching import NO_MATCH, MatchedMonitor, match_monitor
-from r2bspec.measure.samples import (
+from r2bspec.judge.measure.matching import NO_MATCH, MatchedMonitor, match_monitor
+from r2bspec.judge.measure.samples import (
     MonitorSamples,
     RunSamples,
     SegmentSamples,

@@ -19,8 +19,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.measure.host_usage import HostInterference, ResourceUse
-from r2bspec.measure.matching import (
+from r2bspec.judge.measure.host_usage import HostInterference, ResourceUse
+from r2bspec.judge.measure.matching import (
     NO_MATCH,
     MatchedMonitor,
     Matching,
@@ -28,7 +28,7 @@ from r2bspec.measure.matching import (
     match,
     source_times_ns,
 )
-from r2bspec.measure.times import (
+from r2bspec.judge.measure.times import (
     Seconds,
     edge_gaps,
     intervals,
@@ -204,7 +204,7 @@ class MonitorSamples:
         per_step: expected outputs per step, on average.
         hops: the path to the monitor, where it is tapped.
         live: whether nothing was played. Each message then counts as a step, and what was sent or
-            missed is unknown, whatever the counts say (`r2bspec.measure.matching`).
+            missed is unknown, whatever the counts say (`r2bspec.judge.measure.matching`).
     """
 
     steps: StepTimes
@@ -369,7 +369,7 @@ class OutputTimes:
     Attributes:
         by_family: the times of `MonitorSamples`.
         arrived_ns: when they came, ascending.
-        throughput_hz: see `r2bspec.measure.times.throughput`.
+        throughput_hz: see `r2bspec.judge.measure.times.throughput`.
     """
 
     by_family: Mapping[str, Seconds]
@@ -386,7 +386,7 @@ def output_times(
         steps: the expected outputs.
         first_ns: when the first step was published, whether or not it has an output.
         ended_ns: the end of the sending window.
-        window_ns: see `r2bspec.measure.times.throughput`.
+        window_ns: see `r2bspec.judge.measure.times.throughput`.
         period_ns: likewise.
     """
     latency, arrived = steps.latency, np.sort(steps.received_ns[steps.answered])

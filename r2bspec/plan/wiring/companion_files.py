@@ -18,14 +18,18 @@ from pathlib import Path
 import msgspec
 
 from r2bspec.language.spec import Node, Spec
+from r2bspec.plan.wiring.ast_reader import read_node_class, read_python_file
+from r2bspec.plan.wiring.node_interface import (
+    InterfaceEntry,
+    origin_difference,
+    parse_interface_entry,
+)
+from r2bspec.plan.wiring.parameter_files import ParameterEffort, ParameterFile, read_parameter_file
+from r2bspec.plan.wiring.python_source import NodeStart, read_node_start
 from r2bspec.safe_io import safe_file
 from r2bspec.safe_io.git import find_work_tree
 from r2bspec.safe_io.looked_up_files import shared_lookup
 from r2bspec.safe_io.safe_yaml import load_values
-from r2bspec.wiring.ast_reader import read_node_class, read_python_file
-from r2bspec.wiring.node_interface import InterfaceEntry, origin_difference, parse_interface_entry
-from r2bspec.wiring.parameter_files import ParameterEffort, ParameterFile, read_parameter_file
-from r2bspec.wiring.python_source import NodeStart, read_node_start
 
 INTERFACES_FOLDER = "interfaces"
 """The folder next to a spec with recorded interfaces, one file for each node."""

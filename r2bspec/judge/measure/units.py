@@ -40,7 +40,7 @@ def show_rate(rate_hz: float, pace: str = "") -> str:
 
     Args:
         rate_hz: the offered rate; 0 for none.
-        pace: see `r2bspec.measure.metrics.Pace`; empty where that is not known.
+        pace: see `r2bspec.judge.measure.metrics.Pace`; empty where that is not known.
     """
     if rate_hz:
         return show(rate_hz, "Hz")

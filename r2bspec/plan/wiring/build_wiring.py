@@ -13,17 +13,17 @@ from collections.abc import Iterator, Mapping
 
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.spec import Node, QoS, Spec
-from r2bspec.wiring.companion_files import NO_COMPANION_FILES, CompanionFiles
-from r2bspec.wiring.name_resolution import Remapper, expand, join_namespaces, node_name
-from r2bspec.wiring.node_interface import (
+from r2bspec.plan.wiring.companion_files import NO_COMPANION_FILES, CompanionFiles
+from r2bspec.plan.wiring.name_resolution import Remapper, expand, join_namespaces, node_name
+from r2bspec.plan.wiring.node_interface import (
     InterfaceTable,
     catalogue_entry,
     interface_of,
     reference_node_interfaces,
 )
-from r2bspec.wiring.parameter_files import merged_parameters
-from r2bspec.wiring.python_source import KEYWORDS
-from r2bspec.wiring.wiring import Endpoint, NodeWiring, PhaseWiring, Wiring
+from r2bspec.plan.wiring.parameter_files import merged_parameters
+from r2bspec.plan.wiring.python_source import KEYWORDS
+from r2bspec.plan.wiring.wiring import Endpoint, NodeWiring, PhaseWiring, Wiring
 
 TF_MESSAGE_TYPE = "tf2_msgs/msg/TFMessage"
 

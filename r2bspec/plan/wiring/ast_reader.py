@@ -1,11 +1,11 @@
 """Reading a node's topics and parameters from its Python source, without running it.
 
 A class is supported if its only base class is `Node`, and if no other code can create topics or
-parameters of the node (`r2bspec.wiring.python_source`); so is a function that makes one node of
-such a class, and spins. Every call of `create_publisher`,
-`create_subscription` and `declare_parameter` on `self` must have literal arguments, and be a
-statement of the constructor outside of loops and branches. Otherwise the publishers, subscriptions
-or parameters of the node are unknown.
+parameters of the node (`r2bspec.plan.wiring.python_source`); so is a function that makes one node
+of such a class, and spins. Every call of `create_publisher`, `create_subscription` and
+`declare_parameter` on `self` must have literal arguments, and be a statement of the constructor
+outside of loops and branches. Otherwise the publishers, subscriptions or parameters of the node are
+unknown.
 """
 
 from __future__ import annotations
@@ -18,9 +18,8 @@ from pathlib import Path
 from typing import Literal
 
 from r2bspec.language.spec import QoS
-from r2bspec.safe_io.safe_file import ByteBudget, read_bytes
-from r2bspec.wiring.node_interface import InterfaceEntry, ParameterInfo, ParameterType
-from r2bspec.wiring.python_source import (
+from r2bspec.plan.wiring.node_interface import InterfaceEntry, ParameterInfo, ParameterType
+from r2bspec.plan.wiring.python_source import (
     PARAMETER_METHODS,
     SelfReferences,
     SourceNames,
@@ -29,6 +28,7 @@ from r2bspec.wiring.python_source import (
     own_nodes,
     program_class,
 )
+from r2bspec.safe_io.safe_file import ByteBudget, read_bytes
 
 _MAX_FILE_BYTES = 300_000
 """The parser needs up to 700 bytes of memory for each byte."""

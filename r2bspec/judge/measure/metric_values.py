@@ -22,9 +22,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from r2bspec.measure.host_usage import ResourceUse
-from r2bspec.measure.metric_catalogue import MetricInfo, available_live
-from r2bspec.measure.samples import (
+from r2bspec.judge.measure.host_usage import ResourceUse
+from r2bspec.judge.measure.metric_catalogue import MetricInfo, available_live
+from r2bspec.judge.measure.samples import (
     LOSS_SENSITIVE_FAMILIES,
     MonitorSamples,
     SegmentSamples,
@@ -32,7 +32,7 @@ from r2bspec.measure.samples import (
     output_period_ns,
     output_times,
 )
-from r2bspec.measure.times import (
+from r2bspec.judge.measure.times import (
     Seconds,
     percentile,
     throughput,

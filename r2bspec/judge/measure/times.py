@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.measure.matching import Matching
+from r2bspec.judge.measure.matching import Matching
 from r2bspec.record.sample_arrays import Rows
 
 Seconds = NDArray[np.float64]

@@ -26,9 +26,9 @@ import msgspec
 from msgspec.structs import replace
 
 from r2bspec.diagnostics import did_you_mean
+from r2bspec.judge.measure.distribution import PERCENTILES, SHORT_PERCENTILES, quantile
 from r2bspec.language.requirement_grammar import Bound
 from r2bspec.language.spec import TruthKind
-from r2bspec.measure.distribution import PERCENTILES, SHORT_PERCENTILES, quantile
 
 
 class MetricError(ValueError):
@@ -251,7 +251,7 @@ _CATALOGUE: tuple[MetricInfo, ...] = (
 
 METRICS: dict[str, MetricInfo] = {info.name: info for info in _CATALOGUE}
 """Every metric by name; ``<process>`` stands for any process, and more percentiles than those
-listed exist (see `r2bspec.measure.distribution.quantile`)."""
+listed exist (see `r2bspec.judge.measure.distribution.quantile`)."""
 
 
 _LIVE_FAMILIES = ("throughput", "latency", "interval", "jitter", "received", "cpu", "memory")

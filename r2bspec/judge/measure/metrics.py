@@ -14,15 +14,15 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from r2bspec.measure.distribution import (
+from r2bspec.judge.measure.distribution import (
     MAIN_PERCENTILES,
     PERCENTILES,
     TAIL_PERCENTILE,
     Distribution,
     part_value,
 )
-from r2bspec.measure.host_usage import HostInterference, ResourceUse
-from r2bspec.measure.samples import (
+from r2bspec.judge.measure.host_usage import HostInterference, ResourceUse
+from r2bspec.judge.measure.samples import (
     HopSamples,
     MonitorSamples,
     PlaybackSamples,
@@ -31,7 +31,7 @@ from r2bspec.measure.samples import (
     StepTimes,
     pool_hops,
 )
-from r2bspec.measure.times import Seconds, percentile
+from r2bspec.judge.measure.times import Seconds, percentile
 from r2bspec.record.run_record import Probe, SearchRecord
 
 
