@@ -35,7 +35,7 @@ from r2bspec.ipc.buffers import largest_message_bytes
 from r2bspec.ipc.schedule import CyclicSchedule
 from r2bspec.judge.rate_decision import Criterion, estimate_probe, judge_final, plan_interim_looks
 from r2bspec.language.spec import QoS
-from r2bspec.native.harness_objects import harness_program
+from r2bspec.native.build import harness_program
 from r2bspec.plan.plan import InputPlan, MonitorPlan, Plan
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import Probe

@@ -7,7 +7,7 @@ import datetime
 import re
 import secrets
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Unpack
 
@@ -16,6 +16,7 @@ from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.language.selected_spec import SelectionValues, select
 from r2bspec.language.selected_spec import SpecSelection as SpecSelection
+from r2bspec.plan.prepared_benchmark import PreparedBenchmark as PreparedBenchmark
 
 if TYPE_CHECKING:
     from r2bspec.compare.base_reference import BaseReference
@@ -86,24 +87,6 @@ class UntrustedPlanError(R2bspecError):
             f"an untrusted plan cannot read {', '.join(map(clip, names[:12]))}",
             hint="Run the spec that it was compiled from; its base version can be looked up.",
         )
-
-
-@dataclass(frozen=True)
-class PreparedBenchmark:
-    """A plan that is ready to run.
-
-    Attributes:
-        base_dir: the folder to which paths in the plan are relative.
-        spec_text: the resolved spec; empty for a plan from a file.
-        diagnostics: warnings; errors have been raised.
-        loaded: the document from which the plan was compiled, if any.
-    """
-
-    plan: Plan
-    base_dir: Path
-    spec_text: str
-    diagnostics: tuple[Diagnostic, ...] = ()
-    loaded: LoadedSpec | None = None
 
 
 HostLock = Literal["wait", "refuse", "off"]

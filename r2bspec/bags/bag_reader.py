@@ -13,6 +13,7 @@ from r2bspec.bags.recording import (
     BagIndex,
     DataError,
     Message,
+    Selection,
     Window,
     topic_not_found,
 )
@@ -40,12 +41,12 @@ def read_messages(
     """
     path = Path(path)
     index = index_bag(path)
-    names = resolve_topics(path, index, topics)
-    check_window(path, index, window)
+    names = _resolve_topics(path, index, topics)
+    _check_window(path, index, window)
     return _read(path, index, names, window)
 
 
-def resolve_topics(path: Path, index: BagIndex, topics: Collection[str]) -> frozenset[str]:
+def _resolve_topics(path: Path, index: BagIndex, topics: Collection[str]) -> frozenset[str]:
     """The recorded names of topics that can be read.
 
     Raises:
@@ -67,7 +68,7 @@ def resolve_topics(path: Path, index: BagIndex, topics: Collection[str]) -> froz
     return frozenset(names)
 
 
-def check_window(path: Path | str, index: BagIndex, window: Window | None) -> None:
+def _check_window(path: Path, index: BagIndex, window: Window | None) -> None:
     """Check that a window is not empty and does not begin after the last message.
 
     Raises:
@@ -96,14 +97,15 @@ def _read(
 ) -> Iterator[Message]:
     if not names or not index.message_count:
         return
-    start_ns = stop_ns = None
+    selection = Selection(names=names)
     if window is not None:
-        start_ns = index.start_ns + window.start_ns
         stop_ns = None if window.end_ns is None else index.start_ns + window.end_ns
+        start_ns = index.start_ns + window.start_ns
+        selection = Selection(names=names, start_ns=start_ns, stop_ns=stop_ns)
     # The number of messages is known for a complete bag, but not for a window.
     missing = Counter({name: index.topics[name].count for name in names} if window is None else ())
     last_ns = index.start_ns
-    for message in _read_groups(path, index, names, start_ns, stop_ns):
+    for message in _read_groups(path, index, selection):
         if not last_ns <= message.time_ns <= index.end_ns:
             raise DataError(
                 f"{path} has a message of {message.time_ns} ns after one of {last_ns} ns, in a"
@@ -127,19 +129,17 @@ def _read(
         )
 
 
-def _read_groups(
-    path: Path, index: BagIndex, names: frozenset[str], start_ns: int | None, stop_ns: int | None
-) -> Iterator[Message]:
+def _read_groups(path: Path, index: BagIndex, selection: Selection) -> Iterator[Message]:
     packed = index.compression == "file"
     paths = storage_paths(path, index.files)
     # Unpacked files take space, so only those needed at the same time are unpacked together.
     spans = {span.name: span for span in read_metadata(path).spans} if packed else {}
-    for group in _overlapping_groups(paths, spans, start_ns, stop_ns):
+    for group in _overlapping_groups(paths, spans, selection):
         with open_storages(group, compressed_files=packed) as storages:
             for file, storage in zip(group, storages, strict=True):
                 _check_span(file, storage, spans.get(file.name))
             streams = [
-                _read_file(file, storage, names, start_ns, stop_ns)
+                _read_file(file, storage, selection)
                 for file, storage in zip(group, storages, strict=True)
                 if storage.message_count
             ]
@@ -152,10 +152,7 @@ def _read_groups(
 
 
 def _overlapping_groups(
-    paths: tuple[Path, ...],
-    spans: dict[str, FileSpan],
-    start_ns: int | None,
-    stop_ns: int | None,
+    paths: tuple[Path, ...], spans: dict[str, FileSpan], selection: Selection
 ) -> Iterator[tuple[Path, ...]]:
     """The files to read, grouped by overlapping times, without files outside of the window.
 
@@ -168,9 +165,9 @@ def _overlapping_groups(
     group: list[Path] = []
     until_ns = 0
     for span in sorted(spans.values(), key=lambda span: span.start_ns):
-        if (start_ns is not None and span.end_ns < start_ns) or (
-            stop_ns is not None and span.start_ns >= stop_ns
-        ):
+        if selection.start_ns is not None and span.end_ns < selection.start_ns:
+            continue
+        if selection.stop_ns is not None and span.start_ns >= selection.stop_ns:
             continue
         if group and span.start_ns > until_ns:
             yield tuple(group)
@@ -198,12 +195,10 @@ def _check_span(file: Path, storage: Storage, span: FileSpan | None) -> None:
         )
 
 
-def _read_file(
-    file: Path, storage: Storage, names: frozenset[str], start_ns: int | None, stop_ns: int | None
-) -> Iterator[Message]:
+def _read_file(file: Path, storage: Storage, selection: Selection) -> Iterator[Message]:
     types: dict[str, str] = {}
     for topic in storage.topics:
-        if topic.name in names and types.setdefault(topic.name, topic.type) != topic.type:
+        if topic.name in selection.names and types.setdefault(topic.name, topic.type) != topic.type:
             raise DataError(
                 f"{file} has {topic.name} as {types[topic.name]} and as {topic.type}",
                 code="R2B304",
@@ -211,4 +206,4 @@ def _read_file(
             )
     if types:
         with storage_errors(file):
-            yield from storage.messages(names, start_ns, stop_ns)
+            yield from storage.messages(selection)

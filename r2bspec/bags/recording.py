@@ -206,6 +206,14 @@ class Window(msgspec.Struct, frozen=True, kw_only=True):
         return self.start_ns <= offset_ns and (self.end_ns is None or offset_ns < self.end_ns)
 
 
+class Selection(msgspec.Struct, frozen=True, kw_only=True):
+    """Messages of topics: with start <= time < stop, in ns since the epoch; None is no bound."""
+
+    names: frozenset[str]
+    start_ns: int | None = None
+    stop_ns: int | None = None
+
+
 class Message(msgspec.Struct, frozen=True, kw_only=True):
     """One recorded message: the CDR bytes as a publisher sent them, 4 bytes of header first.
 

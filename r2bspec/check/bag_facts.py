@@ -12,6 +12,7 @@ rate; if the estimate is low, the messages are read.
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 from collections.abc import Iterator
 from functools import cache
@@ -21,11 +22,13 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from r2bspec.bags.recording import BagIndex, BagLocation, DataError, Message, Window
+from r2bspec.datasets.catalogue import describe
+from r2bspec.datasets.catalogue import index as index_location
 from r2bspec.private_files import private_files
 from r2bspec.safe_io.safe_json import read_json
 
 if TYPE_CHECKING:
-    from r2bspec.bags.recording import BagIndex, BagLocation, Message
     from r2bspec.check.check_context import Context
 
 _CACHE_VERSION = 2
@@ -43,8 +46,6 @@ def cached_index(location: BagLocation) -> BagIndex:
     Raises:
         DataError: the bag cannot be used; errors are not cached.
     """
-    from r2bspec.datasets.catalogue import index as index_location
-
     if location.path is None:
         return index_location(location)
     from r2bspec.safe_io.decompression_budget import chosen_max_bytes
@@ -53,8 +54,6 @@ def cached_index(location: BagLocation) -> BagIndex:
     # What was indexed under other limits may be more than the user allows now.
     if entry is None or chosen_max_bytes() is not None:
         return index_location(location)
-    from r2bspec.bags.recording import BagIndex
-
     with contextlib.suppress(OSError, msgspec.DecodeError):
         return read_json(entry, BagIndex, max_bytes=_MAX_ENTRY_BYTES)
     content = index_location(location)
@@ -64,8 +63,6 @@ def cached_index(location: BagLocation) -> BagIndex:
 
 def _cache_file(bag: Path) -> Path | None:
     """The cache file for the index of a bag; None if the bag is not worth caching."""
-    import hashlib
-
     try:
         files = sorted(bag.iterdir()) if bag.is_dir() else [bag]
         stats = [(file, file.stat()) for file in files[:_MAX_FILES]]
@@ -135,9 +132,6 @@ def window_message_counts(context: Context) -> dict[str, MessageCount]:
 
 @cache  # of a pure function: the catalogue and its datasets do not change
 def _count_rendered(name: str, topic: str, start_ns: int, end_ns: int) -> int:
-    from r2bspec.bags.recording import DataError, Window
-    from r2bspec.datasets.catalogue import describe
-
     try:
         index = describe(name, {topic}, Window(start_ns=start_ns, end_ns=end_ns))
     except DataError:
@@ -147,8 +141,6 @@ def _count_rendered(name: str, topic: str, start_ns: int, end_ns: int) -> int:
 
 def _count_by_reading(context: Context, topic: str) -> MessageCount:
     """Count by reading, up to _MIN_ESTIMATED_MESSAGES."""
-    from r2bspec.bags.recording import DataError
-
     path = context.bag_location.path if context.bag_location is not None else None
     if path is None:
         # Several bags are not read; a rendered one is counted without reading.
@@ -164,7 +156,6 @@ def _count_by_reading(context: Context, topic: str) -> MessageCount:
 
 def window_stamps(context: Context, topics: set[str]) -> dict[str, list[int]] | None:
     """The header stamps in the window by bag topic; None if they are not read."""
-    from r2bspec.bags.recording import DataError
     from r2bspec.ipc.buffers import STAMP_BYTES, read_stamp
 
     path = context.bag_location.path if context.bag_location is not None else None
@@ -185,7 +176,6 @@ def window_stamps(context: Context, topics: set[str]) -> dict[str, list[int]] | 
 
 def _messages_in_window(context: Context, bag: Path, topics: set[str]) -> Iterator[Message]:
     from r2bspec.bags.bag_reader import read_messages
-    from r2bspec.bags.recording import Window
 
     window = context.spec.data_loader.window
     end_ns = window.end.ns if window.end else None

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import msgspec
 
-from r2bspec.bags.recording import merge_indexes
+from r2bspec.bags.recording import BagIndex, BagLocation, DataError, merge_indexes
 from r2bspec.check.bag_facts import cached_index
+from r2bspec.datasets.catalogue import locate
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.located_tree import ListNode, MapNode, TreeNode, child, lookup
@@ -30,7 +31,6 @@ from r2bspec.wiring.companion_files import CompanionFiles, CompanionReader
 from r2bspec.wiring.wiring import NodeWiring, Wiring
 
 if TYPE_CHECKING:
-    from r2bspec.bags.recording import BagIndex, BagLocation, DataError
     from r2bspec.language.load_spec import LoadedSpec
 
 
@@ -142,9 +142,6 @@ class DocumentFiles:
         return self._bags[bag]._replace(path=path)
 
     def _recording(self, bag: str) -> Recording:
-        from r2bspec.bags.recording import DataError
-        from r2bspec.datasets.catalogue import locate
-
         location = None
         try:
             location = locate(bag, self._base_dir)

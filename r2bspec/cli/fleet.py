@@ -144,29 +144,29 @@ def hosts(scheduler: str, output_format: str, connection: dict[str, Any]) -> int
     """Show the hosts of a fleet: machine, software, labels, and what 'doctor' warns of there."""
     from r2bspec.language.quantities import Size
 
-    found = _hosts_of(scheduler, connection)
+    all_facts = [host.facts for host in _hosts_of(scheduler, connection)]
     if output_format == "json":
-        echo_json({"r2bspec_hosts": 1, "hosts": [each.facts for each in found]})
+        echo_json({"r2bspec_hosts": 1, "hosts": all_facts})
         return ExitStatus.OK
     rows = [
         (
-            each.name,
-            each.facts.arch,
-            f"{each.facts.cores} x {each.facts.cpu}",
-            str(Size(each.facts.memory_bytes // 2**20 * 2**20)),
-            ", ".join(each.facts.gpus),
-            each.facts.ros_distro,
-            each.facts.r2bspec,
-            " ".join(f"{name}={value}" for name, value in each.facts.labels.items()),
-            " ".join(each.facts.allows),
+            facts.name,
+            facts.arch,
+            f"{facts.cores} x {facts.cpu}",
+            str(Size(facts.memory_bytes // 2**20 * 2**20)),
+            ", ".join(facts.gpus),
+            facts.ros_distro,
+            facts.r2bspec,
+            " ".join(f"{name}={value}" for name, value in facts.labels.items()),
+            " ".join(facts.allows),
         )
-        for each in found
+        for facts in all_facts
     ]
     header = ("host", "arch", "CPU", "memory", "GPU", "ROS", "r2bspec", "labels", "allows")
     print_table(header, rows, right_columns=range(1, len(header)))
-    for each in found:
-        for name, what in each.facts.doctor.items():
-            echo(f"{each.name}: {name}: {what}")
+    for facts in all_facts:
+        for name, what in facts.doctor.items():
+            echo(f"{facts.name}: {name}: {what}")
     return ExitStatus.OK
 
 
@@ -176,28 +176,20 @@ def hosts(scheduler: str, output_format: str, connection: dict[str, Any]) -> int
 @connection_options
 def status(scheduler: str, output_format: str, connection: dict[str, Any]) -> int:
     """Show what every host of a fleet does now, and when it was last heard of."""
-    from r2bspec.measure.units import show
-    from r2bspec.plan.time_estimate import time_text
-
-    found = _hosts_of(scheduler, connection)
+    hosts = _hosts_of(scheduler, connection)
     if output_format == "json":
-        states = [{"host": each.name, "seen_s": each.seen_s, **each.state} for each in found]
+        states = [{"host": host.name, "seen_s": host.seen_s, **host.state} for host in hosts]
         echo_json({"r2bspec_fleet": 1, "hosts": states})
         return ExitStatus.OK
-    rows = []
-    for each in found:
-        left, p99 = each.state.get("left_s"), each.state.get("p99_ns")
-        rows.append(
-            (
-                each.name,
-                each.state.get("state", ""),
-                each.state.get("name", ""),
-                each.state.get("phase", ""),
-                time_text(left) if left is not None else "",
-                show(p99 / 1e9, "s") if p99 is not None else "",
-                f"{each.seen_s:.0f} s ago",
-            )
+    rows = [
+        (
+            host.name,
+            *(host.state.get(key, "") for key in ("state", "name", "phase")),
+            *host.figures,
+            f"{host.seen_s:.0f} s ago",
         )
+        for host in hosts
+    ]
     header = ("host", "state", "benchmark", "phase", "left", "p99", "heard of")
     print_table(header, rows, right_columns=range(1, len(header)))
     return ExitStatus.OK

@@ -9,12 +9,12 @@ import contextlib
 import os
 import sys
 import time
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from r2bspec.cli.spec_selection import SuiteEntry, base_selection, prepare_and_report
+from r2bspec.cli.spec_selection import Playing, SuiteEntry, base_selection, prepare_and_report
 from r2bspec.cli.text_output import counted
 from r2bspec.diagnostics.plain_text import plain
 from r2bspec.errors import R2bspecError
@@ -108,9 +108,7 @@ class FleetExecutor:
         runs = f"{counted(len(entries), 'run')} on {counted(hosts, 'host')}"
         return f"{runs}: about {time_text(total)}"
 
-    def play(
-        self, entries: Sequence[SuiteEntry]
-    ) -> Generator[tuple[SuiteEntry, SuiteRun], None, None]:
+    def play(self, entries: Sequence[SuiteEntry]) -> Playing:
         """Every run when it has ended: first those that need not be made."""
         from r2bspec.cli.finished_runs import history_file
         from r2bspec.fleet.fleet_runs import FleetHistory, FleetLimits, FleetRuns
@@ -274,18 +272,7 @@ def _table(
 
 
 def _row_cells(row: RunStatus, hosts: Mapping[str, Host]) -> tuple[str, ...]:
-    from r2bspec.measure.units import show
-    from r2bspec.plan.time_estimate import time_text
-
     host = hosts.get(row.host)
-    state = host.state if host is not None else {}
-    if state.get("name") != row.name:
+    if host is None or host.state.get("name") != row.name:
         return (row.name, row.host, row.text, "", "")
-    left, p99 = state.get("left_s"), state.get("p99_ns")
-    return (
-        row.name,
-        row.host,
-        state.get("phase") or row.text,
-        time_text(left) if left is not None else "",
-        show(p99 / 1e9, "s") if p99 is not None else "",
-    )
+    return (row.name, row.host, host.state.get("phase") or row.text, *host.figures)

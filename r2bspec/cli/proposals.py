@@ -102,15 +102,14 @@ def _run_pairs(
     prepared: PreparedBenchmark, pairs: int, output: Path | None, *, quiet: bool
 ) -> Path:
     from r2bspec import api
-    from r2bspec.cli.run import RunOptions
-    from r2bspec.cli.run_single import locked_host
+    from r2bspec.cli.text_output import locked_host
     from r2bspec.plan.time_estimate import estimate_pairs
     from r2bspec.report.progress import RemainingTime, shown_progress
 
     remaining = RemainingTime(estimate_pairs(prepared.plan, pairs))
     folder = output or api.default_run_folder(f"{prepared.plan.name}-pairs")
     with (
-        locked_host(f"{prepared.plan.name}-pairs", RunOptions()),
+        locked_host(f"{prepared.plan.name}-pairs"),
         shown_progress(quiet=quiet, remaining=remaining) as progress,
     ):
         api.calibrate(prepared, folder, progress, pairs=pairs, lock="off")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from r2bspec.cli.spec_selection import SpecSelection, base_selection, prepare_and_report
-from r2bspec.cli.text_output import show_findings
+from r2bspec.cli.text_output import locked_host, show_findings
 from r2bspec.errors import R2bspecError
 from r2bspec.report.output import echo, echo_json
 
@@ -50,7 +50,7 @@ def _run(selection: SpecSelection, options: RunOptions, folder: OutputFolder) ->
         if gate is not None and not gate.builds_base(selection, prepared):
             compare_with_base(gate, selection, prepared, options)
         asked_ns = time.monotonic_ns()
-        with locked_host(name, options):
+        with locked_host(name, lock=not options.no_lock, wait=not options.no_wait):
             waited_ns = time.monotonic_ns() - asked_ns
             estimate = estimate_of(prepared, selection, options, gate)
             if not options.quiet:
@@ -90,21 +90,6 @@ class OutputFolder:
 def folder_line(folder: Path) -> str:
     """The line that names a run folder."""
     return f"run folder: {folder}"
-
-
-@contextlib.contextmanager
-def locked_host(what: str, options: RunOptions) -> Iterator[None]:
-    """The lock of the host, unless it is not wanted."""
-    if options.no_lock:
-        yield
-        return
-    from r2bspec.execute.processes.machine import host_lock
-
-    def on_wait(holder: str) -> None:
-        echo(f"waiting for {holder}, which runs on this host; --no-wait refuses", err=True)
-
-    with host_lock(what, wait=not options.no_wait, on_wait=on_wait):
-        yield
 
 
 def estimate_of(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import datetime
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,12 +19,11 @@ from r2bspec.cli.run_single import (
     execute,
     folder_line,
     gate_of,
-    locked_host,
     reported_failures,
     show_differences,
 )
-from r2bspec.cli.spec_selection import Executor, RunItem, SuiteEntry, prepare_and_report
-from r2bspec.cli.text_output import counted
+from r2bspec.cli.spec_selection import Playing, RunItem, SuiteEntry, prepare_and_report
+from r2bspec.cli.text_output import counted, locked_host
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
 from r2bspec.report.output import echo, echo_document
@@ -81,8 +80,9 @@ def run_suite(items: Sequence[RunItem], options: RunOptions, paths: Sequence[str
 
     suite.create_folder()
     with private_files(), fleet_executor(suite, root, options) as executor:
-        suite.enter(executor.place(entries))
-        return suite.run(executor)
+        placed = executor.place(entries)
+        suite.enter(placed)
+        return suite.run(executor.announce(placed), executor.play(placed))
 
 
 def _run_here(
@@ -92,6 +92,8 @@ def _run_here(
 
     A gate that refuses one of the specs plays none of them.
     """
+    from r2bspec.plan.time_estimate import time_text
+
     # All specs are in one work tree.
     place = entries[0].item.selection.spec if entries else Path(paths[0])
     # A name that one spec does not know may be for another: all of them together are asked.
@@ -113,7 +115,13 @@ def _run_here(
         }
         for needs_lock in (False, True):
             if needs_lock and unplayed:
-                stack.enter_context(locked_host(f"{len(entries)} benchmarks", options))
+                stack.enter_context(
+                    locked_host(
+                        f"{len(entries)} benchmarks",
+                        lock=not options.no_lock,
+                        wait=not options.no_wait,
+                    )
+                )
             if gate is None:
                 continue
             for entry in unplayed:
@@ -130,7 +138,9 @@ def _run_here(
             entry.estimate = estimate_of(entry.benchmark, entry.item.selection, options, gate)
         suite.create_folder()
         suite.enter(entries)
-        return suite.run(LocalExecutor(suite, options, gate))
+        total = time_text(sum(entry.seconds for entry in entries))
+        announcement = f"{counted(len(entries), 'run')}: about {total}"
+        return suite.run(announcement, LocalExecutor(suite, options, gate).play(entries))
 
 
 def _compare_with_base(gate: MergeGate, entry: SuiteEntry, options: RunOptions) -> None:
@@ -273,12 +283,12 @@ class Suite:
         _assign_folders(entries, self.root)
         self._entries = entries
 
-    def run(self, executor: Executor) -> int:
+    def run(self, announcement: str, playing: Playing) -> int:
         """Make the runs, then print the summary; returns the worst exit status."""
         if self._entries and not self._options.quiet:
-            echo(executor.announce(self._entries), err=True)
+            echo(announcement, err=True)
         try:
-            with contextlib.closing(executor.play(self._entries)) as playing:
+            with contextlib.closing(playing):
                 for entry, run in playing:
                     self.add(entry, run)
                     if self._options.fail_fast and run.exit_status:
@@ -491,16 +501,7 @@ class LocalExecutor:
     options: RunOptions
     gate: MergeGate | None = None
 
-    def announce(self, entries: Sequence[SuiteEntry]) -> str:
-        """How long all of it will take."""
-        from r2bspec.plan.time_estimate import time_text
-
-        total = time_text(sum(each.seconds for each in entries))
-        return f"{counted(len(entries), 'run')}: about {total}"
-
-    def play(
-        self, entries: Sequence[SuiteEntry]
-    ) -> Generator[tuple[SuiteEntry, SuiteRun], None, None]:
+    def play(self, entries: Sequence[SuiteEntry]) -> Playing:
         """The runs in their order."""
         for number, entry in enumerate(entries):
             settled = self.suite.settled(entry)

@@ -65,8 +65,10 @@ class _SpecFile(click.Path):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The path."""
+        from r2bspec.safe_io.safe_file import is_folder
+
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
-        if path.is_dir():
+        if is_folder(path):
             specs = sorted(path.glob("*.r2b.yaml"))[:_MAX_LISTED_SPECS]
             others = f", such as {', '.join(map(str, specs))}" if specs else ""
             self.fail(f"{str(path)!r} is a folder: name one spec{others}", param, ctx)

@@ -10,7 +10,7 @@ import itertools
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import click
 
@@ -259,13 +259,6 @@ class SuiteEntry:
         return self.estimate.seconds if self.estimate is not None else 0.0
 
 
-class Executor(Protocol):
-    """Makes the runs of a suite: on this host, or on others."""
-
-    def announce(self, entries: Sequence[SuiteEntry]) -> str:
-        """How long the runs will take, in words."""
-
-    def play(
-        self, entries: Sequence[SuiteEntry]
-    ) -> Generator[tuple[SuiteEntry, SuiteRun], None, None]:
-        """Every run when it has ended; closing the iterator ends the suite."""
+Playing = Generator[tuple[SuiteEntry, "SuiteRun"], None, None]
+"""Makes the runs of a suite, here or on other hosts, and yields each when it has ended; closing it
+ends the suite."""

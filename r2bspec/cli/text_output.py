@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -91,3 +92,22 @@ def print_findings(
         echo_document(shown, nl=False)
     else:
         echo(shown, err=err, nl=False, styled=colour, commands=output_format == "github")
+
+
+@contextlib.contextmanager
+def locked_host(what: str, *, lock: bool = True, wait: bool = True) -> Iterator[None]:
+    """The lock of the host, if it is wanted; whom it is waited for is printed.
+
+    Raises:
+        HostBusyError: another run has it, and is not waited for.
+    """
+    if not lock:
+        yield
+        return
+    from r2bspec.execute.processes.machine import host_lock
+
+    def on_wait(holder: str) -> None:
+        echo(f"waiting for {holder}, which runs on this host; --no-wait refuses", err=True)
+
+    with host_lock(what, wait=wait, on_wait=on_wait):
+        yield

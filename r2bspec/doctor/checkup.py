@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +11,6 @@ from typing import Any, Literal
 
 import msgspec
 
-from r2bspec.execute.processes.machine import interpreter
 from r2bspec.middleware.middleware import SHARED_MEMORY
 
 Status = Literal["ok", "warn", "problem"]
@@ -54,7 +54,7 @@ class System:
     sys: Path = Path("/sys")
     shared_memory: Path = SHARED_MEMORY
     runs: Path = Path("runs")
-    python: str = field(default_factory=interpreter)
+    python: str = field(default_factory=lambda: sys.executable)
     environ: Mapping[str, str] = field(default_factory=lambda: dict(os.environ))
 
 

@@ -21,8 +21,7 @@ from r2bspec.middleware.middleware import (
     refuse_transport,
     selected_rmw,
 )
-from r2bspec.native.build import BuildError
-from r2bspec.native.harness_objects import harness_program
+from r2bspec.native.build import BuildError, harness_program
 
 _ROS = "ROS 2"
 

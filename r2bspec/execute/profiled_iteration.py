@@ -7,6 +7,7 @@ of its own, which are started afresh. Whatever fails here is part of the record;
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import time
 from collections.abc import Iterator, Mapping
@@ -132,14 +133,11 @@ class ProfiledIteration:
         began_ns = time.monotonic_ns()
         stacks: Mapping[str, Path] = {}
         try:
-            if self.profiler.attaches:
-                stacks = self._play_attached(rate_hz, duration_ns)
-            else:
-                self._play_wrapped(rate_hz, duration_ns)
-        except InterruptedRunError:
-            raise
-        except (R2bspecError, OSError) as failure:
-            self._failed(failure)
+            with self._noting_failures():
+                if self.profiler.attaches:
+                    stacks = self._play_attached(rate_hz, duration_ns)
+                else:
+                    self._play_wrapped(rate_hz, duration_ns)
         finally:
             # Nothing that ends from here on is a failure of the run.
             self.supervisor.end(list(self.supervisor))
@@ -151,21 +149,20 @@ class ProfiledIteration:
         player = self.starts.sessions[-1].player
         running = {each.name: each for each in self.supervisor}
         attached: dict[str, AttachedProfiler] = {}
-        try:
+        with self._noting_failures():
             for plan in self.processes:
-                try:
+                with self._noting_failures(plan.name):
                     attached[plan.name] = self._attach(plan.name, running)
-                except InterruptedRunError:
-                    raise
-                except (R2bspecError, OSError) as failure:
-                    self.errors[plan.name] = _first_line(failure)
             if attached:
                 self._play(player, rate_hz, duration_ns)
-        except InterruptedRunError:
-            raise
-        except (R2bspecError, OSError) as failure:
-            self._failed(failure)
-        return {name: found for name, each in attached.items() if (found := self._fold(name, each))}
+        stacks: dict[str, Path] = {}
+        for name, profiler in attached.items():
+            with self._noting_failures(name):
+                profiler.stop()
+            # What it has written until then may still be of use.
+            with self._noting_failures(name):
+                stacks[name] = profiler.fold()
+        return stacks
 
     def _attach(self, name: str, running: Mapping[str, ManagedProcess]) -> AttachedProfiler:
         if name not in running:
@@ -177,18 +174,6 @@ class ProfiledIteration:
             self.supervisor,
             self.folder.log_path(f"profile.{name}"),
         )
-
-    def _fold(self, name: str, attached: AttachedProfiler) -> Path | None:
-        try:
-            attached.stop()
-        except (R2bspecError, OSError) as failure:
-            # What it has written until then may still be of use.
-            self.errors.setdefault(name, _first_line(failure))
-        try:
-            return attached.fold()
-        except (R2bspecError, OSError) as failure:
-            self.errors.setdefault(name, _first_line(failure))
-        return None
 
     def _play_wrapped(self, rate_hz: float, duration_ns: int) -> None:
         names = {each.name for each in self.processes}
@@ -219,9 +204,21 @@ class ProfiledIteration:
         at = f"{rate_hz:g} Hz, " if rate_hz else ""
         player.play_unrecorded_for(f"{at}with {self.profiler.name}", rate_hz, duration_ns)
 
-    def _failed(self, failure: Exception) -> None:
-        for each in self.processes:
-            self.errors.setdefault(each.name, _first_line(failure))
+    @contextlib.contextmanager
+    def _noting_failures(self, *names: str) -> Iterator[None]:
+        """Note what fails as the error of these processes, or of all; the first error counts.
+
+        Raises:
+            InterruptedRunError: a signal interrupted the run.
+        """
+        try:
+            yield
+        except InterruptedRunError:
+            raise
+        except (R2bspecError, OSError) as failure:
+            text = clip(without_output(str(failure)), _MAX_ERROR)
+            for name in names or [process.name for process in self.processes]:
+                self.errors.setdefault(name, text)
 
     def _keep_room(self) -> None:
         if shutil.disk_usage(self.folder.path).free < _SPARE_BYTES:
@@ -257,7 +254,3 @@ class ProfiledIteration:
     def _relative(self, path: Path) -> str:
         # A profiler may choose names that are no text.
         return printable(path.relative_to(self.folder.path).as_posix())
-
-
-def _first_line(failure: Exception) -> str:
-    return clip(without_output(str(failure)), _MAX_ERROR)

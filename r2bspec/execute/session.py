@@ -398,7 +398,6 @@ class Session:
         self._launcher.wait_for_observer(observer)
         subscriptions.update()
         if plan.external:
-            self._launcher.mark_external_nodes()
             wait_for_external(plan, supervisor, observer, deadline)
         watched = [watch.topic for watch in plan.monitors]
         watched += [tap.topic for tap in all_taps(plan.monitors)]

@@ -19,13 +19,13 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.api import PreparedBenchmark
 from r2bspec.bags.integrity import hash_files
 from r2bspec.execute.processes.environment import texts
 from r2bspec.fleet.errors import BundleTooLargeError
 from r2bspec.language.quantities import Size
 from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.plan import Plan
+from r2bspec.plan.prepared_benchmark import PreparedBenchmark
 
 MAX_BUNDLE_BYTES: Final = 512 << 20
 """A folder that a command names may be a whole workspace, which belongs on the host."""

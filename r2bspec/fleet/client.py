@@ -12,18 +12,16 @@ import concurrent.futures
 import contextlib
 import secrets
 import time
-from collections.abc import Callable
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import msgspec
 
 from r2bspec.fleet.errors import FleetError
 from r2bspec.fleet.hosts import Host, HostFacts
+from r2bspec.fleet.messages import FACTS, SLOT, on_host
 from r2bspec.fleet.security import FleetAddress, quiet_logs, require_distributed
 
 _CONNECT_S: Final = 10.0
-
-T = TypeVar("T")
 
 
 class FleetClient:
@@ -73,22 +71,14 @@ class FleetClient:
         self.hosts = {host.name: host for host in hosts if host is not None}
         return True
 
-    def submit(
-        self,
-        host: Host,
-        method: Callable[..., T],
-        *args: Any,
-    ) -> concurrent.futures.Future[T]:
-        """Have a host call a method of its `HostService`; cancelling takes back what waits."""
-        from r2bspec.fleet.host_service import on_host
-        from r2bspec.fleet.worker import SLOT
-
+    def submit(self, host: Host, method: str, *args: Any) -> concurrent.futures.Future[Any]:
+        """Have a host call one of `METHODS`; cancelling takes back what waits."""
         client = self._client
         task = client.submit(
             on_host,
             method,
             *args,
-            key=f"r2bspec-{method.__name__}-{secrets.token_hex(8)}",
+            key=f"r2bspec-{method}-{secrets.token_hex(8)}",
             workers=[host.address],
             resources={SLOT: 1},
             allow_other_workers=False,
@@ -144,8 +134,6 @@ async def _greet(scheduler: str, security: Any) -> None:
 
 def _host(address: str, worker: dict[str, Any]) -> Host | None:
     """A worker of r2bspec; None for any other one."""
-    from r2bspec.fleet.worker import FACTS
-
     try:
         facts = msgspec.convert(worker[FACTS], HostFacts)
     except (KeyError, msgspec.ValidationError):

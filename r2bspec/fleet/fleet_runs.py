@@ -27,7 +27,6 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from r2bspec.api import PreparedBenchmark
 from r2bspec.compare.history import open_history
 from r2bspec.compare.history_gate import add_to_history, baseline_from_history, write_baseline
 from r2bspec.errors import R2bspecError
@@ -41,16 +40,16 @@ from r2bspec.fleet.errors import (
     NoHostError,
     TransferError,
 )
-from r2bspec.fleet.host_service import HostService
 from r2bspec.fleet.hosts import Host
 from r2bspec.fleet.journal import Journal, State
-from r2bspec.fleet.play_run import Played
-from r2bspec.fleet.transfer import MAX_TRANSFERS, Call, Steps, fetch, offer
+from r2bspec.fleet.messages import Call, Played, Steps
+from r2bspec.fleet.transfer import MAX_TRANSFERS, fetch, offer
 from r2bspec.judge.baseline_comparison import fails_by_history
 from r2bspec.judge.judge_run import result_of, to_json
 from r2bspec.judge.result import Result
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import Plan
+from r2bspec.plan.prepared_benchmark import PreparedBenchmark
 from r2bspec.record.baseline_file import CONFIRMATION_FOLDER
 from r2bspec.record.run_folder import RunFolder, open_run
 
@@ -311,7 +310,7 @@ class FleetRuns:
             state: State = "invalid" if again else "failed" if error is not None else "done"
             self._write(entry, host, state, job.identity, str(error or played.outcome))
             with contextlib.suppress(R2bspecError):  # a host that is lost drops it later
-                yield Call(HostService.drop, (job.identity,))
+                yield Call("drop", (job.identity,))
             if not again:
                 return error
             self.on_note(f"{entry.run.name} on {host.name} is invalid and made again")
@@ -335,7 +334,7 @@ class FleetRuns:
                 yield from offer(host, job, entry.bundle)
                 self._write(entry, host, "sent", job.identity)
                 entry.status = (host.name, "being confirmed" if is_confirmation else "playing")
-                played: Played = yield Call(HostService.play, (job,))
+                played: Played = yield Call("play", (job,))
                 folder = entry.run.folder
                 if is_confirmation:
                     folder /= CONFIRMATION_FOLDER
@@ -364,7 +363,7 @@ class FleetRuns:
             if played.problem is not None:
                 raise played.problem.error
             with contextlib.suppress(R2bspecError):
-                yield Call(HostService.drop, (identity,))
+                yield Call("drop", (identity,))
         history.add(folder)
 
     def _job(self, entry: _Entry, host: str) -> Job:

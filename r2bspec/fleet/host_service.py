@@ -1,23 +1,24 @@
 """What a host does for its clients: takes files, plays one run at a time, hands its folder out.
 
-It is a plugin of the Dask worker of the host. Clients submit its methods as tasks (`on_host`).
+It is a plugin of the Dask worker of the host. Clients name its methods (`r2bspec.fleet.messages`).
 """
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import msgspec
 from distributed.diagnostics.plugin import WorkerPlugin
 
 from r2bspec.bags.integrity import hash_files
+from r2bspec.diagnostics.quote import quote
 from r2bspec.fleet.bundle import Job, SentFile, digest_of
 from r2bspec.fleet.errors import (
     FleetError,
@@ -27,45 +28,21 @@ from r2bspec.fleet.errors import (
     NoHostError,
     TransferError,
 )
-from r2bspec.fleet.host_store import HostStore, full_disk, pack_run, remove
+from r2bspec.fleet.host_store import HostStore, pack_run, remove
 from r2bspec.fleet.hosts import HostFacts
+from r2bspec.fleet.messages import METHODS, PLUGIN, Played, Problem, RunState
 from r2bspec.fleet.permissions import check_allowed
-from r2bspec.fleet.play_run import (
-    ENDED_FILE,
-    JOB_FILE,
-    PROGRESS_FILE,
-    RUN_FOLDER,
-    Played,
-    Problem,
-    RunState,
-)
+from r2bspec.fleet.play_run import ENDED_FILE, JOB_FILE, PROGRESS_FILE, RUN_FOLDER
 from r2bspec.plan.canonical_json import parse_plan
 from r2bspec.plan.this_machine import LABELS_VARIABLE, unmet
 from r2bspec.private_files import user_umask
 from r2bspec.record.files import write_atomically
 
-PLUGIN: Final = "r2bspec"
-
 _PLAYED_FILE: Final = "played.json"
 _ARCHIVE: Final = "run.tar.gz"
-_ANNOUNCE_S: Final = 0.5
+_FULL: Final = frozenset({errno.ENOSPC, errno.EDQUOT})
 _NO_ROOM: Final = frozenset({"R2B651", "R2B664"})
 """A run that could not be written, and shared memory that is too small: another host may do."""
-
-T = TypeVar("T")
-
-
-def on_host(method: Callable[..., T], *args: Any) -> T:
-    """Call a method of the host of this worker: the only function that clients submit.
-
-    A run is announced in a heartbeat of its own, because the next one may be far.
-    """
-    from distributed import get_worker
-
-    worker: Any = get_worker()
-    service: HostService = worker.plugins[PLUGIN]
-    worker.loop.add_callback(worker.loop.call_later, _ANNOUNCE_S, worker.heartbeat)
-    return service.answer(method, *args)
 
 
 class HostService(WorkerPlugin):
@@ -91,21 +68,29 @@ class HostService(WorkerPlugin):
         self._child: subprocess.Popen[bytes] | None = None
         self._is_closing = False
 
-    def answer(self, method: Callable[..., T], *args: Any) -> T:
-        """Call a method for a client.
+    def answer(self, method: str, *args: Any) -> Any:
+        """Call one of `METHODS` for a client.
 
         Raises:
-            R2bspecError: the method did, the disk is full, or the system refuses.
+            R2bspecError: the method did, the disk is full, or the system refuses; or the host has
+                no such method.
         """
+        name = self.facts.name
+        if method not in METHODS:
+            raise FleetError(f"the host {name} does nothing that is called {quote(method)}")
         try:
-            with full_disk(self.facts.name):
-                return method(self, *args)
-        except HostFullError:
-            with contextlib.suppress(OSError):
-                self.store.trim({self._playing})
-            raise
-        except (OSError, ValueError, msgspec.MsgspecError) as error:
-            raise FleetError(f"the host {self.facts.name} failed: {error}") from error
+            return getattr(self, method)(*args)
+        except (HostFullError, OSError, ValueError, msgspec.MsgspecError) as error:
+            is_disk_full = isinstance(error, OSError) and error.errno in _FULL
+            if is_disk_full or isinstance(error, HostFullError):
+                with contextlib.suppress(OSError):
+                    self.store.trim({self._playing})
+            if isinstance(error, HostFullError):
+                raise
+            if is_disk_full:
+                hint = "Free space there, or start its worker with a smaller --cache-limit."
+                raise HostFullError(f"the disk of the host {name} is full", hint=hint) from error
+            raise FleetError(f"the host {name} failed: {error}") from error
 
     def state(self) -> dict[str, Any]:
         """What the host does, for the heartbeats of its worker."""

@@ -13,7 +13,6 @@ what is missing is sent again.
 from __future__ import annotations
 
 import contextlib
-import errno
 import fcntl
 import os
 import shutil
@@ -26,10 +25,9 @@ from typing import Final
 
 from r2bspec.bags.integrity import hash_files
 from r2bspec.fleet.bundle import Job, SentFile, digest_of
-from r2bspec.fleet.errors import HostFullError, TransferError
+from r2bspec.fleet.errors import TransferError
 
 DEFAULT_LIMIT_BYTES: Final = 20 << 30
-_FULL: Final = frozenset({errno.ENOSPC, errno.EDQUOT})
 _KINDS: Final = ("objects", "work", "spool")
 _PART: Final = ".part"
 _HEADSTART_S: Final = {"spool": 86_400.0}
@@ -40,24 +38,6 @@ _COMPRESSION: Final = 1
 
 _MAX_RUN_BYTES: Final = 64 << 30
 _POLL_S: Final = 0.2
-
-
-@contextlib.contextmanager
-def full_disk(name: str) -> Iterator[None]:
-    """Report a full disk of this host as such.
-
-    Raises:
-        HostFullError: a file could not be written for want of room.
-    """
-    try:
-        yield
-    except OSError as error:
-        if error.errno not in _FULL:
-            raise
-        raise HostFullError(
-            f"the disk of the host {name} is full",
-            hint="Free space there, or start its worker with a smaller --cache-limit.",
-        ) from error
 
 
 def inside(root: Path, path: str) -> Path:

@@ -12,8 +12,10 @@ import msgspec
 from r2bspec._version import __version__
 from r2bspec.errors import R2bspecError
 from r2bspec.fleet.errors import NoHostError, VersionDiffersError
+from r2bspec.measure.units import show
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.this_machine import MachineFacts, gpus, ros_distro, unmet
+from r2bspec.plan.time_estimate import time_text
 
 ALL: Final = "all"
 ANY: Final = "any"
@@ -83,6 +85,15 @@ class Host(NamedTuple):
     def name(self) -> str:
         """The name of the host."""
         return self.facts.name
+
+    @property
+    def figures(self) -> tuple[str, str]:
+        """What is left of its run, and the p99 so far; empty where they are not known."""
+        left_s, p99_ns = self.state.get("left_s"), self.state.get("p99_ns")
+        return (
+            time_text(left_s) if left_s is not None else "",
+            show(p99_ns / 1e9, "s") if p99_ns is not None else "",
+        )
 
 
 def describe_host(

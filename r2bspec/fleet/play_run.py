@@ -21,11 +21,12 @@ from r2bspec.errors import R2bspecError
 from r2bspec.execute.progress import NullProgress
 from r2bspec.exit_status import ExitStatus
 from r2bspec.fleet.bundle import Job, Side
+from r2bspec.fleet.messages import Played, Problem, RunState
 from r2bspec.record.files import write_atomically
 
 if TYPE_CHECKING:
-    from r2bspec.api import PreparedBenchmark
     from r2bspec.judge.result import Result
+    from r2bspec.plan.prepared_benchmark import PreparedBenchmark
 
 JOB_FILE: Final = "job.json"
 ENDED_FILE: Final = "ended.json"
@@ -34,58 +35,6 @@ RUN_FOLDER: Final = "run"
 
 _PROGRESS_INTERVAL_S: Final = 5.0
 """Progress is written by the controller: rarely, because it measures at the same time."""
-
-
-class Problem(msgspec.Struct, frozen=True, kw_only=True):
-    """Why a run failed, as it is shown.
-
-    Attributes:
-        is_of_host: whether nothing was played, because the spec is not valid on this host.
-    """
-
-    code: str
-    message: str
-    hint: str = ""
-    exit_status: int = ExitStatus.RUN_FAILED
-    is_of_host: bool = False
-
-    @property
-    def error(self) -> R2bspecError:
-        """The error of a client."""
-        error = R2bspecError(self.message, hint=self.hint, code=self.code)
-        error.exit_code = ExitStatus(self.exit_status)  # type: ignore[call-arg] # of the lookup by value
-        return error
-
-
-class Played(msgspec.Struct, frozen=True, kw_only=True):
-    """A run that has ended.
-
-    Attributes:
-        outcome: of its verdict; empty where there is none.
-        problem: why it failed.
-        size: of the archive of its folder, in bytes; 0 if it has none.
-        sha256: of the archive.
-    """
-
-    outcome: str = ""
-    problem: Problem | None = None
-    size: int = 0
-    sha256: str = ""
-
-
-class RunState(msgspec.Struct, frozen=True, kw_only=True):
-    """How far a run is, for the tables of clients.
-
-    Attributes:
-        phase: in words.
-        left_s: the estimated rest; None where it is unknown.
-        p99_ns: of the latest latencies; None before the first.
-    """
-
-    name: str
-    phase: str = ""
-    left_s: float | None = None
-    p99_ns: int | None = None
 
 
 class _WrittenProgress(NullProgress):
@@ -213,8 +162,8 @@ def _play(job: Job, spool: Path, tree: Path) -> Result:
 
 
 def _prepared(side: Side, tree: Path) -> PreparedBenchmark:
-    from r2bspec.api import PreparedBenchmark
     from r2bspec.plan.canonical_json import parse_plan
+    from r2bspec.plan.prepared_benchmark import PreparedBenchmark
 
     return PreparedBenchmark(
         plan=parse_plan(side.plan.encode(), "the plan of the client"),

@@ -10,16 +10,14 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
-from collections.abc import Callable, Generator
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final
 
 from r2bspec.fleet.bundle import Bundle, Job, SentFile, digest_of
 from r2bspec.fleet.errors import TransferError
-from r2bspec.fleet.host_service import HostService
 from r2bspec.fleet.host_store import unpack_run
 from r2bspec.fleet.hosts import Host
-from r2bspec.fleet.play_run import Played
+from r2bspec.fleet.messages import Call, Played, Steps
 
 PIECE_BYTES: Final = 4 << 20
 """Small enough to pass through a scheduler, and to be repeated over a slow link."""
@@ -28,16 +26,6 @@ INCOMING: Final = ".incoming"
 """In the folder of a suite: archives that have not arrived as a whole yet."""
 
 MAX_TRANSFERS: Final = 3
-
-
-class Call(NamedTuple):
-    """A method of `HostService` that a host is to call."""
-
-    method: Callable[..., Any]
-    args: tuple[Any, ...]
-
-
-Steps = Generator[Call, Any, Any]
 
 
 def offer(host: Host, job: Job, bundle: Bundle) -> Steps:
@@ -49,7 +37,7 @@ def offer(host: Host, job: Job, bundle: Bundle) -> Steps:
     """
     files = {file.sha256: file for file in job.files}
     for number in range(MAX_TRANSFERS + 1):
-        missing: dict[str, int] = yield Call(HostService.prepare, (job,))
+        missing: dict[str, int] = yield Call("prepare", (job,))
         if not missing:
             return
         for sha256, offset in missing.items():
@@ -66,7 +54,7 @@ def _send(file: SentFile, source: Path, offset: int) -> Steps:
         stream.seek(offset)
         while True:
             piece = stream.read(PIECE_BYTES)
-            yield Call(HostService.put, (file, offset, piece))
+            yield Call("put", (file, offset, piece))
             offset += len(piece)
             if offset >= file.size or not piece:
                 return
@@ -93,7 +81,7 @@ def fetch(host: Host, identity: str, played: Played, root: Path, folder: Path) -
     archive = incoming / f"{identity}.tar.gz"
     with archive.open("ab") as stream:
         while (size := stream.tell()) < played.size:
-            piece: bytes = yield Call(HostService.read, (identity, size, PIECE_BYTES))
+            piece: bytes = yield Call("read", (identity, size, PIECE_BYTES))
             if not piece:
                 raise TransferError(f"the host {host.name} has no more of the run")
             stream.write(piece)

@@ -22,13 +22,8 @@ from typing import Any, Final
 import msgspec
 
 from r2bspec.fleet.host_service import HostService
+from r2bspec.fleet.messages import FACTS, SLOT
 from r2bspec.fleet.security import FleetAddress, quiet_logs
-
-SLOT: Final = "r2bspec-host"
-"""The resource of which each host has one."""
-
-FACTS: Final = "r2bspec"
-"""Under this key a worker describes its host when it registers, and its state in heartbeats."""
 
 HEARTBEAT_S: Final = 10.0
 

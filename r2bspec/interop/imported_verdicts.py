@@ -109,7 +109,8 @@ def _judge_requirement(
     gate_confidence: float,
 ) -> Iterator[RequirementVerdict]:
     """The verdicts on one requirement: one, or one for each monitor of the report."""
-    at_hz = _rate_of(report, objective)
+    peak_hz = report.peak_hz if objective.at_peak else None
+    at_hz = objective.at.hz if objective.at is not None else peak_hz
     figures = _figures_at(report, at_hz, at_peak=objective.at_peak)
     named_monitor, info = _resolve_metric(requirement, figures)
     confidence = objective.confidence.fraction if objective.confidence else gate_confidence
@@ -147,12 +148,6 @@ def _resolve_metric(
     with contextlib.suppress(MetricError):
         return first, resolve(rest, ())[1]
     return None, MetricInfo(requirement.metric, "probe", "none", "", "observation", "")
-
-
-def _rate_of(report: ReferenceReport, objective: Objective) -> float | None:
-    if objective.at is not None:
-        return objective.at.hz
-    return report.peak_hz if objective.at_peak else None
 
 
 def _figures_at(

@@ -15,6 +15,7 @@ the working tree, which could bring a configuration of its own, is never looked 
 
 from __future__ import annotations
 
+import itertools
 import posixpath
 import re
 from dataclasses import dataclass
@@ -170,23 +171,14 @@ def base_version(reference: str, folder: Path) -> BaseVersion:
 
 @lru_cache(maxsize=1024)
 def _environment_names(base: BaseVersion, path: str) -> frozenset[str]:
-    """The names, found once for all cases of a spec."""
-    return _EnvironmentNames(base).names(path, 0) or frozenset()
+    """The names in a file of the base and in what that extends, once for all cases of a spec."""
+    files = itertools.count(1)
 
-
-class _EnvironmentNames:
-    """Reads `environment` of a file of the base, and of what that extends."""
-
-    def __init__(self, base: BaseVersion) -> None:
-        self._base = base
-        self._read = 0
-
-    def names(self, path: str, depth: int) -> frozenset[str] | None:
+    def names(path: str, depth: int) -> frozenset[str] | None:
         """The names; None if neither the file nor what it extends says anything."""
-        self._read += 1
-        if depth > MAX_EXTENDS_DEPTH or self._read > MAX_EXTENDED_FILES:
+        if depth > MAX_EXTENDS_DEPTH or next(files) > MAX_EXTENDED_FILES:
             return None
-        data = self._base.read(path)
+        data = base.read(path)
         tree = compose(decode(data, path)).tree if data is not None else None
         if not isinstance(tree, MapNode):
             return None
@@ -195,9 +187,11 @@ class _EnvironmentNames:
         found: frozenset[str] | None = None
         for each in extended_names(tree) if KEY in tree.entries else ():
             target = posixpath.normpath(posixpath.join(posixpath.dirname(path), str(each.value)))
-            below = self.names(target, depth + 1)
+            below = names(target, depth + 1)
             found = found if below is None else below
         return found
+
+    return names(path, 0) or frozenset()
 
 
 @dataclass(frozen=True, slots=True)

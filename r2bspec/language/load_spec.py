@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import gc
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path as FilePath
@@ -46,7 +46,7 @@ from r2bspec.language.located_tree import (
 )
 from r2bspec.language.matrix import KEY as MATRIX
 from r2bspec.language.matrix import Matrix, MatrixCase, matrix_of
-from r2bspec.language.read_spec import Violation, read_spec
+from r2bspec.language.read_spec import read_spec
 from r2bspec.language.selected_spec import LoadOptions
 from r2bspec.language.spec import Spec
 from r2bspec.language.substitution import substitute
@@ -316,7 +316,12 @@ def _load_case(
         origins.entries.update(substituted.origins)
     if tree is not None and not isinstance(tree, UnknownNode):
         spec, violations = read_spec(tree, document.sources)
-        explained = _explained(violations)
+        explained: list[Diagnostic] = []
+        if violations:
+            # Imported only where there is something to explain.
+            from r2bspec.language.explain_violations import explain_violations
+
+            explained = explain_violations(violations)
         problems += [*explained, *key_constraint_errors(tree, explained)]
         if isinstance(tree, MapNode) and MATRIX in tree.entries:
             tree = without(tree, MATRIX)
@@ -335,15 +340,6 @@ def _load_case(
         matrix_case=matrix_case,
         origins=origins,
     )
-
-
-def _explained(violations: Sequence[Violation]) -> list[Diagnostic]:
-    if not violations:
-        return []
-    # Explanations are imported only where there is something to explain.
-    from r2bspec.language.explain_violations import explain_violations
-
-    return explain_violations(violations)
 
 
 def _is_consequence(problem: Diagnostic, incomplete: set[Path]) -> bool:

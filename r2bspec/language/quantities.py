@@ -80,7 +80,7 @@ class Quantity:
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and other._value == self._value
 
-    def __lt__(self, other: Self) -> bool:
+    def __lt__(self, other: Quantity) -> bool:
         if type(other) is not type(self):
             raise TypeError(f"a {self.kind} cannot be compared with {type(other).__name__}")
         return self._value < other._value

@@ -157,8 +157,9 @@ class Substitution:
             found = self._scalar(node)
             if not rule.about.deferrable:
                 found = self._without_secret(found)
-            if found is not node and rule.is_text:
-                return _as_text(found)
+            if found is not node and rule.is_text and isinstance(found, ScalarNode):
+                # A value that must be a string, also if the variable is a number.
+                return replace(found, value=found.text)
             return found
         if isinstance(node, UnknownNode):
             return node
@@ -277,8 +278,11 @@ class Substitution:
             origin = origin or value.origin
             self._inserted += len(value.text)
             if self._inserted > MAX_DOCUMENT_BYTES:
-                self._too_long(node.span)
-                failed = True
+                if not self._size_exceeded:
+                    limit = f"{MAX_DOCUMENT_BYTES // 1_000_000} MB"
+                    message = f"after substitution the document is larger than {limit}"
+                    self.problems.error("R2B129", message, node.span, "use shorter values")
+                self._size_exceeded = failed = True
                 break
         if failed:
             return UnknownNode(node.span)
@@ -299,13 +303,6 @@ class Substitution:
             related=(node.origin,) if node.origin else (),
         )
         return UnknownNode(node.span)
-
-    def _too_long(self, span: Span) -> None:
-        if not self._size_exceeded:
-            limit = MAX_DOCUMENT_BYTES // 1_000_000
-            message = f"after substitution the document is larger than {limit} MB"
-            self.problems.error("R2B129", message, span, "use shorter values")
-        self._size_exceeded = True
 
     def _value(self, found: Reference | MalformedReference, node: ScalarNode) -> ScalarNode | None:
         """The value of one reference, with its origin; None if it is unknown."""
@@ -403,8 +400,3 @@ def _is_final(node: TreeNode) -> bool:
     if type(node) is not ScalarNode or node.secret:
         return False
     return type(node.value) is not str or OPENING not in node.value
-
-
-def _as_text(node: ScalarNode | UnknownNode) -> ScalarNode | UnknownNode:
-    """A value that must be a string, such as an argument, also if the variable is a number."""
-    return replace(node, value=node.text) if isinstance(node, ScalarNode) else node

@@ -116,14 +116,11 @@ class _Dumper(yaml.SafeDumper):
 
 
 def _represent_text(dumper: _Dumper, data: str) -> yaml.ScalarNode:
-    return dumper.represent_scalar("tag:yaml.org,2002:str", data, style=_style(data))
-
-
-def _style(data: str) -> str | None:
     try:
-        return None if isinstance(resolve(data), str) else "'"
+        style = None if isinstance(resolve(data), str) else "'"
     except ScalarError:
-        return "'"
+        style = "'"
+    return dumper.represent_scalar("tag:yaml.org,2002:str", data, style=style)
 
 
 _Dumper.add_representer(str, _represent_text)
@@ -336,23 +333,20 @@ class _Composer:
             elif kind is ev.AliasEvent:
                 self._alias(event)
             elif kind is ev.DocumentStartEvent:
-                self._document(event)
+                self._documents += 1
+                if self._documents > 1:
+                    self.problems.stop(
+                        "R2B021",
+                        "a second YAML document starts here; a file contains one benchmark",
+                        self._span(event),
+                        "move it to its own file, or remove the '---'",
+                    )
         if self._documents == 0:
             self.problems.stop(
                 "R2B020",
                 "the file contains no YAML document",
                 Span.of_file(self._source.file),
                 "a spec begins with 'r2bspec: 1' and 'name: ...'",
-            )
-
-    def _document(self, event: Any) -> None:
-        self._documents += 1
-        if self._documents > 1:
-            self.problems.stop(
-                "R2B021",
-                "a second YAML document starts here; a file contains one benchmark",
-                self._span(event),
-                "move it to its own file, or remove the '---'",
             )
 
     def _too_many_values(self, span: Span) -> None:
@@ -396,22 +390,20 @@ class _Composer:
 
     def _alias(self, event: Any) -> None:
         name, span = event.anchor, self._span(event)
-        if any(frame.anchor == name for frame in self._open):
-            self.problems.error(
-                "R2B026",
-                f"alias '*{name}' refers to a value that contains it",
-                span,
-                "put the anchor on a smaller value, or write the value out",
+        contains_it = any(frame.anchor == name for frame in self._open)
+        if contains_it or name not in self._anchors:
+            message, help_text = (
+                (
+                    f"alias '*{name}' refers to a value that contains it",
+                    "put the anchor on a smaller value, or write the value out",
+                )
+                if contains_it
+                else (
+                    f"alias '*{name}' has no anchor '&{name}' before it",
+                    f"add '&{name}' to an earlier value, or quote the text if it is not an alias",
+                )
             )
-            self._add(UnknownNode(span), 1, None, span)
-            return
-        if name not in self._anchors:
-            self.problems.error(
-                "R2B026",
-                f"alias '*{name}' has no anchor '&{name}' before it",
-                span,
-                f"add '&{name}' to an earlier value, or quote the text if it is not an alias",
-            )
+            self.problems.error("R2B026", message, span, help_text)
             self._add(UnknownNode(span), 1, None, span)
             return
         node, size = self._anchors[name]

@@ -120,21 +120,20 @@ async def run_command(
         limit=1 << 20,
     )
     try:
-        _, output = await asyncio.gather(_tell(process.stderr, on_line), _all(process.stdout))
-        return await process.wait(), output
+        assert process.stdout is not None  # noqa: S101 - it is a pipe
+        assert process.stderr is not None  # noqa: S101 - it is one, too
+        told = _tell(process.stderr, on_line)
+        _, output = await asyncio.gather(told, process.stdout.read())
+        return await process.wait(), output.decode("utf-8", "replace")
     except asyncio.CancelledError:
         process.send_signal(2)
         await process.wait()
         raise
 
 
-async def _tell(stream: asyncio.StreamReader | None, on_line: Callable[[str], None]) -> None:
-    while stream is not None and (line := await stream.readline()):
+async def _tell(stream: asyncio.StreamReader, on_line: Callable[[str], None]) -> None:
+    while line := await stream.readline():
         on_line(line.decode("utf-8", "replace").rstrip())
-
-
-async def _all(stream: asyncio.StreamReader | None) -> str:
-    return "" if stream is None else (await stream.read()).decode("utf-8", "replace")
 
 
 _MAX_TRIED: Final = 5

@@ -266,8 +266,7 @@ def _marked(tree: TreeNode) -> tuple[Path, bool, str, frozenset[str]] | None:
         if isinstance(node, MapNode):
             for key in node.entries:
                 if _MARKER in key:
-                    others = frozenset(node.entries) - {key}
-                    return path, True, key.partition(_MARKER)[0], others
+                    return path, True, key.partition(_MARKER)[0], frozenset(node.entries) - {key}
     return None
 
 

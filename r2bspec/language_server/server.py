@@ -94,11 +94,9 @@ class SpecLanguageServer(LanguageServer):
 
     def positions_of(self, file: str) -> TextPositions:
         """The positions in a file: of its open text, or of what is on disk."""
-        return TextPositions(self.text_of(Path(file)), self._encoding())
-
-    def _encoding(self) -> str:
         encoding = self.workspace.position_encoding
-        return str(getattr(encoding, "value", encoding) or "utf-16")
+        name = str(getattr(encoding, "value", encoding) or "utf-16")
+        return TextPositions(self.text_of(Path(file)), name)
 
     def location(self, span: Span) -> types.Location:
         """The location of a span."""

@@ -185,8 +185,6 @@ def match(
     answered, first = np.unique(answer[rows], return_index=True)
     first_row = np.full(trigger_steps.size, NO_MATCH, dtype=np.int64)
     first_row[answered] = rows[first]
-    in_order_of_arrival = answered[np.argsort(first)]
-    highest_before = np.maximum.accumulate(in_order_of_arrival)[:-1]
     step = np.full(monitor.size, NO_MATCH, dtype=np.int64)
     step[rows] = trigger_steps[answer[rows]]
     published_ns = playback["published_ns"][trigger_steps[answered]]
@@ -196,13 +194,19 @@ def match(
         trigger_steps=trigger_steps,
         first_row=first_row,
         duplicates=int(rows.size - answered.size) + surplus,
-        reordered=int(np.count_nonzero(in_order_of_arrival[1:] < highest_before)),
+        reordered=count_reordered(answered[np.argsort(first)]),
         unmatched=int(monitor.size - rows.size) - surplus,
         early=int(np.count_nonzero(early)),
         surplus=_surplus(playback, monitor, trigger_steps.size) if by == "order" else 0,
         per_step=ratio.per_step,
         by_order=by == "order",
     )
+
+
+def count_reordered(in_order_of_arrival: NDArray[np.int64]) -> int:
+    """How many outputs arrived after that of a later step (see `Matching`)."""
+    highest_before = np.maximum.accumulate(in_order_of_arrival)[:-1]
+    return int(np.count_nonzero(in_order_of_arrival[1:] < highest_before))
 
 
 def _answers_by_order(playback: Rows, monitor: Rows, expected: int) -> NDArray[np.int64]:

@@ -252,11 +252,6 @@ def pool_resource_use(samples: Iterable[ResourceUse | None]) -> ResourceUse | No
     )
 
 
-def process_names(samples: Sequence[SegmentSamples]) -> tuple[str, ...]:
-    """The processes that were sampled in any of the segments, in order of appearance."""
-    return tuple(dict.fromkeys(name for one in samples for name in one.processes))
-
-
 def summarise(samples: RunSamples) -> RunMetrics:
     """The metrics of samples that were read before."""
     return RunMetrics(
@@ -309,9 +304,9 @@ def _measure_rate(
 def _pooled(samples: Sequence[SegmentSamples]) -> SegmentMetrics:
     machine = pool_resource_use(one.machine for one in samples)
     sent = sum(one.playback.sent for one in samples if not one.playback.live)
+    names = dict.fromkeys(name for one in samples for name in one.processes)
     processes = {
-        name: pool_resource_use(one.processes.get(name) for one in samples)
-        for name in process_names(samples)
+        name: pool_resource_use(one.processes.get(name) for one in samples) for name in names
     }
     return SegmentMetrics(
         segment="",

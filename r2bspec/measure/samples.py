@@ -20,7 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.measure.host_usage import HostInterference, ResourceUse
-from r2bspec.measure.matching import NO_MATCH, MatchedMonitor, Matching, match, source_times_ns
+from r2bspec.measure.matching import (
+    NO_MATCH,
+    MatchedMonitor,
+    Matching,
+    count_reordered,
+    match,
+    source_times_ns,
+)
 from r2bspec.measure.times import (
     Seconds,
     edge_gaps,
@@ -171,9 +178,7 @@ class StepTimes:
     @property
     def reordered(self) -> int:
         """Outputs that arrived after that of a later step (see `Matching`)."""
-        in_order_of_arrival = np.argsort(self.received_ns[self.answered], kind="stable")
-        highest_before = np.maximum.accumulate(in_order_of_arrival)[:-1]
-        return int(np.count_nonzero(in_order_of_arrival[1:] < highest_before))
+        return count_reordered(np.argsort(self.received_ns[self.answered], kind="stable"))
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Compiling C on first use, with a cache.
+"""Compiling C on first use, with a cache: the harness above all.
 
 A result is kept under the digest of everything that it was made from: sources, compiler, headers
 and flags. It is compiled in a folder of its own and moved into place, so that two builds at once
@@ -21,7 +21,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from r2bspec.errors import R2bspecError
 from r2bspec.exit_status import ExitStatus
@@ -264,3 +264,86 @@ def _refuse_foreign(folder: Path) -> None:
             f"other users can write to {folder}, in which programs are kept",
             hint="Remove it, or choose another cache folder in XDG_CACHE_HOME.",
         )
+
+
+PROGRAM = "r2bspec_harness"
+LIBRARY = "libr2bspec_harness.so"
+
+_FOLDER = Path(__file__).parent
+_HARNESS_SOURCES = ("control.c", "monitor.c", "player.c", "ros.c")
+_HARNESS_FLAGS = ("-fwrapv",)
+
+
+def harness_program(environ: Mapping[str, str] = os.environ, flags: Sequence[str] = ()) -> Path:
+    """The program of a player or a monitor, in a process of its own.
+
+    Raises:
+        BuildError: it cannot be built (R2B668).
+    """
+    return _build_own(
+        PROGRAM, "program", (*_HARNESS_SOURCES, "main.c"), environ, (*_HARNESS_FLAGS, *flags)
+    )
+
+
+def harness_library(flags: Sequence[str] = ()) -> Path:
+    """The library with players and monitors for other processes (`r2bspec_harness_serve`).
+
+    Raises:
+        BuildError: it cannot be built (R2B668).
+    """
+    return _build_own(LIBRARY, "library", _HARNESS_SOURCES, os.environ, (*_HARNESS_FLAGS, *flags))
+
+
+def _build_own(
+    name: str,
+    kind: Kind,
+    sources: Sequence[str],
+    environ: Mapping[str, str],
+    flags: Sequence[str],
+    **more: Any,
+) -> Path:
+    files, compiler = [_FOLDER / source for source in sources], find_compiler(environ)
+    return build(name, files, find_ros(environ), kind=kind, compiler=compiler, flags=flags, **more)
+
+
+SOCKET_VARIABLE = "R2BSPEC_JOIN_SOCKET"
+"""Has the path of the socket on which a run waits for processes of its graph."""
+
+PROCESS_VARIABLE = "R2BSPEC_JOIN_PROCESS"
+"""Has the name of the process in the plan; what it starts inherits it."""
+
+_SEPARATORS = " :"
+"""No path with one of them can be preloaded."""
+
+
+def join_object(flags: Sequence[str] = ()) -> Path:
+    """The object to preload; see ``join.c``.
+
+    Raises:
+        BuildError: it cannot be built, or its path cannot be preloaded (R2B668).
+    """
+    path = _build_own(
+        "r2bspec_join.so", "library", ("join.c",), os.environ, flags, libraries=("-ldl",)
+    )
+    if any(each in str(path) for each in _SEPARATORS):
+        raise BuildError(
+            f"{path} cannot be preloaded: the path has a blank or a colon",
+            hint="Choose a cache folder without them in XDG_CACHE_HOME.",
+        )
+    return path
+
+
+def join_environment(join: Path, socket: Path, process: str, preloaded: str) -> dict[str, str]:
+    """The variables with which a process asks the controller whether it gets the harness.
+
+    Args:
+        join: from `join_object`.
+        socket: on which the controller listens.
+        process: its name in the plan.
+        preloaded: what is preloaded into it already, as in ``LD_PRELOAD``.
+    """
+    return {
+        "LD_PRELOAD": f"{join}:{preloaded}" if preloaded else str(join),
+        SOCKET_VARIABLE: str(socket),
+        PROCESS_VARIABLE: process,
+    }

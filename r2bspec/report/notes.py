@@ -141,21 +141,31 @@ def _weighted(result: Result) -> Iterator[Note]:
     """The notes in the order in which they are worked out."""
     interference = tuple(_interference_notes(result))
     summary = (_interference_summary(result),) if len(interference) > 1 else ()
+    ended_outputs = (
+        f"No more messages on {gap.topic} in {gap.segment}. {gap.reason}"
+        for gap in result.output_gaps
+    )
+    decisions = result.pairs.notes if result.pairs is not None else ()
+    harmless_differences = (
+        f"{difference.code}: {difference.message}; {difference.help}"
+        for difference in result.differences
+        if difference.harmless
+    )
     groups: tuple[tuple[Weight, Iterable[str]], ...] = (
         (Weight.BROKEN, _status_notes(result)),
-        (Weight.BROKEN, _output_gap_notes(result)),
+        (Weight.BROKEN, ended_outputs),
         # Each start has a process of the name; that all end in one way is one note.
         (Weight.BROKEN, _exit_notes(result)),
         (Weight.OPEN, _machine_notes(result)),
         (Weight.OPEN, _requirement_notes(result, ("fail", "inconclusive"))),
-        (Weight.INTERFERENCE, _of_pairs(result)),
+        (Weight.INTERFERENCE, (f"{text[:1].upper()}{text[1:]}" for text in decisions)),
         (Weight.INTERFERENCE, summary),
         (Weight.DETAIL if summary else Weight.INTERFERENCE, interference),
         (Weight.PLAYED, accuracy_notes(result)),
         (Weight.PLAYED, unplayed_notes(result)),
         (Weight.PLAYED, result.left_out),
         (Weight.PLAYED, _message_anomalies(result)),
-        (Weight.PLAYED, _difference_notes(result)),
+        (Weight.PLAYED, harmless_differences),
         (Weight.MEANING, _live_notes(result)),
         (Weight.MEANING, _reception_notes(result)),
         (Weight.MEANING, joined_notes(result)),
@@ -178,19 +188,6 @@ def _status_notes(result: Result) -> Iterator[str]:
         where = f" {at_rate(unusable.offered_hz)}" if unusable.offered_hz else ""
         if unusable.reason.rstrip(".").lower() not in said:
             yield f"Cannot be judged{where}: {unusable.reason}"
-
-
-def _output_gap_notes(result: Result) -> Iterator[str]:
-    """The outputs that stopped, and where their messages end."""
-    for silence in result.output_gaps:
-        yield f"No more messages on {silence.topic} in {silence.segment}. {silence.reason}"
-
-
-def _difference_notes(result: Result) -> Iterator[str]:
-    """The differences between graph and spec that change no value."""
-    for difference in result.differences:
-        if difference.harmless:
-            yield f"{difference.code}: {difference.message}; {difference.help}"
 
 
 def _machine_notes(result: Result) -> Iterator[str]:
@@ -226,12 +223,6 @@ def _requirement_notes(result: Result, outcomes: Sequence[str]) -> Iterator[str]
 def _where(verdict: RequirementVerdict, *, several: bool) -> str:
     at = f" {at_rate(verdict.at_hz)}" if verdict.at_hz else ""
     return f"{requirement_text(verdict, name_monitor=several)}{at}"
-
-
-def _of_pairs(result: Result) -> Iterator[str]:
-    """The decisions during a comparison."""
-    if result.pairs is not None:
-        yield from (f"{text[:1].upper()}{text[1:]}" for text in result.pairs.notes)
 
 
 def accuracy_notes(result: Result) -> Iterator[str]:

@@ -134,7 +134,11 @@ def peak_text(search: SearchRecord) -> str:
 def comparison(result: Result) -> Iterator[str]:
     """The gate and the baseline of a result, a sentence each; nothing without them."""
     yield from (f"{text[:1].upper()}{text[1:]}" for text in result.gate)
-    yield from _all_changes(result)
+    # The first line of a report names only some of the changes.
+    if len(result.changes) > NAMED_CHANGES:
+        more = len(result.changes) - _MAX_CHANGES
+        others = f", {more} more" if more > 0 else ""
+        yield f"Changed since the base: {', '.join(result.changes[:_MAX_CHANGES])}{others}."
     pairs, earlier = result.pairs, result.baseline
     if pairs is not None:
         played = f"{pairs.used} of {pairs.planned} pairs" if pairs.used < pairs.planned else ""
@@ -188,14 +192,6 @@ def code_facts(result: Result) -> dict[str, str]:
     }
     packages = {f"package {name}": text for name, text in result.identity.packages.items()}
     return {"revision": revision_text(result.identity.revision), **nodes, **packages}
-
-
-def _all_changes(result: Result) -> Iterator[str]:
-    """What changed since the base, where the first line of a report names only some of it."""
-    if len(result.changes) > NAMED_CHANGES:
-        more = len(result.changes) - _MAX_CHANGES
-        others = f", {more} more" if more > 0 else ""
-        yield f"Changed since the base: {', '.join(result.changes[:_MAX_CHANGES])}{others}."
 
 
 def own_pace(metrics: RunMetrics) -> str:

@@ -14,6 +14,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import pytest
+
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
 _FLAGS = (
@@ -31,15 +33,14 @@ _FLAGS = (
 )
 
 
-def find_chromium() -> str | None:
-    """The path of a Chromium, or None."""
-    return next((found for name in _NAMES if (found := shutil.which(name))), None)
+PROGRAM = next((found for name in _NAMES if (found := shutil.which(name))), "")
+needs_chromium = pytest.mark.skipif(not PROGRAM, reason="no Chromium is installed")
 
 
 class Chromium:
     """One browser process; use it as a context manager."""
 
-    def __init__(self, program: str) -> None:
+    def __init__(self) -> None:
         self._profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         to_browser, self._write = os.pipe()
         self._read, from_browser = os.pipe()
@@ -51,7 +52,7 @@ class Chromium:
             os.dup2(writing, 4)
 
         self._process = subprocess.Popen(
-            [program, *_FLAGS, f"--user-data-dir={self._profile.name}", "about:blank"],
+            [PROGRAM, *_FLAGS, f"--user-data-dir={self._profile.name}", "about:blank"],
             preexec_fn=pipes,
             close_fds=False,
             stdin=subprocess.DEVNULL,
@@ -152,6 +153,13 @@ class Chromium:
         self.wait_for("Page.loadEventFired", session)
         yield Page(self, session)
         self.call("Target.closeTarget", targetId=target)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Chromium]:
+    """One browser for the pages of a module, which imports this fixture."""
+    with Chromium() as browser:
+        yield browser
 
 
 class Page:

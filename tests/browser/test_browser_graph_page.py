@@ -5,21 +5,22 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from chromium import Chromium, find_chromium
+from chromium import Chromium, needs_chromium
+from chromium import browser as browser
 
 from r2bspec.cli.main import main
 
-PROGRAM = find_chromium()
-pytestmark = pytest.mark.skipif(PROGRAM is None, reason="no Chromium is installed")
+pytestmark = needs_chromium
 RELAY = Path(__file__).parents[2] / "specs" / "relay.r2b.yaml"
 
 
 @pytest.mark.parametrize("dark", [False, True])
-def test_the_policy_blocks_nothing_of_the_page(tmp_path: Path, dark: bool) -> None:
+def test_the_policy_blocks_nothing_of_the_page(
+    browser: Chromium, tmp_path: Path, dark: bool
+) -> None:
     file = tmp_path / "graph.html"
     assert main(["plan", str(RELAY), "--graph", "html", "-o", str(file)]) == 0
-    assert PROGRAM is not None
-    with Chromium(PROGRAM) as browser, browser.page(file.as_uri(), dark=dark) as page:
+    with browser.page(file.as_uri(), dark=dark) as page:
         assert page.console() == []
         assert page.requests() == [file.as_uri()]
         # The colours of boxes are in the style, in a light and in a dark one.

@@ -11,15 +11,15 @@ from typing import Any
 
 import msgspec
 import pytest
-from chromium import Chromium, Page, find_chromium
+from chromium import Chromium, Page, needs_chromium
+from chromium import browser as browser
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
 from r2bspec.report.html.page import render
 from report_runs import HOSTILE_RUN, USUAL
 
-PROGRAM = find_chromium()
-pytestmark = pytest.mark.skipif(PROGRAM is None, reason="no Chromium is installed")
+pytestmark = needs_chromium
 
 JENKINS = "sandbox allow-same-origin; default-src 'none'; img-src 'self'; style-src 'self';"
 """The content security policy that Jenkins serves the files of a build with."""
@@ -104,13 +104,6 @@ def report_server(folder: Path) -> Iterator[Server]:
         yield server
         server.shutdown()
         thread.join()
-
-
-@pytest.fixture(scope="module", name="browser")
-def one_browser() -> Iterator[Chromium]:
-    assert PROGRAM is not None
-    with Chromium(PROGRAM) as browser:
-        yield browser
 
 
 @pytest.fixture(autouse=True)

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from chromium import Chromium, find_chromium
+from chromium import Chromium, needs_chromium
+from chromium import browser as browser
 
 from profiled_runs import MISSING, WHOLE, profiled_run
 from r2bspec.record.run_folder import Stacks, write_stacks
 from r2bspec.report.html.page import render
 from report_runs import HOSTILE
 
-PROGRAM = find_chromium()
-pytestmark = pytest.mark.skipif(PROGRAM is None, reason="no Chromium is installed")
+pytestmark = needs_chromium
 
 CUT = """(() => {
   const room = (text) => text.parentElement.querySelector("rect").getBoundingClientRect();
@@ -40,13 +39,6 @@ def page_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     page = folder / "page.html"
     page.write_bytes(render(run))
     return page
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Chromium]:
-    assert PROGRAM is not None
-    with Chromium(PROGRAM) as found:
-        yield found
 
 
 @pytest.mark.parametrize("width", [1100, 390])

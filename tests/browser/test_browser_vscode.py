@@ -16,14 +16,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from chromium import Chromium, Page, find_chromium
+from chromium import Chromium, Page, needs_chromium
 
 from vscode_extension import packaged
 
-PROGRAM = find_chromium()
 SERVER = shlex.split(os.environ.get("R2BSPEC_CODE_SERVER", ""))
 pytestmark = [
-    pytest.mark.skipif(PROGRAM is None, reason="no Chromium is installed"),
+    needs_chromium,
     pytest.mark.skipif(not SERVER, reason="R2BSPEC_CODE_SERVER does not name a code-server"),
     pytest.mark.timeout(500),
 ]
@@ -85,9 +84,8 @@ def address(workspace: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterat
 
 @pytest.fixture
 def window(workspace: Path, address: str) -> Iterator[Window]:
-    assert PROGRAM is not None
     url = f"{address}/?folder={workspace}"
-    with Chromium(PROGRAM) as browser, browser.page(url, width=1400) as page:
+    with Chromium() as browser, browser.page(url, width=1400) as page:
         yield Window(page)
 
 

@@ -22,7 +22,7 @@ pytest.importorskip("rclpy")
 from r2bspec.execute.processes.environment import inherited_environment
 from r2bspec.execute.processes.process import SLICE_NS, slice_of
 from r2bspec.middleware.middleware import SHARED_MEMORY
-from r2bspec.native.harness_objects import harness_program
+from r2bspec.native.build import harness_program
 from ros_runs import Bench, Finished, Running, relay_node, relay_spec
 
 SECRETS = {

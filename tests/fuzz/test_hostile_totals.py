@@ -73,10 +73,10 @@ def test_interfaces_have_a_limit_together(tmp_path: Path) -> None:
 
 
 def test_python_files_have_a_limit_together(tmp_path: Path) -> None:
-    for number in range(30):
+    for number in range(15):
         content = "x = 1\n" * (MAX_SOURCE_BYTES // 60)
         (tmp_path / f"n{number}.py").write_text(content, encoding="utf-8")
-    validate(tmp_path, nodes("python: './n@.py:N'", 30))
+    validate(tmp_path, nodes("python: './n@.py:N'", 15))
 
 
 def test_wildcards_of_many_files_have_a_limit_together(tmp_path: Path) -> None:

@@ -35,8 +35,9 @@ from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.ipc.sample_files import StallLogReader, read_messages
 from r2bspec.ipc.schedule import CyclicSchedule
 from r2bspec.language.spec import QoS
-from r2bspec.native.build import BuildError, find_compiler
-from r2bspec.native.harness_objects import (
+from r2bspec.native.build import (
+    BuildError,
+    find_compiler,
     harness_library,
     harness_program,
     join_environment,

@@ -7,16 +7,21 @@ lies exactly on the limit, where a gate is wrong most often; each batch is drawn
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
-from simulated_gates import paired_values, ratio_outcome, run_values, share_outcome
+from simulated_gates import (
+    Errors,
+    add_history_run,
+    paired_values,
+    ratio_outcome,
+    run_values,
+    share_outcome,
+)
 from simulated_worlds import bursts, stationary
 
-from r2bspec.judge.baseline_comparison import HISTORY_CONFIRMATION_CONFIDENCE
 from r2bspec.judge.decision_policy import InterimLooks
 from r2bspec.judge.statistics.autocorrelation import serial_inflation
-from r2bspec.judge.statistics.t_interval import mean_interval, paired_ratio, predicted_ratio
+from r2bspec.judge.statistics.t_interval import mean_interval, paired_ratio
 from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 
 Batch = Callable[[np.random.Generator, float], int]
@@ -71,42 +76,23 @@ KINDS: dict[str, Batch] = {
 }
 
 
-@dataclass(frozen=True)
-class Gates:
-    """Shares of A/A gates."""
-
-    wrong_passes: float
-    wrong_fails: float
-    confirmed: float
-
-
-def aa_gates(batch: Batch, *, gates: int = 600, seed: int = 1) -> Gates:
+def aa_gates(batch: Batch, *, gates: int = 600, seed: int = 1) -> Errors:
     """Many A/A gates, each failure of which is confirmed by a fresh batch or not."""
     random = np.random.default_rng(seed)
-    passed = failed = confirmed = 0
+    found = Errors(gates)
     for _ in range(gates):
-        outcome = batch(random, 0.95)
-        passed += outcome > 0
-        if outcome < 0:
-            failed += 1
-            confirmed += batch(random, CONFIRMATION_CONFIDENCE) < 0
-    return Gates(passed / gates, failed / gates, confirmed / gates)
+        found.add(batch(random, 0.95), lambda: batch(random, CONFIRMATION_CONFIDENCE))
+    return found
 
 
-def history_gates(*, gates: int = 600, seed: int = 1) -> Gates:
+def history_gates(*, gates: int = 600, seed: int = 1) -> Errors:
     """Runs of the same graph against ten earlier ones, with no margin.
 
     The fresh run after a failure meets the same history, at `HISTORY_CONFIRMATION_CONFIDENCE`.
     """
     random = np.random.default_rng(seed)
-    passed = failed = confirmed = 0
+    found = Errors(gates)
     for _ in range(gates):
         earlier = run_values(random, 10, 10).mean(axis=1).tolist()
-        new, fresh = run_values(random, 2, 10).mean(axis=1).tolist()
-        outcome = ratio_outcome(predicted_ratio(earlier, new, 0.95), 1.0)
-        passed += outcome > 0
-        if outcome < 0:
-            failed += 1
-            again = predicted_ratio(earlier, fresh, HISTORY_CONFIRMATION_CONFIDENCE)
-            confirmed += ratio_outcome(again, 1.0) < 0
-    return Gates(passed / gates, failed / gates, confirmed / gates)
+        add_history_run(found, earlier, *run_values(random, 2, 10).mean(axis=1).tolist())
+    return found

@@ -12,14 +12,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
-from simulated_gates import CONFIDENCE, heads, ratio_outcome
-from simulated_starts import Errors, Shape, StartWorld
+from simulated_gates import CONFIDENCE, Errors, add_history_run, heads, ratio_outcome
+from simulated_starts import Shape, StartWorld
 
-from r2bspec.judge.baseline_comparison import HISTORY_CONFIRMATION_CONFIDENCE
 from r2bspec.judge.statistics.t_interval import (
     RunValues,
     paired_ratio,
-    predicted_ratio,
     welch_ratio_of_runs,
 )
 from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
@@ -79,10 +77,7 @@ def pairs_errors(world: RunWorld, *, pairs: int = 10, runs: int, seed: int = 1) 
         return ratio_outcome(interval, 1.0)
 
     for _ in range(runs):
-        first = one(CONFIDENCE)
-        found.counts[:2] += (first > 0, first < 0)
-        if first < 0:
-            found.counts[2] += one(CONFIRMATION_CONFIDENCE) < 0
+        found.add(one(CONFIDENCE), lambda: one(CONFIRMATION_CONFIDENCE))
     return found
 
 
@@ -99,8 +94,7 @@ def stored_errors(
 
     for _ in range(runs):
         interval, _ = welch_ratio_of_runs(one(), one(), CONFIDENCE)
-        outcome = ratio_outcome(interval, 1.0)
-        found.counts[:2] += (outcome > 0, outcome < 0)
+        found.add(ratio_outcome(interval, 1.0))
     return found
 
 
@@ -110,9 +104,5 @@ def history_errors(world: RunWorld, *, history: int = 10, runs: int, seed: int =
     found = Errors(runs)
     for _ in range(runs):
         *earlier, new, fresh = np.exp(world(random, history + 2)).tolist()
-        first = ratio_outcome(predicted_ratio(earlier, new, CONFIDENCE), 1.0)
-        found.counts[:2] += (first > 0, first < 0)
-        if first < 0:
-            again = predicted_ratio(earlier, fresh, HISTORY_CONFIRMATION_CONFIDENCE)
-            found.counts[2] += ratio_outcome(again, 1.0) < 0
+        add_history_run(found, earlier, new, fresh)
     return found

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from simulated_worlds import World
 
+from r2bspec.judge.baseline_comparison import HISTORY_CONFIRMATION_CONFIDENCE
 from r2bspec.judge.decision_policy import InterimLooks
 from r2bspec.judge.statistics.autocorrelation import serial_inflation
 from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
@@ -39,6 +41,26 @@ class Rates:
 
     def __str__(self) -> str:
         return f"{100 * self.passed:.1f} / {100 * self.failed:.1f}"
+
+
+@dataclass
+class Errors:
+    """Counts of runs: passes, fails, and fails that were confirmed."""
+
+    runs: int
+    counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(3, dtype=np.int64))
+
+    def add(self, outcome: int, confirm: Callable[[], int] = lambda: 0) -> None:
+        """Count an outcome (1 is a pass, -1 a fail), and that of the confirmation of a fail."""
+        self.counts += (outcome > 0, outcome < 0, outcome < 0 and confirm() < 0)
+
+    @property
+    def shares(self) -> tuple[float, float, float]:
+        passed, failed, confirmed = (self.counts / self.runs).tolist()
+        return passed, failed, confirmed
+
+    def __str__(self) -> str:
+        return " / ".join(f"{100 * share:.1f}" for share in self.shares)
 
 
 def share_outcome(
@@ -130,6 +152,15 @@ def paired_values(
 def ratio_outcome(interval: RatioInterval, limit: float) -> int:
     """``>= limit of baseline``."""
     return int(interval.lower >= limit) - int(interval.upper < limit)
+
+
+def add_history_run(found: Errors, earlier: list[float], new: float, fresh: float) -> None:
+    """Count a run against earlier ones; the run that confirms its failure meets the same ones."""
+
+    def judged(value: float, confidence: float) -> int:
+        return ratio_outcome(predicted_ratio(earlier, value, confidence), 1.0)
+
+    found.add(judged(new, CONFIDENCE), lambda: judged(fresh, HISTORY_CONFIRMATION_CONFIDENCE))
 
 
 def paired_gate(

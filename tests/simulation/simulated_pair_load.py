@@ -10,16 +10,17 @@ The verdicts are those of `judge_comparison`, with fresh pairs in the same world
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from simulated_gates import heads
+from simulated_gates import Errors, heads
 from simulated_runs import RATE_HZ, run_of
 
-from r2bspec.judge.confirmation import confirm_run, needs_confirmation
+from r2bspec.judge.confirmation import confirm_run
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.pair_comparison import (
     InterleavedRuns,
@@ -27,7 +28,8 @@ from r2bspec.judge.pair_comparison import (
     confirmation_terms,
     judge_pair_set,
 )
-from r2bspec.judge.verdict import InterferencePolicy
+from r2bspec.judge.verdict import InterferencePolicy, Verdict
+from r2bspec.language.spec import Objective
 from r2bspec.measure.host_usage import HostInterference
 from r2bspec.measure.samples import RunSamples
 from r2bspec.record.comparison_folder import Side
@@ -38,6 +40,7 @@ LoadWorld = Callable[[np.random.Generator, NDArray[np.bool_]], Shares]
 """The share of the time that others take from each of successive runs, some of them the head's."""
 
 MESSAGES = 60
+_OUTCOMES = {"pass": 1, "fail": -1}
 _LOADED, _CALM = 0.4, 0.02
 LATENCY_S = 0.02
 _CORES = 2
@@ -110,21 +113,28 @@ class PairGate:
     interference: InterferencePolicy = "note"
     fixed_order: bool = False
 
-    def outcomes(self, *, runs: int, seed: int = 1) -> Outcomes:
+    def outcomes(self, *, runs: int, seed: int = 1) -> Errors:
         """Make it so many times."""
         random = np.random.default_rng(seed)
-        counted = Outcomes(runs)
+        counted = Errors(runs)
         objectives = {"slo": objective(f"latency.p50 <= {self.limit:g} % of baseline")}
         policy = DecisionPolicy(interference=self.interference)
         new_objectives, new_policy = confirmation_terms(objectives, policy)
         for _ in range(runs):
-            verdict = judge_pair_set(objectives, self._play(random), policy)
-            counted.passed += verdict.outcome == "pass"
-            counted.failed += verdict.outcome == "fail"
-            if needs_confirmation(verdict):
-                again = judge_pair_set(new_objectives, self._play(random), new_policy)
-                counted.confirmed += confirm_run(verdict, again).outcome == "fail"
+            first = judge_pair_set(objectives, self._play(random), policy)
+            confirm = partial(self._confirm, first, random, new_objectives, new_policy)
+            counted.add(_OUTCOMES.get(first.outcome, 0), confirm)
         return counted
+
+    def _confirm(
+        self,
+        first: Verdict,
+        random: np.random.Generator,
+        objectives: Mapping[str, Objective],
+        policy: DecisionPolicy,
+    ) -> int:
+        second = judge_pair_set(objectives, self._play(random), policy)
+        return _OUTCOMES.get(confirm_run(first, second).outcome, 0)
 
     def _play(self, random: np.random.Generator) -> PairSet:
         is_head = heads(self.pairs, int(random.integers(2**32)))
@@ -157,27 +167,6 @@ class PairGate:
             unaffected,
             "Host interference in some pairs",
         )
-
-
-@dataclass
-class Outcomes:
-    """How many of so many comparisons passed, failed, and failed again with fresh pairs."""
-
-    runs: int
-    passed: int = 0
-    failed: int = 0
-    confirmed: int = 0
-
-    @property
-    def percent(self) -> tuple[float, float, float]:
-        """Passed, failed and confirmed, in %."""
-        passed, failed, confirmed = (
-            100 * count / self.runs for count in (self.passed, self.failed, self.confirmed)
-        )
-        return passed, failed, confirmed
-
-    def __str__(self) -> str:
-        return " / ".join(f"{share:.1f}" for share in self.percent)
 
 
 def _run(random: np.random.Generator, level: float, slower: float, taken: float) -> RunSamples:

@@ -10,11 +10,13 @@ each failure is played again, in fresh starts, and judged at the confidence of a
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal, special
+from simulated_gates import CONFIDENCE, Errors
 
 from r2bspec.judge.decision_policy import InterimLooks
 from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
@@ -28,7 +30,6 @@ Values = NDArray[np.float64]
 Parts = tuple[tuple[float, float, float], ...]
 
 SCATTER = 0.1
-CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
@@ -229,22 +230,6 @@ def window_means(values: Values) -> Values:
     return np.asarray(values.reshape(len(values), -1, _WINDOW).mean(axis=2))
 
 
-@dataclass
-class Errors:
-    """Counts of runs: wrong passes, wrong fails, and wrong fails that were confirmed."""
-
-    runs: int
-    counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(3, dtype=np.int64))
-
-    @property
-    def shares(self) -> tuple[float, float, float]:
-        passed, failed, confirmed = (self.counts / self.runs).tolist()
-        return passed, failed, confirmed
-
-    def __str__(self) -> str:
-        return " / ".join(f"{100 * share:.1f}" for share in self.shares)
-
-
 def limit_of(world: StartWorld, quantity: str) -> float:
     """The truth."""
     if quantity == "mean, throughput":
@@ -281,9 +266,9 @@ def errors(
                 first = outcome(values[:end], shape, quantity, limit, confidence)
                 if first:
                     break
-            found[quantity].counts[:2] += (first > 0, first < 0)
-            if first < 0:
-                again = world.run(random, shape) if again is None else again
-                second = outcome(again[:end], shape, quantity, limit, CONFIRMATION_CONFIDENCE)
-                found[quantity].counts[2] += second < 0
+            if first < 0 and again is None:
+                again = world.run(random, shape)
+            fresh = values if again is None else again
+            confirm = partial(outcome, fresh[:end], shape, quantity, limit, CONFIRMATION_CONFIDENCE)
+            found[quantity].add(first, confirm)
     return found

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 from simulated_comparisons import RUN_WORLDS, history_errors, pairs_errors, stored_errors
-from simulated_gates import mean_gate
+from simulated_gates import Errors, mean_gate
 from simulated_pair_load import LOAD_WORLDS, LoadWorld, PairGate
-from simulated_starts import QUANTITIES, WINDOWS, WORLDS, Errors, Shape, errors
+from simulated_starts import QUANTITIES, WINDOWS, WORLDS, Shape, errors
 from simulated_words import SAID, said
 
 from r2bspec.judge.decision_policy import InterimLooks
@@ -237,10 +237,10 @@ def pair_numbers() -> None:
 
     def cell(starts: float, pairs: int) -> str:
         same, slower = (
-            PairGate(world, pairs=pairs, starts=starts, slower=slower).outcomes(runs=200).percent[2]
+            PairGate(world, pairs=pairs, starts=starts, slower=slower).outcomes(runs=200).shares[2]
             for slower in (1.0, 1.15)
         )
-        return f"{same:.1f} / {slower:.0f}"
+        return f"{100 * same:.1f} / {100 * slower:.0f}"
 
     show(
         "A third taken from both sides, limit 105 %: confirmed fails, same / 15 % slower, in %",

@@ -19,10 +19,11 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal, stats
-from simulated_batches import KINDS, Gates, aa_gates, history_gates
+from simulated_batches import KINDS, aa_gates, history_gates
 from simulated_disturbances import Kind as Disturbance
 from simulated_disturbances import Machine, outcomes
 from simulated_gates import (
+    Errors,
     Rates,
     bootstrap_gate,
     history_gate,
@@ -199,10 +200,8 @@ def looks() -> None:
 
 
 def gates() -> None:
-    def row(name: str, found: Gates) -> Iterable[object]:
-        yield name
-        for share in (found.wrong_passes, found.wrong_fails, found.confirmed):
-            yield f"{100 * share:.1f}"
+    def row(name: str, found: Errors) -> Iterable[object]:
+        return name, *(f"{100 * share:.1f}" for share in found.shares)
 
     show(
         "600 A/A gates of each kind, exactly on the limit, in %",

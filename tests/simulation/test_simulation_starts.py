@@ -11,12 +11,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from simulated_comparisons import RUN_WORLDS, history_errors, pairs_errors, stored_errors
+from simulated_gates import Errors
 from simulated_runs import run_of
 from simulated_starts import (
     QUANTITIES,
     WINDOWS,
     WORLDS,
-    Errors,
     Shape,
     StartWorld,
     errors,

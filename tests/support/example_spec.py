@@ -17,14 +17,15 @@ _SECTIONS = {
 }
 
 
-def example(**sections: str) -> str:
+def example(name: str = "example", **sections: str) -> str:
     """A complete spec that relays an image at 30 Hz, with some sections replaced.
 
     Args:
+        name: of the benchmark.
         sections: text of a top-level section without its key, with any indentation; keys such as
             `environment`, `namespace` and `variables` are put at the beginning.
     """
-    lines = ["r2bspec: 1", "name: example"]
+    lines = ["r2bspec: 1", f"name: {name}"]
     head = [key for key in sections if key not in _SECTIONS]
     for key in (*head, *_SECTIONS):
         if key in sections:

@@ -98,13 +98,12 @@ class VersionedClient(LanguageClient):
         self.refreshes = 0
         register_lsp_features(
             self,
-            {**DEFAULT_CLIENT_FEATURES, types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS: keep_diagnostics},
+            {
+                **DEFAULT_CLIENT_FEATURES,
+                types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS: keep_diagnostics,
+                types.WORKSPACE_CODE_LENS_REFRESH: count_refresh,
+            },
         )
-
-        @self.feature(types.WORKSPACE_CODE_LENS_REFRESH)  # type: ignore[untyped-decorator]
-        def refresh(_: None) -> None:
-            """An editor would ask for the lenses again."""
-            self.refreshes += 1
 
     async def shown_text(self, command: str, *arguments: object) -> str:
         """The text of the document that a command shows."""
@@ -125,6 +124,11 @@ def path_of(uri: str) -> Path:
 def keep_diagnostics(client: VersionedClient, params: types.PublishDiagnosticsParams) -> None:
     client.diagnostics[params.uri] = params.diagnostics
     client.published_versions[params.uri] = params.version
+
+
+def count_refresh(client: VersionedClient, _: None) -> None:
+    """An editor would ask for the lenses again."""
+    client.refreshes += 1
 
 
 class OpenDocument:

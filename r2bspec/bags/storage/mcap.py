@@ -11,13 +11,13 @@ import heapq
 import struct
 from binascii import crc32
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from r2bspec.bags.recording import DataError, Message, unreadable
+from r2bspec.bags.recording import DataError, Message, Selection, unreadable
 from r2bspec.bags.storage.storage import decompress_message, stored_topic
 from r2bspec.safe_io.decompression_budget import (
     DecompressionBudget,
@@ -75,19 +75,14 @@ class McapStorage:
         self.start_ns = statistics.start_time
         self.end_ns = statistics.end_time
 
-    def messages(
-        self, names: Collection[str], start_ns: int | None, stop_ns: int | None
-    ) -> Iterator[Message]:
+    def messages(self, selection: Selection) -> Iterator[Message]:
         """As `Storage.messages`."""
-        connections = [each for each in self._connections if each.topic in names]
-        found = (
-            self._file.messages(connections, start_ns, stop_ns)
-            if self._indexed
-            else self._messages_by_time(connections, start_ns, stop_ns)
-        )
+        connections = [link for link in self._connections if link.topic in selection.names]
+        read = self._file.messages if self._indexed else self._messages_by_time
+        stored = read(connections, selection.start_ns, selection.stop_ns)
         messages = (
             Message(topic=connection.topic, time_ns=time_ns, data=decompress_message(data))
-            for connection, time_ns, data in found
+            for connection, time_ns, data in stored
         )
         yield from spend_for_each(messages, DecompressionBudget(self._stored_bytes))
 

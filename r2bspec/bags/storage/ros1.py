@@ -7,12 +7,12 @@ their ``seq``, and types with another layout in ROS 2 are migrated field by fiel
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from r2bspec.bags.recording import DataError, Message, TopicInfo, error_text
+from r2bspec.bags.recording import DataError, Message, Selection, TopicInfo, error_text
 from r2bspec.safe_io.decompression_budget import (
     DecompressionBudget,
     spend_for_each,
@@ -61,18 +61,16 @@ class Ros1Storage:
         # rosbags gives the first instant after the last message.
         self.end_ns = self._reader.end_time - 1
 
-    def messages(
-        self, names: Collection[str], start_ns: int | None, stop_ns: int | None
-    ) -> Iterator[Message]:
+    def messages(self, selection: Selection) -> Iterator[Message]:
         """As `Storage.messages`.
 
         Raises:
             DataError: a type cannot be converted (R2B306).
         """
-        connections = [each for each in self._reader.connections if each.topic in names]
+        connections = [link for link in self._reader.connections if link.topic in selection.names]
         converters = {each.id: self._converter(each) for each in connections}
         stored = spend_for_each(
-            self._reader.messages(connections, start_ns, stop_ns),
+            self._reader.messages(connections, selection.start_ns, selection.stop_ns),
             DecompressionBudget(self._stored_bytes),
         )
         for connection, time_ns, data in stored:

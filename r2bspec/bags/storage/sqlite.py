@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import struct
 import tempfile
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from r2bspec.bags.recording import DataError, Message, unreadable
+from r2bspec.bags.recording import DataError, Message, Selection, unreadable
 from r2bspec.bags.storage.storage import check_topics, decompress_ahead, stored_topic
 from r2bspec.safe_io.decompression_budget import DecompressionBudget
 from r2bspec.safe_io.safe_file import RefusedDataError, is_regular, open_regular
@@ -61,18 +61,15 @@ class SqliteStorage:
                 "the file is damaged; copy or record it again",
             )
 
-    def messages(
-        self, names: Collection[str], start_ns: int | None, stop_ns: int | None
-    ) -> Iterator[Message]:
+    def messages(self, selection: Selection) -> Iterator[Message]:
         """As `Storage.messages`."""
-        connections = [each for each in self._reader.connections if each.topic in names]
+        links = [link for link in self._reader.connections if link.topic in selection.names]
         stored: Iterator[tuple[tuple[str, int], bytes]]
         if self._has_index:
-            rows = self._reader.messages(connections, start_ns, stop_ns)
-            stored = (((connection.topic, time_ns), data) for connection, time_ns, data in rows)
+            rows = self._reader.messages(links, selection.start_ns, selection.stop_ns)
+            stored = (((link.topic, time_ns), data) for link, time_ns, data in rows)
         else:
-            topics = {connection.id: connection.topic for connection in connections}
-            stored = _row_by_row(self._path, topics, start_ns, stop_ns)
+            stored = _row_by_row(self._path, {link.id: link.topic for link in links}, selection)
         for (topic, time_ns), data in decompress_ahead(
             stored, DecompressionBudget(self._stored_bytes)
         ):
@@ -130,12 +127,12 @@ def _check_topics(path: Path) -> bool:
 
 
 def _row_by_row(
-    path: Path, topics: dict[int, str], start_ns: int | None, stop_ns: int | None
+    path: Path, topics: dict[int, str], selection: Selection
 ) -> Iterator[tuple[tuple[str, int], bytes]]:
     """Messages of a file without index; sqlite would sort them with their bodies, in memory."""
     marks = ", ".join("?" * len(topics))
-    first_ns = -(2**63) if start_ns is None else start_ns
-    past_ns = 2**63 - 1 if stop_ns is None else stop_ns
+    first_ns = -(2**63) if selection.start_ns is None else selection.start_ns
+    past_ns = 2**63 - 1 if selection.stop_ns is None else selection.stop_ns
     with open_read_only(path, tables=_TABLES) as database:
         rows = database.execute(
             f"SELECT rowid, topic_id, timestamp FROM messages WHERE topic_id IN ({marks})"  # noqa: S608 - question marks

@@ -12,7 +12,7 @@ import shutil
 import sys
 import tempfile
 from collections import deque
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -28,6 +28,7 @@ from r2bspec.bags.recording import (
     SUFFIXES_TEXT,
     DataError,
     Message,
+    Selection,
     TopicInfo,
     error_hint,
     error_text,
@@ -71,10 +72,8 @@ class Storage(Protocol):
     start_ns: int
     end_ns: int
 
-    def messages(
-        self, names: Collection[str], start_ns: int | None, stop_ns: int | None
-    ) -> Iterator[Message]:
-        """The messages of these topics with start <= time < stop, in time order, as CDR."""
+    def messages(self, selection: Selection) -> Iterator[Message]:
+        """The selected messages in time order, as CDR."""
         ...
 
     def close(self) -> None:

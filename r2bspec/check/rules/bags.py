@@ -11,6 +11,7 @@ from __future__ import annotations
 from r2bspec.check.bag_facts import MessageCount, window_message_counts
 from r2bspec.check.check_context import Context
 from r2bspec.check.rule import Finding, Findings, Pointer, rule, value_key
+from r2bspec.datasets.catalogue import DURATION_NS
 from r2bspec.diagnostics.quote import pluralize, quote, quoted_list, suggestion
 from r2bspec.language.quantities import Duration
 
@@ -140,8 +141,6 @@ def window_outside_bag(context: Context) -> Findings:
 
 def _duration_ns(context: Context) -> int:
     """The latest end of a window: a rendered sequence lasts longer than its last message."""
-    from r2bspec.datasets.catalogue import DURATION_NS
-
     if context.is_rendered:
         return DURATION_NS
     return context.bag.duration_ns if context.bag is not None else 0

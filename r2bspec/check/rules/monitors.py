@@ -6,7 +6,7 @@ from r2bspec.bags.message_types import begins_with_header
 from r2bspec.check.check_context import Context
 from r2bspec.check.rule import MEASURE_FLOW, Finding, Findings, Pointer, rule, topic_key, value_key
 from r2bspec.datasets.catalogue import TruthNames, truth_names
-from r2bspec.diagnostics.quote import did_you_mean, quote, quoted_list
+from r2bspec.diagnostics.quote import did_you_mean, quote, quoted_list, suggestion
 from r2bspec.language.spec import Monitor, Truth
 from r2bspec.measure.metric_catalogue import TRUTHS
 
@@ -29,12 +29,7 @@ def monitor_unreachable(context: Context) -> Findings:
                 related=(
                     Pointer("published here", publishers[0].path, publishers[0].topic_is_key),
                 ),
-                suppressed_by=frozenset(
-                    {
-                        MEASURE_FLOW,
-                        topic_key(phase.phase, monitor.topic),
-                    },
-                ),
+                suppressed_by={MEASURE_FLOW, topic_key(phase.phase, monitor.topic)},
             )
 
 
@@ -154,14 +149,11 @@ def answered_input_unknown(context: Context) -> Findings:
             continue
         for index, answered in enumerate(monitor.answers):
             if context.harness_topic(answered) not in inputs:
-                close = did_you_mean(answered, tuple(inputs.values()))
                 yield Finding(
                     message=f"'answers' of monitor {name} lists {quote(answered)}, which is not a "
                     "playback input",
                     path=(*path, index),
-                    help=f"did you mean {quote(close)}?"
-                    if close
-                    else f"playback inputs: {quoted_list(inputs.values())}",
+                    help=suggestion(answered, inputs.values(), "playback inputs"),
                 )
 
 

@@ -5,7 +5,7 @@ What is known of the topics of nodes, and interface files, are here, too.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from r2bspec.check.check_context import Context
 from r2bspec.check.rule import Finding, Findings, Pointer, rule
@@ -24,12 +24,7 @@ def node_name_reserved(context: Context) -> Findings:
     reserved = reserved_names(context.spec)
     for node in context.wiring.measure.nodes:
         if node.key in reserved:
-            yield Finding(
-                message=f"node name {quote(node.key)} is reserved",
-                path=node.path,
-                key=True,
-                help=f"reserved names: {quoted_list(reserved)}",
-            )
+            yield _reserved_name("node", node.key, node.path, reserved)
         elif node.key in context.spec.containers:
             yield Finding(
                 message=f"{quote(node.key)} is also the name of a container",
@@ -40,12 +35,16 @@ def node_name_reserved(context: Context) -> Findings:
             )
     for name in context.spec.containers:
         if name in reserved:
-            yield Finding(
-                message=f"container name {quote(name)} is reserved",
-                path=("containers", name),
-                key=True,
-                help=f"reserved names: {quoted_list(reserved)}",
-            )
+            yield _reserved_name("container", name, ("containers", name), reserved)
+
+
+def _reserved_name(what: str, name: str, path: Path, reserved: Iterable[str]) -> Finding:
+    return Finding(
+        message=f"{what} name {quote(name)} is reserved",
+        path=path,
+        key=True,
+        help=f"reserved names: {quoted_list(reserved)}",
+    )
 
 
 @rule("R2B215")

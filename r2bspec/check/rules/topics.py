@@ -88,9 +88,7 @@ def topic_without_publisher(context: Context) -> Findings:
                 count += 1
                 names = published if count <= MAX_SUGGESTIONS else ()
                 unpublished = _UnpublishedTopic(context, phase, subscription, names)
-                yield with_record(
-                    context, _unpublished_finding(unpublished), *_unpublished_sources(unpublished)
-                )
+                yield with_record(context, unpublished.finding(), *unpublished.sources())
 
 
 @dataclass(frozen=True)
@@ -138,33 +136,70 @@ class _UnpublishedTopic:
             for publisher in self.phase.publishers(topic)
         )
 
+    def finding(self) -> Finding:
+        """What is said of it."""
+        phase, subscription = self.phase, self.subscription
+        unknown = [node.key for node in phase.possible_publishers]
+        state = _way_to_state(phase.possible_publishers)
+        return Finding(
+            message=f"no {'known ' if unknown else ''}publisher on {self._topic_text()}",
+            path=subscription.path,
+            key=subscription.topic_is_key,
+            help="; or ".join(part for part in (self._advice(), state) if part),
+            related=self._misspelt_publisher(),
+            severity="warning" if unknown else None,
+            suppressed_by={
+                topic_key(phase.phase, subscription.topic),
+                *(value_key(node.path) for node in phase.possible_publishers),
+            },
+            suppresses=self._consequences(),
+        )
 
-def _unpublished_finding(unpublished: _UnpublishedTopic) -> Finding:
-    phase, subscription = unpublished.phase, unpublished.subscription
-    unknown = [node.key for node in phase.possible_publishers]
-    state = _way_to_state(phase.possible_publishers)
-    return Finding(
-        message=f"no {'known ' if unknown else ''}publisher on {_topic_text(unpublished)}",
-        path=subscription.path,
-        key=subscription.topic_is_key,
-        help="; or ".join(part for part in (_advice(unpublished), state) if part),
-        related=_misspelt_publisher(unpublished),
-        severity="warning" if unknown else None,
-        suppressed_by={
-            topic_key(phase.phase, subscription.topic),
-            *(value_key(node.path) for node in phase.possible_publishers),
-        },
-        suppresses=_consequences(unpublished),
-    )
+    def sources(self) -> Iterator[tuple[NodeWiring, InterfaceSource]]:
+        """The sources of it: that the node subscribes, and that the others do not publish."""
+        for node in self.phase.nodes:
+            own = node is self.node
+            yield node, node.interface.subscribes_from if own else node.interface.publishes_from
 
+    def _topic_text(self) -> str:
+        """The topic and its subscriber."""
+        subscription, node = self.subscription, self.node
+        subscriber = node.key if node is not None else f"monitor {subscription.monitor}"
+        text = f"{quote(self.topic_name)}, to which {subscriber} subscribes"
+        if node is not None and "remappings" in subscription.path:
+            return f"{text} as {quote(subscription.own_name)}"
+        return text
 
-def _unpublished_sources(
-    unpublished: _UnpublishedTopic,
-) -> Iterator[tuple[NodeWiring, InterfaceSource]]:
-    """The sources of it: that the node subscribes, and that the others do not publish."""
-    for node in unpublished.phase.nodes:
-        own = node is unpublished.node
-        yield node, node.interface.subscribes_from if own else node.interface.publishes_from
+    def _advice(self) -> str:
+        if self.close:
+            return f"did you mean {quote(self.relative_name(self.close))}?"
+        fitting = [shown for shown, name in self.candidates.items() if self.type_matches(name)]
+        if self.node is None or not self.subscription.topic_is_key or not fitting:
+            return f"published topics: {quoted_list(self.candidates)}" if self.candidates else ""
+        if len(fitting) == 1:
+            return (
+                f"remap it: {quote(f'remappings: {{{self.subscription.own_name}: {fitting[0]}}}')}"
+            )
+        return f"remap it; published topics of its type: {quoted_list(fitting)}"
+
+    def _misspelt_publisher(self) -> tuple[Pointer, ...]:
+        """The publisher of the close name, perhaps the misspelt one, if it has no subscription."""
+        if not self.close or self.phase.subscriptions(self.close):
+            return ()
+        publisher = self.phase.publishers(self.close)[0]
+        shown = quote(self.context.relative_name(self.close))
+        return (Pointer(f"{shown} has no subscription", publisher.path, publisher.topic_is_key),)
+
+    def _consequences(self) -> set[str]:
+        """The topic, and those without a subscription because this one is subscribed to instead."""
+        phase = self.phase
+        instead = {
+            name
+            for name in self.published
+            if not phase.subscriptions(name) and (name == self.close or self.type_matches(name))
+        }
+        topics = (self.subscription.topic, *instead)
+        return {flow_key(phase.phase), *(topic_key(phase.phase, name) for name in topics)}
 
 
 def _way_to_state(unknown: tuple[NodeWiring, ...]) -> str:
@@ -175,58 +210,6 @@ def _way_to_state(unknown: tuple[NodeWiring, ...]) -> str:
     recorded = any(not node.node.kind.by_others for node in unknown)
     way = ", or record them with 'r2bspec interfaces'" if recorded else ""
     return f"list the topics of {names} under 'publishes:'{way}"
-
-
-def _topic_text(unpublished: _UnpublishedTopic) -> str:
-    """The topic and its subscriber."""
-    subscription, node = unpublished.subscription, unpublished.node
-    subscriber = node.key if node is not None else f"monitor {subscription.monitor}"
-    text = f"{quote(unpublished.topic_name)}, to which {subscriber} subscribes"
-    if node is not None and "remappings" in subscription.path:
-        return f"{text} as {quote(subscription.own_name)}"
-    return text
-
-
-def _advice(unpublished: _UnpublishedTopic) -> str:
-    if unpublished.close:
-        return f"did you mean {quote(unpublished.relative_name(unpublished.close))}?"
-    fitting = [
-        shown for shown, name in unpublished.candidates.items() if unpublished.type_matches(name)
-    ]
-    if unpublished.node is None or not unpublished.subscription.topic_is_key or not fitting:
-        return (
-            f"published topics: {quoted_list(unpublished.candidates)}"
-            if unpublished.candidates
-            else ""
-        )
-    if len(fitting) == 1:
-        return (
-            "remap it: "
-            f"{quote(f'remappings: {{{unpublished.subscription.own_name}: {fitting[0]}}}')}"
-        )
-    return f"remap it; published topics of its type: {quoted_list(fitting)}"
-
-
-def _misspelt_publisher(unpublished: _UnpublishedTopic) -> tuple[Pointer, ...]:
-    """The publisher of the close name, if it has no subscription: it may be the misspelt one."""
-    if not unpublished.close or unpublished.phase.subscriptions(unpublished.close):
-        return ()
-    publisher = unpublished.phase.publishers(unpublished.close)[0]
-    shown = quote(unpublished.context.relative_name(unpublished.close))
-    return (Pointer(f"{shown} has no subscription", publisher.path, publisher.topic_is_key),)
-
-
-def _consequences(unpublished: _UnpublishedTopic) -> set[str]:
-    """The topic, and those without a subscription because this one is subscribed to instead."""
-    phase = unpublished.phase
-    instead = {
-        name
-        for name in unpublished.published
-        if not phase.subscriptions(name)
-        and (name == unpublished.close or unpublished.type_matches(name))
-    }
-    topics = (unpublished.subscription.topic, *instead)
-    return {flow_key(phase.phase), *(topic_key(phase.phase, name) for name in topics)}
 
 
 @rule("R2B208")

@@ -1,4 +1,4 @@
-"""The first fault on the path of the messages, from observed facts alone, and the report on it.
+"""The first fault on the path of the messages, from observed facts alone, in words.
 
 The path to a topic without messages consists of all topics from which messages can reach it,
 planned or observed, starting at the inputs. On each topic the faults are checked in this order: it

@@ -250,9 +250,13 @@ class PhaseGraph:
         """Whether a fault persists, so that neither a longer wait nor another attempt helps.
 
         A mismatch of two existing endpoints persists. A missing endpoint persists once its node
-        has been created.
+        has been created; nodes of others, which may own it, may still create it.
         """
-        return fault.kind in {"types", "qos"} or self.launcher.has_created(fault.owner)
+        if fault.kind in {"types", "qos"}:
+            return True
+        has_external = any(node.phase == self.phase for node in self.plan.external)
+        is_unknown = not fault.owner.startswith("/")
+        return not (is_unknown and has_external) and self.launcher.has_created(fault.owner)
 
     def check_parameters(self, observer: ManagedProcess) -> None:
         """Ask nodes that are not in Python hosts for their parameters; tells of undeclared ones.

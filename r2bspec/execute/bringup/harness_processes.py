@@ -35,7 +35,7 @@ from r2bspec.execute.processes.resources import family
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.native_protocol import NativeCodec
-from r2bspec.native.harness_objects import harness_library, join_environment, join_object
+from r2bspec.native.build import harness_library, join_environment, join_object
 from r2bspec.plan.command_lines import NATIVE_ARGV
 from r2bspec.plan.plan import JoinPlan, MonitorPlan, Plan, ProcessPlan
 from r2bspec.plan.taps import tap_monitors

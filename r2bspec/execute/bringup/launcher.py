@@ -7,6 +7,7 @@ subscriber, need this order. When all are ready is seen in `r2bspec.execute.brin
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,6 @@ from r2bspec.execute.bringup.spec_mismatches import (
     unmatched_remappings,
 )
 from r2bspec.execute.processes.environment import RunEnvironment
-from r2bspec.execute.processes.machine import interpreter
 from r2bspec.execute.processes.prerequisites import (
     hosts_library,
     native_library,
@@ -300,10 +300,6 @@ class Launcher:
         nodes = {node.name for each in plan.processes if each.phase == phase for node in each.nodes}
         return [each for each in self.endpoints if each[0] in nodes]
 
-    def mark_external_nodes(self) -> None:
-        """Record that the graph has nodes that the run neither starts nor can query."""
-        self._has_opaque_nodes = True
-
     def has_created(self, owner: str) -> bool:
         """Whether a node, or every node if it is unknown, has all of its endpoints.
 
@@ -340,7 +336,7 @@ class Launcher:
         return self._supervisor.start(
             name,
             role,
-            [interpreter(), "-P", "-m", "r2bspec.harness.child"],
+            [sys.executable, "-P", "-m", "r2bspec.harness.child"],
             self._environment.for_harness(),
             cwd=self._base_dir,
             log=self._folder.log_path(name),

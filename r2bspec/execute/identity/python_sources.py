@@ -52,18 +52,21 @@ class Distribution:
 
     Attributes:
         name: as its metadata folder has it, with hyphens.
-        plain: its name without what may be written differently.
         folder: where it is installed.
         metadata: the name of the folder, or the file, of its metadata.
         kind: ``dist-info``, or ``egg-info`` for one that setuptools, and so colcon, has installed.
     """
 
     name: str
-    plain: str
     version: str
     folder: str
     metadata: str
     kind: str
+
+    @cached_property
+    def plain(self) -> str:
+        """Its name without what may be written differently."""
+        return _plain(self.name)
 
     def read(self, name: str) -> bytes:
         """A file of its metadata; empty if there is none."""
@@ -231,7 +234,6 @@ def _distributions_in(folder: str, names: Iterable[str]) -> Iterator[Distributio
             parts = match.groupdict()
             distribution = Distribution(
                 name=parts["name"].replace("_", "-"),
-                plain=_plain(parts["name"]),
                 version=parts.get("version", ""),
                 folder=folder,
                 metadata=name,

@@ -342,8 +342,8 @@ def workspace_environment(text: str) -> dict[str, str]:
     if path.is_file():
         return _source_setup_file(path)
     if path.is_dir():
-        found = next((path / each for each in _SETUP_FILES if (path / each).is_file()), None)
-        return _source_setup_file(found) if found is not None else _prefix_environment(path)
+        setup = next((path / name for name in _SETUP_FILES if (path / name).is_file()), None)
+        return _source_setup_file(setup) if setup is not None else _prefix_environment(path)
     name, equals, value = text.partition("=")
     if equals and name.isidentifier():
         return {name: value} if os.environ.get(name, "") != value else {}
@@ -378,16 +378,11 @@ def _source_setup_file(path: Path) -> dict[str, str]:
         )
     text = done.stdout.decode(errors="surrogateescape")
     after = dict(each.split("=", 1) for each in text.split("\0") if "=" in each)
-    return _changed_variables(after)
-
-
-def _changed_variables(after: Mapping[str, str]) -> dict[str, str]:
-    before = os.environ
-    found = {name: value for name, value in after.items() if before.get(name) != value}
-    found |= {name: "" for name in before if name not in after}
+    changes = {name: value for name, value in after.items() if os.environ.get(name) != value}
+    changes |= {name: "" for name in os.environ if name not in after}
     return {
         name: value
-        for name, value in sorted(found.items())
+        for name, value in sorted(changes.items())
         if name not in _SHELL_VARIABLES and not name.startswith("BASH_FUNC_")
     }
 
@@ -405,16 +400,14 @@ def _prefix_environment(path: Path) -> dict[str, str]:
             path / "local" / "lib" / python / "dist-packages",
         ],
     }
-    found = {
-        name: os.pathsep.join(
-            [*map(str, existing), *([os.environ[name]] if os.environ.get(name) else [])]
-        )
+    changes = {
+        name: os.pathsep.join(filter(None, (*existing, os.environ.get(name))))
         for name, folders in front.items()
-        if (existing := [each for each in folders if each.is_dir()])
+        if (existing := [str(folder) for folder in folders if folder.is_dir()])
     }
-    if not found:
+    if not changes:
         raise WorkspaceError(
             f"{path} is not a workspace: it has neither a setup file nor programs or packages",
             hint="Give the 'install' folder of a workspace, or its setup.bash.",
         )
-    return found
+    return changes

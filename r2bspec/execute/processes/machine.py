@@ -16,7 +16,6 @@ import fcntl
 import importlib.metadata
 import os
 import platform
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -79,11 +78,6 @@ def describe_versions() -> dict[str, str]:
         versions["ros_distro"] = distribution
     versions["rmw"] = selected_rmw(os.environ)
     return versions
-
-
-def interpreter() -> str:
-    """The interpreter that replaces ``$(python)``."""
-    return sys.executable
 
 
 def _cpu_model() -> str:

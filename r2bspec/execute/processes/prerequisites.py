@@ -1,7 +1,5 @@
 """What has to be there before processes start: their programs, their middleware, shared memory.
 
-Programs are looked for on this machine.
-
 `r2bspec validate` says the same of the transport of a spec; a plan from a file was not validated
 here, and the RMW that is loaded where none is named depends on the installation.
 
@@ -19,6 +17,7 @@ import random
 import re
 import shutil
 import socket
+import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -30,7 +29,6 @@ from r2bspec.execute.errors import (
     RunError,
     SharedMemoryError,
 )
-from r2bspec.execute.processes.machine import interpreter
 from r2bspec.measure.units import show
 from r2bspec.middleware.middleware import (
     RMW_VARIABLE,
@@ -41,8 +39,7 @@ from r2bspec.middleware.middleware import (
     refuse_transport,
     selected_rmw,
 )
-from r2bspec.native.build import BuildError
-from r2bspec.native.harness_objects import harness_library, harness_program
+from r2bspec.native.build import BuildError, harness_library, harness_program
 from r2bspec.plan.installed_packages import PACKAGE_INDEX, ament_prefixes
 from r2bspec.plan.plan import Plan, ProcessPlan
 
@@ -106,7 +103,7 @@ def resolve_command(words: Sequence[str], what: str) -> list[str]:
 
 def _resolve(word: str) -> str:
     if word == "$(python)":
-        return interpreter()
+        return sys.executable
     if word == "$(harness)":
         with build_errors():
             return str(harness_program())

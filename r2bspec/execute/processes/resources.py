@@ -416,18 +416,15 @@ class ResourceSampler:
         self._interference_rows += _INTERFERENCE.pack(
             time.monotonic_ns(), *self._interference.read()
         )
-        busy_s = busy_seconds(psutil.cpu_times())
         memory = psutil.virtual_memory()
-        used_bytes = memory.total - memory.available
-        self._rows += _RESOURCES.pack(
-            time.monotonic_ns(), MACHINE_INDEX, busy_s, used_bytes, math.nan, math.nan
-        )
         ours = self._self.cpu_times()
-        resident = self._self.memory_info().rss
-        ours_s = ours.user + ours.system
-        self._rows += _RESOURCES.pack(
-            time.monotonic_ns(), CONTROLLER_INDEX, ours_s, resident, math.nan, math.nan
-        )
+        for index, used_s, used_bytes in (
+            (MACHINE_INDEX, busy_seconds(psutil.cpu_times()), memory.total - memory.available),
+            (CONTROLLER_INDEX, ours.user + ours.system, self._self.memory_info().rss),
+        ):
+            self._rows += _RESOURCES.pack(
+                time.monotonic_ns(), index, used_s, used_bytes, math.nan, math.nan
+            )
         trees = {
             number: _with_descendants(process)
             for number, process in processes

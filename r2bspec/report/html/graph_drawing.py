@@ -82,22 +82,17 @@ def route(
         curve = list(_curve(start, end))
         if _is_free(curve, others):
             bend = (end[0] - start[0]) / 2
-            return _moves(start) + _bezier(
-                (start[0] + bend, start[1]), (end[0] - bend, end[1]), end
-            )
+            handles = ((start[0] + bend, start[1]), (end[0] - bend, end[1]))
+            return f"{_moves(start)}C" + " ".join(f"{x:.0f} {y:.0f}" for x, y in (*handles, end))
     out_x, in_x = start[0] + gap / 2, end[0] - gap / 2
     candidates = [
-        _corners(start, out_x, lane, in_x, end)
+        [start, (out_x, start[1]), (out_x, lane), (in_x, lane), (in_x, end[1]), end]
         for lane in _lanes((tail, head, *others), (start[1] + end[1]) / 2, row_gap)
     ]
     obstacles = [*others, tail, head]
     free = (each for each in candidates if _is_free(_along(each[1:-1]), obstacles))
     chosen = next(free, candidates[0])
     return _moves(start) + "".join(f"L{x:.0f} {y:.0f}" for x, y in chosen[1:])
-
-
-def _corners(start: Point, out_x: float, lane: float, in_x: float, end: Point) -> list[Point]:
-    return [start, (out_x, start[1]), (out_x, lane), (in_x, lane), (in_x, end[1]), end]
 
 
 def _lanes(boxes: Sequence[Rectangle], wanted: float, row_gap: float) -> list[float]:
@@ -135,10 +130,6 @@ def _is_free(points: Iterable[Point], boxes: Sequence[Rectangle]) -> bool:
 
 def _moves(point: Point) -> str:
     return f"M{point[0]:.0f} {point[1]:.0f}"
-
-
-def _bezier(first: Point, second: Point, end: Point) -> str:
-    return "C" + " ".join(f"{x:.0f} {y:.0f}" for x, y in (first, second, end))
 
 
 _CHARACTER_WIDTH = 7.4

@@ -63,16 +63,16 @@ class Numbers:
 
         value = self._result
         for part in path.split("/"):
-            value = value[int(part)] if isinstance(value, list | tuple) else value[_unescaped(part)]
+            value = (
+                value[int(part)]
+                if isinstance(value, list | tuple)
+                else value[part.replace("~1", "/").replace("~0", "~")]
+            )
         if value is None:
             return Markup("-")
         return Markup('<data value="{}" data-path="{}">{}</data>').format(
             repr(value), path, show(float(value), unit)
         )
-
-
-def _unescaped(part: str) -> str:
-    return part.replace("~1", "/").replace("~0", "~")
 
 
 _LATENCY_COLUMNS = (

@@ -7,6 +7,7 @@ from pathlib import Path
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from nightly import size
 from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.located_tree import TreeNode, to_plain
 from r2bspec.language.yaml_document import to_yaml
@@ -22,7 +23,7 @@ PIECES = [
 ]  # fmt: skip
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=size(37, 150))
 @given(st.text())
 @example("\ud800")
 @example("a: \ud800\n")
@@ -31,13 +32,13 @@ def test_any_text(content: str) -> None:
     _holds(load_spec(content))
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=size(25, 100))
 @given(st.binary())
 def test_any_bytes(content: bytes) -> None:
     _holds(load_spec(content))
 
 
-@settings(deadline=None, max_examples=400)
+@settings(max_examples=size(100, 400))
 @given(st.sampled_from(SPECS), st.data())
 def test_mutated_specs(content: bytes, data: st.DataObject) -> None:
     for _ in range(data.draw(st.integers(1, 3))):
@@ -48,7 +49,7 @@ def test_mutated_specs(content: bytes, data: st.DataObject) -> None:
     _holds(load_spec(content, environ={"X": "1"}))
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=size(50, 200))
 @given(st.sampled_from(SPECS), st.data())
 def test_lines_swapped_and_repeated(content: bytes, data: st.DataObject) -> None:
     lines = content.splitlines(keepends=True) or [b""]
@@ -56,7 +57,7 @@ def test_lines_swapped_and_repeated(content: bytes, data: st.DataObject) -> None
     _holds(load_spec(b"".join(lines[index] for index in order)))
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=size(25, 100))
 @given(st.text(max_size=40), st.text(max_size=20))
 @example("benchmark.rates[0]=[1 Hz", "x")
 @example("slos['fast'].at={a: b", "")
@@ -85,7 +86,7 @@ VALUES = st.recursive(
 )
 
 
-@settings(deadline=None, max_examples=400)
+@settings(max_examples=size(100, 400))
 @given(st.data(), VALUES)
 def test_any_value_anywhere(data: st.DataObject, value: object) -> None:
     document = to_plain(composed_tree("ok_full.yaml"))

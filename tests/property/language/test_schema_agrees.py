@@ -103,7 +103,7 @@ def test_changed_documents(data: st.DataObject) -> None:
             owner = owner[part]
         change = data.draw(st.sampled_from(["replace", "remove", "rename"]))
         if change == "replace" or isinstance(owner, list):
-            owner[path[-1]] = data.draw(ODD)
+            owner[path[-1]] = copy.deepcopy(data.draw(ODD))
         else:
             value = owner.pop(path[-1])
             if change == "rename":

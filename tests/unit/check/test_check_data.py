@@ -9,7 +9,6 @@ import pytest
 from check_specs import STRING, codes, findings, write_bag
 
 from example_spec import example
-from r2bspec.check.bag_facts import MessageCount, window_message_counts
 from r2bspec.check.check_context import Context
 from r2bspec.check.rules.bags import serialization_not_cdr
 from r2bspec.language.load_spec import load_spec
@@ -104,17 +103,6 @@ def test_buffers_are_compared_with_what_there_is(spec_file: str) -> None:
     assert buffered(102, "{}") == ["R2B322"]
     assert buffered(12, "{end: 1 s}") == [], "an estimate may be a little off"
     assert buffered(20, "{end: 1 s}") == ["R2B322"]
-
-
-def test_how_many_messages_are_known(spec_file: str) -> None:
-    def amount(window: str) -> MessageCount:
-        loaded = load_spec(recorded(window), file=spec_file)
-        assert loaded.spec is not None
-        return window_message_counts(Context(loaded, loaded.spec))["/talk"]
-
-    assert amount("{}") == MessageCount(101, exact=True)
-    assert amount("{start: 1 s, end: 3 s}") == MessageCount(20, exact=False)
-    assert amount("{start: 50 ms, end: 250 ms}") == MessageCount(2, exact=True)
 
 
 @pytest.mark.parametrize(

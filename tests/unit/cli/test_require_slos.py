@@ -18,16 +18,14 @@ CASES = "variables: {threads: 1}\nmatrix: {axes: {threads: [1, 2]}}\n"
 
 
 def write_spec(folder: Path, name: str = "spec", slos: str = "", more: str = "") -> Path:
-    text = example(slos=slos) if slos else example()
     path = folder / f"{name}.r2b.yaml"
-    path.write_text(text.replace("name: example", f"name: {name}") + more)
+    path.write_text((example(name, slos=slos) if slos else example(name)) + more)
     return path
 
 
 @pytest.fixture(autouse=True)
 def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("R2BSPEC_NO_CACHE", "1")
 
 
 @pytest.mark.parametrize("slos", ["", HINT])
@@ -115,17 +113,6 @@ def test_no_comment_waives_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     path.write_text(waived)
     assert main(["validate", "spec.r2b.yaml", "--offline", "--require-slos"]) == 1
     assert "R2B693" in capsys.readouterr().out
-
-
-def test_reports_that_are_kept_are_those_of_the_same_option(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv("R2BSPEC_NO_CACHE")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    write_spec(tmp_path)
-    for _ in range(2):
-        assert main(["validate", "spec.r2b.yaml", "--offline"]) == 0
-        assert main(["validate", "spec.r2b.yaml", "--offline", "--require-slos"]) == 1
 
 
 PLAIN_NODE = """

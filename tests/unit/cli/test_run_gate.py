@@ -36,8 +36,7 @@ USED = {"busy_s": 1.94}
 
 
 def spec(name: str) -> str:
-    text = example(slos="{fast: {at: 30 Hz, require: [latency.p90 < 50 ms]}}")
-    return text.replace("name: example", f"name: {name}")
+    return example(name, slos="{fast: {at: 30 Hz, require: [latency.p90 < 50 ms]}}")
 
 
 @pytest.fixture
@@ -54,7 +53,6 @@ def top(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     )
     git(folder, "checkout", "--quiet", "-b", "change")
     monkeypatch.chdir(folder)
-    monkeypatch.setenv("R2BSPEC_NO_CACHE", "1")
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(temporary))
@@ -311,10 +309,6 @@ def weaker(name: str) -> str:
     return spec(name).replace("50 ms", "70 ms")
 
 
-def without_objectives(name: str) -> str:
-    return example().replace("name: example", f"name: {name}")
-
-
 def test_every_spec_of_a_folder_is_compared_before_the_first_is_played(
     top: Path,
     played: list[str],
@@ -324,7 +318,7 @@ def test_every_spec_of_a_folder_is_compared_before_the_first_is_played(
 ) -> None:
     commit(top, {"bench/c.r2b.yaml": "r2bspec: 1\n", "bench/d.r2b.yaml": spec("d")})
     git(top, "branch", "--force", "main", "HEAD")
-    changed = {"b": weaker("b"), "c": spec("c"), "d": without_objectives("d")}
+    changed = {"b": weaker("b"), "c": spec("c"), "d": example("d")}
     commit(top, {f"bench/{name}.r2b.yaml": text for name, text in changed.items()})
     junit, output = tmp_path / "junit.xml", tmp_path / "out"
     options = ["--require-slos", "-o", output, "--junit-xml", junit]

@@ -44,10 +44,10 @@ MATRIX = "variables: {hz: 10 Hz}\nmatrix: {axes: {hz: [10 Hz, 20 Hz]}}\n"
 
 
 def write_spec(folder: Path, name: str, more: str = "") -> Path:
-    text = example(slos="{fast: {at: 30 Hz, require: [latency.p90 < 50 ms]}}")
+    text = example(name, slos="{fast: {at: 30 Hz, require: [latency.p90 < 50 ms]}}")
     path = folder / f"{name}.r2b.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text.replace("name: example", f"name: {name}") + more)
+    path.write_text(text + more)
     return path
 
 

@@ -63,6 +63,11 @@ def pairs_folder(tmp_path_factory: pytest.TempPathFactory) -> PairedComparison:
     return control(tmp_path_factory.mktemp("control") / "pairs")
 
 
+@pytest.fixture(name="found", scope="module")
+def calibration_of_pairs(pairs: PairedComparison) -> Calibration:
+    return compute_calibration(pairs)
+
+
 @pytest.fixture
 def spec(tmp_path: Path) -> Path:
     path = tmp_path / "relay.r2b.yaml"
@@ -74,8 +79,8 @@ def noise_of(found: Calibration, metric: str) -> MetricNoise:
     return next(one for one in found.metrics if one.metric == metric)
 
 
-def test_the_noise_is_that_of_the_pairs(pairs: PairedComparison) -> None:
-    one = noise_of(compute_calibration(pairs), "latency.p50")
+def test_the_noise_is_that_of_the_pairs(found: Calibration) -> None:
+    one = noise_of(found, "latency.p50")
     logs = np.log(HEAD / BASE)
     assert one.deviation == pytest.approx(logs.std(ddof=1), rel=0.01)
     assert one.bias == pytest.approx(logs.mean(), abs=1e-3)
@@ -94,9 +99,8 @@ def test_only_a_control_with_some_pairs_can_be_used(tmp_path: Path) -> None:
 
 
 def test_calibrations_of_other_machines_and_benchmarks_stay(
-    spec: Path, pairs: PairedComparison
+    spec: Path, pairs: PairedComparison, found: Calibration
 ) -> None:
-    found = compute_calibration(pairs)
     path = calibration_path(spec)
     assert path.name == "relay.noise.json"
     add_calibration(path, "simulated", "another machine", found)
@@ -110,9 +114,11 @@ def test_calibrations_of_other_machines_and_benchmarks_stay(
     }
 
 
-def test_a_margin_below_the_noise_is_warned_of(spec: Path, pairs: PairedComparison) -> None:
+def test_a_margin_below_the_noise_is_warned_of(
+    spec: Path, pairs: PairedComparison, found: Calibration
+) -> None:
     assert found_in(spec) == []
-    store_calibration(spec, pairs, compute_calibration(pairs))
+    store_calibration(spec, pairs, found)
     (warning,) = found_in(spec)
     assert (warning.code, warning.severity) == ("R2B523", "warning")
     assert (warning.span.line, warning.edit) == (14, None)
@@ -120,8 +126,9 @@ def test_a_margin_below_the_noise_is_warned_of(spec: Path, pairs: PairedComparis
     assert "a simulated processor" in warning.message
 
 
-def test_the_patch_widens_that_margin_and_nothing_else(spec: Path, pairs: PairedComparison) -> None:
-    found = compute_calibration(pairs)
+def test_the_patch_widens_that_margin_and_nothing_else(
+    spec: Path, pairs: PairedComparison, found: Calibration
+) -> None:
     store_calibration(spec, pairs, found)
     text = spec.read_text()
     after, left = propose_limits(load_spec(spec), found, text)
@@ -146,10 +153,9 @@ def test_the_patch_widens_that_margin_and_nothing_else(spec: Path, pairs: Paired
     "slos", ["", "slos:\n  other:\n    at: 30 Hz\n    require: [latency.p50 < 1 s]\n# end\n"]
 )
 def test_where_nothing_is_asked_an_objective_is_proposed(
-    spec: Path, pairs: PairedComparison, slos: str
+    spec: Path, pairs: PairedComparison, found: Calibration, slos: str
 ) -> None:
     spec.write_text(SPEC + slos)
-    found = compute_calibration(pairs)
     after, left = propose_limits(load_spec(spec), found, SPEC + slos)
     assert left == []
     spec.write_text(after)
@@ -161,8 +167,7 @@ def test_where_nothing_is_asked_an_objective_is_proposed(
     assert found_in(spec) == []
 
 
-def test_what_cannot_be_edited_is_told(spec: Path, pairs: PairedComparison) -> None:
-    found = compute_calibration(pairs)
+def test_what_cannot_be_edited_is_told(spec: Path, found: Calibration) -> None:
     flow = SPEC + "slos: {other: {at: 30 Hz, require: [latency.p50 < 1 s]}}\n"
     spec.write_text(flow)
     after, left = propose_limits(load_spec(spec), found, flow)
@@ -171,12 +176,12 @@ def test_what_cannot_be_edited_is_told(spec: Path, pairs: PairedComparison) -> N
 
 
 def test_a_damaged_file_is_a_warning_and_not_overwritten(
-    spec: Path, pairs: PairedComparison
+    spec: Path, pairs: PairedComparison, found: Calibration
 ) -> None:
     calibration_path(spec).write_text('{"r2bspec_noise": 7}')
     (warning,) = found_in(spec)
     assert warning.code == "R2B524"
     assert "relay.noise.json" in warning.message
     with pytest.raises(RecordError):
-        store_calibration(spec, pairs, compute_calibration(pairs))
+        store_calibration(spec, pairs, found)
     assert calibration_path(spec).read_text() == '{"r2bspec_noise": 7}'

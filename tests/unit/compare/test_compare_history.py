@@ -11,6 +11,7 @@ from dataclasses import replace
 from multiprocessing.context import SpawnProcess
 from multiprocessing.synchronize import Barrier
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -40,6 +41,33 @@ def entry(run_id: str, *, outcome: str = "pass", day: int = 1, plan: str = "plan
             HistoryMetric(at_hz=None, monitor=None, metric="peak.rate", unit="Hz", value=None),
         ),
     )
+
+
+def written(folder: Path, *entries: HistoryEntry) -> Path:
+    """A history of these runs."""
+    path = folder / "h"
+    with open_history(path, create=True) as history:
+        for run in entries:
+            history.add(run)
+    return path
+
+
+def query(path: Path, *statements: str) -> list[tuple[Any, ...]]:
+    """Carry out statements as another program would; the rows of the last one."""
+    with contextlib.closing(sqlite3.connect(path)) as connection:
+        for statement in statements:
+            rows = connection.execute(statement).fetchall()
+        return rows
+
+
+def refusal(path: Path, match: str | None = None, *, create: bool = False) -> HistoryError:
+    """The error that a file is no history that can be read."""
+    with (
+        pytest.raises(HistoryError, match=match) as caught,
+        open_history(path, create=create) as history,
+    ):
+        history.comparable_runs("host", "plan", "data", 30)
+    return caught.value
 
 
 def test_what_is_added_is_found_again(tmp_path: Path) -> None:
@@ -82,83 +110,59 @@ def test_a_failed_run_is_no_baseline_until_it_is_accepted(tmp_path: Path) -> Non
 
 
 def test_forgetting_a_run_forgets_its_metrics(tmp_path: Path) -> None:
-    path = tmp_path / "h"
-    with open_history(path, create=True) as history:
-        history.add(entry("a"))
-        history.add(entry("b"))
+    path = written(tmp_path, entry("a"), entry("b"))
+    with open_history(path) as history:
         assert history.remove(["a", "nobody"]) == 1
         assert history.metrics("a") == ()
-    with contextlib.closing(sqlite3.connect(path)) as connection:
-        assert connection.execute("SELECT count(*) FROM metrics").fetchone() == (2,)
+    assert query(path, "SELECT count(*) FROM metrics") == [(2,)]
 
 
 @pytest.mark.parametrize("version", [1, SCHEMA_VERSION + 1])
 def test_another_version_is_refused_and_left_alone(tmp_path: Path, version: int) -> None:
-    path = tmp_path / "h"
-    with open_history(path, create=True) as history:
-        history.add(entry("a"))
-    with contextlib.closing(sqlite3.connect(path)) as connection:
-        connection.execute(f"PRAGMA user_version = {version}")
+    path = written(tmp_path, entry("a"))
+    query(path, f"PRAGMA user_version = {version}")
     before = path.read_bytes()
-    refused = rf"has version {version}; this r2bspec reads version {SCHEMA_VERSION}$"
-    with pytest.raises(HistoryError, match=refused), open_history(path):
-        pass
+    refusal(path, rf"has version {version}; this r2bspec reads version {SCHEMA_VERSION}$")
     assert path.read_bytes() == before
 
 
 def test_a_history_without_identities_gets_them(tmp_path: Path) -> None:
-    path = tmp_path / "h"
-    with open_history(path, create=True) as history:
-        history.add(entry("a"))
-    with contextlib.closing(sqlite3.connect(path)) as connection:
-        connection.execute("ALTER TABLE runs DROP COLUMN identity")
-        connection.execute("PRAGMA user_version = 2")
+    path = written(tmp_path, entry("a"))
+    query(path, "ALTER TABLE runs DROP COLUMN identity", "PRAGMA user_version = 2")
     with open_history(path) as history:
         assert [run.identity for run in history.runs()] == [""]
         history.add(replace(entry("b"), identity="{}"))
     with open_history(path) as history:
         assert {run.run_id: run.identity for run in history.runs()} == {"a": "", "b": "{}"}
-    with contextlib.closing(sqlite3.connect(path)) as connection:
-        assert connection.execute("PRAGMA user_version").fetchone() == (SCHEMA_VERSION,)
+    assert query(path, "PRAGMA user_version") == [(SCHEMA_VERSION,)]
 
 
 @pytest.mark.parametrize("content", [b"x" * 4096, b"SQLite format 3\x00" + b"\xff" * 4080])
 def test_a_damaged_file_is_said(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "h"
     path.write_bytes(content)
-    found = pytest.raises(HistoryError, match="cannot be used|damaged")
-    with found as caught, open_history(path):
-        pass
-    assert caught.value.hint
+    assert refusal(path, "cannot be used|damaged").hint
 
 
 def test_a_file_cut_short_is_said(tmp_path: Path) -> None:
-    path = tmp_path / "h"
-    with open_history(path, create=True) as history:
-        for number in range(200):
-            history.add(entry(f"run{number}"))
+    path = written(tmp_path, *(entry(f"run{number}") for number in range(200)))
     path.write_bytes(path.read_bytes()[:8192])
     for leftover in tmp_path.glob("h-*"):
         leftover.unlink()
-    with pytest.raises(HistoryError), open_history(path) as history:
-        history.comparable_runs("host", "plan", "data", 30)
+    refusal(path)
 
 
 def test_a_database_of_another_program_is_left_alone(tmp_path: Path) -> None:
     path = tmp_path / "h"
-    with contextlib.closing(sqlite3.connect(path)) as connection:
-        connection.execute("CREATE TABLE runs (mine TEXT)")
+    query(path, "CREATE TABLE runs (mine TEXT)")
     before = path.read_bytes()
-    with pytest.raises(HistoryError, match="another program"), open_history(path):
-        pass
+    refusal(path, "another program")
     assert path.read_bytes() == before
 
 
 def test_what_is_not_there_is_said(tmp_path: Path) -> None:
-    with pytest.raises(HistoryError, match="does not exist"), open_history(tmp_path / "nothing"):
-        pass
-    with pytest.raises(HistoryError), open_history(tmp_path, create=True):
-        pass
+    refusal(tmp_path / "nothing", "does not exist")
+    refusal(tmp_path, create=True)
 
 
 def _write(folder: Path, name: str, barrier: Barrier, rounds: int) -> None:
@@ -187,8 +191,7 @@ def test_many_programs_make_one_history_at_once(tmp_path: Path) -> None:
     for number in range(rounds):
         with open_history(tmp_path / str(number)) as history:
             assert sorted(one.run_id for one in history.runs()) == names
-        with contextlib.closing(sqlite3.connect(tmp_path / str(number))) as connection:
-            assert connection.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+        assert query(tmp_path / str(number), "PRAGMA journal_mode") == [("wal",)]
 
 
 def _append(path: Path, name: str, number: int) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -42,6 +41,10 @@ def played(iterations: int = 10, n: int = 300, lost: int = 0) -> list[Played]:
     return found
 
 
+def run_of(folder: Path, **how: int) -> Run:
+    return Simulation(segments=played(**how)).write(folder / "run")
+
+
 def proposed(run: Run, text: str, calibrations: tuple[Calibration, ...] = ()) -> Proposal:
     loaded = load_spec(text, file="simulated.r2b.yaml")
     assert loaded.spec is not None
@@ -51,7 +54,7 @@ def proposed(run: Run, text: str, calibrations: tuple[Calibration, ...] = ()) ->
 
 
 def test_the_proposals_pass_on_the_run(tmp_path: Path) -> None:
-    run = Simulation(segments=played()).write(tmp_path / "run")
+    run = run_of(tmp_path)
     found = proposed(run, SPEC)
     assert found.text.startswith(SPEC)
     slos = load_spec(found.text, file="simulated.r2b.yaml").spec
@@ -66,31 +69,27 @@ def test_the_proposals_pass_on_the_run(tmp_path: Path) -> None:
 
 
 def test_a_short_run_gets_a_lower_percentile(tmp_path: Path) -> None:
-    run = Simulation(segments=played(iterations=4, n=30)).write(tmp_path / "run")
-    found = proposed(run, SPEC)
+    found = proposed(run_of(tmp_path, iterations=4, n=30), SPEC)
     (texts,) = found.added.values()
     # 120 messages can show a p95, for which 59 without a late one are enough, but no p99.
     assert texts[0].startswith(("latency.p95", "latency.p90"))
 
 
 def test_one_iteration_shows_no_scatter(tmp_path: Path) -> None:
-    run = Simulation(segments=played(iterations=1, n=3000)).write(tmp_path / "run")
-    found = proposed(run, SPEC)
+    found = proposed(run_of(tmp_path, iterations=1, n=3000), SPEC)
     assert any("it takes 3 iterations" in each for each in found.notes)
     assert all("latency" not in each for texts in found.added.values() for each in texts)
 
 
 def test_losses(tmp_path: Path) -> None:
-    few = Simulation(segments=played(lost=3)).write(tmp_path / "few")
-    (texts,) = proposed(few, SPEC).added.values()
+    (texts,) = proposed(run_of(tmp_path / "few", lost=3), SPEC).added.values()
     assert "drop_rate <= 2 %" in texts
-    many = Simulation(segments=played(lost=50)).write(tmp_path / "many")
-    found = proposed(many, SPEC)
+    found = proposed(run_of(tmp_path / "many", lost=50), SPEC)
     assert any("were lost" in each for each in found.notes)
 
 
 def test_what_the_spec_states_is_left_alone(tmp_path: Path) -> None:
-    run = Simulation(segments=played()).write(tmp_path / "run")
+    run = run_of(tmp_path)
     mine = "slos:\n  mine:\n    at: 30 Hz\n    require: [latency.p50 < 1 s, drop_rate <= 1 %]\n"
     assert proposed(run, SPEC + mine).text == SPEC + mine
     other = mine.replace("at: 30 Hz", "at: 10 Hz").replace("rates: [30", "rates: [10, 30")
@@ -98,7 +97,7 @@ def test_what_the_spec_states_is_left_alone(tmp_path: Path) -> None:
 
 
 def test_the_margin_of_a_calibration_is_added(tmp_path: Path) -> None:
-    run = Simulation(segments=played()).write(tmp_path / "run")
+    run = run_of(tmp_path)
     noise = MetricNoise(
         at_hz=30.0,
         monitor="detections",
@@ -110,8 +109,8 @@ def test_the_margin_of_a_calibration_is_added(tmp_path: Path) -> None:
         n=10,
         margins={"10": math.log(2)},
     )
-    calibration = msgspec.convert(
-        {"metrics": [msgspec.to_builtins(noise)]} | CALIBRATION, Calibration
+    calibration = Calibration(
+        machine="one", run_id="a", started_at="", plan="b", confidence=0.95, metrics=(noise,)
     )
 
     def limit(text: str) -> float:
@@ -123,7 +122,7 @@ def test_the_margin_of_a_calibration_is_added(tmp_path: Path) -> None:
 
 
 def test_a_spec_in_flow_style_is_changed_by_hand(tmp_path: Path) -> None:
-    run = Simulation(segments=played()).write(tmp_path / "run")
+    run = run_of(tmp_path)
     text = SPEC + "slos: {mine: {require: [peak.rate >= 1 Hz], level: 'off'}}\n"
     text = text.replace("duration: 10 s}", "duration: 10 s, search: {min: 1 Hz, max: 9 Hz}}")
     found = proposed(run, text)
@@ -135,7 +134,7 @@ def test_the_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    Simulation(segments=played()).write(tmp_path / "run")
+    run_of(tmp_path)
     Path("simulated.r2b.yaml").write_text(SPEC)
     words = ["suggest", "simulated.r2b.yaml", "run"]
     assert main(words) != 0
@@ -158,12 +157,3 @@ def test_the_bound_covers_the_next_value() -> None:
         assert bound is not None
         covered += bool(values[10] <= bound)
     assert covered / 2000 > 0.94
-
-
-CALIBRATION = {
-    "machine": "one",
-    "run_id": "a",
-    "started_at": "2026-01-01T00:00:00Z",
-    "plan": "b",
-    "confidence": 0.95,
-}

@@ -16,9 +16,7 @@ from r2bspec.datasets import rig
 from r2bspec.datasets.cameras import (
     BODY_FROM_OPTICAL,
     GRAVITY_M_S2,
-    Motion,
     Pose,
-    Track,
     camera_pose,
     quaternion,
     transpose,
@@ -174,13 +172,6 @@ def test_imu_agrees_with_the_cameras_motion(storage_room: SyntheticDataset) -> N
         measured = reading.linear_acceleration
         assert np.abs(force - [measured.x, measured.y, measured.z]).max() < 1e-4
         assert reading.orientation_covariance[0] == -1
-
-
-def test_a_body_at_rest_feels_gravity_only() -> None:
-    still = Track(0.0)
-    motion = Motion(x=still, y=still, z=still, yaw=Track(1.0), pitch=still, roll=still)
-    assert motion.specific_force_m_s2(3.0) == (0.0, 0.0, GRAVITY_M_S2)
-    assert motion.angular_velocity_rad_s(3.0) == (0.0, 0.0, 0.0)
 
 
 def test_the_truth_tells_the_bodys_path(storage_room: SyntheticDataset) -> None:

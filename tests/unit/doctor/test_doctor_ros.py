@@ -45,13 +45,14 @@ def rclpy(rmw: str = "rmw_fastrtps_cpp") -> dict[str, dict[str, Any]]:
     return {installation._MIDDLEWARE: imported(rmw)}
 
 
-def by_name(checks: list[CheckResult]) -> dict[str, CheckResult]:
-    return {check.name: check for check in checks}
+def by_name(**environ: str) -> dict[str, CheckResult]:
+    """The checks of ROS in an environment."""
+    return {check.name: check for check in check_ros(System(environ=environ))}
 
 
 def test_without_rclpy_there_is_a_problem_and_a_way_out(here: Callable[..., None]) -> None:
     here({installation._MIDDLEWARE: MISSING})
-    checks = by_name(check_ros(System(environ={})))
+    checks = by_name()
     assert checks["rclpy"].status == "problem"
     assert "r2bspec[ros]" in checks["rclpy"].advice
     assert checks["distributions"].status == "warn"
@@ -59,7 +60,7 @@ def test_without_rclpy_there_is_a_problem_and_a_way_out(here: Callable[..., None
 
 def test_wheels_alone_are_fine(here: Callable[..., None]) -> None:
     here(rclpy(), wheels=("ros-jazzy-rclpy", "ros-rclpy", "numpy"))
-    checks = by_name(check_ros(System(environ={})))
+    checks = by_name()
     assert {check.status for check in checks.values()} == {"ok"}
     assert checks["distributions"].found == "jazzy 7.1 as wheels"
 
@@ -67,7 +68,7 @@ def test_wheels_alone_are_fine(here: Callable[..., None]) -> None:
 def test_a_sourced_workspace_is_named_with_its_base(here: Callable[..., None]) -> None:
     here(rclpy())
     environ = {"ROS_DISTRO": "jazzy", "AMENT_PREFIX_PATH": "/home/me/install:/opt/ros/jazzy"}
-    check = by_name(check_ros(System(environ=environ)))["distributions"]
+    check = by_name(**environ)["distributions"]
     assert check.status == "ok"
     assert check.found == "jazzy sourced from /opt/ros/jazzy and 1 more"
 
@@ -75,7 +76,7 @@ def test_a_sourced_workspace_is_named_with_its_base(here: Callable[..., None]) -
 def test_two_distributions_at_once_are_warned_of(here: Callable[..., None]) -> None:
     here(rclpy(), wheels=("ros-jazzy-rclpy",))
     environ = {"ROS_DISTRO": "humble", "AMENT_PREFIX_PATH": "/opt/ros/humble"}
-    check = by_name(check_ros(System(environ=environ)))["distributions"]
+    check = by_name(**environ)["distributions"]
     assert check.status == "warn"
     assert "mixed" in check.advice
 
@@ -87,7 +88,7 @@ def test_middleware_that_transports_cannot_configure_is_warned_of(
     index = tmp_path / "share/ament_index/resource_index/rmw_typesupport"
     index.mkdir(parents=True)
     (index / "rmw_fastrtps_cpp").touch()
-    check = by_name(check_ros(System(environ={"AMENT_PREFIX_PATH": str(tmp_path)})))["middleware"]
+    check = by_name(AMENT_PREFIX_PATH=str(tmp_path))["middleware"]
     assert check.status == "warn"
     assert check.found == "rmw_cyclonedds_cpp (also here: rmw_fastrtps_cpp)"
     assert "transport: inherit" in check.advice
@@ -95,10 +96,10 @@ def test_middleware_that_transports_cannot_configure_is_warned_of(
 
 def test_another_middleware_than_runs_configure_is_warned_of(here: Callable[..., None]) -> None:
     here(rclpy("rmw_cyclonedds_cpp"))
-    check = by_name(check_ros(System(environ={})))["middleware"]
+    check = by_name()["middleware"]
     assert "set RMW_IMPLEMENTATION=rmw_cyclonedds_cpp" in check.advice
     environ = {"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
-    check = by_name(check_ros(System(environ=environ)))["middleware"]
+    check = by_name(**environ)["middleware"]
     assert "RMW_IMPLEMENTATION=" not in check.advice
 
 
@@ -116,13 +117,13 @@ def test_a_variable_that_can_let_discovery_leave_the_host_is_named(
 ) -> None:
     here(rclpy(rmw))
     environ = {"RMW_IMPLEMENTATION": rmw, variable: "x"}
-    check = by_name(check_ros(System(environ=environ)))["middleware"]
+    check = by_name(**environ)["middleware"]
     assert (f"{variable} is set" in check.advice) == told
 
 
 def test_message_packages_that_are_missing_are_named(here: Callable[..., None]) -> None:
     here(rclpy() | {"stereo_msgs.msg": MISSING})
-    check = by_name(check_ros(System(environ={})))["messages"]
+    check = by_name()["messages"]
     assert check.status == "warn"
     assert check.data["missing"] == ["stereo_msgs"]
 

@@ -62,15 +62,6 @@ def test_what_ros_programs_need_and_what_the_spec_names_is_inherited(
     assert inherited_environment(environ, named) == {name: environ[name] for name in inherited}
 
 
-def test_no_process_of_a_run_gets_a_secret(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in SECRETS.items():
-        monkeypatch.setenv(name, value)
-    made = environment(tmp_path, plan(environment=("PASSWORD",)))
-    for each in (made.for_harness(), made.for_node({})):
-        assert each["PASSWORD"] == "t2"
-        assert set(each) & set(SECRETS) == {"PASSWORD"}
-
-
 def test_modules_are_found_although_processes_run_in_the_folder_of_the_spec(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -30,21 +30,6 @@ def test_a_held_lock_is_refused_with_its_holder(holder: subprocess.Popen[str]) -
     assert caught.value.exit_code == 4
 
 
-def test_a_held_lock_is_waited_for_and_the_holder_told_once(
-    holder: subprocess.Popen[str],
-) -> None:
-    told: list[str] = []
-
-    def on_wait(who: str) -> None:
-        told.append(who)
-        assert holder.stdin is not None
-        holder.stdin.close()
-
-    with host_lock("mine", on_wait=on_wait):
-        assert holder.wait() == 0
-    assert told == [f"the other one (process {holder.pid})"]
-
-
 def test_the_lock_of_a_killed_run_is_free(holder: subprocess.Popen[str]) -> None:
     holder.kill()
     holder.wait()

@@ -14,6 +14,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from elf_files import elf_file
 from r2bspec.execute.identity.file_digests import build_id
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.plan.command_lines import HARNESS_ARGV
@@ -372,10 +373,7 @@ def elf(identifier: bytes = b"", content: bytes = b"") -> bytes:
     other = struct.pack("<III", 4, 4, 1) + b"XYZ\0" + b"\1\2\3\4"
     note = struct.pack("<III", 4, len(identifier), 3) + b"GNU\0" + identifier if identifier else b""
     notes = other + note
-    header = b"\x7fELF\x02\x01\x01" + bytes(9)
-    header += struct.pack("<HHIQQQIHHHHHH", 2, 62, 1, 0, 64, 0, 0, 64, 56, 1, 0, 0, 0)
-    segment = struct.pack("<IIQQQQQQ", 4, 4, 120, 0, 0, len(notes), len(notes), 4)
-    return header + segment + notes + content
+    return elf_file((4, notes), content=content)
 
 
 class Workspace:

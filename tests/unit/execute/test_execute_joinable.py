@@ -4,39 +4,24 @@ from __future__ import annotations
 
 import os
 import shutil
-import struct
 import sys
 from pathlib import Path
 
 import pytest
 
+from elf_files import elf_file
 from r2bspec.execute.bringup.harness_processes import Hello, is_target_process
 from r2bspec.execute.errors import NotJoinableError
 from r2bspec.execute.processes.elf import require_joinable, why_not_joinable
 
 FOREIGN_USER = 65534
+OWN_MACHINE = int.from_bytes(Path(sys.executable).read_bytes()[18:20], "little")
 
 
-def elf(folder: Path, *segments: tuple[int, bytes], machine: bytes | None = None) -> Path:
+def elf(folder: Path, *segments: tuple[int, bytes], machine: int = OWN_MACHINE) -> Path:
     """A program of a header and segments, each a type and its content."""
-    own = Path(sys.executable).resolve().read_bytes()[:20]
-    head = bytearray(64)
-    head[:20] = own
-    if machine is not None:
-        head[18:20] = machine
-    struct.pack_into("<Q", head, 32, 64)
-    struct.pack_into("<HH", head, 54, 56, len(segments))
-    table, content = bytearray(), bytearray()
-    for kind, data in segments:
-        row = bytearray(56)
-        offset = 64 + 56 * len(segments) + len(content)
-        struct.pack_into("<I", row, 0, kind)
-        struct.pack_into("<Q", row, 8, offset)
-        struct.pack_into("<Q", row, 32, len(data))
-        table += row
-        content += data
     path = folder / "program"
-    path.write_bytes(bytes(head + table + content))
+    path.write_bytes(elf_file(*segments, machine=machine))
     path.chmod(0o755)
     return path
 
@@ -64,7 +49,7 @@ def test_one_without_it_or_with_another_cannot(
 
 
 def test_a_program_of_another_processor_cannot(tmp_path: Path) -> None:
-    path = elf(tmp_path, GLIBC, machine=b"\x28\x00")
+    path = elf(tmp_path, GLIBC, machine=40)
     assert why_not_joinable(path) == "is built for another kind of processor"
 
 

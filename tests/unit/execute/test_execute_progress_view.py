@@ -11,7 +11,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.execute.measurement.segment_observation import MAX_ROWS, ProgressView
+from r2bspec.execute.measurement import segment_observation
+from r2bspec.execute.measurement.segment_observation import ProgressView
 from r2bspec.ipc.arrivals import ARRIVAL_FIELDS, ArrivalReader
 from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import RowWriter
@@ -90,12 +91,13 @@ def test_what_is_lost_or_strange_is_left_out(writers: Writers) -> None:
 
 @pytest.mark.parametrize("match", ["stamp", "order"])
 def test_of_a_long_segment_only_the_latest_messages_count(
-    writers: Writers, match: Literal["stamp", "order"]
+    writers: Writers, match: Literal["stamp", "order"], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(segment_observation, "MAX_ROWS", 200)
     seen = writers.view(match)
     for latency in (500.0, 3.0):
-        for _ in range(MAX_ROWS):
+        for _ in range(200):
             writers.play(latency)
     writers.play(None)
-    assert (seen.sent(), seen.received()) == (2 * MAX_ROWS + 1, 2 * MAX_ROWS)
+    assert (seen.sent(), seen.received()) == (401, 400)
     assert seen.p99_ns() == 3 * MS

@@ -1,4 +1,4 @@
-"""Promise: a probe of a log matches in time proportional to the log, and keeps its deadline."""
+"""What a start waits for: probes of logs in time proportional to the log, and one deadline."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.execute.bringup.readiness import LogSearch
+from r2bspec.execute.bringup.readiness import LogSearch, StartDeadline
 from r2bspec.safe_io.line_pattern import PatternError, compile_line_pattern
 
 FOREVER = float("inf")
@@ -64,7 +64,7 @@ def test_a_log_that_was_cut_is_read_from_its_beginning(tmp_path: Path) -> None:
 
 def test_a_long_log_is_not_read_beyond_the_deadline(tmp_path: Path) -> None:
     log = tmp_path / "log"
-    log.write_text("x\n" * 200_000 + "ready\n")
+    log.write_text(("x" * 99 + "\n") * 2_000 + "ready\n")
     probe = search(log, "ready")
     assert not probe.finds(0.0)
     assert probe.finds(FOREVER)
@@ -89,3 +89,32 @@ def test_what_an_earlier_process_wrote_is_not_read(tmp_path: Path) -> None:
     with log.open("a") as more:
         more.write("model loaded\n")
     assert probe.finds(FOREVER)
+
+
+class Clock:
+    now_s = 100.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def test_every_step_of_a_start_has_what_the_earlier_ones_left() -> None:
+    clock = Clock()
+    deadline = StartDeadline(30 * 10**9, clock)
+    assert deadline.left_s == 30.0
+    clock.now_s += 20
+    assert deadline.left_s == 10.0
+    clock.now_s += 9
+    assert (deadline.left_s, deadline.over) == (1.0, False)
+    clock.now_s += 2
+    assert (deadline.left_s, deadline.over) == (0.0, True)
+    assert deadline.timeout_s == 30.0
+
+
+def test_what_has_a_timeout_of_its_own_is_left_out() -> None:
+    clock = Clock()
+    deadline = StartDeadline(30 * 10**9, clock)
+    clock.now_s += 10
+    with deadline.paused():
+        clock.now_s += 60
+    assert deadline.left_s == 20.0

@@ -19,7 +19,7 @@ from r2bspec.exit_status import ExitStatus
 from r2bspec.fleet.bundle import Bundle, Job, SentFile, Side, make_bundle
 from r2bspec.fleet.errors import HostFullError, HostLostError, NotAllowedError, TransferError
 from r2bspec.fleet.host_store import HostStore, inside
-from r2bspec.fleet.play_run import Problem
+from r2bspec.fleet.messages import Problem
 from r2bspec.language.load_spec import load_spec
 from r2bspec.plan.compile_plan import compile_plan
 from ros_runs import Bench, relay_spec

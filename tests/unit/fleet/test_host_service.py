@@ -30,7 +30,8 @@ from r2bspec.fleet.host_service import HostService
 from r2bspec.fleet.host_store import HostStore, remove
 from r2bspec.fleet.hosts import Host, HostFacts
 from r2bspec.fleet.journal import Journal, read_journal
-from r2bspec.fleet.play_run import ENDED_FILE, RUN_FOLDER, Played, Problem
+from r2bspec.fleet.messages import Played, Problem
+from r2bspec.fleet.play_run import ENDED_FILE, RUN_FOLDER
 from r2bspec.language.load_spec import load_spec
 from r2bspec.plan.compile_plan import compile_plan
 from ros_runs import Bench, relay_spec
@@ -67,11 +68,11 @@ class DirectClient:
     def refresh(self) -> bool:
         return True
 
-    def submit(self, host: Host, method: Callable[..., Any], *args: Any) -> Future[Any]:
+    def submit(self, host: Host, method: str, *args: Any) -> Future[Any]:
         assert host.name == "here"
         answer: Future[Any] = Future()
         try:
-            self._before(method.__name__, *args)
+            self._before(method, *args)
             # What travels is pickled by Dask.
             given = pickle.loads(pickle.dumps(args))  # noqa: S301
             answer.set_result(self._service.answer(method, *given))
@@ -160,7 +161,7 @@ def test_a_run_that_was_played_before_is_not_played_again(service: Service, tmp_
     def before(what: str, *args: Any) -> None:
         if what == "play":
             # The answer is lost with the connection, and the client asks again.
-            answers.append(service.answer(HostService.play, *args))
+            answers.append(service.answer("play", *args))
 
     assert play(tmp_path, service, before).error is None
     assert (service.plays, len(answers)) == (1, 1)
@@ -214,7 +215,7 @@ def test_what_is_not_allowed_is_refused_before_anything_is_sent(
     assert asked == ["prepare"]
     # Nor does a client that does not ask first.
     with pytest.raises(NotAllowedError):
-        service.answer(HostService.play, *jobs)
+        service.answer("play", *jobs)
     assert service.plays == 0
     assert states(tmp_path) == ["refused"]
 

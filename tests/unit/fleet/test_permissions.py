@@ -80,24 +80,10 @@ def test_what_is_installed_needs_none(node: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        *(
-            "HOME",
-            "PATH",
-            "PYTHONUSERBASE",
-            "PYTHONPATH",
-            "PYTHONSTARTUP",
-            "OPENSSL_CONF",
-            "TMPDIR",
-        ),
+        *("HOME", "PATH", "PYTHONUSERBASE", "PYTHONPATH", "PYTHONSTARTUP", "OPENSSL_CONF"),
+        *("TMPDIR", "BASH_ENV", "ENV", "GLIBC_TUNABLES", "AMENT_PREFIX_PATH", "VIRTUAL_ENV", "TZ"),
+        *("RMW_IMPLEMENTATION", "QT_QPA_PLATFORM"),
         *("OPENSSL_MODULES", "GCONV_PATH", "LOCPATH", "LD_PRELOAD", "LD_LIBRARY_PATH", "LD_AUDIT"),
-        *(
-            "BASH_ENV",
-            "ENV",
-            "GLIBC_TUNABLES",
-            "AMENT_PREFIX_PATH",
-            "RMW_IMPLEMENTATION",
-            *("VIRTUAL_ENV", "TZ", "QT_QPA_PLATFORM"),
-        ),
         *("RCUTILS_LOGGING_IMPLEMENTATION", "RCL_LOGGING_IMPLEMENTATION", "CYCLONEDDS_URI"),
         *("FASTRTPS_DEFAULT_PROFILES_FILE", "QT_PLUGIN_PATH", "XDG_CONFIG_HOME", "R2BSPEC_X", "X"),
     ],

@@ -217,13 +217,5 @@ def test_the_socket_is_taken_from_the_environment_once(monkeypatch: pytest.Monke
         close(channel)
 
 
-def test_a_program_that_no_controller_started_has_no_channel(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.delenv(protocol.CONTROL_FD_VARIABLE, raising=False)
-    with pytest.raises(KeyError):
-        Channel.from_environment()
-
-
 def close(channel: Any) -> None:
     channel._socket.close()

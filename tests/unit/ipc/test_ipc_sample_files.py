@@ -11,9 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from nightly import size
 from r2bspec.ipc.sample_files import RowReader, RowWriter
 
 FIELDS = (("a", "<i8"), ("b", "<i8"), ("c", "<i8"))
@@ -38,8 +39,8 @@ def test_a_row_that_is_not_whole_yet_is_none(tmp_path: Path) -> None:
     writer = RowWriter(path, width=3)
     writer.append(1, 2, 3)
     whole = path.read_bytes()
-    for size in range(1, 24):
-        path.write_bytes(whole + bytes(size))
+    for more in range(1, 24):
+        path.write_bytes(whole + bytes(more))
         assert RowReader(path, FIELDS).count() == 1
         assert RowReader(path, FIELDS).read().tolist() == [(1, 2, 3)]
     writer.close()
@@ -52,6 +53,7 @@ def test_two_writers_never_share_a_file(tmp_path: Path) -> None:
     writer.close()
 
 
+@settings(max_examples=40)
 @given(
     rows=st.lists(st.tuples(INT64, INT64, INT64), max_size=70),
     start=st.integers(0, 80),
@@ -87,7 +89,7 @@ def test_a_reader_sees_only_whole_rows_of_a_writer_that_is_killed(tmp_path: Path
         assert process.stdout is not None
         assert process.stdout.readline() == b"writing\n"
         seen = 0
-        while seen < 20_000:
+        while seen < size(5_000, 20_000):
             rows = reader.read(seen)
             # Whole, in order, and none twice or left out, while the file grows under the reader.
             assert np.array_equal(rows["a"], np.arange(seen, seen + rows.size))

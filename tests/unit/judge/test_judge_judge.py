@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import (
     InconclusivePolicy,
@@ -22,6 +24,7 @@ from r2bspec.judge.verdict import (
 from r2bspec.language.quantities import Share
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples
+from r2bspec.plan.smoke_plan import smoke_plan
 from r2bspec.record.run_record import SearchRecord
 from run_simulation import Played, Simulation, objective, probe
 
@@ -513,3 +516,29 @@ class TestSeverity:
         sure = msgspec.structs.replace(objective(ASKED), confidence=Share(0.99))
         (found,) = judge({"slo": sure}, samples).requirements
         assert (found.outcome, found.confidence) == ("inconclusive", 0.99)
+
+
+SLOS = {"fast": objective("latency.p90 < 1 us")}
+
+
+def test_the_slos_and_a_late_playback_of_a_smoke_run_do_not_matter(tmp_path: Path) -> None:
+    late = Played(30, latencies(60), late=np.full(60, 0.5))
+    written = Simulation(segments=[late], objectives=SLOS).write(tmp_path / "run")
+    samples = read_samples(written)
+    plan = smoke_plan(msgspec.structs.replace(written.plan, objectives=SLOS))
+    verdict = judge(plan.objectives, samples, decision_policy(plan))
+    assert (verdict.outcome, verdict.requirements) == ("pass", ())
+    assert verdict.reason == "The graph works; a smoke run does not judge the SLOs."
+    # The same run, measured.
+    assert judge(SLOS, samples, replace(decision_policy(plan), smoke=False)).outcome == "invalid"
+    # A run that was cut short shows nothing.
+    record = msgspec.structs.replace(samples.record, status="incomplete", reason="It was cut.")
+    cut = judge(plan.objectives, replace(samples, record=record), decision_policy(plan))
+    assert (cut.outcome, cut.reason) == ("incomplete", "It was cut.")
+
+
+def test_a_smoke_run_without_slos_says_so(tmp_path: Path) -> None:
+    written = Simulation(segments=[Played(30, latencies(60))]).write(tmp_path / "run")
+    plan = smoke_plan(written.plan)
+    verdict = judge(plan.objectives, read_samples(written), decision_policy(plan))
+    assert (verdict.outcome, verdict.reason) == ("pass", "The spec has no objective to judge.")

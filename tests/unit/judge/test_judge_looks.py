@@ -17,35 +17,19 @@ from r2bspec.judge.decision_policy import (
 )
 from r2bspec.judge.methods import Method
 from r2bspec.judge.pipeline import judge
+from r2bspec.judge.requirement_case import Decision, RequirementCase, requirement_verdict
 from r2bspec.judge.verdict import Outcome, RequirementVerdict
+from r2bspec.language.requirement_grammar import parse_requirement
+from r2bspec.measure.metric_catalogue import METRICS
 from r2bspec.measure.run_samples import read_samples
 from r2bspec.measure.samples import RunSamples
 from run_simulation import Played, Simulation, objective
 
 
 def verdict_of(outcome: Outcome, method: Method = "exact binomial") -> RequirementVerdict:
-    return RequirementVerdict(
-        objective="slo",
-        text="latency.p99 < 60 ms",
-        at_hz=30.0,
-        metric="latency.p99",
-        monitor="out",
-        outcome=outcome,
-        method=method,
-        estimate=0.05,
-        lower=0.04,
-        upper=0.06,
-        limit=0.06,
-        unit="s",
-        n=100,
-        confidence=0.95,
-        over=None,
-        lost=False,
-        share=None,
-        rule_of_three=None,
-        reason="Because.",
-        remedy="",
-    )
+    requirement, info = parse_requirement("latency.p99 < 60 ms"), METRICS["latency.p99"]
+    case = RequirementCase("slo", requirement, 30.0, info, "out", 0.06)
+    return requirement_verdict(case, Decision(outcome=outcome, method=method, reason="Because."))
 
 
 class TestThePlan:

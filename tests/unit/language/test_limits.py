@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from nightly import size
 from r2bspec.language import yaml_document as composing
 from r2bspec.language.document import MAX_DOCUMENT_BYTES
 from r2bspec.language.load_spec import load_spec
@@ -48,7 +49,7 @@ def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
 
 def test_the_python_parser_is_good_enough(monkeypatch: pytest.MonkeyPatch) -> None:
     golden = Path(__file__).parents[2] / "golden" / "language"
-    files = sorted(golden.glob("*.yaml"))
+    files = sorted(golden.glob("*.yaml"))[:: size(3, 1)]
     native = [load_spec(file) for file in files]
     monkeypatch.setattr(composing, "_CParser", None)
     for file, expected in zip(files, native, strict=True):

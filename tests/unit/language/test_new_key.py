@@ -18,6 +18,11 @@ SENTENCE = "        cool_down: How long is waited.\n"
 SPEC = (ROOT / "specs" / "relay.r2b.yaml").read_text(encoding="utf-8")
 ASK = """
 import msgspec
+from r2bspec.cli.main import main
+main(["validate", "--offline", "example.r2b.yaml"])
+for arguments in (["plan", "example.r2b.yaml"], ["schema", "spec"], ["schema", "plan"]):
+    main(arguments)
+    print("-----")
 from key_tables import key_table
 from r2bspec.language.declaration import rule_at
 from r2bspec.language.quantities import Duration
@@ -49,28 +54,24 @@ def package(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def run(package: Path, *arguments: str) -> str:
-    """What Python prints in the folder of the copy, which it imports."""
+def test_a_declaration_is_enough(package: Path) -> None:
+    text = SPEC.replace("benchmark:\n", "benchmark:\n  cool_down: 2 s\n")
+    (package / "example.r2b.yaml").write_text(text)
     paths = os.pathsep.join([str(package), str(ROOT / "tests" / "support")])
-    environment = {**os.environ, "PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1"}
-    return subprocess.run(
-        [sys.executable, *arguments],
+    said = subprocess.run(
+        [sys.executable, "-c", ASK],
         cwd=package,
-        env=environment,
+        env={**os.environ, "PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1"},
         capture_output=True,
         text=True,
-        check=False,
+        check=True,
     ).stdout
-
-
-def test_a_declaration_is_enough(package: Path) -> None:
-    spec = package / "example.r2b.yaml"
-    spec.write_text(SPEC.replace("benchmark:\n", "benchmark:\n  cool_down: 2 s\n"))
-    program = ("-m", "r2bspec")
-    assert "no problems" in run(package, *program, "validate", "--offline", spec.name)
-    assert json.loads(run(package, *program, "plan", spec.name))["cool_down"] == "2 s"
-    for kind in ("spec", "plan"):
-        assert '"cool_down": {' in run(package, *program, "schema", kind)
-    said = run(package, "-c", ASK)
-    assert said.startswith("neither [] 2 s\n0 s\n")
-    assert "| `cool_down` | duration, default `0 s` | How long is waited. Example: `2 s`. |" in said
+    validated, plan = said.split("-----\n")[0].split("{", 1)
+    assert "no problems" in validated
+    assert json.loads("{" + plan)["cool_down"] == "2 s"
+    for schema in said.split("-----\n")[1:3]:
+        assert '"cool_down": {' in schema
+    answers = said.split("-----\n")[3]
+    assert answers.startswith("neither [] 2 s\n0 s\n")
+    row = "| `cool_down` | duration, default `0 s` | How long is waited. Example: `2 s`. |"
+    assert row in answers

@@ -143,25 +143,16 @@ def test_references_are_accepted_wherever_a_scalar_stands() -> None:
     assert loaded.tree is not None
     validator = jsonschema.Draft7Validator(published_schema())
     document = to_plain(loaded.tree)
-    for path in _scalars(document):
-        if path == ("r2bspec",):
-            continue
-        for reference in ("$(var x)", "$(env X)"):
-            changed = json.loads(json.dumps(document))
-            place = changed
-            for part in path[:-1]:
-                place = place[part]
-            place[path[-1]] = reference
-            assert not list(validator.iter_errors(changed)), path
+    for reference in ("$(var x)", "$(env X)"):
+        changed = _with_scalars(document, reference) | {"r2bspec": 1}
+        assert [error.path for error in validator.iter_errors(changed)] == []
 
 
-def _scalars(value: Any, path: TreePath = ()) -> Iterator[TreePath]:
-    items = value.items() if isinstance(value, dict) else enumerate(value)
-    for key, inner in items:
-        if isinstance(inner, dict | list):
-            yield from _scalars(inner, (*path, key))
-        else:
-            yield (*path, key)
+def _with_scalars(value: Any, text: str) -> Any:
+    """The value with a text in place of every scalar."""
+    if isinstance(value, dict):
+        return {key: _with_scalars(inner, text) for key, inner in value.items()}
+    return [_with_scalars(inner, text) for inner in value] if isinstance(value, list) else text
 
 
 BASE = ("extends",)

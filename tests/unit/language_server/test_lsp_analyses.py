@@ -8,18 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from example_spec import example
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.server import SpecLanguageServer
-
-SPEC = """\
-r2bspec: 1
-name: NAME
-data_loader: {bag: r2b_storage, topics: {/d455_1_rgb_image: camera/image}}
-playback: {inputs: {input: {from: camera/image, format: sensor_msgs/msg/Image}}}
-graph: {nodes: {relay: {python: r2bspec.nodes.RelayNode}}}
-monitors: {copies: {topic: output, format: sensor_msgs/msg/Image}}
-benchmark: {rates: [10 Hz]}
-"""
 
 
 class Watched:
@@ -68,15 +59,15 @@ def test_a_change_is_analysed_once_and_no_other_document(watched: Watched, tmp_p
 
     async def session() -> None:
         for each in (one, two):
-            watched.server.change(each, SPEC.replace("NAME", each.name[:3]))
+            watched.server.change(each, example(each.name[:3]))
         await watched.idle()
         watched.analysed.clear()
         watched.shown.clear()
-        watched.server.change(one, SPEC.replace("NAME", "changed"))
+        watched.server.change(one, example("changed"))
         await watched.idle()
 
     asyncio.run(session())
-    expected = [("one.r2b.yaml", SPEC.replace("NAME", "changed"))]
+    expected = [("one.r2b.yaml", example("changed"))]
     assert watched.analysed == watched.shown == expected
 
 
@@ -84,14 +75,14 @@ def test_a_parent_that_changes_concerns_those_that_extend_it(
     watched: Watched, tmp_path: Path
 ) -> None:
     child, other, parent = (tmp_path / name for name in ("c.r2b.yaml", "o.r2b.yaml", "p.r2b.yaml"))
-    parent.write_text(SPEC.replace("NAME", "p"))
+    parent.write_text(example("p"))
 
     async def session() -> None:
         watched.server.change(child, "r2bspec: 1\nextends: p.r2b.yaml\nname: c\n")
-        watched.server.change(other, SPEC.replace("NAME", "o"))
+        watched.server.change(other, example("o"))
         await watched.idle()
         watched.analysed.clear()
-        watched.server.change(parent, SPEC.replace("NAME", "changed"))
+        watched.server.change(parent, example("changed"))
         await watched.idle()
 
     asyncio.run(session())
@@ -101,7 +92,7 @@ def test_a_parent_that_changes_concerns_those_that_extend_it(
 def test_what_is_superseded_is_dropped(watched: Watched, tmp_path: Path) -> None:
     """However fast somebody types, one analysis runs at a time, and the last text is shown."""
     file = tmp_path / "one.r2b.yaml"
-    texts = [SPEC.replace("NAME", f"version_{number}") for number in range(5)]
+    texts = [example(f"version_{number}") for number in range(5)]
 
     async def session() -> None:
         watched.go_on.clear()
@@ -124,11 +115,11 @@ def test_changes_that_come_together_are_analysed_once(watched: Watched, tmp_path
 
     async def session() -> None:
         for number in range(5):
-            watched.server.change(file, SPEC.replace("NAME", f"version_{number}"))
+            watched.server.change(file, example(f"version_{number}"))
         await watched.idle()
 
     asyncio.run(session())
-    assert [text for _, text in watched.analysed] == [SPEC.replace("NAME", "version_4")]
+    assert [text for _, text in watched.analysed] == [example("version_4")]
 
 
 def test_an_analysis_that_fails_does_not_end_the_others(
@@ -147,11 +138,11 @@ def test_an_analysis_that_fails_does_not_end_the_others(
     monkeypatch.setattr(watched.server.specs, "analyse", fail_once)
 
     async def session() -> None:
-        watched.server.change(tmp_path / "first.yaml", SPEC)
-        watched.server.change(tmp_path / "second.yaml", SPEC)
+        watched.server.change(tmp_path / "first.yaml", example("any"))
+        watched.server.change(tmp_path / "second.yaml", example("any"))
         await watched.idle()
 
     asyncio.run(session())
-    assert watched.shown == [("second.yaml", SPEC)]
+    assert watched.shown == [("second.yaml", example("any"))]
     assert len(logged) == 1
     assert "RuntimeError: a defect" in logged[0]

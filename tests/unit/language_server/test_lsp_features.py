@@ -158,6 +158,8 @@ async def test_snippets(document: OpenDocument, owner: str, label: str, keys: li
 
 
 async def test_a_snippet_of_a_whole_spec(document: OpenDocument) -> None:
+    """The text in the editor is empty, whatever is on disk."""
+    document.path.write_text(SPEC)
     items = await document.labels("¦")
     text = text_edit(items["r2bspec with its keys"]).new_text
     assert text.startswith("r2bspec: 1\nname: $1\ndata_loader:\n  bag: $2\n")

@@ -4,29 +4,15 @@ from __future__ import annotations
 
 from array import array
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 
 pytest.importorskip("cv2")
 
+from cameras import camera_info
+
 from r2bspec.nodes import camera, images
-
-
-def camera_info(**fields: Any) -> SimpleNamespace:
-    defaults = {
-        "width": 1280,
-        "height": 800,
-        "distortion_model": "plumb_bob",
-        "d": [0.0] * 5,
-        "k": [640.0, 0.0, 652.5, 0.0, 645.0, 401.0, 0.0, 0.0, 1.0],
-        "p": [630.0, 0.0, 650.0, -59.85, 0.0, 630.0, 400.0, 0.0, 0.0, 0.0, 1.0, 0.0],
-        "binning_x": 0,
-        "binning_y": 0,
-        "roi": SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0),
-    }
-    return SimpleNamespace(**(defaults | fields))
 
 
 @pytest.mark.parametrize(("width", "height"), [(1280, 720), (640, 400), (320, 600), (1600, 1000)])
@@ -83,14 +69,6 @@ def test_each_axis_scales_by_its_own_factor() -> None:
     assert info.p[3] / info.p[0] == pytest.approx(-59.85 / 630.0)
     assert info.k[[1, 3, 6, 7, 8]] == pytest.approx([0, 0, 0, 0, 1])
     assert vars(info.roi) == {"x_offset": 50, "y_offset": 12, "width": 320, "height": 100}
-
-
-def test_the_same_size_changes_nothing() -> None:
-    info, same = camera_info(), camera_info()
-    camera.scale(same, 1.0, 1.0)
-    np.testing.assert_array_equal(same.k, info.k)
-    np.testing.assert_array_equal(same.p, info.p)
-    assert (same.width, same.height) == (1280, 800)
 
 
 def test_a_crop_moves_the_principal_point() -> None:

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 pytest.importorskip("cv2")
 
+import cameras
+
 from r2bspec.nodes import camera, rectification
 
 WIDTH, HEIGHT = 160, 120
@@ -25,20 +27,10 @@ def turned(degrees: float) -> NDArray[np.float64]:
 
 
 def camera_info(**fields: Any) -> SimpleNamespace:
+    """A small camera with a lens, beside another."""
     p = np.array([[90.0, 0.0, 79.0, -9.0], [0.0, 90.0, 60.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
-    defaults = {
-        "width": WIDTH,
-        "height": HEIGHT,
-        "distortion_model": "plumb_bob",
-        "d": D,
-        "k": K.ravel(),
-        "r": turned(3.0).ravel(),
-        "p": p.ravel(),
-        "binning_x": 0,
-        "binning_y": 0,
-        "roi": SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0),
-    }
-    return SimpleNamespace(**(defaults | fields))
+    small = {"width": WIDTH, "height": HEIGHT, "d": D, "k": K.ravel(), "p": p.ravel()}
+    return cameras.camera_info(**{**small, "r": turned(3.0).ravel(), **fields})
 
 
 def seen_at(info: SimpleNamespace) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -112,18 +112,6 @@ def test_points_lie_on_the_rays_of_their_pixels_at_their_depth() -> None:
     assert np.isnan(cloud["z"]).sum() == 2
 
 
-def test_points_agree_with_opencv() -> None:
-    cv2 = pytest.importorskip("cv2")
-    focal, cx, cy, baseline = 120.0, 30.5, 21.25, 0.15
-    projection = np.array([[focal, 0, cx, 0], [0, focal, cy, 0], [0, 0, 1, 0]])
-    disparity = np.random.default_rng(4).uniform(1, 60, (40, 60)).astype(np.float32)
-    q = np.array([[1, 0, 0, -cx], [0, 1, 0, -cy], [0, 0, 0, focal], [0, 0, 1 / baseline, 0]])
-    expected = cv2.reprojectImageTo3D(disparity, q)
-    cloud = stereo.points(disparity, projection, focal, baseline)
-    found = np.stack([cloud[name] for name in "xyz"], axis=-1)
-    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6)
-
-
 def test_values_below_the_smallest_disparity_are_none() -> None:
     disparity = np.array([[3.0, 4.0]], np.float32)
     cloud = stereo.points(disparity, np.eye(3, 4), 1.0, 1.0, min_disparity_px=4.0)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from nightly import size
 from r2bspec.private_files import private_files, user_umask
 from r2bspec.record.comparison_folder import ComparisonFolder
 from r2bspec.record.files import LOCK_FILE, RUN_UNWRITABLE, FolderTakenError, RecordError
@@ -53,7 +54,7 @@ def test_of_many_that_begin_at_once_one_gets_the_folder(tmp_path: Path) -> None:
         except FolderTakenError:
             return None
 
-    for _ in range(20):
+    for _ in range(size(5, 20)):
         with ThreadPoolExecutor(16) as pool:
             got = [each for each in pool.map(take, range(16)) if each is not None]
         assert len(got) == 1

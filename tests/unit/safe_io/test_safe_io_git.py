@@ -13,7 +13,6 @@ from r2bspec.safe_io.git import (
     commit_of,
     filter_names,
     find_work_tree,
-    git_environment,
     inspect_work_tree,
     run_git,
 )
@@ -208,15 +207,3 @@ def test_no_missing_object_is_fetched(top: Path, tmp_path: Path) -> None:
     assert done.returncode != 0
     # It can be fetched by those who want it.
     assert git(partial, "cat-file", "blob", "HEAD:node.py") == "a = 1"
-
-
-def test_the_environment_keeps_what_is_not_about_a_repository(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setenv("HOME", "/home/somebody")
-    monkeypatch.setenv("GIT_CONFIG_GLOBAL", "/dev/null")
-    monkeypatch.setenv("GIT_EXTERNAL_DIFF", "program")
-    environment = git_environment()
-    assert environment["HOME"] == "/home/somebody"
-    assert environment["GIT_CONFIG_GLOBAL"] == "/dev/null"
-    assert "GIT_EXTERNAL_DIFF" not in environment

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
 
-from r2bspec.safe_io.safe_file import RefusedFileError, TooLargeError
-from r2bspec.safe_io.safe_json import decode_json, decode_python_json, read_json
+from r2bspec.safe_io.safe_json import decode_json, decode_python_json
 
 
 @pytest.mark.parametrize("decode", [lambda text: decode_json(text, Any), decode_python_json])
@@ -32,13 +29,3 @@ def test_a_type_is_checked_and_unknown_keys_may_be_deep() -> None:
         decode_json(b'{"a": "x"}', One)
     with pytest.raises(msgspec.DecodeError):
         decode_json(b'{"b":' * 100_000, One)
-
-
-def test_only_a_regular_file_up_to_the_limit_is_read(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(RefusedFileError):
-        read_json(tmp_path / "pipe", dict)
-    (tmp_path / "a").write_text("{}", encoding="utf-8")
-    assert read_json(tmp_path / "a", dict) == {}
-    with pytest.raises(TooLargeError):
-        read_json(tmp_path / "a", dict, max_bytes=1)

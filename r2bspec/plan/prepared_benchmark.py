@@ -1,0 +1,30 @@
+"""A plan with what a run needs besides it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from r2bspec.diagnostics import Diagnostic
+    from r2bspec.language.load_spec import LoadedSpec
+    from r2bspec.plan.plan import Plan
+
+
+@dataclass(frozen=True)
+class PreparedBenchmark:
+    """A plan that is ready to run.
+
+    Attributes:
+        base_dir: the folder to which paths in the plan are relative.
+        spec_text: the resolved spec; empty for a plan from a file.
+        diagnostics: warnings; errors have been raised.
+        loaded: the document from which the plan was compiled, if any.
+    """
+
+    plan: Plan
+    base_dir: Path
+    spec_text: str
+    diagnostics: tuple[Diagnostic, ...] = ()
+    loaded: LoadedSpec | None = None
