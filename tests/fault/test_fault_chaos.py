@@ -156,7 +156,8 @@ def broken_promises(attempt: Attempt) -> list[str]:
     if "Traceback (most recent call last)" in said:
         wrong.append("a stack trace")
     # A signal that comes before the program has begun, or when it has told its end, is not its.
-    silent = status in {-signal.SIGINT, -signal.SIGTERM} and (not said or "error[" in said)
+    told = not said or "error[" in said or running.stdout()
+    silent = status in {-signal.SIGINT, -signal.SIGTERM} and told
     if not attempt.killed and not silent and status not in EXIT_CODES:
         wrong.append("an unknown exit status")
     explained = re.search(r"error\[R2B\d{3} [a-z0-9-]+\]|^interrupted$", said, re.MULTILINE)
@@ -177,7 +178,7 @@ def broken_promises(attempt: Attempt) -> list[str]:
         judged = attempt.bench.judge(running.folder, "--format", "json")
         if judged.status not in EXIT_CODES - ({2} if not attempt.spoiled else set()):
             wrong.append(f"judge ends with {judged.status}: {judged.stderr[-500:]}")
-        elif not attempt.spoiled and not attempt.killed and status != 130:
+        elif not (attempt.spoiled or attempt.killed or silent or status == 130):
             invalid = status == 4 and "INVALID" in running.stdout()
             if (judged.run().record.status == "complete") != (status in {0, 1, 3} or invalid):
                 wrong.append(f"the record says {judged.run().record.status}")

@@ -1,6 +1,6 @@
 """Promise: a run can be ended at any moment, by anyone, and nothing of it is left but its record.
 
-Every test here also holds the promise of `nothing_left`: no process and no shared memory stays.
+After every test it is seen, too, that no process and no shared memory stays.
 """
 
 from __future__ import annotations
