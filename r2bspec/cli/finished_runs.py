@@ -13,7 +13,9 @@ import click
 from r2bspec.cli.shared_options import (
     FILE,
     FOLDER,
+    USER_HISTORY,
     format_option,
+    history_file,
     junit_option,
     repeatable_option,
     reports_option,
@@ -236,9 +238,6 @@ def compare_command(
     return ExitStatus.OK
 
 
-USER_HISTORY = "user"
-"""The name of the user's own history."""
-
 _MAX_CELL = 300
 
 _history_option = click.option(
@@ -250,13 +249,6 @@ _history_option = click.option(
     metavar="FILE",
     help="The history file; 'user' is a file in your data folder.",
 )
-
-
-def history_file(text: str) -> Path:
-    """The file of a history, as the user names it."""
-    from r2bspec.compare.history import user_history
-
-    return user_history() if text == USER_HISTORY else Path(text)
 
 
 @click.group("history")

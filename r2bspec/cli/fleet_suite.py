@@ -110,7 +110,7 @@ class FleetExecutor:
 
     def play(self, entries: Sequence[SuiteEntry]) -> Playing:
         """Every run when it has ended: first those that need not be made."""
-        from r2bspec.cli.finished_runs import history_file
+        from r2bspec.cli.shared_options import history_file
         from r2bspec.fleet.fleet_runs import FleetHistory, FleetLimits, FleetRuns
 
         by_folder: dict[Path, SuiteEntry] = {}

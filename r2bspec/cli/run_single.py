@@ -243,7 +243,7 @@ def execute(
 def _ways(prepared: PreparedBenchmark, options: RunOptions) -> dict[str, Any]:
     """The history and the stored run by which a single run is judged, too."""
     from r2bspec import api
-    from r2bspec.cli.finished_runs import history_file
+    from r2bspec.cli.shared_options import history_file
 
     history = history_file(options.history) if options.history is not None else None
     stored = None

@@ -35,6 +35,7 @@ from r2bspec.execute.errors import (
     UnwritableRunError,
 )
 from r2bspec.execute.fill_buffers import ResolvedDataset, buffer_bags, obtain_dataset, preprocess
+from r2bspec.execute.host_watch import HostWatch
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.execute.identity.loaded_files import LoadedFiles
 from r2bspec.execute.measurement.measurement import Measurement
@@ -51,7 +52,7 @@ from r2bspec.execute.processes.prerequisites import (
     reserved_domain,
     resolve_argv,
 )
-from r2bspec.execute.processes.resources import HostWatch, ResourceSampler
+from r2bspec.execute.processes.resources import ResourceSampler
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.execute.profiled_iteration import (
     ProfiledIteration,

@@ -7,8 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from r2bspec.execute.host_watch import HostWatch
 from r2bspec.execute.identity.loaded_files import LoadedFiles
-from r2bspec.execute.processes.resources import HostWatch, ResourceSampler
+from r2bspec.execute.processes.resources import ResourceSampler
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.execute.progress import Progress
 from r2bspec.execute.states import RunStates

@@ -6,6 +6,7 @@ import functools
 import os
 import secrets
 import signal
+import socket
 import struct
 import subprocess
 import sys
@@ -415,6 +416,29 @@ def ask_over(path: str, harness: Harness, preloaded: str = "") -> subprocess.Pop
 def test_a_process_that_cannot_ask_goes_on(harness: Harness, path: str) -> None:
     with ask_over(path.format(harness.folder), harness) as node:
         assert node.communicate(timeout=HANG_S)[0].startswith(b"goes on\n")
+    assert node.returncode == 0
+
+
+def test_a_part_that_cannot_connect_is_an_error_and_the_process_goes_on(harness: Harness) -> None:
+    path = str(harness.folder / "joined")
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(path)
+        listener.listen()
+        listener.settimeout(HANG_S)
+        neighbour = f"{join_object()}.none"  # the beginning of its name is that of the object
+        node = ask_over(path, harness, neighbour)
+        connection, _ = listener.accept()
+    Path(path).unlink()
+    with node, connection, connection.makefile("rb") as lines:
+        connection.settimeout(HANG_S)
+        assert lines.readline() == b"process node\n"
+        for piece in (b"player,mon", b"itor " + os.fsencode(harness_library()), b"\n"):
+            connection.sendall(piece)
+            time.sleep(0.05)
+        assert lines.readline() == b"failed R2B674 No such file or directory\n"
+        connection.shutdown(socket.SHUT_RDWR)
+        printed = node.communicate(timeout=HANG_S)[0].decode()
+        assert printed == f"goes on\n{neighbour}\n"
     assert node.returncode == 0
 
 

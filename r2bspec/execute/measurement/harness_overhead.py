@@ -25,8 +25,8 @@ from typing import Final, NamedTuple
 
 import msgspec
 
+from r2bspec.execute.host_watch import Interference
 from r2bspec.execute.measurement.segments import PLAYBACK_ROWS
-from r2bspec.execute.processes.resources import Interference
 from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess
 from r2bspec.execute.run_context import RunContext
 from r2bspec.ipc import protocol

@@ -4,9 +4,6 @@ Host interference is sampled at the same times. In addition to its periodic samp
 takes samples on request: at the start and end of every segment, so that the use in a segment need
 not be interpolated.
 
-`HostWatch` says at once what other programs did to a part of the run that has just ended: a probe,
-a start, the overhead. Iterations are examined when the run is judged, from the same samples.
-
 Host interference: counters for the load of other processes. All values are cumulative, so the
 difference of two readings is the interference between them. A value that the system does not
 provide is NaN, never zero.
@@ -30,23 +27,18 @@ import re
 import struct
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Final, NamedTuple
 
-import msgspec
 import numpy as np
 import psutil
 
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
-from r2bspec.judge.affected_iterations import interference_reasons, largest_taken_share
 from r2bspec.judge.measure.host_usage import (
     CONTROLLER_INDEX,
     MACHINE_INDEX,
     ORPHANS_INDEX,
-    HostInterference,
-    host_interference,
 )
 from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
 
@@ -302,12 +294,6 @@ threads each takes about a millisecond of CPU time, 0.6 % of a core at this peri
 _RESOURCES = struct.Struct("<qidqdd")
 _INTERFERENCE = struct.Struct("<qdddd")
 """Rows of `r2bspec.record.run_record.RESOURCE_FIELDS` and `INTERFERENCE_FIELDS`."""
-
-_OWN_PRESSURE: Final = 1.0
-"""A probe near the peak has tasks that wait for each other: pressure alone shows nothing."""
-
-_SAMPLE_TIMEOUT_S = 1.0
-_POLL_S = 0.005
 
 
 class ResourceSampler:
@@ -589,67 +575,3 @@ def _read_use(process: psutil.Process) -> tuple[float, int]:
         times = process.cpu_times()
         used_s = times.user + times.system + times.children_user + times.children_system
         return used_s, process.memory_info().rss
-
-
-@dataclass(frozen=True)
-class Interference:
-    """What others did in a part of the run.
-
-    Attributes:
-        reasons: in words, as in reports; empty if no limit was exceeded.
-        taken: the largest share of the time that they can have taken from the run.
-    """
-
-    reasons: tuple[str, ...] = ()
-    taken: float = 0.0
-
-
-@dataclass(frozen=True)
-class HostWatch:
-    """Answers for parts of the run that have ended.
-
-    Attributes:
-        resources: samples the run and the machine.
-        process_count: how many processes the run has started so far.
-        cores: how many processors it may use, where that is known.
-    """
-
-    resources: ResourceSampler
-    process_count: Callable[[], int]
-    cores: int | None
-
-    def between(self, began_ns: int, ended_ns: int) -> Interference:
-        """The interference between two times (CLOCK_MONOTONIC), of which the second is past."""
-        rows = self._rows_until(ended_ns)
-        found = host_interference(
-            rows,
-            self.resources.rows(),
-            frozenset(range(self.process_count())),
-            self.cores,
-            began_ns,
-            ended_ns,
-        )
-        return interference_of(found)
-
-    def _rows_until(self, time_ns: int) -> Rows:
-        """The samples, with one after this time if the sampler still runs."""
-        deadline = time.monotonic() + _SAMPLE_TIMEOUT_S
-        self.resources.sample_at(time.monotonic_ns())
-        while True:
-            rows = self.resources.interference()
-            if (rows.size and rows["time_ns"][-1] >= time_ns) or time.monotonic() > deadline:
-                return rows
-            time.sleep(_POLL_S)
-
-
-def interference_of(found: HostInterference | None) -> Interference:
-    """What was sampled, in words and as a share."""
-    reasons = interference_reasons(found, _OWN_PRESSURE)
-    if found is None or not reasons:
-        return Interference()
-    if found.own_waited is None:
-        # The pressure is the graph's own, too; what others used bounds what they took.
-        used = found.foreign_cores or 0.0
-        pressure = min(used, 1.0 if found.pressure is None else found.pressure)
-        found = msgspec.structs.replace(found, pressure=pressure)
-    return Interference(reasons, largest_taken_share(found))

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from r2bspec.execute.host_watch import Interference, interference_of
 from r2bspec.execute.measurement.harness_overhead import _quietest
 from r2bspec.execute.measurement.peak_search import (
     LongPlays,
@@ -17,7 +18,6 @@ from r2bspec.execute.measurement.peak_search import (
     unexplained_end,
 )
 from r2bspec.execute.measurement.rate_probe import MAX_FUTILE_REPLAYS, AffectedProbes
-from r2bspec.execute.processes.resources import Interference, interference_of
 from r2bspec.execute.run_context import TimeBudget
 from r2bspec.judge.measure.host_usage import HostInterference
 from r2bspec.judge.stationarity import CompletionTimes
