@@ -200,7 +200,7 @@ class Wrong:
     """A spec, the code of its error, the line that it marks, and what is said besides.
 
     Attributes:
-        certain: whether the start ends at once, and not when its time is over.
+        certain: whether the start ends before its time is over, also on a busy machine.
     """
 
     spec: Callable[[], dict[str, Any]]
@@ -305,7 +305,8 @@ def test_what_is_wrong_is_said_once_at_its_line(bench: Bench, name: str) -> None
     for words in wrong.words:
         assert words in done.error
     assert done.stderr.count(wrong.words[0]) == 1
-    assert ("was not ready after" in done.stderr) is not wrong.certain
+    if wrong.certain:
+        assert "was not ready after" not in done.stderr
     assert done.run().record.status == "incomplete"
 
 
