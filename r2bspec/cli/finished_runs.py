@@ -68,8 +68,10 @@ def judge_command(
     from r2bspec.record.run_folder import RunFolder
     from r2bspec.report.terminal import show_result
     from r2bspec.report.write_reports import takes_stdout, write_reports
-    from r2bspec.safe_io.safe_file import is_regular
+    from r2bspec.safe_io.safe_file import is_regular, is_there
 
+    if run.name == "result.json" and is_there(run.with_name("plan.json")):
+        run = run.parent
     if is_regular(run):
         return _judge_report(run, spec, output_format, plain=not (write or reports or junit))
     if spec is None:

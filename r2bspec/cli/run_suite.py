@@ -70,6 +70,13 @@ def run_suite(items: Sequence[RunItem], options: RunOptions, paths: Sequence[str
         options = _with_summaries_only(options)
     _check_reports(options)
     root = options.output or api.default_run_folder("smoke-suite" if options.smoke else "suite")
+    if not options.resume and is_regular(root / SUMMARY_FILE):
+        from r2bspec.record.files import FolderTakenError
+
+        raise FolderTakenError(
+            f"{root} has the runs of an earlier call",
+            hint="Choose a new folder with --output, or go on with --resume.",
+        )
     entries = [_prepare(item, options) for item in items]
     suite = Suite(root, options)
     if options.on is None:

@@ -55,6 +55,7 @@ _LFS_POINTER = re.compile(
 )
 _MAX_POINTER_BYTES = 1024
 _COMMIT = re.compile("[0-9a-f]{40}")
+_BRANCH = re.compile(r"(?![0-9a-f]{7,40}$)[A-Za-z][\w.-]*")
 
 
 class BaseRevisionError(UsageError):
@@ -170,22 +171,40 @@ def _commit(top: Path, text: str) -> str:
 def _unknown_revision(top: Path, name: str, *, branched_off: bool) -> BaseRevisionError:
     """The error that git does not know a commit, with the name that may be meant."""
     shallow = _output(top, "rev-parse", "--is-shallow-repository") == "true"
-    what = f"no commit from which HEAD and {name!r} branched off" if branched_off else repr(name)
-    message = f"git knows no revision {what}"
+    known = commit_of(top, name) is not None
+    message = f"git knows no revision {name!r}"
+    if branched_off and known:
+        message = f"git finds no commit from which HEAD and {name!r} branched off"
     if shallow:
         message += ": this clone is shallow, and does not have it"
-    if commit_of(top, name) is None and (close := did_you_mean(name, ref_names(top))):
-        message += f"; did you mean {close!r}?"
     fetch = _fetch_of(top, name, shallow=shallow, branched_off=branched_off)
+    # What a shallow clone has is the change itself: nothing to compare it with.
+    if not known and not (fetch and shallow) and (close := _similar_ref(top, name)):
+        message += f"; did you mean {close!r}?"
     way_out = f"Fetch it first: {fetch}. The base can also be a work tree, or a spec."
     return BaseRevisionError(message, hint=way_out if fetch else HINT)
+
+
+def _similar_ref(top: Path, name: str) -> str:
+    """The branch or tag that may be meant: the same one of another place, or a similar name."""
+    refs = [ref for ref in ref_names(top) if not ref.endswith("/HEAD")]
+    branch = name.rpartition("/")[2]
+    elsewhere = next((ref for ref in refs if ref.rpartition("/")[2] == branch), "")
+    similar = did_you_mean(name, refs)
+    return similar or elsewhere if "/" in name else elsewhere or similar
 
 
 def _fetch_of(top: Path, name: str, *, shallow: bool, branched_off: bool) -> str:
     """The command that gets a revision which this clone left out; empty if it left none out."""
     depth = " --unshallow" if shallow and branched_off else " --depth=1" if shallow else ""
     remote, slash, branch = name.partition("/")
-    if slash and remote in _output(top, "remote").split():
+    remotes = _output(top, "remote").split()
+    if not slash and remotes and _BRANCH.fullmatch(name) and commit_of(top, name) is None:
+        there = f"{remotes[0]}/{name}"
+        if not shallow or commit_of(top, there) is not None:
+            return ""
+        return f"git fetch{depth} {remotes[0]} {name}:refs/remotes/{there}, and name it {there}"
+    if slash and remote in remotes:
         fetched = _output(top, "config", "--get-all", f"remote.{remote}.fetch").split()
         has_all = any("refs/heads/*:" in refspec for refspec in fetched)
         return (

@@ -85,8 +85,10 @@ class WeakerGateError(R2bspecError):
     ) -> None:
         names = dict.fromkeys(each.name for each in weaker)
         options = " ".join(f"--allow {shlex.quote(name)}" for name in names)
+        # Without a document there is no place at which the changes are shown.
+        changes = names if loaded is not None else [f"{each.name} ({each.text})" for each in weaker]
         super().__init__(
-            f"the gate is weaker than in {base_name}: {', '.join(names)}",
+            f"the gate is weaker than in {base_name}: {', '.join(changes)}",
             hint=f"Undo the change, or let the pipeline allow it: {options}",
         )
         self.diagnostics = tuple(diagnostics)
@@ -252,8 +254,7 @@ def missing_objectives(file: str, cases: Sequence[str] = ()) -> Diagnostic:
         Severity.ERROR,
         f"no active objective of level error{of_cases}: nothing can fail",
         Span.of_file(file),
-        help="add a requirement under 'slos', or restore the one that was deleted; without a gate, "
-        "leave out --require-slos",
+        help="add a requirement under 'slos', or restore the one that was deleted",
     )
 
 

@@ -297,7 +297,8 @@ class MergeGate:
             WeakerGateError: some are gone.
         """
         base_names = _spec_names(base, self.tree.top)
-        missing = (*missing_specs(base_names, _spec_names(head, self.tree.head_top)),)
+        head_names = _spec_names(head, self.tree.head_top)
+        missing = (*missing_specs(base_names, head_names),)
         refused = [change for change in missing if change.name not in self.settings.allow]
         if refused:
             diagnostics = weakening_diagnostics(refused, None, self.tree.name)
@@ -308,6 +309,11 @@ class MergeGate:
                 has = "has its name" if len(places) == 1 else "have their names"
                 where = ", ".join(map(clip, places))
                 error.hint = f"{where} {has}: let the pipeline run that. {error.hint}"
+            elif gone and (new := sorted(head_names.keys() - base_names.keys())):
+                error.hint = (
+                    f"If {clip(new[0])} replaces it, write 'name: {clip(gone[0].name)}' there, and "
+                    f"the two are compared. {error.hint}"
+                )
             raise error
         return GateComparison(missing).sentences
 

@@ -283,12 +283,13 @@ def open_run(path: Path) -> Run:
             f"{path} is not a folder", hint="Give a run folder, which contains record.json."
         )
     if is_there(folder / "suite.json"):
-        runs = sorted(place.parent.name for place in folder.glob("*/record.json"))[:_MAX_LISTED]
+        places = [place for name in ("record", "pairs") for place in folder.glob(f"*/{name}.json")]
+        runs = sorted({str(path / place.parent.name) for place in places})[:_MAX_LISTED]
         raise RecordError(
-            f"{path} is the folder of several runs, not of one",
-            hint=f"Name one of them: {', '.join(str(path / name) for name in runs)}."
+            f"{path} is the folder of a suite, not of a run",
+            hint=f"Name a run of it: {', '.join(runs)}."
             if runs
-            else "None of them has a record.",
+            else "Nothing was played in it; suite.json says why.",
         )
     if not is_there(folder / "record.json"):
         raise RecordError(

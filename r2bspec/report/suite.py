@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import html
 import importlib.resources
 import importlib.util
@@ -177,6 +178,14 @@ def run_with_error(
         host=host,
         report=report,
     )
+
+
+def failure_page(error: R2bspecError, spec: str, path: str) -> bytes:
+    """The HTML page of a call that failed before it had a run."""
+    now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    run = run_with_error(error, name=Path(spec).name, spec=spec)
+    summary = SuiteSummary(started_at=now, ended_at=now, exit_status=error.exit_code, runs=(run,))
+    return to_html(summary, {}, path)
 
 
 def _decisive_ratio(result: Result, rate_hz: float, monitor: str) -> RequirementVerdict | None:

@@ -106,10 +106,13 @@ def test_the_only_spec_of_a_folder_is_gone(
     commit(top)
     reports = tmp_path / "reports"
     options = ["--require-slos", "--report", f"junit={reports}/junit.xml"]
-    assert gate(path, *options) == 2
+    pages = ["--report", f"html={reports}/page.html", "--report", f"json={reports}/page.json"]
+    assert gate(path, *options, *pages) == 2
+    assert "R2B692" in (reports / "page.html").read_text()
+    assert json.loads((reports / "page.json").read_text())["code"] == "R2B692"
     said = capsys.readouterr().err
     assert "error[R2B692 weaker-gate]: the gate is weaker than in main@" in said
-    assert ": spec alone/blur.r2b.yaml\n" in said
+    assert ": spec alone/blur.r2b.yaml (gone, was benchmark blur)\n" in said
     assert "let the pipeline allow it: --allow 'spec alone/blur.r2b.yaml'" in said
     assert "spec alone/blur.r2b.yaml" in (reports / "junit.xml").read_text()
     assert not (top / "runs").exists()
@@ -123,6 +126,17 @@ def test_the_only_spec_of_a_folder_is_gone(
     )
     assert json.loads(summary.read_text())["gate"]
     assert played == []
+
+
+def test_a_folder_that_has_runs_is_refused_and_keeps_their_summary(
+    top: Path, played: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert gate("alone", "--output", "runs/a") == 0
+    before = Path("runs/a/suite.json").read_bytes()
+    assert gate("alone", "--output", "runs/a") == 2
+    assert "runs/a has the runs of an earlier call" in capsys.readouterr().err
+    assert Path("runs/a/suite.json").read_bytes() == before
+    assert len(played) == 1
 
 
 def test_a_spec_that_lost_its_name_with_its_place_is_told_how_to_keep_its_base(top: Path) -> None:
@@ -145,7 +159,7 @@ def test_a_spec_that_is_gone_is_refused_before_anything_is_played(
     commit(top)
     assert gate("bench", "--format", "json") == 2
     said = capsys.readouterr()
-    assert ": spec bench/a.r2b.yaml\n" in said.err
+    assert ": spec bench/a.r2b.yaml (gone, was benchmark a)\n" in said.err
     assert json.loads(said.out)["code"] == "R2B692"
     assert played == []
     output = tmp_path / "out"

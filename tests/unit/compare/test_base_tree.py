@@ -113,7 +113,8 @@ def test_where_a_branch_branched_off(top: Path) -> None:
         ("deadbeef", "no revision 'deadbeef'$"),
         ("--help", "no revision '--help'"),
         ("HEAD:bench", "no revision"),
-        ("nothing...", "branched off"),
+        ("nothing...", "no revision 'nothing'$"),
+        ("origin/main", r"no revision 'origin/main'; did you mean 'main'\?$"),
     ],
 )
 def test_a_revision_that_git_does_not_know_is_said_with_a_way_out(
@@ -161,10 +162,14 @@ def test_a_shallow_clone_is_told_what_to_fetch(top: Path, tmp_path: Path) -> Non
     git(top, "branch", "stable", "HEAD~1")
     clone = tmp_path / "clone"
     git(tmp_path, "clone", "--quiet", "--depth=1", f"file://{top}", str(clone))
-    assert "this clone is shallow" in str(refusal("origin/stable", clone / SPEC))
-    follow_hint(
-        clone, "origin/stable", "git fetch --depth=1 origin stable:refs/remotes/origin/stable"
-    )
+    fetch = "git fetch --depth=1 origin stable:refs/remotes/origin/stable"
+    for name, more in (("origin/stable", ""), ("stable", ", and name it origin/stable")):
+        error = refusal(name, clone / SPEC)
+        # What it has is the change itself, which is no base.
+        assert str(error).endswith("this clone is shallow, and does not have it")
+        assert f"Fetch it first: {fetch}{more}." in error.hint
+    follow_hint(clone, "origin/stable", fetch)
+    assert str(refusal("stable", clone / SPEC)).endswith("did you mean 'origin/stable'?")
 
 
 def test_outside_of_a_repository(tmp_path: Path) -> None:

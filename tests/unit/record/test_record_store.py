@@ -112,7 +112,7 @@ class TestBrokenFolders:
 
     def test_of_several_runs(self, folder: Path) -> None:
         (folder.parent / "suite.json").write_text("{}")
-        with pytest.raises(RecordError, match="the folder of several runs") as raised:
+        with pytest.raises(RecordError, match="the folder of a suite") as raised:
             open_run(folder.parent)
         assert str(folder) in raised.value.hint
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -21,12 +22,14 @@ def test_findings_are_in_the_reports_of_a_spec_that_is_refused(
     Path("spec.r2b.yaml").write_text(example() + "nonsense: 1\n")
     reports = [f"--report={name}=out/{name}" for name in FORMATS]
     assert main(["run", "spec.r2b.yaml", "--output", "run", *reports]) == 2
-    assert {path.name for path in Path("out").iterdir()} == {"markdown", "github", "junit"}
+    assert {path.name for path in Path("out").iterdir()} == set(FORMATS)
     markdown = Path("out/markdown").read_text()
     assert markdown.startswith("### ✘ error R2B602: nothing was measured\n\n    spec.r2b.yaml:")
     assert "unknown-key" in markdown
     assert "::error file=spec.r2b.yaml,line=" in Path("out/github").read_text()
     assert "R2B101" in Path("out/junit").read_text()
+    assert "R2B602" in Path("out/html").read_text()
+    assert json.loads(Path("out/json").read_text())["code"] == "R2B602"
     assert not Path("run").exists()
 
 
