@@ -27,7 +27,7 @@ demo: install
 	@report=$$(mktemp) || exit; \
 	$(BIN)/r2bspec run specs/apriltag_node.r2b.yaml --report markdown=$$report; status=$$?; \
 	if [ $$status -eq 3 ] && grep -q "because other programs used the machine\|Host interference in" $$report; then \
-	    echo "demo: other programs used the machine, which leaves the verdict open: all works" >&2; status=0; fi; \
+	    echo "demo: everything ran; the verdict is open, and other programs used the machine" >&2; status=0; fi; \
 	rm -f $$report; exit $$status
 
 # Six specs, about ten minutes; SMOKE=1 plays one short iteration of each and judges nothing.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 
@@ -15,25 +15,10 @@ from r2bspec.language.quantities import Rate
 from r2bspec.plan.comparability import ABSENT, PlanDifference
 
 if TYPE_CHECKING:
-    from r2bspec.language.load_spec import LoadedSpec
     from r2bspec.language.spec import Spec
-    from r2bspec.plan.plan import Plan
+    from r2bspec.plan.prepared_benchmark import PreparedBenchmark
 
 _MAX_TEXT = 100
-
-
-class GateSide(Protocol):
-    """A prepared benchmark: its plan, and the document unless the plan is from a file."""
-
-    @property
-    def plan(self) -> Plan:
-        """The compiled plan."""
-        raise NotImplementedError
-
-    @property
-    def loaded(self) -> LoadedSpec | None:
-        """The document from which it was compiled."""
-        raise NotImplementedError
 
 
 class GateChange(NamedTuple):
@@ -73,7 +58,7 @@ class GateChange(NamedTuple):
         return f"{self.after}, was {self.before}" if self.before else f"new, {self.after}"
 
 
-def spec_of(side: GateSide) -> Spec | None:
+def spec_of(side: PreparedBenchmark) -> Spec | None:
     """The typed document of a side; None for a plan from a file."""
     return side.loaded.spec if side.loaded is not None else None
 
@@ -141,7 +126,7 @@ def field_changes(
 
 
 def difference_change(difference: PlanDifference, name: str, path: Path) -> GateChange:
-    """A difference of two plans of which nobody knows that it is harmless."""
+    """A difference of two plans, as a change that weakens the gate unless it is known not to."""
     texts = (
         "" if value is ABSENT else value_text(json.dumps(value, ensure_ascii=False))
         for value in (difference.before, difference.after)

@@ -23,7 +23,6 @@ import msgspec
 
 from r2bspec.compare.gate_change import (
     GateChange,
-    GateSide,
     Key,
     difference_change,
     field_changes,
@@ -39,6 +38,7 @@ from r2bspec.language.quantities import Duration, Share, Size
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.plan.comparability import diff_plans
 from r2bspec.plan.plan import GatePlan, MonitorPlan, Plan, PlayPlan
+from r2bspec.plan.prepared_benchmark import PreparedBenchmark
 
 
 def _window_text(end_ns: int | None) -> str:
@@ -120,7 +120,7 @@ def _content(monitor: MonitorPlan) -> MonitorPlan:
     return msgspec.structs.replace(monitor, **FREE_MONITOR_FIELDS)
 
 
-def input_names(side: GateSide) -> dict[str, str]:
+def input_names(side: PreparedBenchmark) -> dict[str, str]:
     """The name in the document of each playback input, by its topic."""
     spec = spec_of(side)
     topics = [each.topic for each in side.plan.inputs]
@@ -128,7 +128,7 @@ def input_names(side: GateSide) -> dict[str, str]:
     return dict(zip(topics, names, strict=True))
 
 
-def _monitors(base: GateSide, head: GateSide) -> Iterator[GateChange]:
+def _monitors(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateChange]:
     """Monitors that are gone or observe something else, and new ones."""
     names = monitor_names(base.plan, head.plan)
     of_head = {monitor.name: monitor for monitor in head.plan.monitors}
@@ -146,7 +146,7 @@ def _monitors(base: GateSide, head: GateSide) -> Iterator[GateChange]:
             yield GateChange(f"monitor {name}", path, "", monitor.topic, weaker=False)
 
 
-def _inputs(base: GateSide, head: GateSide) -> Iterator[GateChange]:
+def _inputs(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateChange]:
     """Inputs that are gone, new, or have other messages."""
     before, after = ({each.topic: each for each in side.plan.inputs} for side in (base, head))
     names = input_names(base) | input_names(head)
@@ -161,7 +161,7 @@ def _inputs(base: GateSide, head: GateSide) -> Iterator[GateChange]:
         yield from field_changes(was, now, name, path, {**INPUT_KEYS, "later_ns": later})
 
 
-def _data(base: GateSide, head: GateSide) -> Iterator[GateChange]:
+def _data(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateChange]:
     """Other recordings, or another part of them."""
     before, after = (each.plan.datasets or (each.plan.dataset,) for each in (base, head))
     if len(before) != len(after):
@@ -176,7 +176,7 @@ def _data(base: GateSide, head: GateSide) -> Iterator[GateChange]:
         yield from field_changes(was, now, "data", path, keys)
 
 
-def _timeline(base: GateSide, head: GateSide) -> Iterator[GateChange]:
+def _timeline(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateChange]:
     was, now = base.plan.timeline, head.plan.timeline
     if was is not None and now is not None:
         yield from field_changes(was, now, "playback", ("playback",), TIMELINE_KEYS)
@@ -188,7 +188,7 @@ def _playback_key(name: str, order: Callable[[Any], float] | None = None) -> Key
     return Key("playback", ("playback", name), order)
 
 
-def _preprocessors(base: GateSide, head: GateSide) -> Iterator[GateChange]:
+def _preprocessors(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateChange]:
     """What prepares the inputs is part of the load, unlike the graph."""
     preparing = {
         process.name
@@ -206,7 +206,7 @@ def _preprocessors(base: GateSide, head: GateSide) -> Iterator[GateChange]:
     yield from Key("preprocessors", ("preprocessors",)).changes(*external)
 
 
-_Rule = Callable[[GateSide, GateSide], Iterator[GateChange]]
+_Rule = Callable[[PreparedBenchmark, PreparedBenchmark], Iterator[GateChange]]
 
 
 def _budget_text(budget_ns: int) -> str:
@@ -250,7 +250,7 @@ SEARCH_KEYS: Final[Mapping[str, Key]] = {
 """Fields of `SearchPlan` other than its conditions."""
 
 
-def plan_changes(base: GateSide, head: GateSide) -> Iterator[GateChange]:
+def plan_changes(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateChange]:
     """Every difference of two plans that a verdict may depend on, in the order of `GATE_FIELDS`."""
     compared: set[_Rule] = set()
     for field, rule in GATE_FIELDS.items():
@@ -266,7 +266,7 @@ def plan_changes(base: GateSide, head: GateSide) -> Iterator[GateChange]:
             yield difference_change(difference, str(difference.path[0]), difference.path)
 
 
-def _plays(base: GateSide, head: GateSide) -> Iterator[GateChange]:
+def _plays(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateChange]:
     path = ("benchmark", "rates")
     before, after = ({each.rate_hz: each for each in side.plan.play} for side in (base, head))
     if before.keys() != after.keys():
@@ -294,7 +294,7 @@ def _played(play: PlayPlan, *, whole: bool) -> PlayPlan:
     return msgspec.structs.replace(play, rate_hz=0.0, max_iterations=most)
 
 
-def _starts(base: GateSide, head: GateSide) -> Iterator[GateChange]:
+def _starts(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateChange]:
     if all(_has_default_starts(side.plan) for side in (base, head)):
         return  # they follow from the iterations, which are compared as such
     yield from _benchmark_key("starts", float).changes(base.plan.starts, head.plan.starts)
@@ -305,7 +305,7 @@ def _has_default_starts(plan: Plan) -> bool:
     return any(plan.starts == default_starts(each.iterations) for each in plays)
 
 
-def _search(base: GateSide, head: GateSide) -> Iterator[GateChange]:
+def _search(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateChange]:
     was, now = base.plan.search, head.plan.search
     path = ("benchmark", "search")
     if was is not None and now is not None:
@@ -317,7 +317,7 @@ def _search(base: GateSide, head: GateSide) -> Iterator[GateChange]:
         yield GateChange.between("search", path, texts, weaker=now is None)
 
 
-def _conditions(base: GateSide, head: GateSide) -> Iterator[GateChange]:
+def _conditions(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateChange]:
     """Conditions of a probe that one side has, and the other does not imply."""
     was = _located(base, monitor_names(base.plan, head.plan))
     now = _located(head, {monitor.name: monitor.name for monitor in head.plan.monitors})
@@ -333,14 +333,14 @@ def _conditions(base: GateSide, head: GateSide) -> Iterator[GateChange]:
 
 
 def _located(
-    side: GateSide, monitors: Mapping[str, str]
+    side: PreparedBenchmark, monitors: Mapping[str, str]
 ) -> list[tuple[Requirement, tuple[str, str]]]:
     """The conditions of the search, each with the monitors that it is about."""
     conditions = side.plan.search.holds if side.plan.search is not None else ()
     return [(each, subject) for each in conditions for subject in subjects(each, side, monitors)]
 
 
-def _gate(base: GateSide, head: GateSide) -> Iterator[GateChange]:
+def _gate(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateChange]:
     path = ("benchmark", "gate")
     yield from field_changes(base.plan.gate, head.plan.gate, "gate.*", path, GATE_KEYS)
     # Keys of the document that no plan has.
@@ -359,7 +359,7 @@ def _segment_text(segment_bytes: int) -> str:
     return str(Size(segment_bytes)) if segment_bytes else "the default"
 
 
-def _processes(base: GateSide, head: GateSide) -> Iterator[GateChange]:
+def _processes(base: PreparedBenchmark, head: PreparedBenchmark) -> Iterator[GateChange]:
     """The graph is free to change, but neither its memory limits nor what prepares its inputs."""
     yield from _memory_limits(base.plan, head.plan)
     yield from _preprocessors(base, head)

@@ -20,7 +20,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from r2bspec.compare.gate_change import GateChange, GateSide, spec_of
+from r2bspec.compare.gate_change import GateChange, spec_of
 from r2bspec.compare.gate_keys import input_names, plan_changes
 from r2bspec.diagnostics import Diagnostic, Severity, did_you_mean
 from r2bspec.diagnostics.code_pages import all_pages
@@ -29,6 +29,7 @@ from r2bspec.diagnostics.quote import quote
 from r2bspec.diagnostics.waivers import Waiver, effective_waivers
 from r2bspec.errors import ExitStatus, R2bspecError, UsageError
 from r2bspec.language.located_tree import ListNode, MapNode, TreeNode
+from r2bspec.plan.prepared_benchmark import PreparedBenchmark
 
 if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec
@@ -110,7 +111,7 @@ class MissingObjectivesError(R2bspecError):
         self.diagnostic = diagnostic
 
 
-def compare_gates(base: GateSide, head: GateSide) -> GateComparison:
+def compare_gates(base: PreparedBenchmark, head: PreparedBenchmark) -> GateComparison:
     """What of the gate is weaker in the head, and what is stronger.
 
     Args:
@@ -127,8 +128,8 @@ def compare_gates(base: GateSide, head: GateSide) -> GateComparison:
 
 
 def check_gate(
-    base: GateSide,
-    head: GateSide,
+    base: PreparedBenchmark,
+    head: PreparedBenchmark,
     allowed: Sequence[str] = (),
     *,
     base_name: str = "the base",
@@ -159,7 +160,7 @@ def check_gate(
     return comparison
 
 
-def allowable_names(base: GateSide, head: GateSide) -> tuple[str, ...]:
+def allowable_names(base: PreparedBenchmark, head: PreparedBenchmark) -> tuple[str, ...]:
     """The names that ``--allow`` may have for two specs, besides waivers and specs."""
     names = list(KEY_NAMES)
     for side in (base, head):

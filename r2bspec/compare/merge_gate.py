@@ -21,14 +21,12 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Protocol
 
 import msgspec
 
 from r2bspec.compare.base_environment import BaseBuildError, BaseBuilds, is_code_of
 from r2bspec.compare.base_reference import BaseReference
 from r2bspec.compare.base_tree import BaseRevisionError, BaseTree
-from r2bspec.compare.gate_change import GateSide
 from r2bspec.compare.gate_strength import (
     GateComparison,
     WeakerGateError,
@@ -49,6 +47,7 @@ from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.language.spec import GateBase, Objective
 from r2bspec.plan.comparability import difference_lines, graph_differences, load_differences
 from r2bspec.plan.plan import Plan
+from r2bspec.plan.prepared_benchmark import PreparedBenchmark
 from r2bspec.record.graph_identity import GraphIdentity, identity_differences, read_loaded_files
 from r2bspec.safe_io.safe_file import is_regular
 
@@ -63,19 +62,7 @@ _PLAYED_FIELDS = (
 """The fields of a plan that say how long and at which rates is played, and what is asked of it."""
 
 
-class Prepared(GateSide, Protocol):
-    """A spec that is ready to run: `r2bspec.api.PreparedBenchmark`."""
-
-    @property
-    def base_dir(self) -> Path:
-        """The folder of the spec."""
-
-    @property
-    def spec_text(self) -> str:
-        """The resolved spec."""
-
-
-Prepare = Callable[[SpecSelection], Prepared]
+Prepare = Callable[[SpecSelection], PreparedBenchmark]
 
 
 class OtherSidesFilesError(R2bspecError):
@@ -144,7 +131,7 @@ class MergeGate:
         self._builds = BaseBuilds(self.tree)
 
     def sides(
-        self, selection: SpecSelection, head: Prepared, progress: Progress | None = None
+        self, selection: SpecSelection, head: PreparedBenchmark, progress: Progress | None = None
     ) -> GateSides:
         """The two sides of a spec.
 
@@ -226,7 +213,7 @@ class MergeGate:
             changes=changes,
         )
 
-    def builds_base(self, selection: SpecSelection, head: Prepared) -> bool:
+    def builds_base(self, selection: SpecSelection, head: PreparedBenchmark) -> bool:
         """Whether commands are run to build the base of a spec; see `sides`."""
         found = self.base_spec(selection.spec, head)
         if found is None:
@@ -249,7 +236,7 @@ class MergeGate:
             untrusted=None,
         )
 
-    def base_spec(self, spec: Path, head: Prepared | None = None) -> Path | None:
+    def base_spec(self, spec: Path, head: PreparedBenchmark | None = None) -> Path | None:
         """The base's version of a spec: at its path, or one of its name that the head lacks."""
         same = self.tree.in_base(spec)
         if same is not None and is_regular(same):
@@ -317,7 +304,7 @@ class MergeGate:
             raise error
         return GateComparison(missing).sentences
 
-    def alone(self, head: Prepared, *sentences: str) -> GateSides:
+    def alone(self, head: PreparedBenchmark, *sentences: str) -> GateSides:
         """The head without a base: what only a comparison can tell is not asked of it."""
         objectives, left_out = _without_baseline(head.plan.objectives)
         if left_out:
@@ -327,7 +314,7 @@ class MergeGate:
         plan = msgspec.structs.replace(head.plan, objectives=objectives)
         return GateSides(self._side(head, plan, {}, identity), None, sentences)
 
-    def alone_without_base(self, head: Prepared, error: R2bspecError) -> GateSides:
+    def alone_without_base(self, head: PreparedBenchmark, error: R2bspecError) -> GateSides:
         """The head alone, because the base cannot run, and that is allowed."""
         first = without_output(self._named(str(error)))
         return self.alone(head, f"Allowed: base. {self.tree.name} cannot run: {first}")
@@ -353,7 +340,7 @@ class MergeGate:
 
     def _side(
         self,
-        prepared: Prepared,
+        prepared: PreparedBenchmark,
         plan: Plan,
         environment: Mapping[str, str],
         identity: GraphIdentity,

@@ -18,10 +18,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from r2bspec.compare.gate_change import GateChange, GateSide, spec_of
+from r2bspec.compare.gate_change import GateChange, spec_of
 from r2bspec.judge.measure.metric_catalogue import MetricError, resolve
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Objective
+from r2bspec.plan.prepared_benchmark import PreparedBenchmark
 
 _OF_MONITORS = ("monitor", "truth")
 
@@ -84,7 +85,7 @@ class _Demand:
 
 
 def objective_changes(
-    base: GateSide, head: GateSide, monitors: Mapping[str, str]
+    base: PreparedBenchmark, head: PreparedBenchmark, monitors: Mapping[str, str]
 ) -> Iterator[GateChange]:
     """Requirements of one side that the other side does not imply.
 
@@ -153,7 +154,7 @@ def _bound_implies(stronger: Requirement, weaker: Requirement) -> bool:
     return same or (at_most and below) or (at_least and above)
 
 
-def _demands(side: GateSide, monitors: Mapping[str, str]) -> Iterator[_Demand]:
+def _demands(side: PreparedBenchmark, monitors: Mapping[str, str]) -> Iterator[_Demand]:
     """Every requirement of every objective, for each monitor that it is about."""
     spec = spec_of(side)
     objectives = spec.slos if spec is not None else side.plan.objectives
@@ -168,7 +169,7 @@ def _demands(side: GateSide, monitors: Mapping[str, str]) -> Iterator[_Demand]:
 
 
 def subjects(
-    requirement: Requirement, side: GateSide, monitors: Mapping[str, str]
+    requirement: Requirement, side: PreparedBenchmark, monitors: Mapping[str, str]
 ) -> list[tuple[str, str]]:
     """The monitors and the metric that a requirement is about.
 

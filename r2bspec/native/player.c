@@ -106,8 +106,8 @@ static bool within(int64_t first, int64_t count, int64_t total)
   return first >= 0 && count >= 0 && first <= total && count <= total - first;
 }
 
-/* Copies an entry, and checks that all it refers to exists. Whoever can write to the file can do so
- * at any time: what was checked is what is used. */
+/* Copies an entry, and checks that all it refers to exists. Another process can write to the mapped
+ * file at any time, so only the copy is used. */
 static int take_entry(
   const player_t *player, const playback_t *playback, int64_t i, int64_t count, entry_t *entry)
 {

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import yaml
 
 from r2bspec.bags.recording import BagIndex, TopicInfo
-from r2bspec.language.load_spec import LoadedSpec, load_spec
+from r2bspec.language.load_spec import load_spec
 from r2bspec.plan.compile_plan import compile_plan
-from r2bspec.plan.plan import Plan
+from r2bspec.plan.prepared_benchmark import PreparedBenchmark
 
 IMAGE = "sensor_msgs/msg/Image"
 INFO = "sensor_msgs/msg/CameraInfo"
@@ -112,14 +112,6 @@ DOCUMENT: dict[str, Any] = {
 """Every key that a gate has, with a value that can become weaker and stronger."""
 
 
-@dataclass(frozen=True)
-class Side:
-    """A side of a comparison."""
-
-    plan: Plan
-    loaded: LoadedSpec | None
-
-
 def with_value(document: dict[str, Any], path: tuple[str | int, ...], value: Any) -> dict[str, Any]:
     """A document with another value at a path; maps that are missing are added."""
     changed = copy.deepcopy(document)
@@ -135,9 +127,9 @@ def with_value(document: dict[str, Any], path: tuple[str | int, ...], value: Any
     return changed
 
 
-def side(document: dict[str, Any] | str, file: str = "head.r2b.yaml") -> Side:
+def side(document: dict[str, Any] | str, file: str = "head.r2b.yaml") -> PreparedBenchmark:
     """The compiled document."""
     text = document if isinstance(document, str) else str(yaml.safe_dump(document, sort_keys=False))
     loaded = load_spec(text, file=file)
     assert loaded.spec is not None, [each.message for each in loaded.diagnostics]
-    return Side(compile_plan(loaded.spec, BAG), loaded)
+    return PreparedBenchmark(compile_plan(loaded.spec, BAG), Path(), "", loaded=loaded)

@@ -335,7 +335,7 @@ Import = tuple[int, str, tuple[str, ...]]
 def sources_of_file(search: ModuleSearch, file: Path) -> Sources:
     """The sources of a program or of a file that is imported by its path.
 
-    The modules of its package, if it is in one, and those beside it are found first.
+    Modules are looked for in the folder of its package, if it has one, and then in its own folder.
     """
     place = module_of(file)
     first = tuple(dict.fromkeys((str(place.folder), str(file.parent))))

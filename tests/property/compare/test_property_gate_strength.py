@@ -8,10 +8,11 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from compared_gates import DOCUMENT, GONE, Side, side, with_value
+from compared_gates import DOCUMENT, GONE, side, with_value
 from r2bspec.compare.gate_strength import compare_gates
 from r2bspec.compare.objective_strength import implies
 from r2bspec.language.requirement_grammar import parse_requirement
+from r2bspec.plan.prepared_benchmark import PreparedBenchmark
 
 GATE_VALUES: dict[tuple[str | int, ...], list[Any]] = {
     ("benchmark", "duration"): ["2 s", "4 s"],
@@ -41,7 +42,7 @@ GATE_VALUES: dict[tuple[str | int, ...], list[Any]] = {
 
 
 @lru_cache(maxsize=256)
-def gate(choices: tuple[int, ...]) -> Side:
+def gate(choices: tuple[int, ...]) -> PreparedBenchmark:
     document = DOCUMENT
     for (path, values), choice in zip(GATE_VALUES.items(), choices, strict=True):
         document = with_value(document, path, values[choice])
@@ -77,7 +78,7 @@ def test_gates_of_which_neither_is_weaker_are_the_same(
         assert _content(one) == _content(other)
 
 
-def _content(gate_side: Side) -> tuple[Any, ...]:
+def _content(gate_side: PreparedBenchmark) -> tuple[Any, ...]:
     """Everything that these gates may differ in; objectives that cannot fail are not part of it."""
     plan = gate_side.plan
     errors = {name: each for name, each in plan.objectives.items() if each.level == "error"}

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any, Literal, get_args, get_type_hints
 
 import msgspec
 import pytest
 
-from compared_gates import DOCUMENT, GONE, IMAGE, Side, side, with_value
+from compared_gates import DOCUMENT, GONE, IMAGE, side, with_value
 from r2bspec.compare import gate_keys
 from r2bspec.compare.gate_strength import (
     MissingObjectivesError,
@@ -26,6 +27,7 @@ from r2bspec.language.requirement_grammar import parse_requirement
 from r2bspec.plan import plan as plans
 from r2bspec.plan.comparability import change_of
 from r2bspec.plan.plan import Plan
+from r2bspec.plan.prepared_benchmark import PreparedBenchmark
 from r2bspec.plan.smoke_plan import smoke_plan
 
 BENCHMARK = ("benchmark",)
@@ -149,12 +151,12 @@ FREE: list[tuple[tuple[str | int, ...], Any]] = [
 ]
 
 
-def names(base: Side, head: Side) -> set[str]:
+def names(base: PreparedBenchmark, head: PreparedBenchmark) -> set[str]:
     """The names of what is weaker in the head."""
     return {each.name for each in compare_gates(base, head).weaker}
 
 
-def sides(path: tuple[str | int, ...], *values: Any) -> list[Side]:
+def sides(path: tuple[str | int, ...], *values: Any) -> list[PreparedBenchmark]:
     return [side(with_value(DOCUMENT, path, value)) for value in values]
 
 
@@ -415,7 +417,7 @@ class TestAllowing:
         check_gate(side(DOCUMENT), side(DOCUMENT), [name])
 
     def test_plans_from_files_are_compared_without_places(self) -> None:
-        base, head = (Side(side(each).plan, None) for each in (DOCUMENT, self.WEAKER))
+        base, head = (replace(side(each), loaded=None) for each in (DOCUMENT, self.WEAKER))
         with pytest.raises(WeakerGateError) as caught:
             check_gate(base, head)
         assert {each.span.file for each in caught.value.diagnostics} == {"<plan>"}
