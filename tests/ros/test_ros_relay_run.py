@@ -260,8 +260,9 @@ def test_what_is_shown_of_the_peak_is_what_was_proved(done: Finished) -> None:
     if search.proof == "confirmed":
         (last,) = [each for each in search.probes if each.holds and each.purpose == "confirmation"]
         assert last.rate_hz == search.holds_hz
-        # As long as was asked for, or until enough messages were played to bound the losses.
-        assert search.proof_s >= CONFIRM_S
+        # As long as was asked for, or until enough messages were played to bound the losses. The
+        # count of messages divided by their rate may round below it.
+        assert search.proof_s >= CONFIRM_S or math.isclose(search.proof_s, CONFIRM_S)
         assert search.lost_at_most is not None
         assert search.max_lost is not None
         assert search.lost_at_most <= search.max_lost

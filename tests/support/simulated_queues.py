@@ -169,7 +169,7 @@ def probe(
     """
     criterion = criterion or Criterion(precision=0.02)
     play = play or Play()
-    steps = max(MIN_PROBE_STEPS, round(seconds * rate_hz))
+    steps = max(MIN_PROBE_STEPS, math.ceil(seconds * rate_hz))
     if play.enough and arrivals_s is None:
         steps = max(steps, min(criterion.messages_without_loss, MAX_LONGER * steps))
     due_s = np.arange(steps) / rate_hz

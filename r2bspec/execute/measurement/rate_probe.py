@@ -163,7 +163,7 @@ class RateProber:
         )
 
     def _steps(self, play: _Play, rate_hz: float) -> int:
-        steps = max(MIN_PROBE_STEPS, round(play.limit_s * rate_hz))
+        steps = max(MIN_PROBE_STEPS, math.ceil(play.limit_s * rate_hz))
         if play.enough:
             # Of several inputs that have one output, each output takes as many steps.
             steps_per_output = max(
