@@ -77,7 +77,7 @@ async def send(address: str, message: dict[str, Any]) -> None:
     try:
         await comm.write(message)
         await asyncio.wait_for(comm.read(), 30)
-    except (OSError, TypeError, ValueError, asyncio.TimeoutError):
+    except (TimeoutError, OSError, TypeError, ValueError):
         pass
     finally:
         comm.abort()
@@ -92,7 +92,9 @@ def test_who_reaches_scheduler_or_worker_runs_code_as_the_documentation_says(
     with fleet(tmp_path / "fleet", "a") as hosts:
         assert hosts.scheduler is not None
         worker = psutil.Process(hosts.workers["a"].pid)
-        (port,) = (each.laddr.port for each in worker.net_connections("inet") if each.status == "LISTEN")
+        (port,) = (
+            each.laddr.port for each in worker.net_connections("inet") if each.status == "LISTEN"
+        )
         for pid, address in (
             (hosts.scheduler.pid, hosts.address),
             (worker.pid, f"tcp://127.0.0.1:{port}"),

@@ -244,9 +244,7 @@ def test_why_two_ends_have_no_connection_is_said_at_once(
         place = f"127.0.0.1:{port}"
         address = FleetAddress(scheduler=f"tcp://{place}")
         if here:
-            address = dataclasses.replace(
-                client_address(folders[here]), scheduler=f"tls://{place}"
-            )
+            address = dataclasses.replace(client_address(folders[here]), scheduler=f"tls://{place}")
         refusal = address.refusal()
     if not message:
         assert refusal is None
