@@ -77,8 +77,8 @@ from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.this_machine import find_module
 from r2bspec.record.files import RecordError
-from r2bspec.record.graph_identity import GraphIdentity, write_loaded_files
-from r2bspec.record.run_folder import RunFolder
+from r2bspec.record.graph_identity import GraphIdentity
+from r2bspec.record.run_folder import RunFolder, write_loaded_files
 from r2bspec.record.run_record import AccuracyRecord, Difference, ProfileRecord, RunRecord
 
 
