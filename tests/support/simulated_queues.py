@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.execute.measurement.peak_search import LongPlays, PeakSearch, ProbeOutcome
+from r2bspec.judge.measure.delivery import DeliveryEstimate
 from r2bspec.judge.measure.matching import match
-from r2bspec.judge.measure.times import DeliveryEstimate
 from r2bspec.judge.rate_decision import (
     Criterion,
     InterimLook,
