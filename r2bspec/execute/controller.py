@@ -66,8 +66,9 @@ from r2bspec.execute.session import StartSequence
 from r2bspec.execute.states import Interrupts, RunState, RunStates
 from r2bspec.ipc.arrivals import ClockOffsetTracker
 from r2bspec.ipc.buffers import largest_message_bytes
-from r2bspec.judge.confirmation import judge_confirmation, needs_confirmation
+from r2bspec.judge.confirmation import needs_confirmation
 from r2bspec.judge.decision_policy import certain_failures, decision_policy
+from r2bspec.judge.judge_run import judge_confirmation
 from r2bspec.judge.measure.run_samples import HostSamples, run_samples
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pipeline import judge
