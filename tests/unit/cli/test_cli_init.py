@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from command_line import Call
 from git_repositories import git
 from r2bspec.api import compile_plan, validate
 from r2bspec.cli.main import main
@@ -41,18 +42,15 @@ def test_what_is_written(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_in_a_work_tree_it_is_said_once_that_runs_are_nothing_for_git(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
-    main(["init", "outside"])
-    assert "gitignore" not in capsys.readouterr().out
+    assert "gitignore" not in call("init", "outside").out
     git(tmp_path, "init", "--quiet")
     (tmp_path / "bench").mkdir()
     monkeypatch.chdir(tmp_path / "bench")
-    main(["init", "camera"])
-    assert "echo runs/ >> .gitignore" in capsys.readouterr().out
+    assert "echo runs/ >> .gitignore" in call("init", "camera").out
     Path(".gitignore").write_text("runs/\n")
-    main(["init", "lidar"])
-    assert "gitignore" not in capsys.readouterr().out
+    assert "gitignore" not in call("init", "lidar").out
 
 
 def test_without_a_name() -> None:
@@ -86,15 +84,13 @@ def test_nothing_is_overwritten(capsys: pytest.CaptureFixture[str]) -> None:
         (["camera", "--template", "x"], "templates:"),
     ],
 )
-def test_wrong_usage(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["init", *arguments]) == 2
-    assert said in capsys.readouterr().err
+def test_wrong_usage(arguments: list[str], said: str, call: Call) -> None:
+    assert said in call("init", *arguments, status=2).err
     assert list(Path().iterdir()) == []
 
 
-def test_the_list_says_what_each_is_for(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["init", "--list"]) == 0
-    lines = capsys.readouterr().out.splitlines()
+def test_the_list_says_what_each_is_for(call: Call) -> None:
+    lines = call("init", "--list", status=0).out.splitlines()
     assert [line.split()[0] for line in lines] == list(templates())
     assert all(
         purpose(text) in line for text, line in zip(templates().values(), lines, strict=True)
@@ -135,12 +131,9 @@ def test_the_node_under_test_can_be_named() -> None:
         (["--node", "./here.py:Gone"], "has no class or function 'Gone'"),
     ],
 )
-def test_a_node_that_does_not_fit_is_refused(
-    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_node_that_does_not_fit_is_refused(arguments: list[str], said: str, call: Call) -> None:
     Path("here.py").write_text("class Here: ...\n", encoding="utf-8")
-    assert main(["init", "camera", *arguments]) == 2
-    assert said in capsys.readouterr().err
+    assert said in call("init", "camera", *arguments, status=2).err
     assert not Path("camera.r2b.yaml").exists()
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from command_line import Call
 from r2bspec.api import UntrustedPlanError, prepare
 from r2bspec.cli.main import main
 from r2bspec.language.environment_access import BaseVersionError, UntrustedSpecs, base_version
@@ -279,14 +280,12 @@ def test_verbs_refuse_what_the_base_does_not_list(
         assert main(["validate", "a.r2b.yaml"]) == 0
 
 
-def test_a_base_of_nothing_is_wrong_usage(
-    repository: Repository, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_base_of_nothing_is_wrong_usage(repository: Repository, call: Call) -> None:
     repository.commit({"a.r2b.yaml": SPEC})
-    assert main(["validate", "--base-ref=main", "a.r2b.yaml"]) == 2
-    assert "--base-ref needs --untrusted" in capsys.readouterr().err
-    assert main(["validate", "--untrusted", "--base-ref=nothing", "a.r2b.yaml"]) == 2
-    assert "R2B667" in capsys.readouterr().err
+    ended = call("validate", "--base-ref=main", "a.r2b.yaml", status=2)
+    assert "--base-ref needs --untrusted" in ended.err
+    ended = call("validate", "--untrusted", "--base-ref=nothing", "a.r2b.yaml", status=2)
+    assert "R2B667" in ended.err
 
 
 def test_an_untrusted_plan_reads_no_variable(
@@ -305,11 +304,11 @@ def test_an_untrusted_plan_reads_no_variable(
 
 
 def test_the_base_of_a_comparison_is_untrusted_as_the_head_is(
-    repository: Repository, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    repository: Repository, call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("R2B_DATASETS", raising=False)
     repository.commit({"a.r2b.yaml": SPEC})
     repository.write({"other.r2b.yaml": lists("DATA")})
     options = ["--untrusted", "--base-ref=main", "--output=run", "--quiet"]
-    assert main(["run", *options, "--against=other.r2b.yaml", "a.r2b.yaml"]) == 2
-    assert "error[R2B143" in capsys.readouterr().err
+    ended = call("run", *options, "--against=other.r2b.yaml", "a.r2b.yaml", status=2)
+    assert "error[R2B143" in ended.err
