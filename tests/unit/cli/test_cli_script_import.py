@@ -44,12 +44,11 @@ def test_an_error_of_the_spec_is_told(call: Call) -> None:
     assert "R2B614" in call("import", "tensor_detector.py", "-o", "a.r2b.yaml", status=1).err
 
 
-def test_nothing_is_overwritten(capsys: pytest.CaptureFixture[str]) -> None:
+def test_nothing_is_overwritten(call: Call) -> None:
     Path("a.r2b.yaml").write_text("mine")
-    assert main(["import", "stereo_rectifier.py", "-o", "a.r2b.yaml"]) == 2
+    assert "--force" in call("import", "stereo_rectifier.py", "-o", "a.r2b.yaml", status=2).err
     assert Path("a.r2b.yaml").read_text() == "mine"
-    assert "--force" in capsys.readouterr().err
-    assert main(["import", "stereo_rectifier.py", "-o", "a.r2b.yaml", "--force"]) == 0
+    call("import", "stereo_rectifier.py", "-o", "a.r2b.yaml", "--force", status=0)
 
 
 def test_several_scripts() -> None:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import shutil
-import subprocess
 from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
 
 from command_line import Call
+from git_repositories import commit, git, write_files
 from r2bspec.api import UntrustedPlanError, prepare
 from r2bspec.cli.main import main
 from r2bspec.language.environment_access import BaseVersionError, UntrustedSpecs, base_version
@@ -33,16 +32,6 @@ benchmark: {duration: 2 s, rates: [10 Hz]}
 """
 
 
-def git(folder: Path, *arguments: str) -> str:
-    program = shutil.which("git")
-    assert program is not None
-    who = ["-c", "user.name=A", "-c", "user.email=a@example.org"]
-    done = subprocess.run(
-        [program, *who, *arguments], cwd=folder, capture_output=True, text=True, check=True
-    )
-    return done.stdout.strip()
-
-
 class Repository:
     """A repository with a base, and a change of it in the working tree."""
 
@@ -51,16 +40,10 @@ class Repository:
         git(top, "init", "-q", "-b", "main")
 
     def write(self, files: Mapping[str, str]) -> None:
-        for name, text in files.items():
-            path = self.top / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text)
+        write_files(self.top, files)
 
     def commit(self, files: Mapping[str, str]) -> str:
-        self.write(files)
-        git(self.top, "add", "-A")
-        git(self.top, "commit", "-q", "-m", "a change")
-        return git(self.top, "rev-parse", "HEAD")
+        return commit(self.top, files)
 
     def refused(self, name: str, reference: str = "main") -> list[str]:
         """The variables that the spec of that name in the working tree must not read."""
