@@ -174,8 +174,8 @@ def _prepared(side: Side, tree: Path) -> PreparedBenchmark:
 def _compare(
     job: Job, head: PreparedBenchmark, tree: Path, folder: Path, progress: _WrittenProgress
 ) -> Result:
-    from r2bspec.compare.interleaved_comparison import compare, prepare_comparison
-    from r2bspec.compare.interleaved_runs import ComparisonSide
+    from r2bspec.compare.interleaved_comparison import ComparisonSide, prepare_comparison
+    from r2bspec.compare.interleaved_runs import compare
     from r2bspec.execute.processes.environment import workspace_environments
 
     environment = workspace_environments(job.environments)
