@@ -27,11 +27,10 @@ from r2bspec.fleet.errors import (
 )
 from r2bspec.fleet.fleet_runs import Ended, FleetLimits, FleetRun, FleetRuns
 from r2bspec.fleet.host_service import HostService
-from r2bspec.fleet.host_store import HostStore, remove
+from r2bspec.fleet.host_store import ENDED_FILE, RUN_FOLDER, HostStore, remove
 from r2bspec.fleet.hosts import Host, HostFacts
 from r2bspec.fleet.journal import Journal, read_journal
 from r2bspec.fleet.messages import Played, Problem
-from r2bspec.fleet.play_run import ENDED_FILE, RUN_FOLDER
 from r2bspec.language.load_spec import load_spec
 from r2bspec.plan.compile_plan import compile_plan
 from ros_runs import Bench, relay_spec
