@@ -37,8 +37,7 @@ import numpy as np
 
 from r2bspec.judge.measure.metric_catalogue import kind_of
 from r2bspec.judge.measure.metric_values import metric_value
-from r2bspec.judge.measure.metrics import pool_monitor
-from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES
+from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, pool_monitor
 from r2bspec.judge.measure.times import percentile
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods.share_wording import counted_noun
