@@ -38,14 +38,7 @@ from r2bspec.fleet.host_store import (
     remove,
 )
 from r2bspec.fleet.hosts import HostFacts
-from r2bspec.fleet.messages import (
-    PLUGIN,
-    Played,
-    Problem,
-    RunState,
-    answer_of,
-    read_request,
-)
+from r2bspec.fleet.messages import PLUGIN, Played, Problem, RunState, answer_of, read_request
 from r2bspec.fleet.permissions import check_allowed
 from r2bspec.plan.canonical_json import parse_plan
 from r2bspec.plan.this_machine import LABELS_VARIABLE, unmet

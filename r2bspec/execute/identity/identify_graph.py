@@ -22,12 +22,7 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.execute.identity.file_digests import (
-    FileDigests,
-    WorkspacePackages,
-    build_id,
-    is_elf,
-)
+from r2bspec.execute.identity.file_digests import FileDigests, WorkspacePackages, build_id, is_elf
 from r2bspec.execute.identity.python_sources import (
     ModuleSearch,
     Sources,
