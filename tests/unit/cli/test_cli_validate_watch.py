@@ -16,12 +16,7 @@ from example_spec import example
 from r2bspec.cli import validate
 from r2bspec.cli.check_files import CheckOptions, FileReport, check_file
 from r2bspec.cli.validate import SpecWatch
-from r2bspec.safe_io.looked_up_files import (
-    looked_up_files,
-    note_lookup,
-    shared_lookups,
-    stamp,
-)
+from r2bspec.safe_io.looked_up_files import looked_up_files, note_lookup, shared_lookups, stamp
 from r2bspec.safe_io.safe_file import is_there, read_text
 
 BASE = """\
