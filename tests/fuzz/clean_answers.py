@@ -115,15 +115,22 @@ def call(arguments: tuple[str, ...], folder: Path, cpu_s: float) -> str:
     cpu = usage.ru_utime + usage.ru_stime
     used = _IDLE_BYTES + usage.ru_maxrss * 1024 - before
     wrong = [
+        *faults(code, said),
+        (used > MEMORY_BYTES, f"{used / 1e6:.0f} MB"),
+        (cpu > cpu_s, f"{cpu:.1f} s of CPU"),
+    ]
+    return ", ".join(what for is_wrong, what in wrong if is_wrong)
+
+
+def faults(code: int, said: bytes) -> list[tuple[bool, str]]:
+    """What may be wrong with an answer by its status and output, each with whether it is."""
+    return [
         (code not in (0, 1, 2, 3, 4), f"exit status {code}"),
         (b"Traceback" in said or b"R2B69" in said, "a crash"),
         (code != 0 and not said.strip(), "no message"),
         (_CONTROL.search(said) is not None, "control characters"),
         (_shows_secret(said), "a secret"),
-        (used > MEMORY_BYTES, f"{used / 1e6:.0f} MB"),
-        (cpu > cpu_s, f"{cpu:.1f} s of CPU"),
     ]
-    return ", ".join(what for is_wrong, what in wrong if is_wrong)
 
 
 def _shows_secret(said: bytes) -> bool:
