@@ -14,10 +14,12 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import gzip
 import os
 import shutil
 import tarfile
 import time
+import zlib
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -244,5 +246,5 @@ def unpack_run(archive: Path, target: Path) -> None:
                     raise TransferError(f"the archive of a run has the entry {entry.name!r}")
                 entry.mode = 0o600 if entry.isfile() else 0o700
                 tar.extract(entry, target, filter="data")
-    except tarfile.TarError as error:
+    except (tarfile.TarError, gzip.BadGzipFile, zlib.error, EOFError, ValueError) as error:
         raise TransferError(f"the archive of a run is damaged: {error}") from error

@@ -46,12 +46,14 @@ _instrumented = atheris.instrument_imports(
 
 def fuzz(name: str, seconds: int) -> None:
     """Fuzz one reader in this process, which ends here."""
-    resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY_BYTES, MOST_MEMORY_BYTES))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     _instrumented.__enter__()
     from readers import CORPUS, READERS, read
 
     reader = READERS[name]
+    reader.prepare()
+    # Not before: a program with the address sanitizer reserves more.
+    resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY_BYTES, MOST_MEMORY_BYTES))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     kept, corpus = ROOT / ".fuzz" / name, CORPUS / name
     for folder in (kept, corpus):
         folder.mkdir(parents=True, exist_ok=True)

@@ -396,7 +396,8 @@ def _control(data: bytes, folder: Path) -> None:
             while child.read():
                 pass
             assert all(isinstance(reply, protocol.Reply) for reply in child.inbox)
-    with _sent(data) as end, contextlib.suppress(ChannelClosedError, msgspec.DecodeError):
+    refused = ChannelClosedError, msgspec.DecodeError, ValueError
+    with _sent(data) as end, contextlib.suppress(*refused):
         channel = Channel(end)
         while True:
             assert isinstance(channel.receive(), protocol.Command)
