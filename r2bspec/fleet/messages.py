@@ -45,7 +45,8 @@ class Problem(msgspec.Struct, frozen=True, kw_only=True):
     def error(self) -> R2bspecError:
         """The error of a client."""
         error = R2bspecError(self.message, hint=self.hint, code=self.code)
-        error.exit_code = next(status for status in ExitStatus if status == self.exit_status)
+        statuses = (status for status in ExitStatus if status == self.exit_status)
+        error.exit_code = next(statuses, ExitStatus.RUN_FAILED)
         return error
 
 

@@ -327,7 +327,7 @@ def _record(data: bytes, folder: Path) -> None:
         return
     run = _run_in(folder)
     with contextlib.suppress(msgspec.MsgspecError, R2bspecError):
-        plan = msgspec.convert(documents["plan.json"], Plan)
+        plan = msgspec.convert(documents.get("plan.json"), Plan)
         documents["record.json"]["plan_hash"] = plan_hash(plan)
         documents["plan.json"] = json.loads(canonical_json(plan))
     for name, content in documents.items():

@@ -26,7 +26,7 @@ _NATIVE = Path(r2bspec.native.__file__).parent
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
 
-def player_without_ros(flags: Sequence[str] = ()) -> Path:
+def player_without_ros(flags: Sequence[str] = (), compiler: Sequence[str] | None = None) -> Path:
     """The program of ``player_without_ros.c``."""
     included = hashlib.sha256((_NATIVE / "player.c").read_bytes()).hexdigest()
     return build(
@@ -34,6 +34,7 @@ def player_without_ros(flags: Sequence[str] = ()) -> Path:
         [Path(__file__).with_name("player_without_ros.c")],
         find_ros(),
         kind="program",
+        compiler=compiler,
         # What a source includes has to change the digest of the build.
         flags=(f"-I{_NATIVE}", f"-DINCLUDED={included}", "-fwrapv", *flags),
     )
