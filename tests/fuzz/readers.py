@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import hashlib
 import io
 import json
 import os
@@ -314,9 +315,6 @@ def _mcap_seeds() -> Iterator[bytes]:
 
 def _record(data: bytes, folder: Path) -> None:
     """A result or report; or ``{record.json: ..., plan.json: ...}``, whose hash is made true."""
-    from r2bspec.plan.canonical_json import canonical_json, plan_hash
-    from r2bspec.plan.plan import Plan
-
     documents = _json_of(data)
     if not isinstance(documents, dict) or not isinstance(documents.get("record.json"), dict):
         (folder / "x.json").write_bytes(data)
@@ -326,10 +324,8 @@ def _record(data: bytes, folder: Path) -> None:
         )
         return
     run = _run_in(folder)
-    with contextlib.suppress(msgspec.MsgspecError, R2bspecError):
-        plan = msgspec.convert(documents.get("plan.json"), Plan)
-        documents["record.json"]["plan_hash"] = plan_hash(plan)
-        documents["plan.json"] = json.loads(canonical_json(plan))
+    plan = json.dumps(documents.get("plan.json"))
+    documents["record.json"]["plan_hash"] = f"sha256:{hashlib.sha256(plan.encode()).hexdigest()}"
     for name, content in documents.items():
         if name in ("record.json", "plan.json"):
             (run / name).write_text(json.dumps(content))
@@ -504,47 +500,40 @@ def _lsp_seeds() -> Iterator[bytes]:
 
 
 def _fleet(data: bytes, folder: Path) -> None:
-    """The archive of a run; or the messages of a client to a host, then those of the host."""
-    from r2bspec.fleet.bundle import Job, SentFile
+    """The archive of a run, a journal, a request to a host, or its answer to whatever it was."""
     from r2bspec.fleet.host_service import HostService
     from r2bspec.fleet.host_store import HostStore, unpack_run
     from r2bspec.fleet.hosts import HostFacts
     from r2bspec.fleet.journal import JOURNAL_FILE, read_journal
-    from r2bspec.fleet.messages import Played, RunState
+    from r2bspec.fleet.messages import METHODS, HostState, answer_of, read_answer
 
-    if data.startswith(b"\x1f\x8b"):
-        (folder / "run.tar.gz").write_bytes(data)
-        with contextlib.suppress(R2bspecError):
-            unpack_run(folder / "run.tar.gz", folder / "run")
-        return
-    (folder / JOURNAL_FILE).write_bytes(data)
+    for name in (JOURNAL_FILE, "run.tar.gz"):
+        (folder / name).write_bytes(data)
     with contextlib.suppress(R2bspecError):
         read_journal(folder)
+    with contextlib.suppress(R2bspecError):
+        unpack_run(folder / "run.tar.gz", folder / "run")
     store = HostStore(folder / "host")
     store.open()
     service = HostService(HostFacts(name="x"), store)
-    with contextlib.suppress(msgspec.MsgspecError, ValueError):
-        for method, *words in json.loads(data):
-            kinds: dict[str, tuple[Any, ...]] = {"prepare": (Job,), "put": (SentFile, int, bytes)}
-            known = kinds.get(method, (str, int, int))
-            arguments = [
-                msgspec.convert(word, kind) for word, kind in zip(words, known, strict=False)
-            ]
-            if method != "play":
-                with contextlib.suppress(R2bspecError):
-                    service.answer(method, *arguments)
-    for kind in (Job, HostFacts, Played, RunState):
-        with contextlib.suppress(msgspec.MsgspecError):
-            decoded = msgspec.json.decode(data, type=kind)
-            if isinstance(decoded, HostFacts):
-                assert decoded.version_error is not None or decoded.machine
-            if isinstance(decoded, Played) and decoded.problem is not None:
-                assert decoded.problem.error
+    vars(service)["_run_child"] = lambda *_: 1
+    assert msgspec.msgpack.decode(service.answer(data))
+    answer: Any = None
+    with contextlib.suppress(msgspec.MsgspecError, UnicodeDecodeError):
+        answer = msgspec.msgpack.decode(data)
+        for kind in (HostFacts, HostState):
+            msgspec.convert(answer, kind)
+    if isinstance(answer, dict) and "request" in answer:
+        answer["request"] = msgspec.msgpack.decode(answer_of(b"x"))["request"]
+    for method in METHODS:
+        with contextlib.suppress(R2bspecError):
+            read_answer("x", method, b"x", msgspec.msgpack.encode(answer))
 
 
 def _fleet_seeds() -> Iterator[bytes]:
-    from r2bspec.fleet.bundle import make_bundle
+    from r2bspec.fleet.bundle import Job, SentFile, SentRecording, make_bundle
     from r2bspec.fleet.host_store import pack_run
+    from r2bspec.fleet.messages import Call, Played, Problem, RunState, answer_of, request_of
     from r2bspec.plan.prepared_benchmark import PreparedBenchmark
     from r2bspec.record.run_folder import open_run
 
@@ -552,16 +541,26 @@ def _fleet_seeds() -> Iterator[bytes]:
         pack_run(_made().run, Path(folder, "run.tar.gz"))
         yield Path(folder, "run.tar.gz").read_bytes()
         plan = open_run(_made().run).plan
-        bundle = make_bundle([PreparedBenchmark(plan, Path(folder), SPEC)])
-    sent = {"path": "a/b.py", "size": 2, "sha256": "0" * 64, "executable": True}
-    job = {"identity": "1", "name": "x", "bundle": bundle.digest, "files": [sent]}
-    job |= {"recordings": [], "head": msgspec.to_builtins(bundle.sides[0])}
-    recording = {"path": "../bag", "sha256": "0" * 64}
-    wanted = {**job, "files": [], "recordings": [recording], "base": job["head"]}
-    calls = [["prepare", job], ["put", sent, 0, "YWI="], ["prepare", wanted], ["read", "1", 0, 9]]
-    yield json.dumps([*calls, ["drop", "1"]]).encode()
-    yield json.dumps({"at": "", "suite": "x", "name": "x", "outcome": "pass", "size": 5}).encode()
-    yield b'{"problem": {"code": "R2B600", "message": "x", "exit_status": 4}}'
+        (head,) = make_bundle([PreparedBenchmark(plan, Path(folder), SPEC)]).sides
+    sent = SentFile(path="a/b.py", size=2, sha256=hashlib.sha256(b"ab").hexdigest())
+    recordings = (SentRecording(path="../bag", sha256="0" * 64),)
+    job = Job(
+        identity="1" * 32, name="x", bundle="0" * 64, files=(), recordings=recordings, head=head
+    )
+    jobs = (job, msgspec.structs.replace(job, files=(sent,), base=head))
+    calls = [Call(method, (job,)) for method in ("prepare", "play") for job in jobs]
+    calls += [
+        Call("put", (sent, 0, b"ab")),
+        Call("read", ("1" * 32, 0, 9)),
+        Call("drop", ("1" * 32,)),
+    ]
+    yield from map(request_of, calls)
+    problem = Problem(code="R2B600", message="x")
+    for value in ({"0" * 64: 1}, Played(outcome="pass", problem=problem), b"ab"):
+        yield answer_of(b"x", value)
+    yield answer_of(b"x", problem=problem)
+    yield msgspec.msgpack.encode(RunState(name="x", p99_ns=5))
+    yield b'{"at": "", "suite": "x"}\n{"at": "", "run": "a", "host": "h", "state": "sent"}\n'
 
 
 # ---- the player in C ----
@@ -603,6 +602,9 @@ def _playback_mutation(data: bytes, rng: Any) -> bytes:
 
 
 _json = mutations.document(["\x1b]0;x", "../x", *map(str, mutations.NUMBERS)])
+_packed = mutations.document(
+    ["../x", *mutations.NUMBERS], msgspec.msgpack.decode, msgspec.msgpack.encode
+)
 _control_words = ("ready", "matched", "played", "failed", "errno", "R2B630", "-1", "9" * 30, "\0")
 _files = mutations.by_start({b"<": mutations.xml(_LAUNCH_WORDS)}, mutations.yaml_document())
 
@@ -641,6 +643,8 @@ READERS = {
     "lsp": Reader(_lsp, _json, _lsp_seeds),
     "script": Reader(_script, mutations.python, _scripts),
     "launch": Reader(_launch, _files),
-    "fleet": Reader(_fleet, mutations.by_start({b"\x1f": mutations.archive}, _json), _fleet_seeds),
+    "fleet": Reader(
+        _fleet, mutations.by_start({b"\x1f": mutations.archive}, _packed), _fleet_seeds
+    ),
 }
 """By the name of the folder of its corpus."""
