@@ -89,6 +89,7 @@ def libfuzzer_words(name: str, seconds: int) -> list[str]:
         "rss_limit_mb": MOST_MEMORY_BYTES >> 20,
         "max_len": LONGEST_INPUT_BYTES,
         "len_control": 0,
+        "report_slow_units": LONGEST_S,
         "print_final_stats": 1,
     }
     return [*(f"-{option}={value}" for option, value in options.items()), str(kept), str(corpus)]

@@ -30,7 +30,7 @@ import msgspec
 import mutations
 from clean_answers import faults
 from hostile_calls import LIVE
-from hostile_inputs import KEYS, METADATA, PARAMETERS, SPEC, VALUES, Prototypes
+from hostile_inputs import DOCUMENTS, KEYS, METADATA, PARAMETERS, SPEC, VALUES, Prototypes
 from mutations import Mutation
 
 from data_bags import chatter, write_mcap, write_ros1
@@ -125,18 +125,24 @@ _watch: list[tuple[Path, list[str]]] = []
 @contextlib.contextmanager
 def _watched(place: Path) -> Iterator[list[str]]:
     """What starts a program, runs a file of the folder, or writes elsewhere, meanwhile."""
-    if not _watch:
-        sys.addaudithook(_audit)
+    _begin_audit()
     events: list[str] = []
     _watch.append((place, events))
     try:
         yield events
     finally:
-        _watch.append((place, []))
+        _watch.clear()
+
+
+@functools.cache
+def _begin_audit() -> None:
+    sys.addaudithook(_audit)
 
 
 def _audit(event: str, arguments: tuple[Any, ...]) -> None:
-    place, events = _watch[-1]
+    if not _watch:
+        return
+    place, events = _watch[0]
     if event == "open":
         path, _, flags = arguments
         is_forbidden = bool(flags & _WRITING) and not _is_below(path, place)
@@ -148,7 +154,7 @@ def _audit(event: str, arguments: tuple[Any, ...]) -> None:
     else:
         is_forbidden = event in _PROGRAMS
     if is_forbidden:
-        events.append(f"{event} {arguments[0]!r}"[:200])
+        events.append(f"{event} {arguments[:1]}"[:200])
 
 
 def _is_below(path: Any, place: Path) -> bool:
@@ -219,7 +225,9 @@ def _repair(loaded: LoadedSpec) -> None:
 
 
 def _specs() -> Iterator[bytes]:
-    yield SPEC.encode()
+    texts = [f"{SPEC}{key}\n" for key in ("", *KEYS)]
+    texts += [SPEC.replace("from: a", f"from: {value}") for value in VALUES]
+    yield from (text.encode() for text in texts)
     for file in sorted((TESTS.parent / "specs").rglob("*.r2b.yaml")):
         yield file.read_bytes()
 
@@ -292,7 +300,8 @@ def _bag_file(suffix: str, data: bytes, folder: Path) -> None:
 def _sqlite_seeds() -> Iterator[bytes]:
     for folder in (_made().bag, _made().packed):
         yield next(folder.glob("*.db3")).read_bytes()
-        yield (folder / "metadata.yaml").read_bytes()
+        metadata = (folder / "metadata.yaml").read_text()
+        yield from (metadata.replace(*pair).encode() for pair in (("", ""), *METADATA))
 
 
 def _bag_seeds(
@@ -357,6 +366,7 @@ def _record_seeds() -> Iterator[bytes]:
     names = ("record.json", "plan.json")
     yield json.dumps({name: json.loads((run / name).read_text()) for name in names}).encode()
     yield (run / "result.json").read_bytes()
+    yield from (document.encode() for document in DOCUMENTS)
 
 
 def _arrays(data: bytes, folder: Path) -> None:
