@@ -6,6 +6,7 @@ import ast
 from pathlib import Path
 
 import pytest
+import yaml
 from lsprotocol import types
 from pygls.exceptions import JsonRpcException
 
@@ -13,103 +14,9 @@ from open_document import NODES, SPEC, UNKNOWN, OpenDocument, changed, edited
 
 pytestmark = pytest.mark.asyncio(loop_scope="session")
 
-OFFERED: dict[str, tuple[str, str, dict[str, str | None]]] = {
-    "keys": ("  mode: looping", "  ¦", {"mode": None, "buffer": None}),
-    "words": (
-        "mode: looping",
-        "mode: ¦",
-        {"looping": None, "sweeping": None, "timeline": None, "live": None},
-    ),
-    "rates": ("    at: $(var rate)", "    at: ¦", {"10 Hz": "a rate of the benchmark"}),
-    "metrics": ("latency.p90 < 250 ms", "lat¦", {"latency.p90": "time"}),
-    "operators": ("latency.p90 < 250 ms", "latency.p90 ¦", {"<": None, "<=": None}),
-    "bounds": ("latency.p90 < 250 ms", "latency.p90 < ¦", {"50 ms": "time"}),
-    "topics of the bag with their types": (
-        "/d455_1_rgb_image: c",
-        "/d¦: c",
-        {"/d455_1_imu": "sensor_msgs/msg/Imu"},
-    ),
-    "topics of the graph with their types": (
-        "topic: copied",
-        "topic: ¦",
-        {"copied": "sensor_msgs/msg/Image", "image": "sensor_msgs/msg/Image"},
-    ),
-    "what the code of the node names": (
-        "        output: copied",
-        "        ¦: copied",
-        {"output": "sensor_msgs/msg/Image"},
-    ),
-    "parameters with types and defaults": ("{gain: 2.0}", "{¦}", {"gain": "double, default 1.5"}),
-    "the default of a parameter": ("{gain: 2.0}", "{gain: ¦}", {"1.5": "default, double"}),
-    "installed packages": (
-        "python: ./nodes.py:Relay",
-        "package: ¦",
-        {"cell_vision": "installed"},
-    ),
-    "installed plugins": (
-        "python: ./nodes.py:Relay",
-        "package: cell_vision\n      plugin: ¦",
-        {"cell_vision::Detector": "installed"},
-    ),
-    "installed executables": (
-        "python: ./nodes.py:Relay",
-        "package: cell_vision\n      executable: ¦",
-        {"detect": "installed"},
-    ),
-    "installed launch files": (
-        "python: ./nodes.py:Relay",
-        "launch:\n        package: cell_vision\n        file: ¦",
-        {"launch/cell.launch.py": "installed"},
-    ),
-    "plugins of known packages": (
-        "python: ./nodes.py:Relay",
-        "package: image_proc\n      plugin: ¦",
-        {"image_proc::RectifyNode": "known"},
-    ),
-    "classes of files next to the spec": (
-        "python: ./nodes.py:Relay",
-        "python: ¦",
-        {"./nodes.py:Relay": None, "r2bspec.nodes.RelayNode": "reference node"},
-    ),
-    "message types that are installed": (
-        "format: sensor_msgs/msg/Image}\nbench",
-        "format: ¦}\nbench",
-        {"cell_vision/msg/Found": "installed", "sensor_msgs/msg/Image": "of this topic"},
-    ),
-    "containers": (
-        "      container: vision",
-        "      container: ¦",
-        {"vision": "container"},
-    ),
-    "datasets": ("bag: r2b_storage", "bag: ¦", {"r2b_cafe": "dataset"}),
-    "metrics of processes": ("latency.p90 < 250 ms", "cpu¦", {"cpu.vision.max": "share"}),
-    "units after a number": ("latency.p90 < 250 ms", "latency.p90 < 250 ¦", {"ms": "duration"}),
-    "a number with its unit": ("duration: 2 s", "duration: 2¦", {"2 ms": "duration"}),
-    "a bound of the base version": (
-        "latency.p90 < 250 ms",
-        "latency.p90 < 105¦",
-        {"105 % of baseline": "of the base version"},
-    ),
-    "variables with their values": (
-        "rates: [$(var rate)]",
-        "rates: [$(¦",
-        {"$(var rate)": "10 Hz"},
-    ),
-    "names of the environment": (
-        "rates: [$(var rate)]",
-        "rates: [$(env ¦)]",
-        {"CELL_PORT": "of the environment"},
-    ),
-    "variables of a case": (
-        "    at: $(var rate)\n",
-        "    when: {¦}\n",
-        {"threads": "2"},
-    ),
-    "codes in waivers": (
-        "  rate: 10 Hz",
-        "  # r2bspec: ignore[vari¦\n  rate: 10 Hz",
-        {"variable-unused": "R2B616", "R2B616": "variable-unused"},
-    ),
+OFFERED = {
+    row["what"]: (row["in place of"], row["is written"], row["offered"])
+    for row in yaml.safe_load(Path(__file__).with_name("offered.yaml").read_text(encoding="utf-8"))
 }
 
 
