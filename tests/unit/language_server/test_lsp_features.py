@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -14,13 +15,18 @@ from open_document import NODES, SPEC, UNKNOWN, OpenDocument, changed, edited
 
 pytestmark = pytest.mark.asyncio(loop_scope="session")
 
-OFFERED = {
-    row["what"]: (row["in place of"], row["is written"], row["offered"])
-    for row in yaml.safe_load(Path(__file__).with_name("offered.yaml").read_text(encoding="utf-8"))
-}
+TABLES = yaml.safe_load(Path(__file__).with_name("features.yaml").read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize(("old", "new", "offered"), OFFERED.values(), ids=OFFERED)
+def rows(table: str) -> list[Any]:
+    """The rows of a table of ``features.yaml``, by their names where they have some."""
+    return [
+        pytest.param(*(value for key, value in row.items() if key != "what"), id=row.get("what"))
+        for row in TABLES[table]
+    ]
+
+
+@pytest.mark.parametrize(("old", "new", "offered"), rows("offered"))
 async def test_what_is_offered(
     document: OpenDocument, old: str, new: str, offered: dict[str, str | None]
 ) -> None:
@@ -133,32 +139,7 @@ async def test_a_whole_spec_is_written_with_completion_alone(document: OpenDocum
     assert {code: each.message for code, each in document.found().items()} == {}
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "sentences"),
-    [
-        ("duration: 2 s", "dura¦tion: 2 s", ["duration of one iteration"]),
-        (
-            "topic: copied",
-            "topic: cop¦ied",
-            [
-                "published by /r2b/relay as `output` (reliable, volatile, depth 7)",
-                "subscribed to by monitor",
-                "`sensor_msgs/msg/Image`",
-            ],
-        ),
-        (
-            "from: camera/image",
-            "from: cam¦era/image",
-            ["topic `/r2b/camera/image`", "published by loader"],
-        ),
-        ("at: $(var rate)", "at: $(var ra¦te)", ["`10 Hz`", "(line 5)"]),
-        (
-            "latency.p90 < 250 ms",
-            "latency.p90¦ < 250 ms",
-            ["Formula", "Judged at 10 Hz from 200 steps", "A verdict needs at least 29 messages"],
-        ),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "sentences"), rows("said"))
 async def test_what_is_said(
     document: OpenDocument, old: str, new: str, sentences: list[str]
 ) -> None:
@@ -166,28 +147,7 @@ async def test_what_is_said(
     assert [sentence for sentence in sentences if sentence not in said] == [], said
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "line"),
-    [
-        ("    at: $(var rate)", "    at: $(var ra¦te)", "rate: 10 Hz"),
-        ("topic: copied", "topic: cop¦ied", "output: copied"),
-        (
-            "      container: vision",
-            "      container: vis¦ion",
-            "vision: {executable: python, nice: $(var threads)}",
-        ),
-        (
-            "copies.drop_rate",
-            "cop¦ies.drop_rate",
-            "copies: {topic: copied, format: sensor_msgs/msg/Image}",
-        ),
-        (
-            "cpu.vision.max",
-            "cpu.vis¦ion.max",
-            "vision: {executable: python, nice: $(var threads)}",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "line"), rows("defined"))
 async def test_definitions(document: OpenDocument, old: str, new: str, line: str) -> None:
     (place,) = await document.definitions(changed(old, new))
     assert document.line_of(place.range) == line
@@ -204,16 +164,7 @@ async def test_definitions_in_other_files(document: OpenDocument, folder: Path) 
     ]
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "name", "places"),
-    [
-        ("  rate: 10 Hz", "  ra¦te: 10 Hz", "speed", 3),
-        ("    relay:", "    re¦lay:", "copier", 1),
-        ("  copies: {topic", "  cop¦ies: {topic", "images", 2),
-        ("  vision: {exec", "  vis¦ion: {exec", "cell", 3),
-        ("        output: copied", "        output: cop¦ied", "result", 2),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "name", "places"), rows("renamed"))
 async def test_every_place_of_a_name_is_renamed(
     document: OpenDocument, old: str, new: str, name: str, places: int
 ) -> None:
