@@ -10,8 +10,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from r2bspec.cli.finished_runs import judge_command as judge
-from r2bspec.cli.finished_runs import report_command as report
+from command_line import Call
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.result import Result
@@ -123,18 +122,14 @@ def test_no_sentence_is_said_twice(
         assert flat.count(sentence) <= 1, sentence
 
 
-def test_the_options_of_the_command_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    run = replace(USUAL, labels=()).write(tmp_path / "run")
-    folder, reason = str(run.folder), "at 95 % confidence at least"
-    texts = {}
+def test_the_options_of_the_command_line(tmp_path: Path, call: Call) -> None:
+    folder = replace(USUAL, labels=()).write(tmp_path / "run").folder
     for verbose in ((), ("--verbose",)):
-        judge.main([folder, *verbose], standalone_mode=False)
-        texts[verbose, "judge"] = capfd.readouterr().out
-        report.main([folder, "--report", "text=-", *verbose], standalone_mode=False)
-        texts[verbose, "report"] = capfd.readouterr().out
-    for (verbose, _), text in texts.items():
-        assert (reason in " ".join(text.split())) == bool(verbose)
-        assert ("with --verbose" in text) != bool(verbose)
+        for asked in (("judge", folder), ("report", folder, "--report", "text=-")):
+            text = call(*asked, *verbose).out
+            reason = "at 95 % confidence at least"
+            assert (reason in " ".join(text.split())) == bool(verbose)
+            assert ("with --verbose" in text) != bool(verbose)
 
 
 def test_the_page_shows_the_first_and_folds_the_others(tmp_path: Path) -> None:
