@@ -236,10 +236,10 @@ def test_what_is_looked_up_once_is_noted_for_every_spec(
 
 
 def test_it_prints_text_for_people_only(folder: Path, call: Call) -> None:
-    for options in (["--format", "json"], ["--fix"], ["--diff"], ["--resolved"]):
-        call("validate", "--watch", folder, *options, status=2)
-    ended = call("validate", "--watch", "-", status=2)
-    assert ended.err.count("--watch prints findings as text") == 5
+    watched = [[folder, *options] for options in (["--format", "json"], ["--fix"], ["--diff"])]
+    for arguments in [*watched, [folder, "--resolved"], ["-"]]:
+        ended = call("validate", "--watch", *arguments, status=2)
+        assert "--watch prints findings as text" in ended.err
 
 
 def test_lookups_are_noted_with_the_state_before_the_file_was_read(tmp_path: Path) -> None:

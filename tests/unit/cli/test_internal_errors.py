@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 
 import r2bspec.cli.check_files as check_files_module
+from command_line import Call
 from example_spec import example
 from r2bspec.cli import main as cli
 from r2bspec.cli.check_files import CheckOptions

@@ -13,6 +13,7 @@ import msgspec
 import pytest
 from rich.text import Text
 
+from command_line import Call
 from example_spec import example
 from r2bspec.compare.comparison import ComparedSource, Comparison, ComparisonLine
 from r2bspec.compare.history import HistoryEntry, open_history

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from command_line import Call
 from r2bspec.cli.finished_runs import judge_command as judge
 from r2bspec.cli.main import main
 from r2bspec.compare.report_input import ReportInput
