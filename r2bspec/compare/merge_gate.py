@@ -6,7 +6,7 @@ From the head's spec to two sides that can be alternated:
 2. The base is built, if its version says how, in the environment that leads to the base's code.
 3. The two specs are compared. A head whose verdict depends on less than the base's is an error.
 4. What the nodes of each side are made of is identified.
-5. Base and head are played alternately (`r2bspec.compare.interleaved_comparison`). After each run,
+5. Base and head are played alternately (`r2bspec.compare.interleaved_runs`). After each run,
    the files that its processes have loaded must be those of its side.
 
 If there is nothing to compare with, the head alone is judged, and every report says why: the base
@@ -34,7 +34,7 @@ from r2bspec.compare.gate_strength import (
     check_gate,
     weakening_diagnostics,
 )
-from r2bspec.compare.interleaved_runs import BaseFailsError, ComparisonSide
+from r2bspec.compare.interleaved_comparison import BaseFailsError, ComparisonSide
 from r2bspec.compare.spec_sets import SpecName, missing_specs, spec_name
 from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import ExitStatus, R2bspecError, without_output
@@ -48,7 +48,8 @@ from r2bspec.language.spec import GateBase, Objective
 from r2bspec.plan.comparability import difference_lines, graph_differences, load_differences
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark
-from r2bspec.record.graph_identity import GraphIdentity, identity_differences, read_loaded_files
+from r2bspec.record.graph_identity import GraphIdentity, identity_differences
+from r2bspec.record.run_folder import read_loaded_files
 from r2bspec.safe_io.safe_file import is_regular
 
 ALLOW_BASE = "base"

@@ -18,15 +18,7 @@ import msgspec
 
 from r2bspec.fleet.errors import FalseAnswerError, FleetError
 from r2bspec.fleet.hosts import Host, HostFacts
-from r2bspec.fleet.messages import (
-    FACTS,
-    SLOT,
-    Call,
-    HostState,
-    on_host,
-    read_answer,
-    request_of,
-)
+from r2bspec.fleet.messages import FACTS, SLOT, Call, HostState, on_host, read_answer, request_of
 from r2bspec.fleet.security import FleetAddress, quiet_logs, require_distributed
 
 _CONNECT_S: Final = 10.0

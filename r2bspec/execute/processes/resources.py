@@ -35,11 +35,7 @@ import numpy as np
 import psutil
 
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
-from r2bspec.judge.measure.host_usage import (
-    CONTROLLER_INDEX,
-    MACHINE_INDEX,
-    ORPHANS_INDEX,
-)
+from r2bspec.judge.measure.host_usage import CONTROLLER_INDEX, MACHINE_INDEX, ORPHANS_INDEX
 from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
 
 _SYSTEM = Path("/")
@@ -63,7 +59,7 @@ _THERMAL: Final[_Counters] = ((r"^(\d+)$", 1e3),)
 
 
 class InterferenceReading(NamedTuple):
-    """One reading; see `r2bspec.record.run_record.INTERFERENCE_FIELDS`."""
+    """One reading; see `r2bspec.record.sample_arrays.INTERFERENCE_FIELDS`."""
 
     busy_s: float
     stolen_s: float
@@ -293,7 +289,7 @@ threads each takes about a millisecond of CPU time, 0.6 % of a core at this peri
 
 _RESOURCES = struct.Struct("<qidqdd")
 _INTERFERENCE = struct.Struct("<qdddd")
-"""Rows of `r2bspec.record.run_record.RESOURCE_FIELDS` and `INTERFERENCE_FIELDS`."""
+"""Rows of `r2bspec.record.sample_arrays.RESOURCE_FIELDS` and `INTERFERENCE_FIELDS`."""
 
 
 class ResourceSampler:

@@ -11,6 +11,7 @@ import pytest
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 
+from command_line import Call
 from r2bspec.api import compile_plan, load, validate
 from r2bspec.authoring.draft_spec import DraftNodes, draft_text
 from r2bspec.authoring.sources import add_graph_nodes
@@ -48,26 +49,7 @@ def main():
     rclpy.init()
     rclpy.spin(Talker())
 """
-XML = """<?xml version="1.0"?>
-<!-- Two sides. -->
-<launch>
-  <arg name="side" default="left"/>
-  <let name="queue" value="7"/>
-  <node_container pkg="rclcpp_components" exec="component_container_mt" name="vision" namespace="">
-    <composable_node pkg="image_proc" plugin="image_proc::RectifyNode" name="rectify" namespace="">
-      <param name="queue_size" value="$(var queue)"/>
-      <remap from="image" to="/hawk_0_$(var side)_rgb_image"/>
-    </composable_node>
-  </node_container>
-  <group>
-    <push-ros-namespace namespace="cell"/>
-    <node pkg="cell_light" exec="light" name="light" args="--on $(env CELL_PORT)">
-      <param name="lamp"><param name="watts" value="3.5"/></param>
-    </node>
-  </group>
-  <node pkg="cell_light" exec="other" name="other" if="false"/>
-</launch>
-"""
+XML = (Path(__file__).parent / "launch_files/cell.launch.xml").read_text(encoding="utf-8")
 PYTHON = """
 from launch import LaunchDescription
 from launch_ros.actions import Node
@@ -213,30 +195,26 @@ def test_a_package(monkeypatch: pytest.MonkeyPatch) -> None:
         ("<launch>" + "<group>" * 300 + "</group>" * 300 + "</launch>", "a.launch:1:1"),
     ],
 )
-def test_broken_launch_files(content: str, place: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_broken_launch_files(content: str, place: str, call: Call) -> None:
     Path("a.launch").write_text(content)
-    assert main(["init", "made", "--from-launch", "a.launch"]) == 2
-    error = capsys.readouterr().err
+    error = call("init", "made", "--from-launch", "a.launch", status=2).err
     assert place in error
     assert "R2B702" in error
     assert not Path("made.r2b.yaml").exists()
 
 
-def test_a_launch_file_that_cannot_be_read(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_launch_file_that_cannot_be_read(call: Call) -> None:
     os.mkfifo("pipe.launch.py")
-    assert main(["init", "made", "--from-launch", "pipe.launch.py"]) == 2
+    call("init", "made", "--from-launch", "pipe.launch.py", status=2)
     Path("loop.launch.py").write_text("while True: pass")
-    assert main(["init", "made", "--from-launch", "loop.launch.py"]) == 2
-    assert "R2B703" in capsys.readouterr().err
+    assert "R2B703" in call("init", "made", "--from-launch", "loop.launch.py", status=2).err
     Path("self.launch.xml").write_text(
         '<launch><include file="$(dirname)/self.launch.xml"/></launch>'
     )
-    assert main(["init", "made", "--from-launch", "self.launch.xml"]) == 0
+    call("init", "made", "--from-launch", "self.launch.xml", status=0)
 
 
-def test_files_that_include_themselves_have_one_limit(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_files_that_include_themselves_have_one_limit(call: Call) -> None:
     Path("a.launch.py").write_text(
         "import os\n"
         "from launch import LaunchDescription\n"
@@ -246,8 +224,8 @@ def test_files_that_include_themselves_have_one_limit(
         "    here = os.path.dirname(__file__) + '/a.launch.py'\n"
         "    return LaunchDescription([IncludeLaunchDescription(here) for i in range(50)])\n"
     )
-    assert main(["init", "made", "--from-launch", "a.launch.py"]) == 2
-    assert "more than 200,000 steps" in capsys.readouterr().err
+    ended = call("init", "made", "--from-launch", "a.launch.py", status=2)
+    assert "more than 200,000 steps" in ended.err
 
 
 def graph_node(name: str, namespace: str = "/", **more: Any) -> dict[str, Any]:
