@@ -10,13 +10,7 @@ from typing import Any
 import msgspec
 import yaml
 
-from r2bspec.bags.recording import (
-    SUFFIXES_TEXT,
-    DataError,
-    TopicInfo,
-    error_hint,
-    error_text,
-)
+from r2bspec.bags.recording import SUFFIXES_TEXT, DataError, TopicInfo, error_hint, error_text
 from r2bspec.diagnostics.quote import clip
 from r2bspec.safe_io.safe_file import open_regular, read_text
 from r2bspec.safe_io.safe_yaml import load_texts
