@@ -32,11 +32,7 @@ from r2bspec.judge.measure.samples import (
     output_period_ns,
     output_times,
 )
-from r2bspec.judge.measure.times import (
-    Seconds,
-    percentile,
-    throughput,
-)
+from r2bspec.judge.measure.times import Seconds, percentile, throughput
 
 
 def metric_value(info: MetricInfo, monitor: str | None, samples: SegmentSamples) -> float | None:

@@ -13,11 +13,7 @@ from hypothesis import strategies as st
 from r2bspec.judge.measure.matching import NO_MATCH, MatchedMonitor, Ratio, match, ratio_of
 from r2bspec.judge.measure.metrics import measure_segment
 from r2bspec.judge.measure.run_samples import read_samples
-from r2bspec.judge.measure.samples import (
-    MonitorSamples,
-    monitor_samples,
-    step_times,
-)
+from r2bspec.judge.measure.samples import MonitorSamples, monitor_samples, step_times
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.rate_decision import Criterion, estimate_probe, judge_final, plan_interim_looks
 from r2bspec.plan.plan import MonitorPlan, Plan
