@@ -40,7 +40,7 @@ def test_paired_intervals_cover_the_truth(pairs: int) -> None:
 
 
 def test_a_bootstrap_of_few_pairs_does_not() -> None:
-    found = bootstrap_gate(1.0, pairs=5, runs=size(200, 1000))
+    found = bootstrap_gate(pairs=5, runs=size(200, 1000))
     assert found.passed + found.failed > 0.13
 
 
