@@ -162,14 +162,11 @@ class Simulation:
         for played in self.segments:
             counts[played.kind] += 1
             start_ns = self._end_ns(found)
-            segment = Segment(
+            segment = msgspec.structs.replace(
+                segment_of(played.rate_hz, len(played.latency), start_ns),
                 id=f"{played.kind}-{len(found) + 1:03d}",
                 kind=played.kind,
-                rate_hz=played.rate_hz,
                 index=counts[played.kind],
-                steps=len(played.latency),
-                began_ns=start_ns,
-                ended_ns=start_ns + round(len(played.latency) * 1e9 / played.rate_hz),
                 complete=played.complete,
                 monitor_held_ns=round(played.held * 1e9),
             )
@@ -262,6 +259,22 @@ class Simulation:
         rows["waited_s"] = self.waited * ((rows["time_ns"] - times[0]) / 1e9)
         rows["memory_bytes"] = (np.tile(range(len(loads)), times.size) + 1) * 50 * 2**20
         return rows
+
+
+def segment_of(
+    rate_hz: float, steps: int, start_ns: int = EPOCH_NS, *, length_ns: int | None = None
+) -> Segment:
+    """A first iteration of so many steps."""
+    return Segment(
+        id="iteration-001",
+        kind="iteration",
+        rate_hz=rate_hz,
+        index=1,
+        steps=steps,
+        began_ns=start_ns,
+        ended_ns=start_ns + (round(steps * 1e9 / rate_hz) if length_ns is None else length_ns),
+        complete=True,
+    )
 
 
 def monitor_plan(name: str, match: Literal["stamp", "order"] = "stamp") -> MonitorPlan:

@@ -179,7 +179,7 @@ class TestPercentileInterval:
         true_p90 = stats.expon.ppf(0.9)
         bounds = [
             percentile_interval([rng.exponential(size=200)], 0.9, 0.95)
-            for _ in range(size(100, 1000))
+            for _ in range(size(40, 1000))
         ]
         assert np.mean([bound.upper < true_p90 for bound in bounds]) < 0.06 + noise(0.03)
         assert np.mean([bound.lower > true_p90 for bound in bounds]) < 0.06 + noise(0.03)
