@@ -17,7 +17,6 @@ from typing import Literal
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from simulated_runs import RATE_HZ, run_of
 from simulated_worlds import bursts
 
 from r2bspec.judge.decision_policy import DecisionPolicy
@@ -25,6 +24,7 @@ from r2bspec.judge.measure.host_usage import HostInterference
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pipeline import judge
 from run_simulation import objective, with_interference
+from simulated_runs import RATE_HZ, run_of
 
 Kind = Literal["stalls", "contention"]
 

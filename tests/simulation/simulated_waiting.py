@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import msgspec
 import numpy as np
-from simulated_runs import RATE_HZ, run_of
 
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pipeline import judge
 from run_simulation import objective, with_interference
+from simulated_runs import RATE_HZ, run_of
 from simulated_waits import Stalls, disturbed
 
 DEPTH = 5

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from scipy import stats
 from simulated_gates import share_gate
-from simulated_runs import judged
 from simulated_worlds import WORLDS, bursts, stationary
 
 from nightly import noise, size
+from simulated_runs import judged
 
 pytestmark = pytest.mark.simulation
 

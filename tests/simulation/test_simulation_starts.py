@@ -10,16 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from simulated_gates import (
-    RUN_WORLDS,
-    Errors,
-    Values,
-    chance,
-    held,
-    history_errors,
-    pairs_errors,
-)
-from simulated_runs import run_of
+from simulated_gates import RUN_WORLDS, Errors, Values, chance, held, history_errors, pairs_errors
 from simulated_starts import (
     DEFAULT,
     QUANTITIES,
@@ -38,6 +29,7 @@ from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import Verdict
 from run_simulation import objective
+from simulated_runs import run_of
 
 pytestmark = pytest.mark.simulation
 

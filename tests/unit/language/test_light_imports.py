@@ -28,8 +28,10 @@ GOLDEN = ROOT / "tests" / "golden" / "language"
         (f"{MAIN}(['validate', '{GOLDEN}/version.yaml'])", (*LIBRARIES, "r2bspec.check")),
         ("import r2bspec", STAGES),
         (
-            "from r2bspec.report.format_registry import FORMATS, check_installed;"
-            "[check_installed(name) for name in FORMATS]",
+            (
+                "from r2bspec.report.format_registry import FORMATS, check_installed;"
+                "[check_installed(name) for name in FORMATS]"
+            ),
             REPORTS,
         ),
         ("import r2bspec.doctor.all_checks", ROS),
