@@ -175,6 +175,34 @@ def mean_gate(values: Values, limit: float = 1.0) -> Errors:
     return Errors.of(mean_outcome(run, limit=limit) for run in values.tolist())
 
 
+def _resembling_means(random: np.random.Generator, runs: int, m: int) -> Values:
+    noise = random.standard_normal((runs, m + 100))
+    return np.asarray(1 + signal.lfilter([0.75**0.5], [1, -0.5], noise, axis=1)[:, 100:])
+
+
+def _resembling_messages(random: np.random.Generator, runs: int, m: int) -> Values:
+    noise = random.standard_normal((runs, m, 150))
+    messages = signal.lfilter([0.19**0.5], [1, -0.9], noise, axis=2)[:, :, 50:]
+    return np.asarray(1 + 0.1 * messages.mean(axis=2))
+
+
+MEAN_WORLDS: dict[str, Callable[[np.random.Generator, int, int], Values]] = {
+    "stationary, 2 % variation": lambda random, runs, m: random.normal(1, 0.02, (runs, m)),
+    "drifting by 6 %": lambda random, runs, m: (
+        random.normal(1, 0.02, (runs, m)) + np.linspace(-0.03, 0.03, m)
+    ),
+    "each like the one before (r = 0.5)": _resembling_means,
+    "log-normal messages (sigma 1), 300 each": lambda random, runs, m: np.exp(
+        random.normal(0, 1, (runs // 2, m, 300)) - 0.5
+    ).mean(axis=2),
+    "Pareto messages (index 3), 300 each": lambda random, runs, m: (
+        2 * random.pareto(3, (runs // 2, m, 300))
+    ).mean(axis=2),
+    "messages like those before (r = 0.9)": _resembling_messages,
+}
+"""Means of m iterations in so many runs; the true mean is 1."""
+
+
 def looked_gate(
     flags: NDArray[np.bool_], allowed: float, *, planned: bool = True
 ) -> tuple[Errors, float]:
@@ -255,17 +283,6 @@ def stored_gate(iterations: int, *, runs: int) -> Errors:
     random = np.random.default_rng(1)
     base, head = (run_values(random, runs, iterations) for _ in range(2))
     return ratio_gate(welch_ratio, base, head)
-
-
-def history_gate(ratio: float, limit: float, *, history: int, runs: int) -> Errors:
-    """A new run against a history of runs: ``>= limit of baseline``."""
-    random = np.random.default_rng(1)
-    outcomes = []
-    for _ in range(runs):
-        earlier = run_values(random, history).mean(axis=1).tolist()
-        new = float(run_values(random, 1).mean()) * ratio
-        outcomes.append(ratio_outcome(predicted_ratio(earlier, new, CONFIDENCE), limit))
-    return Errors.of(outcomes)
 
 
 # Gates whose failures are confirmed by a fresh batch.
@@ -353,13 +370,15 @@ def pairs_errors(world: RunWorld, *, pairs: int = 10, runs: int) -> Errors:
     return confirmed_gates(batch, runs=runs)
 
 
-def history_errors(world: RunWorld, *, history: int, runs: int) -> Errors:
+def history_errors(
+    world: RunWorld, *, history: int, runs: int, ratio: float = 1.0, limit: float = 1.0
+) -> Errors:
     """A new run against earlier ones; a failure is confirmed by a run that meets the same ones."""
     random = np.random.default_rng(1)
     found = Errors(runs)
 
     def judged(earlier: list[float], value: float, confidence: float) -> int:
-        return ratio_outcome(predicted_ratio(earlier, value, confidence))
+        return ratio_outcome(predicted_ratio(earlier, ratio * value, confidence), limit)
 
     for _ in range(runs):
         *earlier, new, fresh = np.exp(world(random, history + 2)).tolist()

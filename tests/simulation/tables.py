@@ -20,26 +20,19 @@ from functools import partial
 from typing import TypeVar
 
 import numpy as np
-from scipy import signal
-from simulated_disturbances import Kind as Disturbance
-from simulated_disturbances import Machine, outcomes
 from simulated_gates import (
     KINDS,
+    MEAN_WORLDS,
     RUN_WORLDS,
     Errors,
     RunWorld,
-    Values,
-    bootstrap_gate,
     confirmed_gates,
     held,
     history_errors,
-    history_gate,
-    looked_gate,
     mean_gate,
     paired_gate,
     pairs_errors,
     share_gate,
-    stored_gate,
 )
 from simulated_pair_load import LOAD_WORLDS, LoadWorld, PairGate
 from simulated_starts import QUANTITIES, Shape, errors, stored_errors
@@ -139,30 +132,12 @@ def shares() -> None:
 
 def means() -> None:
     random = np.random.default_rng(1)
-
-    def resembling(m: int) -> Values:
-        noise = random.standard_normal((RUNS, m + 100))
-        return np.asarray(1 + signal.lfilter([0.75**0.5], [1, -0.5], noise, axis=1)[:, 100:])
-
-    worlds: dict[str, Callable[[int], Values]] = {
-        "stationary, 2 % variation": lambda m: random.normal(1, 0.02, (RUNS, m)),
-        "drifting by 6 %": lambda m: (
-            random.normal(1, 0.02, (RUNS, m)) + np.linspace(-0.03, 0.03, m)
-        ),
-        "each like the one before (r = 0.5)": resembling,
-        "log-normal messages (sigma 1), 300 each": lambda m: np.exp(
-            random.normal(0, 1, (RUNS // 2, m, 300)) - 0.5
-        ).mean(axis=2),
-        "Pareto messages (index 3), 300 each": lambda m: (
-            2 * random.pareto(3, (RUNS // 2, m, 300))
-        ).mean(axis=2),
-    }
     grid(
         "Means: wrong passes / wrong fails, in % of runs",
         "world",
-        worlds,
+        MEAN_WORLDS,
         ITERATIONS,
-        lambda world, m: mean_gate(world(m)).rates,
+        lambda world, m: mean_gate(world(random, RUNS, m)).rates,
     )
 
 
@@ -210,21 +185,6 @@ def power() -> None:
     )
 
 
-def looks() -> None:
-    def cell(name: str, planned: bool) -> str:
-        flags = WORLDS[name](np.random.default_rng(3), (RUNS, 40, 75), 0.1)
-        return looked_gate(flags, 0.1, planned=planned)[0].rates
-
-    names = ("stationary", "bursts of 5", "autocorrelated, 0.9", "heavy-tailed")
-    grid(
-        "Looks at 10, 20 and 40 iterations: wrong passes / wrong fails, in % of runs",
-        "world",
-        {name: name for name in names},
-        {"unplanned: each at 95 %": False, "planned: the error divided": True},
-        cell,
-    )
-
-
 def gates() -> None:
     def row(name: str) -> list[str]:
         return [
@@ -236,24 +196,6 @@ def gates() -> None:
         "600 A/A gates of each kind, exactly on the limit, in %",
         ["gate", "wrong passes", "wrong fails", "after confirmation"],
         map(row, KINDS),
-    )
-
-
-def baselines() -> None:
-    methods: dict[str, Callable[[int], Errors]] = {
-        "pairs, paired t on logs, no margin": lambda n: paired_gate(1, 1, pairs=n, runs=RUNS),
-        "pairs, 5 % margin": lambda n: paired_gate(1, 0.95, pairs=n, runs=RUNS),
-        "pairs, bootstrap of the ratio": lambda n: bootstrap_gate(pairs=n, runs=1000),
-        "two stored runs of one start, Welch": lambda n: stored_gate(n, runs=RUNS),
-        "history of so many runs": lambda n: history_gate(1, 1, history=n, runs=RUNS),
-        "history, 5 % margin": lambda n: history_gate(1, 0.95, history=n, runs=RUNS),
-    }
-    grid(
-        "A against A: 'worse', in % of comparisons",
-        "method",
-        methods,
-        {"5": 5, "10": 10, "30": 30},
-        lambda gate, n: f"{100 * gate(n).failed:.1f}",
     )
 
 
@@ -485,25 +427,6 @@ def peak_edges() -> None:
     )
 
 
-def disturbances() -> None:
-    def cell(machine: Machine, slower: float) -> str:
-        played, known = outcomes(machine, runs=200, slower=slower).fails()
-        return f"{100 * played:.0f} / {100 * known:.0f}"
-
-    kinds: tuple[Disturbance, ...] = ("stalls", "contention")
-    grid(
-        "Fails as it was played / as it is judged, in % of runs, by how slow the graph is",
-        "machine",
-        {
-            f"{kind} in {share:.0%} of iterations": Machine(kind, share)
-            for kind in kinds
-            for share in (0.3, 1.0)
-        },
-        {"half the limit": 0.5, "on the limit": 1.8, "1.3 x": 2.5, "2.5 x": 5.0, "7 x": 14.0},
-        cell,
-    )
-
-
 def waiting() -> None:
     def cell(load: float, case: tuple[float, float]) -> str:
         share, stricter = case
@@ -539,15 +462,12 @@ TABLES = {
         shares,
         means,
         power,
-        looks,
         gates,
-        baselines,
         sustained,
         peaks,
         peak_worlds,
         peak_losses,
         peak_edges,
-        disturbances,
         waiting,
     )
 }
