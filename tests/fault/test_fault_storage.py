@@ -80,8 +80,8 @@ def small_disk(bench: Bench) -> Iterator[Callable[[int], Path]]:
         subprocess.run(["umount", str(folder)], check=True)  # noqa: S607
 
 
-def assert_names_the_file(done: Finished) -> None:
-    """See that the run tells which file the disk had no room for, with the code of that."""
+def assert_names_the_file(bench: Bench, done: Finished) -> None:
+    """See that the run tells which file the disk had no room for, and can be judged."""
     assert done.status == 4
     assert done.error.startswith("error[R2B651 run-folder-not-writable]")
     assert re.search(rf"{re.escape(str(done.folder))}/\S+ cannot be written", done.error)
@@ -89,6 +89,7 @@ def assert_names_the_file(done: Finished) -> None:
     record = done.run().record
     assert record.status == "incomplete"
     assert record.reason.startswith("R2B651: ")
+    assert bench.judge(done.folder).status == 4
 
 
 @only_nightly()
@@ -100,8 +101,7 @@ def test_a_disk_without_room_for_the_samples(
     spec = relay_spec()
     spec["benchmark"] |= {"iterations": 50}
     done = bench.run(spec, output=small_disk(kibibytes) / "run")
-    assert_names_the_file(done)
-    assert bench.judge(done.folder).status == 4
+    assert_names_the_file(bench, done)
 
 
 def test_a_disk_without_room_for_the_messages(
@@ -120,8 +120,7 @@ def test_a_disk_that_fills_up_in_mid_run(bench: Bench, small_disk: Callable[[int
     spec = relay_spec(graph={"nodes": {"relay": {"python": "./nodes.py:Talkative"}}})
     spec["benchmark"] |= {"iterations": 50}
     done = bench.run(spec, output=small_disk(4096) / "run")
-    assert_names_the_file(done)
-    assert bench.judge(done.folder).status == 4
+    assert_names_the_file(bench, done)
     assert [each.name for each in done.folder.iterdir() if each.name.startswith(".")] == []
 
 
@@ -136,8 +135,7 @@ def test_a_disk_that_a_node_fills_in_the_warm_up(
     spec = relay_spec(graph={"nodes": {"relay": {"python": f"./nodes.py:{node}"}}})
     spec["benchmark"] |= {"iterations": 50, "start_timeout": "20 s"}
     done = bench.run(spec, output=small_disk(kibibytes) / "run")
-    assert_names_the_file(done)
-    assert bench.judge(done.folder).status == 4
+    assert_names_the_file(bench, done)
 
 
 def test_a_file_system_that_is_read_only(bench: Bench, small_disk: Callable[[int], Path]) -> None:
@@ -160,7 +158,6 @@ def test_a_folder_that_may_not_be_written_to(bench: Bench) -> None:
     assert "cannot be created: Permission denied" in done.error
 
 
-@only_nightly()
 @only_nightly()
 def test_a_disk_that_a_profiler_fills_costs_no_verdict(
     bench: Bench, small_disk: Callable[[int], Path]

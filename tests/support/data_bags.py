@@ -14,6 +14,7 @@ from rosbags.typesys import Stores, get_typestore
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.recording import Message, Window
+from r2bspec.datasets.ground_truth import GroundTruth, read_ground_truth
 
 STRING = "std_msgs/msg/String"
 START_NS = 1_700_000_000_000_000_000
@@ -157,9 +158,16 @@ def storage_file(folder: Path) -> Path:
     return found
 
 
-def decoded(folder: Path, topic: str) -> list[tuple[Message, Any]]:
-    """Messages of a topic of a made dataset, raw and decoded."""
+def truth_of(folder: Path) -> GroundTruth:
+    """The ground truth of a made dataset."""
+    truth = read_ground_truth(folder)
+    assert truth is not None
+    return truth
 
+
+@cache
+def decoded(folder: Path, topic: str) -> list[tuple[Message, Any]]:
+    """Messages of a topic of a made dataset, raw and decoded; nobody changes them."""
     info = index_bag(folder).find(topic)
     assert info is not None
     return [

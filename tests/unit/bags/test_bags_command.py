@@ -74,8 +74,7 @@ def test_a_bare_number_is_answered_with_its_unit() -> None:
     assert "did you mean '3 s'?" in result.stderr
 
 
-def test_informs_about_a_bag(tmp_path: Path) -> None:
-    bag = write_bag(tmp_path / "bag", chatter())
+def test_informs_about_a_bag(bag: Path) -> None:
     shown = run("info", str(bag)).stdout
     assert "messages  6\n" in shown
     assert "/ping  std_msgs/msg/String         3  40 Hz\n" in shown
@@ -95,8 +94,7 @@ def test_unknown_names_are_data_errors() -> None:
     assert caught.value.exit_code == 2
 
 
-def test_verifies_by_exit_code(tmp_path: Path) -> None:
-    bag = write_bag(tmp_path / "bag", chatter())
+def test_verifies_by_exit_code(bag: Path, tmp_path: Path) -> None:
     good = run("verify", str(bag))
     assert (good.exit_code, good.stdout) == (0, f"{bag} is consistent\n")
     (bag / "metadata.yaml").write_text("broken: [")

@@ -77,13 +77,6 @@ def test_a_node_that_publishes_nothing_although_messages_reach_it() -> None:
     )
 
 
-def test_the_first_of_several_topics_without_messages_decides() -> None:
-    one = found(IN, topic("/mid", "/a", "/b", passed=0), OUT)
-    assert one.sentence == (
-        "/a publishes nothing on /mid, although it subscribes to /in (10 messages)"
-    )
-
-
 def test_several_inputs_and_publishers_are_all_named() -> None:
     mask = topic("/mask", "/a", "/b", passed=1)
     both = topic("/out", "/b /c", "monitor", passed=0)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Literal, cast
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -15,7 +14,6 @@ from r2bspec.execute.measurement.peak_search import (
     LongPlays,
     PeakSearch,
     ProbeOutcome,
-    unexplained_end,
 )
 from r2bspec.execute.measurement.rate_probe import MAX_FUTILE_REPLAYS, AffectedProbes
 from r2bspec.execute.run_context import TimeBudget
@@ -173,17 +171,6 @@ def test_strangers_that_leave_do_not_change_the_bracket() -> None:
     assert disturbed.holds_hz is not None
     assert disturbed.fails_hz is not None
     assert disturbed.holds_hz <= 95.0 < disturbed.fails_hz <= disturbed.holds_hz * 1.02
-
-
-def test_an_upper_end_from_the_capacity_of_clean_plays_stays() -> None:
-    """An upper end at which no probe was played is a bound of the capacity.
-
-    `test_a_disturbed_overload_shows_no_capacity`: of that, no explained play is a part.
-    """
-    probe = Probe(segment="p", rate_hz=120.0, delivered_hz=60.0, holds=False, reason="")
-    explained = msgspec.structs.replace(probe, disturbed=BUSY.reasons, explained=True)
-    assert unexplained_end([explained], 50.0, 61.0) == 61.0
-    assert unexplained_end([explained], 50.0, 120.0) is None
 
 
 class Overloaded(Machine):

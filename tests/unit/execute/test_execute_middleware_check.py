@@ -9,6 +9,7 @@ import msgspec
 import pytest
 
 from example_spec import example
+from plans import process_plan
 from r2bspec import api
 from r2bspec.check.rules.machine import transport_unsupported_by_middleware
 from r2bspec.cli.main import main
@@ -21,7 +22,7 @@ from r2bspec.execute.processes.machine import describe_versions
 from r2bspec.execute.processes.prerequisites import check_middleware
 from r2bspec.ipc import protocol
 from r2bspec.plan.canonical_json import canonical_json
-from r2bspec.plan.plan import Plan, ProcessPlan
+from r2bspec.plan.plan import Plan
 from r2bspec.record.run_folder import open_run
 from run_simulation import Simulation
 
@@ -31,7 +32,7 @@ FAST = {"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}
 
 def plan(transport: Any, env: dict[str, str] | None = None) -> Plan:
     """A plan with one node, in whose environment `env` is."""
-    process = ProcessPlan(name="relay", role="host", phase="measure", argv=("x",), env=env or {})
+    process = process_plan("relay", "host", env=env or {})
     return msgspec.structs.replace(Simulation().plan(), transport=transport, processes=(process,))
 
 

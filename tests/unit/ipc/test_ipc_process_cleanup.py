@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-import secrets
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
+import psutil
 import pytest
 
 from family_trees import Family, family, wait_for
@@ -28,22 +27,9 @@ from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.middleware import fast_dds
 
 
-@pytest.fixture
-def run_id() -> str:
-    return secrets.token_hex(8)
-
-
-@pytest.fixture
-def people(tmp_path: Path, run_id: str) -> Iterator[Family]:
-    with family(tmp_path, run_id) as found:
-        yield found
-
-
 @pytest.mark.parametrize(
     ("kind", "count"),
     [
-        ("plain", 1),
-        ("parent-of-plain", 2),
         ("parent-of-parent-of-plain", 3),
         ("gone-parent-of-plain", 1),
         ("parent-of-stranger", 2),
@@ -87,8 +73,7 @@ def test_the_session_alone_finds_those_who_have_lost_the_id(people: Family, run_
 
 
 def test_other_runs_are_left_alone(tmp_path: Path, people: Family, run_id: str) -> None:
-    (tmp_path / "others").mkdir()
-    with family(tmp_path / "others", secrets.token_hex(8)) as others:
+    with family(tmp_path / "others", "another") as others:
         theirs = others.start("parent-of-stranger", 2)
         people.start("plain")
         end_run_processes(run_id, people.sessions, grace_s=30.0)
@@ -160,8 +145,6 @@ def test_a_zombie_is_no_member(run_id: str) -> None:
 def test_one_that_may_not_be_looked_at_is_passed_over(
     monkeypatch: pytest.MonkeyPatch, people: Family, run_id: str
 ) -> None:
-    import psutil
-
     people.start("plain")
 
     def refuse(_process: psutil.Process) -> dict[str, str]:

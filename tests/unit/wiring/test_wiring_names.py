@@ -13,7 +13,7 @@ def remap(name: str, rules: dict[str, str], node: str, namespace: str) -> Resolv
     return Remapper(rules, node, namespace).resolve(name)
 
 
-TOKEN = st.from_regex(r"[a-z_][a-z0-9_]{0,4}", fullmatch=True)
+TOKEN = st.sampled_from(["a", "b", "ab", "a_", "_b", "a1", "image"])
 NAME = st.lists(TOKEN, min_size=1, max_size=3).map("/".join)
 NAMESPACE = st.lists(TOKEN, max_size=2).map(lambda tokens: "/" + "/".join(tokens))
 TOPIC = st.one_of(NAME, NAME.map("/{}".format), NAME.map("~/{}".format), st.just("~"))

@@ -1,4 +1,4 @@
-"""What the doctor says of ROS and OpenCV, from what a fresh interpreter could import."""
+"""What the doctor says of ROS, OpenCV and the native harness."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from r2bspec.cli.main import main
 from r2bspec.doctor import installation
 from r2bspec.doctor.checkup import CheckResult, System
 from r2bspec.doctor.installation import check_ros, check_vision, probe_imports
+from r2bspec.native.build import BuildError
 
 MISSING = {"error": "ModuleNotFoundError: No module named 'rclpy'"}
 
@@ -188,3 +189,26 @@ def test_the_command_prints_what_programs_and_people_read(
     text = capsys.readouterr().out
     assert {check["topic"] for check in answer["checks"]} <= set(text.splitlines())
     assert "\x1b[" not in text
+
+
+def test_without_a_compiler_there_is_a_problem_and_a_way_out(tmp_path: Path) -> None:
+    pytest.importorskip("rclpy")
+    (check,) = installation.check_native(System(environ={"PATH": str(tmp_path)}))
+    assert check.status == "problem"
+    assert "no C compiler" in check.found
+    assert "apt install gcc" in check.advice
+
+
+def test_what_was_built_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(installation, "harness_program", lambda _: Path("/cache/r2bspec_harness"))
+    (check,) = installation.check_native(System(environ={}))
+    assert (check.status, check.found) == ("ok", "/cache/r2bspec_harness")
+
+
+def test_only_the_first_line_of_a_compiler_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_: object) -> Path:
+        raise BuildError("cc cannot compile x:\nerror 1\nerror 2", hint="install it")
+
+    monkeypatch.setattr(installation, "harness_program", refuse)
+    (check,) = installation.check_native(System(environ={}))
+    assert (check.found, check.advice) == ("cc cannot compile x:", "install it")
