@@ -49,6 +49,7 @@ from r2bspec.execute.processes.environment import (
 from r2bspec.execute.processes.machine import describe_machine, describe_versions, unwritable_log
 from r2bspec.execute.processes.prerequisites import (
     check_middleware,
+    require_address_space,
     reserved_domain,
     resolve_argv,
 )
@@ -246,6 +247,7 @@ class _Run:
 
     def _prepare(self) -> None:
         _require_rclpy()
+        require_address_space()
         if self._options.profile:
             profiled_processes(self._plan, self._options.profile_node)
             require_usable(find_profiler(self._options.profile))
