@@ -88,12 +88,6 @@ def test_informs_about_a_dataset_without_making_it(tmp_path: Path) -> None:
     assert not (tmp_path / "cache").exists()
 
 
-def test_unknown_names_are_data_errors() -> None:
-    with pytest.raises(DataError) as caught:
-        run("info", "r2b_lunge")
-    assert caught.value.exit_code == 2
-
-
 def test_verifies_by_exit_code(bag: Path, tmp_path: Path) -> None:
     good = run("verify", str(bag))
     assert (good.exit_code, good.stdout) == (0, f"{bag} is consistent\n")

@@ -61,6 +61,12 @@ def test_sizes_are_exact(storage_room: SyntheticDataset) -> None:
     assert sizes == {name: {info.max_message_bytes} for name, info in topics.items()}
 
 
+WHOLE = [
+    (source, message_times_ns(source, Window(start_ns=0, end_ns=DURATION_NS)))
+    for source in SEQUENCES["r2b_lounge"].sources
+]
+
+
 @given(
     st.integers(0, DURATION_NS - 1).flatmap(
         lambda start: st.tuples(st.just(start), st.integers(start + 1, DURATION_NS))
@@ -68,8 +74,7 @@ def test_sizes_are_exact(storage_room: SyntheticDataset) -> None:
 )
 def test_counts_in_a_window_are_those_of_the_whole_inside_it(ends: tuple[int, int]) -> None:
     window = Window(start_ns=ends[0], end_ns=ends[1])
-    for source in SEQUENCES["r2b_lounge"].sources:
-        whole = message_times_ns(source, Window(start_ns=0, end_ns=DURATION_NS))
+    for source, whole in WHOLE:
         inside = [time_ns for time_ns in whole if window.contains(time_ns)]
         assert message_times_ns(source, window) == inside
 

@@ -1,4 +1,4 @@
-"""From buffers to what is played when: messages of one stamp are one step, the rest lies between."""
+"""From buffers to what is played when: messages of a stamp are a step, the rest lies between."""
 
 from __future__ import annotations
 
@@ -339,5 +339,5 @@ def test_a_step_input_may_come_after_one_with_its_own_rate() -> None:
 
 
 def test_an_input_on_another_clock_is_refused() -> None:
-    with pytest.raises(RunError, match="no message of /imu was stamped between the steps"):
+    with pytest.raises(RunError, match="no message of /imu was recorded between the steps"):
         place_between(1, stamped("/imu", 5000, 6000), STEPS, [CAMERA])

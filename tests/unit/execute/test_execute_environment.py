@@ -6,12 +6,12 @@ import json
 import os
 import sys
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import pytest
 
 import r2bspec
+from example_spec import example
 from plans import node_plan
 from r2bspec.api import prepare
 from r2bspec.execute.errors import SecretNotSetError
@@ -93,16 +93,6 @@ def test_an_empty_entry_does_not_mean_the_folder_of_the_spec(
     made = environment(tmp_path, plan())
     assert made.for_harness()["PYTHONPATH"] == "/opt/lib"
     assert made.for_node({})["PYTHONPATH"] == f"/opt/lib:{MODULE_NAMES}"
-
-
-def test_a_node_gets_the_changes_of_the_spec_and_nothing_of_the_harness(tmp_path: Path) -> None:
-    made = environment(tmp_path, plan())
-    node = made.for_node({"MODE": "fast", "PATH": "/opt/bin"})
-    assert node["MODE"] == "fast"
-    assert node["PATH"] == "/opt/bin"
-    assert not [name for name in node if name.startswith("MALLOC_")]
-    assert [name for name in made.for_harness() if name.startswith("MALLOC_")]
-    assert "MODE" not in made.for_harness()
 
 
 def test_the_profile_of_the_user_is_kept_with_an_inherited_transport_only(
@@ -250,32 +240,29 @@ def test_a_variable_that_is_not_set_is_named(secrets: SecretReferences) -> None:
 
 # ---- from a spec to a process ------------------------------------------------------------------
 
-SPEC = """\
-r2bspec: 1
-name: relay
-environment: [API_TOKEN]
-data_loader: {bag: r2b_storage, topics: {/d455_1_rgb_camera_info: recorded}}
-playback:
-  inputs: {image: {from: recorded, format: sensor_msgs/msg/CameraInfo}}
-setup:
-  get: {command: [curl, -H, 'Authorization: $(env API_TOKEN)'], env: {KEY: $(env API_TOKEN)}}
-graph:
-  nodes:
-    relay:
-      python: r2bspec.nodes.RelayNode
-      parameters: {format: sensor_msgs/msg/CameraInfo}
-      remappings: {input: image, output: out}
-      env: {KEY: $(env API_TOKEN)}
-    other:
-      command: [other, '$(env API_TOKEN)']
-      parameters: {key: $(env API_TOKEN)}
-    launched:
-      launch: {path: ./a.launch.py, arguments: {key: $(env API_TOKEN)}}
-after_ready:
-  enable: {service: {name: s, type: std_srvs/srv/SetBool, request: {data: $(env API_TOKEN)}}}
-monitors: {output: {topic: out, format: sensor_msgs/msg/CameraInfo}}
-benchmark: {duration: 2 s, rates: [10 Hz]}
-"""
+SPEC = example(
+    environment="[API_TOKEN]",
+    setup="""
+        get:
+          command: [curl, -H, 'Authorization: $(env API_TOKEN)']
+          env: {KEY: $(env API_TOKEN)}
+    """,
+    graph="""
+        nodes:
+          relay:
+            python: r2bspec.nodes.RelayNode
+            remappings: {input: image}
+            env: {KEY: $(env API_TOKEN)}
+          other:
+            command: [other, '$(env API_TOKEN)']
+            parameters: {key: $(env API_TOKEN)}
+          launched:
+            launch: {path: ./a.launch.py, arguments: {key: $(env API_TOKEN)}}
+    """,
+    after_ready="""
+        enable: {service: {name: s, type: std_srvs/srv/SetBool, request: {data: $(env API_TOKEN)}}}
+    """,
+)
 
 
 @pytest.fixture(name="plan")
@@ -285,10 +272,6 @@ def compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Plan:
     (tmp_path / "a.launch.py").write_text("")
     (tmp_path / "a.r2b.yaml").write_text(SPEC)
     return prepare(tmp_path / "a.r2b.yaml").plan
-
-
-def texts(value: Any) -> str:
-    return json.dumps(msgspec.to_builtins(value))
 
 
 def test_a_plan_has_references_and_is_the_same_whatever_the_values(

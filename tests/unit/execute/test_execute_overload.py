@@ -196,14 +196,6 @@ def test_the_end_of_the_range_is_played_whole_too() -> None:
     assert (record.holds_hz, record.limited_by, record.proof) == (1000.0, "range", "confirmed")
 
 
-def test_a_graph_below_the_range_is_not_overloaded() -> None:
-    graph = steady(5.0)
-    record = graph.search()
-    assert record.holds_hz is None
-    assert record.proof == ""
-    assert {what for what, _ in graph.played} == {"probe"}
-
-
 def overload(play: Callable[[float], CompletionTimes | None], **changes: Any) -> Overload:
     return Overload(
         play=play, max_hz=1000.0, precision=0.02, confidence=0.95, budget_s=60.0, **changes

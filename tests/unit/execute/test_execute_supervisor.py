@@ -129,14 +129,6 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 # Listening
 
 
-def test_each_child_answers_for_itself(stage: Stage) -> None:
-    started = [stage.start(ANSWERS, f"node{number}") for number in range(3)]
-    for number, child in enumerate(started):
-        child.send(play(number))
-    for number, child in reversed(list(enumerate(started))):
-        assert stage.children.answer(child, protocol.Played, HANG_S).steps == number
-
-
 def test_what_is_no_answer_is_passed_over(stage: Stage) -> None:
     child = stage.start(
         "ends = channel()\nends._socket.sendall(b'rubbish\\n{}\\n\\xff\\n')\n"

@@ -11,13 +11,12 @@ import pytest
 from numpy.typing import NDArray
 
 from data_bags import truth_of, typestore
-from r2bspec.bags.recording import DISPARITY_NAME, GROUND_TRUTH_NAME, Window
+from r2bspec.bags.recording import DISPARITY_NAME, GROUND_TRUTH_NAME, SyntheticDataset
 from r2bspec.datasets.ground_truth import (
     GroundTruth,
     TagSighting,
     read_disparity,
 )
-from r2bspec.datasets.synthesis import make
 from r2bspec.execute.measurement.further_iterations import compare_outputs
 from r2bspec.judge.measure.metric_catalogue import (
     BAD_PIXELS,
@@ -35,11 +34,9 @@ DISPARITY = TruthPlan(kind="disparity", name="d455_1_ir")
 
 
 @pytest.fixture(scope="module")
-def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two frames of a stereo pair that shows the tag."""
-    topics = ["/d455_1_left_ir_image", "/d455_1_right_ir_image"]
-    window = Window(start_ns=0, end_ns=50_000_000)
-    return make("r2b_storage", topics, window, cache_dir=tmp_path_factory.mktemp("data")).path
+def dataset(storage_room: SyntheticDataset) -> Path:
+    """Two frames of a stereo pair that shows the tag, and more."""
+    return storage_room.path
 
 
 @pytest.fixture(scope="module")
@@ -153,9 +150,9 @@ def test_a_topic_may_be_named_without_its_slash_and_the_truth_found_among_severa
     [
         (TAG, False, "The recording has no ground truth."),
         (
-            TruthPlan(kind="disparity", name="hawk_0"),
+            TruthPlan(kind="disparity", name="hawk_9"),
             True,
-            "The ground truth has no disparity of hawk_0.",
+            "The ground truth has no disparity of hawk_9.",
         ),
         (TAG, True, "The ground truth has none of the stamps of the outputs."),
     ],
