@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
+import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.recording import Message, Window
+from r2bspec.bags.recording import DataError, Message, Window
 from r2bspec.datasets.ground_truth import GroundTruth, read_ground_truth
 
 STRING = "std_msgs/msg/String"
@@ -22,6 +23,13 @@ START_NS = 1_700_000_000_000_000_000
 # What the shared dataset holds: two frames of each camera, a turn of the lidar, ten readings of
 # the IMU.
 WINDOW = Window(start_ns=0, end_ns=50_000_000)
+
+
+def refusal_of(action: Callable[..., object], *arguments: Any, **more: Any) -> DataError:
+    """The error with which data is refused."""
+    with pytest.raises(DataError) as refused:
+        action(*arguments, **more)
+    return refused.value
 
 
 @cache

@@ -66,7 +66,7 @@ class Family:
 
     def __init__(self, folder: Path, run_id: str) -> None:
         self._folder = folder
-        self._run_id = run_id
+        self.run_id = run_id
         self._program = folder / "program.py"
         folder.mkdir(exist_ok=True)
         self._program.write_text(_PROGRAM)
@@ -85,7 +85,7 @@ class Family:
         said.touch()
         process = SessionLeader(
             [sys.executable, str(self._program), kind, str(said)],
-            env=os.environ | {RUN_ID_VARIABLE: self._run_id},
+            env=os.environ | {RUN_ID_VARIABLE: self.run_id},
         )
         self._started.append(process)
         wait_for(lambda: len(said.read_text().split()) >= members)

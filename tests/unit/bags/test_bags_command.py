@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from data_bags import chatter, write_bag
+from data_bags import chatter, refusal_of, write_bag
 from r2bspec.bags.recording import DataError
 from r2bspec.cli.main import command
 from r2bspec.errors import UsageError
@@ -108,6 +108,5 @@ def test_verifies_a_dataset_by_its_name(tmp_path: Path, monkeypatch: pytest.Monk
         0,
         f"{tmp_path / 'sets' / 'my_drive'} is consistent\n",
     )
-    with pytest.raises(DataError) as caught:
-        run("verify", "my_dive")
-    assert "my_drive" in f"{caught.value} {caught.value.hint}"
+    error = refusal_of(run, "verify", "my_dive")
+    assert "my_drive" in f"{error} {error.hint}"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from data_bags import START_NS, STRING, chatter, edit_metadata, storage_file, write_bag
+from data_bags import START_NS, STRING, chatter, edit_metadata, refusal_of, storage_file, write_bag
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.recording import BAG_FORMATS, BagFormat, DataError
 from r2bspec.bags.storage.storage import import_from_storage
@@ -50,12 +50,11 @@ def test_states_a_foreign_serialization_without_refusing_the_bag(bag: Path) -> N
 
 
 def refusal(path: Path) -> DataError:
-    with pytest.raises(DataError) as caught:
-        index_bag(path)
-    assert str(path) in str(caught.value)
-    assert caught.value.hint
-    assert caught.value.exit_code == 2
-    return caught.value
+    error = refusal_of(index_bag, path)
+    assert str(path) in str(error)
+    assert error.hint
+    assert error.exit_code == 2
+    return error
 
 
 def test_refuses_what_is_no_bag(tmp_path: Path) -> None:

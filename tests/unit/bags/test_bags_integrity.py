@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from data_bags import chatter, storage_file, text, write_bag
+from data_bags import chatter, refusal_of, storage_file, text, write_bag
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.integrity import hash_content, hash_files, verify
 from r2bspec.bags.recording import Window
@@ -52,6 +52,7 @@ def test_files_hash_covers_every_file(bag: Path) -> None:
     assert hash_files(bag) == before
     (bag / "notes.txt").write_text("")
     assert hash_files(bag) != before
+    assert refusal_of(hash_files, bag / "nothing").code == "R2B301"
 
 
 @pytest.fixture(scope="module")

@@ -16,10 +16,11 @@ from pathlib import Path
 
 import pytest
 
+from data_bags import refusal_of
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.integrity import hash_content, verify
-from r2bspec.bags.recording import DataError, SyntheticDataset, Window
+from r2bspec.bags.recording import SyntheticDataset, Window
 from r2bspec.datasets import dataset_cache
 from r2bspec.datasets.synthesis import GENERATOR_VERSION, make
 
@@ -212,9 +213,10 @@ def test_a_full_disk_is_reported_and_leaves_nothing(tmp_path: Path) -> None:
 
 def test_a_cache_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(DataError) as caught:
-        make("r2b_storage", IMU, WINDOW, cache_dir=tmp_path / "file" / "cache")
-    assert caught.value.code == "R2B311"
+    assert (
+        refusal_of(make, "r2b_storage", IMU, WINDOW, cache_dir=tmp_path / "file" / "cache").code
+        == "R2B311"
+    )
 
 
 @pytest.fixture
@@ -310,6 +312,4 @@ def test_a_window_may_hold_no_message(tmp_path: Path) -> None:
 
 
 def test_no_topics_are_no_dataset(tmp_path: Path) -> None:
-    with pytest.raises(DataError) as caught:
-        make("r2b_storage", [], WINDOW, cache_dir=tmp_path)
-    assert caught.value.code == "R2B308"
+    assert refusal_of(make, "r2b_storage", [], WINDOW, cache_dir=tmp_path).code == "R2B308"

@@ -68,16 +68,16 @@ def test_wheels_alone_are_fine(here: Callable[..., None]) -> None:
 
 def test_a_sourced_workspace_is_named_with_its_base(here: Callable[..., None]) -> None:
     here(rclpy())
-    environ = {"ROS_DISTRO": "jazzy", "AMENT_PREFIX_PATH": "/home/me/install:/opt/ros/jazzy"}
-    check = by_name(**environ)["distributions"]
+    check = by_name(ROS_DISTRO="jazzy", AMENT_PREFIX_PATH="/home/me/install:/opt/ros/jazzy")[
+        "distributions"
+    ]
     assert check.status == "ok"
     assert check.found == "jazzy sourced from /opt/ros/jazzy and 1 more"
 
 
 def test_two_distributions_at_once_are_warned_of(here: Callable[..., None]) -> None:
     here(rclpy(), wheels=("ros-jazzy-rclpy",))
-    environ = {"ROS_DISTRO": "humble", "AMENT_PREFIX_PATH": "/opt/ros/humble"}
-    check = by_name(**environ)["distributions"]
+    check = by_name(ROS_DISTRO="humble", AMENT_PREFIX_PATH="/opt/ros/humble")["distributions"]
     assert check.status == "warn"
     assert "mixed" in check.advice
 
@@ -99,8 +99,7 @@ def test_another_middleware_than_runs_configure_is_warned_of(here: Callable[...,
     here(rclpy("rmw_cyclonedds_cpp"))
     check = by_name()["middleware"]
     assert "set RMW_IMPLEMENTATION=rmw_cyclonedds_cpp" in check.advice
-    environ = {"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
-    check = by_name(**environ)["middleware"]
+    check = by_name(RMW_IMPLEMENTATION="rmw_cyclonedds_cpp")["middleware"]
     assert "RMW_IMPLEMENTATION=" not in check.advice
 
 

@@ -168,12 +168,6 @@ def scratch(system: System, run_id: str, *, age_s: float = 60.0) -> Path:
     return made
 
 
-def test_scratch_of_a_dead_run_is_abandoned(system: System) -> None:
-    dead = scratch(system, "dead")
-    scratch(system, "alive")
-    assert abandoned_scratch(system, {"alive"}) == [dead]
-
-
 def test_scratch_that_was_just_made_may_belong_to_a_run_that_is_starting(system: System) -> None:
     scratch(system, "new", age_s=0.0)
     assert abandoned_scratch(system, set()) == []

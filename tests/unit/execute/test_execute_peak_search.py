@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from r2bspec.execute.measurement.peak_search import PeakSearch, ProbeOutcome
 from r2bspec.record.run_record import Probe, SearchRecord
+from run_simulation import bracket
 
 
 class Server:
@@ -81,12 +82,6 @@ def search(
     server: Server, minimum_hz: float = 10.0, maximum_hz: float = 1000.0, precision: float = 0.02
 ) -> SearchRecord:
     return PeakSearch(minimum_hz, maximum_hz, precision, server.probe).run()
-
-
-def bracket(record: SearchRecord) -> tuple[float, float]:
-    assert record.holds_hz is not None
-    assert record.fails_hz is not None
-    return record.holds_hz, record.fails_hz
 
 
 @given(

@@ -204,33 +204,31 @@ def found_by(finder: OrphanFinder, leaders: dict[int, int]) -> dict[int, int]:
     return finder.find({}, leaders, ORPHANS_INDEX)
 
 
-def test_an_orphan_belongs_to_the_process_whose_session_it_is_in(
-    people: Family, run_id: str
-) -> None:
+def test_an_orphan_belongs_to_the_process_whose_session_it_is_in(people: Family) -> None:
     (orphan,) = people.start("gone-of-worker")
     people.collect()
     leader = people.sessions[0].pid
-    assert found_by(OrphanFinder(run_id), {leader: 3}) == {orphan: 3}
+    assert found_by(OrphanFinder(people.run_id), {leader: 3}) == {orphan: 3}
 
 
-def test_of_one_with_a_session_of_its_own_only_the_run_is_known(
-    people: Family, run_id: str
-) -> None:
+def test_of_one_with_a_session_of_its_own_only_the_run_is_known(people: Family) -> None:
     (orphan,) = people.start("gone-of-stranger")
     people.collect()
-    assert found_by(OrphanFinder(run_id), {people.sessions[0].pid: 3}) == {orphan: ORPHANS_INDEX}
+    assert found_by(OrphanFinder(people.run_id), {people.sessions[0].pid: 3}) == {
+        orphan: ORPHANS_INDEX
+    }
 
 
-def test_one_that_was_seen_with_its_parent_is_remembered(people: Family, run_id: str) -> None:
+def test_one_that_was_seen_with_its_parent_is_remembered(people: Family) -> None:
     (orphan,) = people.start("gone-of-stranger")
-    finder = OrphanFinder(run_id)
+    finder = OrphanFinder(people.run_id)
     assert finder.find({orphan: 5}, {}, ORPHANS_INDEX) == {}
     assert found_by(finder, {}) == {orphan: 5}
 
 
-def test_other_runs_and_the_nameless_are_not_ours(people: Family, run_id: str) -> None:
+def test_other_runs_and_the_nameless_are_not_ours(people: Family) -> None:
     people.start("gone-of-nameless-worker")
-    assert found_by(OrphanFinder(run_id), {}) == {}
+    assert found_by(OrphanFinder(people.run_id), {}) == {}
     people.start("gone-of-worker")
     assert found_by(OrphanFinder(uuid.uuid4().hex), {}) == {}
     assert found_by(OrphanFinder(""), {}) == {}

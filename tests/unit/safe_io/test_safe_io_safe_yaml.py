@@ -19,9 +19,9 @@ def _nested_merges(levels: int) -> str:
 
 
 def test_values_are_those_of_ros() -> None:
-    text = "a: &a {b: yes, n: 0x10, f: 1e3, t: '1'}\nc: {<<: *a, d: [1, 2.5, ~]}\n"
+    text = "a: &a {b: yes, n: 0x10, f: 1e3, t: '1', s: 1:59:59}\nc: {<<: *a, d: [1, 2.5, ~]}\n"
     found = load_values(text)
-    assert found["a"] == {"b": True, "n": 16, "f": "1e3", "t": "1"}
+    assert found["a"] == {"b": True, "n": 16, "f": "1e3", "t": "1", "s": 7199}
     assert found["c"] == {**found["a"], "d": [1, 2.5, None]}
     assert load_texts("a: on\nb: 010\n") == {"a": "on", "b": "010"}
 

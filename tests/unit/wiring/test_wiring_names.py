@@ -76,25 +76,6 @@ def test_a_rule_is_matched_after_expansion(
     assert remap(name, rules, "detector", "/r2b") == ResolvedName(topic, rule)
 
 
-@given(TOPIC, TOKEN, NAMESPACE)
-def test_an_expanded_name_is_absolute_and_stays_as_it_is(
-    name: str, node: str, namespace: str
-) -> None:
-    full = expand(name, node, namespace)
-    assert full.startswith("/")
-    assert "//" not in full
-    assert "~" not in full
-    assert expand(full, node, namespace) == full
-
-
-@given(NAMESPACE, NAMESPACE.map(lambda text: text.removeprefix("/")))
-def test_a_joined_namespace_is_absolute_and_below_the_outer_one(outer: str, inner: str) -> None:
-    full = join_namespaces(outer, inner)
-    assert full.startswith(outer)
-    assert join_namespaces("/", full) == full
-    assert full == "/" or not full.endswith("/")
-
-
 @given(TOPIC, st.dictionaries(TOPIC, TOPIC, max_size=4), TOKEN, NAMESPACE)
 def test_remapping_only_looks_at_expanded_names(
     name: str, rules: dict[str, str], node: str, namespace: str
