@@ -23,8 +23,7 @@ from r2bspec.ipc.arrivals import ARRIVAL_FIELDS, ArrivalReader
 from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import RowWriter
 from r2bspec.judge.measure.matching import MatchedMonitor, Ratio, match, match_monitor
-from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS
-from r2bspec.record.sample_arrays import MONITOR_DTYPE
+from r2bspec.record.sample_arrays import MONITOR_DTYPE, MONITOR_FIELDS, PLAYBACK_FIELDS
 from run_simulation import EPOCH_NS, MONITOR_PLAN, Played, monitor_rows, playback_rows
 from scripted_playback import ScriptedPlayback
 
