@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from command_line import Call
 from data_bags import (
     STRING,
     chatter,
@@ -27,7 +28,6 @@ from data_bags import (
     write_mcap,
     write_ros1,
 )
-from r2bspec.cli.main import main
 from r2bspec.report.findings_text import code_with_slug
 from ros_runs import quick_input, relay_node, relay_spec
 
@@ -180,9 +180,7 @@ FAULTS: dict[str, tuple[Callable[[Path], Path], str, str]] = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_every_verb_names_what_is_wrong(
-    fault: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_verb_names_what_is_wrong(fault: str, tmp_path: Path, call: Call) -> None:
     make, code, words = FAULTS[fault]
     bag = make(tmp_path / "bag")
     spec = tmp_path / "spec.r2b.yaml"
@@ -191,29 +189,28 @@ def test_every_verb_names_what_is_wrong(
         spec.write_text(spec.read_text().replace(str(tmp_path / "x"), str(bag)))
     output = tmp_path / "run"
     for arguments, status in (
-        (["validate", str(spec)], 1),
-        (["plan", str(spec)], 2),
-        (["run", str(spec), "--output", str(output)], 2),
-        (["data", "info", str(bag)], 2),
+        (("validate", spec), 1),
+        (("plan", spec), 2),
+        (("run", spec, "--output", output), 2),
+        (("data", "info", bag), 2),
     ):
-        found = main(arguments)
-        said = capsys.readouterr()
-        assert found == status, (arguments[0], said)
+        said = call(*arguments, status=status)
         told = said.out + said.err
         assert f"error[{code_with_slug(code)}]" in told, arguments[0]
         assert words in told
         assert "help: " in told
         assert "Traceback" not in told
     assert not output.exists()
-    assert main(["data", "verify", str(bag)]) in (1, 2)
-    assert words in "".join(capsys.readouterr())
+    verified = call("data", "verify", bag)
+    assert verified.status in (1, 2)
+    assert words in verified.out + verified.err
 
 
 # What can be planned but not played
 
 
 def test_a_topic_without_messages_is_an_error_before_anything_starts(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, call: Call
 ) -> None:
     bag = write_bag(tmp_path / "bag", MESSAGES, topics=["/quiet"])
     output = tmp_path / "run"
@@ -222,36 +219,32 @@ def test_a_topic_without_messages_is_an_error_before_anything_starts(
         spec_of(bag, window="{start: 11 ms, end: 12 ms}"),
         spec_of(write_bag(tmp_path / "empty", [], topics=["/ping"])),
     ):
-        assert main(["run", str(spec), "--output", str(output)]) == 2
-        assert "error[R2B3" in capsys.readouterr().err
+        assert "error[R2B3" in call("run", spec, "--output", output, status=2).err
         assert not output.exists()
 
 
 def test_damage_that_only_playing_meets_ends_the_run_and_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, call: Call
 ) -> None:
     """Bodies are not read before a run: what is wrong with them is told then, and kept."""
     bag = write_bag(tmp_path / "bag", MESSAGES, compression="message")
     with closing(sqlite3.connect(storage_file(bag))) as database, database:
         database.execute("UPDATE messages SET data = substr(data, 1, 9) WHERE id = 7")
-    assert main(["run", str(spec_of(bag)), "--output", str(tmp_path / "run")]) in (2, 4)
-    said = capsys.readouterr().err
-    assert "error[R2B304 bag-file-unreadable]" in said
-    assert "bag.db3" in said
-    assert main(["data", "verify", str(bag)]) == 1
+    said = call("run", spec_of(bag), "--output", tmp_path / "run")
+    assert said.status in (2, 4)
+    assert "error[R2B304 bag-file-unreadable]" in said.err
+    assert "bag.db3" in said.err
+    call("data", "verify", bag, status=1)
 
 
-def test_a_type_that_is_not_installed_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_type_that_is_not_installed_is_named(tmp_path: Path, call: Call) -> None:
     pytest.importorskip("rclpy")
     kind = "nowhere_msgs/msg/Nothing"
     bag = write_bag(tmp_path / "bag", [("/ping", 0, text("x")), ("/ping", 10, text("y"))])
     with closing(sqlite3.connect(storage_file(bag))) as database, database:
         database.execute("UPDATE topics SET type = ?", (kind,))
     edit_metadata(bag, STRING, kind)
-    assert main(["run", str(spec_of(bag, kind=kind)), "--output", str(tmp_path / "run")]) == 2
-    said = capsys.readouterr().err
+    said = call("run", spec_of(bag, kind=kind), "--output", tmp_path / "run", status=2).err
     assert kind in said
     assert "error[R2B681 message-type-not-installed]" in said
     assert "Traceback" not in said

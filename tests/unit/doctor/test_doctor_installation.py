@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from r2bspec.cli.main import main
+from command_line import Call
 from r2bspec.doctor import installation
 from r2bspec.doctor.checkup import CheckResult, System
 from r2bspec.doctor.installation import check_ros, check_vision, probe_imports
@@ -177,15 +177,13 @@ def test_a_module_that_ends_the_interpreter_is_quoted(tmp_path: Path) -> None:
 
 
 def test_the_command_prints_what_programs_and_people_read(
-    here: Callable[..., None], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    here: Callable[..., None], tmp_path: Path, call: Call
 ) -> None:
     here({installation._MIDDLEWARE: MISSING})
-    assert main(["doctor", "--runs", str(tmp_path), "--format", "json"]) == 1
-    answer = json.loads(capsys.readouterr().out)
+    answer = json.loads(call("doctor", "--runs", tmp_path, "--format", "json", status=1).out)
     assert answer["status"] == "problem"
     assert "problem" in {check["status"] for check in answer["checks"]}
-    assert main(["doctor", "--runs", str(tmp_path)]) == 1
-    text = capsys.readouterr().out
+    text = call("doctor", "--runs", tmp_path, status=1).out
     assert {check["topic"] for check in answer["checks"]} <= set(text.splitlines())
     assert "\x1b[" not in text
 

@@ -53,7 +53,9 @@ class Played:
         )
 
 
-UNKNOWN = ("estimate", "lower", "upper", "limit", "over", "share", "rule_of_three")
+UNKNOWN: Any = dict.fromkeys(
+    ("estimate", "lower", "upper", "limit", "over", "share", "rule_of_three")
+)
 
 
 def found(
@@ -67,7 +69,7 @@ def found(
         monitor="out",
         outcome=outcome,
         method="exact binomial",
-        **dict.fromkeys(UNKNOWN),
+        **UNKNOWN,
         unit="s",
         n=1,
         confidence=0.95,
