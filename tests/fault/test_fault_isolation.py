@@ -260,6 +260,23 @@ def test_no_other_user_may_read_what_a_run_writes_or_sends(looked: Looked) -> No
     assert [each for each in written if stat.S_IMODE(each.stat().st_mode) & 0o077] == []
 
 
+@only_nightly()
+def test_what_a_dying_node_prints_of_its_secrets_does_not_reach_the_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in NAMED.items():
+        monkeypatch.setenv(name, value)
+    program = "import os; raise SystemExit('refused: ' + os.environ['NAMED_TOKEN'])"
+    spec = relay_spec(environment=list(NAMED))
+    spec["graph"]["nodes"]["dies"] = {"command": [sys.executable, "-c", program]}
+    done = Bench(tmp_path).run(spec)
+    assert done.status == 4
+    assert "refused: ***" in done.error
+    (value,) = NAMED.values()
+    for text in (done.stdout, done.stderr, (done.folder / "record.json").read_text()):
+        assert value not in text
+
+
 USES = """\
 import os, sys
 given = [sys.argv[1].removeprefix("--token="), os.environ["FROM_SPEC"], os.environ["NAMED_TOKEN"]]
