@@ -16,7 +16,7 @@ from typing import Any
 from hostile_calls import INSERT_RUN, change_database, make_history, make_special
 
 from data_bags import text, write_bag, write_mcap, write_ros1
-from run_simulation import Played, Simulation, objective
+from run_simulation import Played, Simulation, objective, remove_digests
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -315,6 +315,7 @@ def families(made: Prototypes) -> dict[str, Family]:
         files = sorted(each for each in made.run.rglob("*.npy"))
         file = folder / "run" / rng.choice(files).relative_to(made.run)
         file.write_bytes(damaged(rng, file.read_bytes()))
+        remove_digests(folder / "run")
         return HostileInput(f"bytes of {file.name}", run_calls(rng))
 
     def imports(rng: random.Random, folder: Path) -> HostileInput:
