@@ -132,6 +132,18 @@ class MiddlewareError(UnsupportedError):
     code = "R2B666"
 
 
+class AddressSpaceError(CertainRunError):
+    """No process of the harness fits into the limit of its address space."""
+
+    code = "R2B678"
+
+
+class NoLoopbackError(CertainRunError):
+    """Processes of this machine cannot reach one another over 127.0.0.1."""
+
+    code = "R2B699"
+
+
 class SecretNotSetError(CertainRunError):
     """The plan refers to a secret that is not in the environment."""
 

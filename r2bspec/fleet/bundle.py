@@ -15,7 +15,7 @@ import os
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
 import msgspec
 
@@ -30,9 +30,14 @@ from r2bspec.plan.prepared_benchmark import PreparedBenchmark
 MAX_BUNDLE_BYTES: Final = 512 << 20
 """A folder that a command names may be a whole workspace, which belongs on the host."""
 
-_MAX_FILES: Final = 20_000
+MAX_FILES: Final = 20_000
 _MAX_SOURCE_BYTES: Final = 1_000_000
 _MAX_PATH_LENGTH: Final = 4000
+
+Sha256 = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}\Z")]
+Identity = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{32}(-confirm)?\Z")]
+Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 50)]
+"""What names a file on a host must be a digest; what arrives is checked when it is decoded."""
 
 
 class SentFile(msgspec.Struct, frozen=True, kw_only=True):
@@ -45,8 +50,8 @@ class SentFile(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     path: str
-    size: int
-    sha256: str
+    size: Count
+    sha256: Sha256
     executable: bool = False
     recording: str = ""
 
@@ -61,7 +66,7 @@ class SentRecording(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     path: str
-    sha256: str
+    sha256: Sha256
 
 
 class Side(msgspec.Struct, frozen=True, kw_only=True):
@@ -84,9 +89,9 @@ class Job(msgspec.Struct, frozen=True, kw_only=True):
         environments: of the base: setup files and installed workspaces of the host.
     """
 
-    identity: str
+    identity: Identity
     name: str
-    bundle: str
+    bundle: Sha256
     files: tuple[SentFile, ...]
     recordings: tuple[SentRecording, ...]
     head: Side
@@ -149,7 +154,7 @@ def make_bundle(sides: Sequence[PreparedBenchmark]) -> Bundle:
         if not bag.is_absolute:
             sent += _described(bag.source, bag.files, sources, path, sha256)
     return Bundle(
-        digest=hashlib.sha256(msgspec.json.encode(sent)).hexdigest(),
+        digest=bundle_digest(sent),
         files=tuple(sent),
         sides=tuple(
             Side(
@@ -162,6 +167,11 @@ def make_bundle(sides: Sequence[PreparedBenchmark]) -> Bundle:
         sources=sources,
         recordings=tuple(recordings),
     )
+
+
+def bundle_digest(files: Sequence[SentFile]) -> str:
+    """The digest that names the files of a bundle."""
+    return hashlib.sha256(msgspec.json.encode(files)).hexdigest()
 
 
 def digest_of(file: Path) -> str:
@@ -192,10 +202,10 @@ def _described(
 
 def _check_size(files: Collection[Path]) -> None:
     sizes = {file: file.stat().st_size for file in files}
-    if sum(sizes.values()) > MAX_BUNDLE_BYTES or len(sizes) > _MAX_FILES:
+    if sum(sizes.values()) > MAX_BUNDLE_BYTES or len(sizes) > MAX_FILES:
         raise BundleTooLargeError(
             f"the files that the spec names have more than {Size(MAX_BUNDLE_BYTES)} or are "
-            f"more than {_MAX_FILES:,}; the largest is {max(sizes, key=lambda file: sizes[file])}",
+            f"more than {MAX_FILES:,}; the largest is {max(sizes, key=lambda file: sizes[file])}",
             hint="Install large parts on the hosts, and name them there.",
         )
 

@@ -155,7 +155,10 @@ def _failure(error: Exception) -> protocol.Failed:
         code, message = RUN_UNWRITABLE, refusal_text(error)
         hint = "Make room on that disk, or choose another folder with --output."
     if isinstance(error, ImportError):
-        code, hint = "R2B620", "install ROS 2, or pip install 'r2bspec[ros]'"
+        # NumPy puts a page of advice in front of what the loader says.
+        code, message = "R2B620", message.strip().splitlines()[-1]
+        absent = isinstance(error, ModuleNotFoundError)
+        hint = "Install ROS 2, or pip install 'r2bspec[ros]'." if absent else ""
     return protocol.Failed(code=code, message=message, hint=hint)
 
 

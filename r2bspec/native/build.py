@@ -192,6 +192,7 @@ def build(
         with private_files():
             entry.parent.mkdir(parents=True, exist_ok=True)
             _refuse_foreign(entry.parent)
+            _require_executable(entry.parent)
             if not (entry / name).exists():
                 _compile(entry, name, [*command, *words, *map(str, sources), *links])
     except OSError as error:
@@ -218,12 +219,14 @@ def _compile(entry: Path, name: str, command: Sequence[str]) -> None:
             )
         except subprocess.TimeoutExpired as error:
             raise BuildError(f"{command[0]} took more than {_TIMEOUT_S:g} s for {name}") from error
-        if done.returncode:
+        if done.returncode or not (made / name).is_file():
             text = done.stdout.decode(errors="replace").splitlines()[:_SHOWN_LINES]
             raise BuildError(
-                f"{command[0]} cannot compile {name}:\n" + "\n".join(text),
-                hint="Headers of libc may be missing (Debian and Ubuntu: apt install libc6-dev); "
-                "otherwise please report it, with this text.",
+                f"{command[0]} cannot compile {name}; it ended with status {done.returncode}"
+                + (":\n" + "\n".join(text) if text else " and printed nothing"),
+                hint="Headers of libc may be missing (Debian and Ubuntu: apt install libc6-dev), "
+                "or CC names something that is no C compiler; otherwise please report it, with "
+                "this text.",
             )
         try:
             made.rename(entry)
@@ -262,6 +265,19 @@ def _refuse_foreign(folder: Path) -> None:
         raise BuildError(
             f"other users can write to {folder}, in which programs are kept",
             hint="Remove it, or choose another cache folder in XDG_CACHE_HOME.",
+        )
+
+
+def _require_executable(folder: Path) -> None:
+    """See that what is built in a folder can be run.
+
+    Raises:
+        BuildError: its file system is mounted noexec.
+    """
+    if os.statvfs(folder).f_flag & os.ST_NOEXEC:
+        raise BuildError(
+            f"no program can run in {folder}: its file system is mounted noexec",
+            hint="Choose a cache folder on another file system in XDG_CACHE_HOME.",
         )
 
 

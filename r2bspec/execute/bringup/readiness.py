@@ -396,7 +396,7 @@ def wait_for_exit(child: ManagedProcess, supervisor: ProcessSupervisor, timeout_
     if child.process.returncode:
         raise StepFailedError(
             f"{child.name} {describe_exit(child.process.returncode)}{child.last_output()}",
-            hint=f"Its complete output is in {child.log}",
+            hint=f"Its complete output is in {child.log}.",
         )
 
 

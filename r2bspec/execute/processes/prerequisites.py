@@ -15,6 +15,7 @@ import contextlib
 import os
 import random
 import re
+import resource
 import shutil
 import socket
 import sys
@@ -24,7 +25,9 @@ from pathlib import Path
 
 from r2bspec import harness
 from r2bspec.execute.errors import (
+    AddressSpaceError,
     MiddlewareError,
+    NoLoopbackError,
     NotInstalledError,
     RunError,
     SharedMemoryError,
@@ -193,8 +196,10 @@ def reserved_domain() -> Iterator[int]:
     The reservation is a bound port, which the kernel releases when the process exits.
 
     Raises:
+        NoLoopbackError: this machine's processes cannot reach one another.
         RunError: all domains are taken.
     """
+    require_loopback()
     domains = range(_MIN_DOMAIN, _MAX_DOMAIN + 1)
     for domain in random.sample(domains, len(domains)):
         with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as guard:
@@ -208,6 +213,66 @@ def reserved_domain() -> Iterator[int]:
         f"all ROS domains from {_MIN_DOMAIN} to {_MAX_DOMAIN} are in use on this machine",
         hint="Wait until other runs have finished.",
     )
+
+
+def require_loopback() -> None:
+    """See that a process of this machine reaches another one over 127.0.0.1.
+
+    Every middleware discovers over it; without it nodes start and never see one another.
+
+    Raises:
+        NoLoopbackError: nothing can be sent.
+    """
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+            receiver.bind(("127.0.0.1", 0))
+            receiver.sendto(b"", receiver.getsockname())
+    except OSError as error:
+        raise NoLoopbackError(
+            f"processes cannot reach one another over 127.0.0.1: {error.strerror or error}",
+            hint="Bring the loopback interface up: ip link set lo up (in a new network namespace "
+            "it is down).",
+        ) from error
+
+
+_LIMITS = {
+    resource.RLIMIT_AS: ("the address space of a process", "-v"),
+    resource.RLIMIT_FSIZE: ("the size of a file", "-f"),
+}
+
+
+def limit_text(number: int) -> str:
+    """A limit of this user that processes of a run inherit, in words; empty if there is none."""
+    what, option = _LIMITS[number]
+    soft, _ = resource.getrlimit(number)
+    unlimited = soft == resource.RLIM_INFINITY
+    return "" if unlimited else f"{what} is limited to {show(soft, 'B')} (ulimit {option})"
+
+
+def with_limits(hint: str) -> str:
+    """Add to what helps where a process has failed the limits of this user, which may be why."""
+    texts = " and ".join(filter(None, map(limit_text, _LIMITS)))
+    return f"{hint} A limit may be the cause: {texts}.".strip() if texts else hint
+
+
+_LEAST_ADDRESS_SPACE = 640 << 20
+"""The observer has 880 MiB with rclpy, NumPy and OpenBLAS on two cores, and more on more of them:
+below this it certainly cannot start."""
+
+
+def require_address_space() -> None:
+    """See that processes may have the address space that Python with rclpy and NumPy takes.
+
+    Raises:
+        AddressSpaceError: they may not.
+    """
+    soft, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if soft != resource.RLIM_INFINITY and soft < _LEAST_ADDRESS_SPACE:
+        raise AddressSpaceError(
+            limit_text(resource.RLIMIT_AS),
+            hint="Raise it, or take it away: ulimit -v unlimited. Processes of a run need 1 GiB "
+            "and more.",
+        )
 
 
 def require_free_shared_memory(
@@ -240,6 +305,14 @@ def require_free_shared_memory(
             f"there is no shared memory in {folder}: {error.strerror or error}",
             hint="Mount a tmpfs there, or state transport: udp.",
         ) from error
+    largest_file = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+    if largest_file != resource.RLIM_INFINITY and largest_file < segment_bytes:
+        raise SharedMemoryError(
+            f"{limit_text(resource.RLIMIT_FSIZE)}; a segment of shared memory needs "
+            f"{show(segment_bytes, 'B')}",
+            hint="Raise the limit (ulimit -f unlimited), or state transport: udp, or smaller "
+            "segments (transport: {kind: shared_memory, segment: ...}).",
+        )
     # The observer, which no plan lists, runs with the measured graph.
     processes = sum(each.phase == phase for each in plan.processes) + (phase == "measure")
     wanted = middleware.required_shm_bytes(processes, segment_bytes)

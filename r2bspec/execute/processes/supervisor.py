@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from r2bspec.execute.errors import NotInstalledError, ProcessDiedError, ProcessFailedError, RunError
-from r2bspec.execute.processes.prerequisites import SharedMemoryModes
+from r2bspec.execute.processes.prerequisites import SharedMemoryModes, with_limits
 from r2bspec.execute.processes.process import (
     MAX_SIGTERM_S,
     LogLimiter,
@@ -236,7 +236,9 @@ class ProcessSupervisor:
                 missing = message.code.startswith(_NOT_INSTALLED_PREFIX)
                 raise (NotInstalledError if missing else ProcessFailedError)(
                     f"{child.name}: {self._redact(message.message)}",
-                    hint=self._redact(message.hint) or f"Its output is in {child.log}",
+                    hint=with_limits(
+                        self._redact(message.hint) or f"Its output is in {child.log}."
+                    ),
                     code=message.code,
                 )
 
@@ -254,7 +256,7 @@ class ProcessSupervisor:
             )
         raise ProcessDiedError(
             f"process {child.name} {describe_exit(child.process.returncode)}{output}",
-            hint=f"Its complete output is in {child.log}",
+            hint=with_limits(f"Its complete output is in {child.log}."),
         )
 
     def request(

@@ -219,7 +219,7 @@ def test_an_end_that_nobody_expects_is_an_error_that_says_why(
         stage.pump_for_ever()
     assert raised.value.exit_code == (4 if kind is DIED or raised.value.code == "R2B630" else 2)
     if kind is FAILED:
-        log = f"Its output is in {stage.folder / 'node.log'}"
+        log = f"Its output is in {stage.folder / 'node.log'}."
         assert raised.value.hint == ("fix it" if raised.value.code == "R2B633" else log)
 
 

@@ -6,6 +6,7 @@ import os
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -104,6 +105,28 @@ def test_what_does_not_compile_is_not_kept(source: Path, tmp_path: Path) -> None
     with pytest.raises(BuildError, match="unknown"):
         compiled(source, cache)
     assert not [*cache.iterdir()]
+
+
+@pytest.mark.parametrize(("compiler", "status"), [("true", 0), ("false", 1)])
+def test_a_compiler_that_makes_nothing_is_named_with_what_it_did(
+    source: Path, tmp_path: Path, compiler: str, status: int
+) -> None:
+    cache, command = tmp_path / "cache", find_compiler({**os.environ, "CC": compiler})
+    with pytest.raises(BuildError, match=f"status {status} and printed nothing") as caught:
+        build("answer", [source], NO_ROS, kind="program", compiler=command, cache=cache)
+    assert "CC names something" in caught.value.hint
+    assert not [*cache.iterdir()]
+
+
+def test_a_cache_in_which_nothing_can_run_is_named(
+    source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = os.statvfs
+    mounted = SimpleNamespace(f_flag=os.ST_NOEXEC)
+    monkeypatch.setattr(os, "statvfs", lambda path: mounted if path == tmp_path else real(path))
+    with pytest.raises(BuildError, match="mounted noexec") as caught:
+        compiled(source, tmp_path)
+    assert "XDG_CACHE_HOME" in caught.value.hint
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root can write everywhere")
