@@ -74,6 +74,13 @@ EMPTY_RECORD = RunRecord(
 STAMP_NS = 1_800_000_000_000_000_000
 
 
+def remove_digests(folder: Path) -> None:
+    """Let a run folder be one of an older version, which does not say what its samples were."""
+    record = msgspec.json.decode((folder / "record.json").read_bytes())
+    del record["samples"]
+    (folder / "record.json").write_bytes(msgspec.json.encode(record))
+
+
 @dataclass(frozen=True)
 class Played:
     """One segment: a latency in seconds for each step (NaN: lost), and what went wrong.
