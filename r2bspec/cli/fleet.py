@@ -105,6 +105,7 @@ def worker(
     from r2bspec.fleet.worker import WorkerSettings, run_worker
     from r2bspec.language.quantities import parse_size_option
     from r2bspec.private_files import private_files
+    from r2bspec.safe_io.cache_folder import cache_or_temporary_folder
 
     _check_installation()
     address = fleet_address(scheduler, **connection)
@@ -119,7 +120,8 @@ def worker(
         msgspec.convert(facts.name, HostName)
     except msgspec.ValidationError as error:
         raise click.UsageError("--name: no comma, slash, or dot at its beginning") from error
-    store = HostStore((folder or _default_folder()).absolute(), limit_bytes, shared)
+    folder = folder or cache_or_temporary_folder("fleet")
+    store = HostStore(folder.absolute(), limit_bytes, shared)
     with private_files(), store.locked(_EARLIER_RUN_S) as lock:
         if lock is None:
             raise click.UsageError(f"another worker uses {store.root}: name another --folder")
@@ -225,9 +227,3 @@ def _hosts_of(scheduler: str, connection: dict[str, Any]) -> list[Host]:
 
     with FleetClient(fleet_address(scheduler, **connection)) as client:
         return [each for _, each in sorted(client.hosts.items())]
-
-
-def _default_folder() -> Path:
-    import platformdirs
-
-    return Path(platformdirs.user_cache_dir("r2bspec")) / "fleet"
