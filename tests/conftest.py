@@ -41,6 +41,8 @@ def pytest_configure() -> None:
     os.environ["R2BSPEC_NO_LOCK"] = "1"
     # Output is plainer and rarer in a CI job; tests of that set the variable themselves.
     os.environ.pop("CI", None)
+    # A simulated run is a dozen files, and no test looks at what survives a power cut.
+    pytest.MonkeyPatch().setattr(os, "fsync", lambda _descriptor: None)
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:

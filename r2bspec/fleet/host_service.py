@@ -27,18 +27,19 @@ from r2bspec.fleet.errors import (
     NoHostError,
     TransferError,
 )
-from r2bspec.fleet.host_store import FULL_DISK, HostStore, pack_run, remove
-from r2bspec.fleet.hosts import HostFacts
-from r2bspec.fleet.messages import (
-    PLUGIN,
-    Played,
-    Problem,
-    RunState,
-    answer_of,
-    read_request,
+from r2bspec.fleet.host_store import (
+    ENDED_FILE,
+    FULL_DISK,
+    JOB_FILE,
+    PROGRESS_FILE,
+    RUN_FOLDER,
+    HostStore,
+    pack_run,
+    remove,
 )
+from r2bspec.fleet.hosts import HostFacts
+from r2bspec.fleet.messages import PLUGIN, Played, Problem, RunState, answer_of, read_request
 from r2bspec.fleet.permissions import check_allowed
-from r2bspec.fleet.play_run import ENDED_FILE, JOB_FILE, PROGRESS_FILE, RUN_FOLDER
 from r2bspec.plan.canonical_json import parse_plan
 from r2bspec.plan.this_machine import LABELS_VARIABLE, unmet
 from r2bspec.private_files import user_umask
@@ -146,9 +147,10 @@ class HostService(WorkerPlugin):
         return {}
 
     def _check_allowed(self, job: Job) -> None:
+        files = [file.path for file in job.files]
         for side in job.sides:
             plan = parse_plan(side.plan.encode(), "the plan of the client")
-            check_allowed(plan, self.facts.allows, self.facts.name, job.environments)
+            check_allowed(plan, self.facts.allows, self.facts.name, job.environments, files=files)
             if lacks := unmet(plan.requires or None, self.facts.machine):
                 raise NoHostError("; ".join(lacks))
 

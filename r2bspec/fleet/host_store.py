@@ -38,6 +38,12 @@ from r2bspec.fleet.bundle import (
 )
 from r2bspec.fleet.errors import TransferError
 
+JOB_FILE: Final = "job.json"
+ENDED_FILE: Final = "ended.json"
+PROGRESS_FILE: Final = "progress.json"
+RUN_FOLDER: Final = "run"
+"""In the folder of a run in ``spool``."""
+
 DEFAULT_LIMIT_BYTES: Final = 20 << 30
 _KINDS: Final = ("objects", "work", "spool")
 _PART: Final = ".part"

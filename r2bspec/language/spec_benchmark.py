@@ -13,15 +13,7 @@ from r2bspec.language.benchmark_defaults import CONFIDENCE, CONFIRM, MAX_STARTS,
 from r2bspec.language.declaration import Record, Written, key
 from r2bspec.language.quantities import Duration, Rate, Share, Size
 from r2bspec.language.requirement_grammar import Requirement
-from r2bspec.language.spec_graph import (
-    MAX_ENTRIES,
-    QoS,
-    Repeat,
-    Scalar,
-    Sibling,
-    repeated,
-    sibling,
-)
+from r2bspec.language.spec_graph import MAX_ENTRIES, QoS, Repeat, Scalar, Sibling, repeated, sibling
 
 _IMAGE_INPUT: Final = {"from": "buffer/image", "format": "sensor_msgs/msg/Image"}
 

@@ -17,6 +17,7 @@ from machine_load import skip_for_load
 from r2bspec.judge.statistics.t_interval import pair_orders
 from r2bspec.record.comparison_folder import open_comparison
 from ros_runs import Bench, Finished, relay_node, relay_spec
+from ros_runs import bench as bench
 
 # The base waits for six times as long: nothing fails, so that nothing is played again for that.
 RELAY = relay_node()
@@ -33,11 +34,6 @@ SPEC = relay_spec(
     },
     slos={"no_regression": {"at": "10 Hz", "require": ["latency.p50 <= 100 % of baseline"]}},
 )
-
-
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
-    return Bench(tmp_path_factory.mktemp("pairs"))
 
 
 @pytest.fixture(scope="module")
@@ -78,12 +74,6 @@ def test_the_verdict_says_what_it_rests_on(compared: Finished) -> None:
     assert len(one["compared"]["head_values"]) == 2
     assert "Compared with var:ms=30.0" in compared.stdout
     assert "service_time_ms: 30.0 -> 5.0" in compared.words
-
-
-def test_judging_the_folder_again_gives_the_same_bytes(bench: Bench, compared: Finished) -> None:
-    again = bench.judge(compared.folder, "--format", "json")
-    assert again.stdout.encode() == (compared.folder / "result.json").read_bytes()
-    assert again.status == compared.status
 
 
 @only_nightly()

@@ -12,11 +12,7 @@ from numpy.typing import NDArray
 
 from data_bags import truth_of, typestore
 from r2bspec.bags.recording import DISPARITY_NAME, GROUND_TRUTH_NAME, SyntheticDataset
-from r2bspec.datasets.ground_truth import (
-    GroundTruth,
-    TagSighting,
-    read_disparity,
-)
+from r2bspec.datasets.ground_truth import GroundTruth, TagSighting, read_disparity
 from r2bspec.execute.measurement.further_iterations import compare_outputs
 from r2bspec.judge.measure.metric_catalogue import (
     BAD_PIXELS,

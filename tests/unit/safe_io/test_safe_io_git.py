@@ -9,13 +9,7 @@ from pathlib import Path
 import pytest
 
 from git_repositories import commit, git, write_files
-from r2bspec.safe_io.git import (
-    WorkTreeState,
-    commit_of,
-    find_work_tree,
-    inspect_work_tree,
-    run_git,
-)
+from r2bspec.safe_io.git import WorkTreeState, commit_of, find_work_tree, inspect_work_tree, run_git
 
 
 @pytest.fixture(name="top")
