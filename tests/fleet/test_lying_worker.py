@@ -73,7 +73,7 @@ class Executed:
 async def send(address: str, message: dict[str, Any]) -> None:
     from distributed.comm.core import connect
 
-    comm = await connect(address)
+    comm = await connect(address)  # type: ignore[no-untyped-call]
     try:
         await comm.write(message)
         await asyncio.wait_for(comm.read(), 30)

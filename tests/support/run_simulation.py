@@ -326,6 +326,13 @@ def objective(*requirements: str, at: str = "30 Hz") -> Objective:
     )
 
 
+def bracket(record: SearchRecord) -> tuple[float, float]:
+    """The rate that a search has found to hold, and the one that fails."""
+    assert record.holds_hz is not None
+    assert record.fails_hz is not None
+    return record.holds_hz, record.fails_hz
+
+
 def probe(rate_hz: float, *, holds: bool, reason: str = "delivered as offered") -> Probe:
     """One probe of a search."""
     return Probe(

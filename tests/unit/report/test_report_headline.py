@@ -89,8 +89,10 @@ def result(
         ),
         (
             "latncy.p50 < 40 ms",
-            "✘ FAIL simulated: latncy.p50 < 40 ms at 30 Hz: there is no metric 'latncy.p50'; did "
-            "you mean latency.p50?",
+            (
+                "✘ FAIL simulated: latncy.p50 < 40 ms at 30 Hz: there is no metric 'latncy.p50'; "
+                "did you mean latency.p50?"
+            ),
         ),
         # A pass names the requirement that is nearest to its limit, a fail the furthest beyond.
         (
