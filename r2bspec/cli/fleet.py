@@ -100,7 +100,7 @@ def worker(
     require_distributed()
     from r2bspec.fleet.host_service import HostService
     from r2bspec.fleet.host_store import HostStore
-    from r2bspec.fleet.hosts import describe_host
+    from r2bspec.fleet.hosts import HostName, describe_host
     from r2bspec.fleet.permissions import COMMANDS, PYTHON
     from r2bspec.fleet.worker import WorkerSettings, run_worker
     from r2bspec.language.quantities import parse_size_option
@@ -115,6 +115,10 @@ def worker(
         raise click.UsageError(f"--cache-limit: {error}") from error
     allows = (*([COMMANDS] if allow_commands else []), *([PYTHON] if allow_python else []))
     facts = describe_host(name, parse_pairs("--label", labels), allows=allows, doctor=not no_doctor)
+    try:
+        msgspec.convert(facts.name, HostName)
+    except msgspec.ValidationError as error:
+        raise click.UsageError("--name: no comma, slash, or dot at its beginning") from error
     store = HostStore((folder or _default_folder()).absolute(), limit_bytes, shared)
     with private_files(), store.locked(_EARLIER_RUN_S) as lock:
         if lock is None:
