@@ -242,9 +242,7 @@ def _cut_window(
     steps = seen.steps
     inside = StepTimes(steps.due_ns[part], steps.published_ns[part], steps.received_ns[part])
     number = int(inside.due_ns.size)
-    outputs = output_times(
-        inside, int(inside.published_ns[0]), ended_ns, number * period_ns or window_ns, period_ns
-    )
+    outputs = output_times(inside, ended_ns, number * period_ns or window_ns, period_ns)
     return MonitorSamples(
         steps=inside,
         times=outputs.by_family,

@@ -304,21 +304,20 @@ class OutputTimes:
 
 
 def output_times(
-    steps: StepTimes, first_ns: int, ended_ns: int, window_ns: float, period_ns: float
+    steps: StepTimes, ended_ns: int, window_ns: float, period_ns: float
 ) -> OutputTimes:
     """The times of the outputs of a segment, or of a part of it.
 
     Args:
         steps: the expected outputs.
-        first_ns: when the first step was published, whether or not it has an output.
-        ended_ns: the end of the sending window.
+        ended_ns: the end of the time in which they were due.
         window_ns: see `r2bspec.judge.measure.times.throughput`.
         period_ns: likewise.
     """
     latency, arrived = steps.latency, np.sort(steps.received_ns[steps.answered])
     between, rate_hz = np.empty(0), 0.0
     if arrived.size:
-        soonest = first_ns + round(float(latency.min()) * 1e9)
+        soonest = int(steps.published_ns[0]) + round(float(latency.min()) * 1e9)
         between = intervals_with_edge_gaps(arrived, soonest, ended_ns)
         rate_hz = throughput(arrived, soonest, window_ns, period_ns)
     times = {
@@ -336,13 +335,8 @@ def monitor_samples(segment: Segment, matched_monitor: MatchedMonitor) -> Monito
     matched = matched_monitor.matching
     steps = step_times(playback, monitor, matched)
     period_ns = output_period_ns(segment, int(playback.size), matched.per_step)
-    outputs = output_times(
-        steps,
-        int(playback["published_ns"][0]) if playback.size else 0,
-        segment.ended_ns,
-        matched.trigger_steps.size * period_ns,
-        period_ns,
-    )
+    window_ns = matched.trigger_steps.size * period_ns
+    outputs = output_times(steps, segment.began_ns + round(window_ns), window_ns, period_ns)
     unknown = dict.fromkeys(LOSS_SENSITIVE_FAMILIES, np.empty(0))
     return MonitorSamples(
         steps=steps,

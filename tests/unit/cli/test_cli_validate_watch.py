@@ -231,9 +231,8 @@ def test_what_is_looked_up_once_is_noted_for_every_spec(
 
 
 def test_it_prints_text_for_people_only(folder: Path, call: Call) -> None:
-    watched = [[folder, *options] for options in (["--format", "json"], ["--fix"], ["--diff"])]
-    for arguments in [*watched, [folder, "--resolved"], ["-"]]:
-        ended = call("validate", "--watch", *arguments, status=2)
+    for options in (["--format", "json"], ["--fix"], ["--diff"], ["--resolved"], ["-"]):
+        ended = call("validate", "--watch", folder, *options, status=2)
         assert "--watch prints findings as text" in ended.err
 
 
