@@ -13,7 +13,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections import ChainMap
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -201,12 +202,11 @@ def _by_monitor(level: dict[str, Any], *, exact: bool) -> dict[str, MonitorFigur
     found: dict[str, MonitorFigures] = {}
     if _has_figures(level):
         found[""] = _figures(level, exact=exact)
+    # The processor time belongs to the machine, not to a monitor: it is one level up.
+    shared = {key: level[key] for key in level if key.startswith(_KNOWN_PREFIXES[1:])}
     for key, value in level.items():
-        if isinstance(value, dict) and not _RATE_KEY.fullmatch(key):
-            # The processor time belongs to the machine, not to a monitor: it is one level up.
-            shared = {each: level[each] for each in level if each.startswith(_KNOWN_PREFIXES[1:])}
-            if _has_figures(value):
-                found[key] = _figures({**shared, **value}, exact=exact)
+        if isinstance(value, dict) and not _RATE_KEY.fullmatch(key) and _has_figures(value):
+            found[key] = _figures(ChainMap(value, shared), exact=exact)
     return found
 
 
@@ -229,7 +229,7 @@ _BASIC_FIGURES: Final = {
 """The key of each figure in a report, and how many of its units are one SI unit."""
 
 
-def _figures(level: dict[str, Any], *, exact: bool) -> MonitorFigures:
+def _figures(level: Mapping[str, Any], *, exact: bool) -> MonitorFigures:
     values = {
         name: _number(level.get(f"{BASIC_PREFIX}.{key}"), units)
         for name, (key, units) in _BASIC_FIGURES.items()
