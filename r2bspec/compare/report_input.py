@@ -22,8 +22,8 @@ from r2bspec.language.spec import Objective
 from r2bspec.plan.plan import GatePlan
 from r2bspec.record.comparison_folder import is_comparison, open_comparison
 from r2bspec.record.run_folder import Run, open_run
+from r2bspec.safe_io.limits import MAX_JSON_BYTES
 from r2bspec.safe_io.safe_file import is_folder, read_bytes
-from r2bspec.safe_io.safe_json import MAX_JSON_BYTES
 
 
 @dataclass(frozen=True)

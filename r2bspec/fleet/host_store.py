@@ -26,6 +26,7 @@ from typing import Final
 from r2bspec.bags.integrity import hash_files
 from r2bspec.fleet.bundle import Job, SentFile, digest_of
 from r2bspec.fleet.errors import TransferError
+from r2bspec.safe_io.limits import MAX_FLEET_RUN_BYTES
 
 DEFAULT_LIMIT_BYTES: Final = 20 << 30
 _KINDS: Final = ("objects", "work", "spool")
@@ -36,7 +37,6 @@ _HEADSTART_S: Final = {"spool": 86_400.0}
 _COMPRESSION: Final = 1
 """Samples and logs shrink to a fraction even so; the time is taken after the run, not during it."""
 
-_MAX_RUN_BYTES: Final = 64 << 30
 _POLL_S: Final = 0.2
 
 
@@ -240,7 +240,7 @@ def unpack_run(archive: Path, target: Path) -> None:
         with tarfile.open(archive, "r:gz") as tar:
             for entry in tar:
                 total += entry.size
-                if not (entry.isfile() or entry.isdir()) or total > _MAX_RUN_BYTES:
+                if not (entry.isfile() or entry.isdir()) or total > MAX_FLEET_RUN_BYTES:
                     raise TransferError(f"the archive of a run has the entry {entry.name!r}")
                 entry.mode = 0o600 if entry.isfile() else 0o700
                 tar.extract(entry, target, filter="data")

@@ -24,8 +24,9 @@ from r2bspec.compare.comparison import ComparedResult, ComparedSource, MetricSer
 from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.report.ros2_benchmark import BASIC_PREFIX, METADATA_PREFIX, RESOURCE_PREFIX
+from r2bspec.safe_io.limits import MAX_JSON_BYTES
 from r2bspec.safe_io.safe_file import read_bytes
-from r2bspec.safe_io.safe_json import MAX_JSON_BYTES, decode_python_json
+from r2bspec.safe_io.safe_json import decode_python_json
 
 _RATE_KEY = re.compile(r"(\d+(?:\.\d+)?)fps")
 _KNOWN_PREFIXES = (BASIC_PREFIX, RESOURCE_PREFIX, "CPUProfilingMetrics")

@@ -20,8 +20,9 @@ import msgspec
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.plan.canonical_json import PlanError, parse_plan
 from r2bspec.plan.plan import Plan
+from r2bspec.safe_io.limits import MAX_JSON_BYTES
 from r2bspec.safe_io.safe_file import read_bytes
-from r2bspec.safe_io.safe_json import MAX_JSON_BYTES, decode_json, read_json
+from r2bspec.safe_io.safe_json import decode_json, read_json
 
 T = TypeVar("T")
 

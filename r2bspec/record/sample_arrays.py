@@ -17,9 +17,8 @@ from r2bspec.record.run_record import (
     PLAYBACK_FIELDS,
     RESOURCE_FIELDS,
 )
+from r2bspec.safe_io.limits import MAX_SAMPLES_BYTES
 from r2bspec.safe_io.safe_file import TooLargeError, open_regular
-
-_MAX_BYTES = 512 << 20
 
 Rows = NDArray[Any]
 """A one-dimensional array of one of the record types below."""
@@ -57,8 +56,8 @@ def read_rows(path: Path, dtype: np.dtype[np.void]) -> Rows:
     """
     try:
         with open_regular(path) as file:
-            if os.fstat(file.fileno()).st_size > _MAX_BYTES:
-                raise TooLargeError(f"it is larger than {_MAX_BYTES:,} bytes")
+            if os.fstat(file.fileno()).st_size > MAX_SAMPLES_BYTES:
+                raise TooLargeError(f"it is larger than {MAX_SAMPLES_BYTES:,} bytes")
             rows: Rows = npy_format.read_array(file, allow_pickle=False)
             whole = not file.read(1)
     except FileNotFoundError as error:

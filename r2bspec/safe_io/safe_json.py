@@ -8,17 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
+from r2bspec.safe_io.limits import MAX_INTEGER, MAX_JSON_BYTES, MAX_NUMBER
 from r2bspec.safe_io.safe_file import read_bytes
-
-MAX_INTEGER: Final = 2**63 - 1
-"""Times are nanoseconds in 64 bits with a sign, in every file and array."""
-
-MAX_NUMBER: Final = 1e30
-"""Far beyond every rate, time and size there is, and far from the limits of a float."""
 
 
 def check_numbers(value: Any, free: frozenset[str] = frozenset()) -> None:
@@ -51,9 +46,6 @@ def check_numbers(value: Any, free: frozenset[str] = frozenset()) -> None:
         elif isinstance(each, list | tuple):
             waiting += [(f"{place}[{number}]", one) for number, one in enumerate(each)]
 
-
-MAX_JSON_BYTES: Final = 256_000_000
-"""Size of the largest document that is read; the record of a day of segments has a tenth."""
 
 T = TypeVar("T")
 

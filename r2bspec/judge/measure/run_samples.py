@@ -109,7 +109,8 @@ class _PlayedStamps:
         if not played.size:
             return np.zeros(stamps.size, np.bool_)
         place = np.minimum(np.searchsorted(played, stamps), played.size - 1)
-        return (played[place] == stamps) & (began[place] < began_ns)
+        before: NDArray[np.bool_] = (played[place] == stamps) & (began[place] < began_ns)
+        return before
 
 
 def _read_rows(run: Run, segment: Segment, played: _PlayedStamps) -> SegmentRows:

@@ -9,12 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from r2bspec.plan.wiring.parameter_files import (
-    MAX_VALUES_OF_NODES,
     ParameterEffort,
     ParameterFile,
     node_key_matches,
     read_parameter_file,
 )
+from r2bspec.safe_io.limits import MAX_VALUES_OF_NODES
 from r2bspec.safe_io.safe_yaml import load_values
 
 PATTERNS = st.lists(st.sampled_from(["a", "ab", "*", "**", "a*", "*b", "a*b", "*a*"]), max_size=5)
