@@ -19,7 +19,7 @@ import numpy as np
 from floor_workloads import TOPIC, Figures, Workload, cpu_ns, figures, message
 
 from r2bspec.execute.processes.prerequisites import reserved_domain
-from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS
+from r2bspec.record.sample_arrays import MONITOR_FIELDS, PLAYBACK_FIELDS
 
 _WARM_UP_S = 2.0
 _ROW = 4

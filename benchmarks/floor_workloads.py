@@ -79,8 +79,8 @@ def figures(playback: Any, monitor: Any, spent_ns: int) -> Figures:
     """Match messages by their stamps and compare the times.
 
     Args:
-        playback: rows of `r2bspec.record.run_record.PLAYBACK_FIELDS`.
-        monitor: rows of `r2bspec.record.run_record.MONITOR_FIELDS`.
+        playback: rows of `r2bspec.record.sample_arrays.PLAYBACK_FIELDS`.
+        monitor: rows of `r2bspec.record.sample_arrays.MONITOR_FIELDS`.
         spent_ns: processor time of both sides.
     """
     _, sent, got = np.intersect1d(playback["stamp_ns"], monitor["stamp_ns"], return_indices=True)

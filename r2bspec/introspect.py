@@ -28,7 +28,7 @@ from r2bspec.execute.processes.prerequisites import (
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.execute.states import Interrupts
 from r2bspec.ipc import protocol
-from r2bspec.language.environment_access import quoted_secret_references
+from r2bspec.language.secrets import quoted_secret_references
 from r2bspec.language.spec import Spec
 from r2bspec.plan.command_lines import HARNESS_ARGV, node_argv
 from r2bspec.plan.compile_plan import compile_plan

@@ -15,7 +15,7 @@ from hypothesis import settings
 if TYPE_CHECKING:
     from r2bspec.bags.recording import SyntheticDataset
 
-pytest_plugins = ["reported_runs"]
+pytest_plugins = ["command_line", "reported_runs"]
 
 # A first example that imports or compiles something, on a busy machine, is no failure. The rest is
 # as Hypothesis has it, which in a CI job draws the same examples each time.

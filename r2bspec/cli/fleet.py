@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import msgspec
 
 from r2bspec.cli.shared_options import (
     FOLDER,
@@ -178,13 +179,16 @@ def status(scheduler: str, output_format: str, connection: dict[str, Any]) -> in
     """Show what every host of a fleet does now, and when it was last heard of."""
     hosts = _hosts_of(scheduler, connection)
     if output_format == "json":
-        states = [{"host": host.name, "seen_s": host.seen_s, **host.state} for host in hosts]
+        states = [
+            {"host": host.name, "seen_s": host.seen_s, **msgspec.structs.asdict(host.state)}
+            for host in hosts
+        ]
         echo_json({"r2bspec_fleet": 1, "hosts": states})
         return ExitStatus.OK
     rows = [
         (
             host.name,
-            *(host.state.get(key, "") for key in ("state", "name", "phase")),
+            *(host.state.state, host.state.name, host.state.phase),
             *host.figures,
             f"{host.seen_s:.0f} s ago",
         )

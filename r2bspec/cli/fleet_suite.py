@@ -273,6 +273,6 @@ def _table(
 
 def _row_cells(row: RunStatus, hosts: Mapping[str, Host]) -> tuple[str, ...]:
     host = hosts.get(row.host)
-    if host is None or host.state.get("name") != row.name:
+    if host is None or host.state.name != row.name:
         return (row.name, row.host, row.text, "", "")
-    return (row.name, row.host, host.state.get("phase") or row.text, *host.figures)
+    return (row.name, row.host, host.state.phase or row.text, *host.figures)

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from r2bspec.errors import UsageError
-from r2bspec.language.environment_access import shown_value
+from r2bspec.language.secrets import shown_value
 from r2bspec.safe_io.safe_file import is_folder, is_regular, is_there
 
 HINT = (

@@ -36,7 +36,7 @@ from r2bspec.judge.pair_comparison import (
 )
 from r2bspec.judge.statistics.t_interval import PairOrder, pair_orders
 from r2bspec.judge.verdict import Verdict
-from r2bspec.language.environment_access import shown_value
+from r2bspec.language.secrets import shown_value
 from r2bspec.language.spec import Objective
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.comparability import single_run_plan

@@ -48,7 +48,8 @@ from r2bspec.language.spec import GateBase, Objective
 from r2bspec.plan.comparability import difference_lines, graph_differences, load_differences
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark
-from r2bspec.record.graph_identity import GraphIdentity, identity_differences, read_loaded_files
+from r2bspec.record.graph_identity import GraphIdentity, identity_differences
+from r2bspec.record.run_folder import read_loaded_files
 from r2bspec.safe_io.safe_file import is_regular
 
 ALLOW_BASE = "base"

@@ -1,6 +1,5 @@
 """Diagnostics: problems with their place, their message and a fix."""
 
-from r2bspec.diagnostics.code_pages import Page
 from r2bspec.diagnostics.diagnostic import (
     Certainty,
     Diagnostic,
@@ -17,7 +16,6 @@ __all__ = [
     "Certainty",
     "Diagnostic",
     "Edit",
-    "Page",
     "Path",
     "Related",
     "Severity",

@@ -67,8 +67,9 @@ from r2bspec.execute.session import StartSequence
 from r2bspec.execute.states import Interrupts, RunState, RunStates
 from r2bspec.ipc.arrivals import ClockOffsetTracker
 from r2bspec.ipc.buffers import largest_message_bytes
-from r2bspec.judge.confirmation import judge_confirmation, needs_confirmation
+from r2bspec.judge.confirmation import needs_confirmation
 from r2bspec.judge.decision_policy import certain_failures, decision_policy
+from r2bspec.judge.judge_run import judge_confirmation
 from r2bspec.judge.measure.host_usage import rows_by_process
 from r2bspec.judge.measure.run_samples import HostSamples, run_samples
 from r2bspec.judge.measure.samples import RunSamples
@@ -79,8 +80,8 @@ from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.this_machine import find_module
 from r2bspec.record.files import RecordError
-from r2bspec.record.graph_identity import GraphIdentity, write_loaded_files
-from r2bspec.record.run_folder import RunFolder
+from r2bspec.record.graph_identity import GraphIdentity
+from r2bspec.record.run_folder import RunFolder, write_loaded_files
 from r2bspec.record.run_record import AccuracyRecord, Difference, ProfileRecord, RunRecord
 
 

@@ -15,6 +15,7 @@ import os
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
 
@@ -32,6 +33,11 @@ from r2bspec.safe_io.limits import (
     MAX_BUNDLE_SOURCE_BYTES,
 )
 
+Sha256 = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}\Z")]
+Identity = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{32}(-confirm)?\Z")]
+Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 50)]
+"""What names a file on a host must be a digest; what arrives is checked when it is decoded."""
+
 
 class SentFile(msgspec.Struct, frozen=True, kw_only=True):
     """A file that travels.
@@ -43,8 +49,8 @@ class SentFile(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     path: str
-    size: int
-    sha256: str
+    size: Count
+    sha256: Sha256
     executable: bool = False
     recording: str = ""
 
@@ -59,7 +65,7 @@ class SentRecording(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     path: str
-    sha256: str
+    sha256: Sha256
 
 
 class Side(msgspec.Struct, frozen=True, kw_only=True):
@@ -82,9 +88,9 @@ class Job(msgspec.Struct, frozen=True, kw_only=True):
         environments: of the base: setup files and installed workspaces of the host.
     """
 
-    identity: str
+    identity: Identity
     name: str
-    bundle: str
+    bundle: Sha256
     files: tuple[SentFile, ...]
     recordings: tuple[SentRecording, ...]
     head: Side
@@ -147,7 +153,7 @@ def make_bundle(sides: Sequence[PreparedBenchmark]) -> Bundle:
         if not bag.is_absolute:
             sent += _described(bag.source, bag.files, sources, path, sha256)
     return Bundle(
-        digest=hashlib.sha256(msgspec.json.encode(sent)).hexdigest(),
+        digest=bundle_digest(sent),
         files=tuple(sent),
         sides=tuple(
             Side(
@@ -160,6 +166,11 @@ def make_bundle(sides: Sequence[PreparedBenchmark]) -> Bundle:
         sources=sources,
         recordings=tuple(recordings),
     )
+
+
+def bundle_digest(files: Sequence[SentFile]) -> str:
+    """The digest that names the files of a bundle."""
+    return hashlib.sha256(msgspec.json.encode(files)).hexdigest()
 
 
 def digest_of(file: Path) -> str:

@@ -18,7 +18,15 @@ import msgspec
 
 from r2bspec.fleet.errors import FleetError
 from r2bspec.fleet.hosts import Host, HostFacts
-from r2bspec.fleet.messages import FACTS, SLOT, on_host
+from r2bspec.fleet.messages import (
+    FACTS,
+    SLOT,
+    Call,
+    HostState,
+    on_host,
+    read_answer,
+    request_of,
+)
 from r2bspec.fleet.security import FleetAddress, quiet_logs, require_distributed
 
 _CONNECT_S: Final = 10.0
@@ -71,14 +79,14 @@ class FleetClient:
         self.hosts = {host.name: host for host in hosts if host is not None}
         return True
 
-    def submit(self, host: Host, method: str, *args: Any) -> concurrent.futures.Future[Any]:
-        """Have a host call one of `METHODS`; cancelling takes back what waits."""
+    def submit(self, host: Host, call: Call) -> concurrent.futures.Future[Any]:
+        """Have a host do something; cancelling takes back what waits."""
         client = self._client
+        request = request_of(call)
         task = client.submit(
             on_host,
-            method,
-            *args,
-            key=f"r2bspec-{method}-{secrets.token_hex(8)}",
+            request,
+            key=f"r2bspec-{call.method}-{secrets.token_hex(8)}",
             workers=[host.address],
             resources={SLOT: 1},
             allow_other_workers=False,
@@ -87,7 +95,8 @@ class FleetClient:
         )
 
         async def gathered(task: Any) -> Any:
-            return await client.gather(task, asynchronous=True)
+            answer = await client.gather(task, asynchronous=True)
+            return read_answer(host.name, call.method, request, answer)
 
         return asyncio.run_coroutine_threadsafe(gathered(task), client.loop.asyncio_loop)
 
@@ -109,8 +118,11 @@ class FleetClient:
                 timeout=_CONNECT_S,
                 set_as_default=False,
                 name="r2bspec",
+                deserializers=["msgpack", "error"],
             )
         except Exception as error:  # what a server that is none says may be taken for anything
+            if (refusal := self._address.refusal()) is not None:
+                raise refusal from error
             reason = str(error) or f"nothing that a scheduler says within {_CONNECT_S:g} s"
             raise FleetError(
                 f"the scheduler {self._address.scheduler} does not answer: {reason}",
@@ -133,11 +145,12 @@ async def _greet(scheduler: str, security: Any) -> None:
 
 
 def _host(address: str, worker: dict[str, Any]) -> Host | None:
-    """A worker of r2bspec; None for any other one."""
+    """A worker of r2bspec; None for any other one, and for one that takes the name of another."""
     try:
         facts = msgspec.convert(worker[FACTS], HostFacts)
+        state = msgspec.convert(worker.get("metrics", {}).get(FACTS, {}), HostState)
     except (KeyError, msgspec.ValidationError):
         return None
-    state = worker.get("metrics", {}).get(FACTS, {})
     seen_s = max(0.0, time.time() - float(worker.get("last_seen", time.time())))
-    return Host(address, facts, state, seen_s)
+    # Dask sees that no two workers have one name.
+    return Host(address, facts, state, seen_s) if facts.name == worker.get("name") else None

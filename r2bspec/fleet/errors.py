@@ -45,6 +45,19 @@ class TransferError(FleetError):
     code = "R2B686"
 
 
+class FalseAnswerError(HostRefusesError):
+    """What a host says cannot be so; another host makes the run."""
+
+    code = "R2B686"
+
+    def __init__(self, host: str, what: str) -> None:
+        super().__init__(
+            f"the host {host} does not do what it is asked: {what}",
+            hint="Nothing of it is counted. Restart its worker; if that does not help, install "
+            "r2bspec anew there, or leave the host out with --hosts.",
+        )
+
+
 class InsecureFleetError(UsageError):
     """A connection beyond this machine without TLS, or unusable certificates."""
 

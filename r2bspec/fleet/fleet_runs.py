@@ -34,6 +34,7 @@ from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.fleet.bundle import Bundle, Job, make_bundle
 from r2bspec.fleet.client import FleetClient
 from r2bspec.fleet.errors import (
+    FalseAnswerError,
     HostFullError,
     HostLostError,
     HostRefusesError,
@@ -42,14 +43,15 @@ from r2bspec.fleet.errors import (
 )
 from r2bspec.fleet.hosts import Host
 from r2bspec.fleet.journal import Journal, State
-from r2bspec.fleet.messages import Call, Played, Steps
-from r2bspec.fleet.transfer import MAX_TRANSFERS, fetch, offer
+from r2bspec.fleet.messages import Call, HostState, Played, Steps
+from r2bspec.fleet.transfer import MAX_TRANSFERS, fetch, offer, run_folders
 from r2bspec.judge.baseline_comparison import fails_by_history
 from r2bspec.judge.judge_run import result_of, to_json
 from r2bspec.judge.result import Result
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.prepared_benchmark import PreparedBenchmark
+from r2bspec.plan.time_estimate import estimate_pairs, estimate_time, time_text
 from r2bspec.record.baseline_file import CONFIRMATION_FOLDER
 from r2bspec.record.run_folder import RunFolder, open_run
 
@@ -57,6 +59,7 @@ _POLL_S: Final = 1.0
 _POLLS_A_SECOND: Final = 50.0
 """Hosts whose state is asked for in a second: the answer of the scheduler has all of them."""
 _INVALID: Final = "invalid"
+_NO_CALL: Final = Call("", ())
 _CONFIRM: Final = "-confirm"
 """Ends the identity of a run that confirms another one."""
 
@@ -99,6 +102,11 @@ class FleetLimits:
     lost_s: float = 600.0
     retry_invalid: int = 1
     losses: int = 20
+
+    @property
+    def silent_s(self) -> float:
+        """How much longer than it can take the answer of a host may take."""
+        return 6 * self.lost_s
 
 
 class Ended(NamedTuple):
@@ -144,6 +152,13 @@ class _HostLoop:
     connection: int
     steps: Steps
     answer: concurrent.futures.Future[Any] | None = None
+    call: Call = _NO_CALL
+    since: float = 0.0
+
+    def is_others(self, state: HostState) -> bool:
+        """Whether the host plays for another client, who is waited for."""
+        own = next((job.identity for job in self.call.args if isinstance(job, Job)), "")
+        return state.identity not in ("", own)
 
 
 @dataclass(eq=False)
@@ -170,12 +185,15 @@ class FleetRuns:
     _answered: queue.Queue[_HostLoop] = field(default_factory=queue.Queue)
     _ended: deque[Ended] = field(default_factory=deque)
     _looked: float = 0.0
+    _silent: set[str] = field(default_factory=set)
+    _counted: dict[str, Path] = field(default_factory=dict)
 
     def play(self, runs: Sequence[FleetRun]) -> Generator[Ended, None, None]:
         """Make the runs; each is yielded when it has ended, in whatever order.
 
         Closing the iterator starts no further run.
         """
+        self._counted = run_folders(self.root)
         bundles: dict[tuple[int, int], Bundle] = {}
         codes: dict[int, str] = {}
         for run in runs:
@@ -212,12 +230,23 @@ class FleetRuns:
             return
         self.client.refresh()
         self._looked = time.monotonic()
-        hosts = self.client.hosts
         for loop in list(self._loops.values()):
-            present = hosts.get(loop.host.name)
+            present = self.client.hosts.get(loop.host.name)
             is_same = present is not None and present.address == loop.host.address
             if not is_same or loop.connection != self.client.connections:
                 self._lose(loop, HostLostError(f"the host {loop.host.name} left the fleet"))
+            elif present is not None and loop.is_others(present.state):
+                loop.since = now
+            elif now - loop.since > loop.call.within_s + self.limits.silent_s:
+                self._silent.add(loop.host.address)
+                silence = time_text(now - loop.since)
+                text = f"the host {loop.host.name} has not answered for {silence}"
+                self._lose(loop, HostLostError(text))
+        hosts = {
+            name: host
+            for name, host in self.client.hosts.items()
+            if host.address not in self._silent
+        }
         for name, host in hosts.items():
             if name not in self._loops and any(name in entry.hosts for entry in self._waiting):
                 loop = _HostLoop(host, self.client.connections, self._serve(host))
@@ -265,11 +294,11 @@ class FleetRuns:
             del self._loops[loop.host.name]
             return
         try:
-            answer = self.client.submit(loop.host, call.method, *call.args)
+            answer = self.client.submit(loop.host, call)
         except Exception as error:  # a connection that was lost just now
             self._lose(loop, HostLostError(f"the scheduler is lost: {error}"))
             return
-        loop.answer = answer
+        loop.answer, loop.call, loop.since = answer, call, time.monotonic()
         answer.add_done_callback(lambda _: self._answered.put(loop))
 
     def _serve(self, host: Host) -> Steps:
@@ -283,7 +312,7 @@ class FleetRuns:
             except HostLostError as lost:
                 self._give_back(entry, host, lost)
                 return
-            except (HostFullError, HostRefusesError) as refusal:
+            except (HostFullError, HostRefusesError, TransferError) as refusal:
                 self._refuse(entry, host, refusal)
                 continue
             except R2bspecError as failed:
@@ -334,7 +363,7 @@ class FleetRuns:
                 yield from offer(host, job, entry.bundle)
                 self._write(entry, host, "sent", job.identity)
                 entry.status = (host.name, "being confirmed" if is_confirmation else "playing")
-                played: Played = yield Call("play", (job,))
+                played: Played = yield Call("play", (job,), _longest_s(entry.run.head.plan, job))
                 folder = entry.run.folder
                 if is_confirmation:
                     folder /= CONFIRMATION_FOLDER
@@ -342,7 +371,9 @@ class FleetRuns:
                     folder = folder.with_name(f"{folder.name}.invalid-{entry.attempt}")
                 if played.size:
                     entry.status = (host.name, "being fetched")
-                    yield from fetch(host, job.identity, played, self.root, folder)
+                    yield from fetch(host, job, played, self.root, folder, self._counted)
+                elif played.problem is None:
+                    raise FalseAnswerError(host.name, "it has nothing of the run")
             except TransferError:
                 if number == MAX_TRANSFERS - 1:
                     raise
@@ -395,7 +426,7 @@ class FleetRuns:
             return
         entry.status = ("", "waiting for a host")
         self._waiting.insert(0, entry)
-        self.on_note(f"{host.name} is lost; {entry.run.name} will be made again")
+        self.on_note(f"{lost}; {entry.run.name} will be made again")
 
     def _refuse(self, entry: _Entry, host: Host, error: R2bspecError) -> None:
         """Let another host make a run, if there is one."""
@@ -458,6 +489,15 @@ class FleetHistory:
     def add(self, folder: Path) -> None:
         """Judge a run with its confirmation, and add it to the history."""
         add_to_history(self._file, open_run(folder), _judged(folder))
+
+
+def _longest_s(plan: Plan, job: Job) -> float:
+    """More seconds than a run takes on the slowest of hosts."""
+    estimate = estimate_pairs(plan, job.pairs) if job.compares else estimate_time(plan)
+    limits_ns = [step.timeout_ns for step in plan.setup]
+    limits_ns += [probe.timeout_ns for probe in plan.ready]
+    limits_ns += [step.timeout_ns for step in plan.after_ready]
+    return 10 * max(estimate.at_most_s, estimate.seconds) + sum(limits_ns) / 1e9
 
 
 def _code_of(run: FleetRun, known: dict[int, str]) -> tuple[str, ...]:

@@ -6,7 +6,6 @@ It is a plugin of the Dask worker of the host. Clients name its methods (`r2bspe
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
 import subprocess
 import sys
@@ -18,7 +17,7 @@ import msgspec
 from distributed.diagnostics.plugin import WorkerPlugin
 
 from r2bspec.bags.integrity import hash_files
-from r2bspec.diagnostics.quote import quote
+from r2bspec.errors import R2bspecError
 from r2bspec.fleet.bundle import Job, SentFile, digest_of
 from r2bspec.fleet.errors import (
     FleetError,
@@ -28,9 +27,16 @@ from r2bspec.fleet.errors import (
     NoHostError,
     TransferError,
 )
-from r2bspec.fleet.host_store import HostStore, pack_run, remove
+from r2bspec.fleet.host_store import FULL_DISK, HostStore, pack_run, remove
 from r2bspec.fleet.hosts import HostFacts
-from r2bspec.fleet.messages import METHODS, PLUGIN, Played, Problem, RunState
+from r2bspec.fleet.messages import (
+    PLUGIN,
+    Played,
+    Problem,
+    RunState,
+    answer_of,
+    read_request,
+)
 from r2bspec.fleet.permissions import check_allowed
 from r2bspec.fleet.play_run import ENDED_FILE, JOB_FILE, PROGRESS_FILE, RUN_FOLDER
 from r2bspec.plan.canonical_json import parse_plan
@@ -40,7 +46,6 @@ from r2bspec.record.files import write_atomically
 
 _PLAYED_FILE: Final = "played.json"
 _ARCHIVE: Final = "run.tar.gz"
-_FULL: Final = frozenset({errno.ENOSPC, errno.EDQUOT})
 _NO_ROOM: Final = frozenset({"R2B651", "R2B664"})
 """A run that could not be written, and shared memory that is too small: another host may do."""
 
@@ -68,32 +73,29 @@ class HostService(WorkerPlugin):
         self._child: subprocess.Popen[bytes] | None = None
         self._is_closing = False
 
-    def answer(self, method: str, *args: Any) -> Any:
-        """Call one of `METHODS` for a client.
-
-        Raises:
-            R2bspecError: the method did, the disk is full, or the system refuses; or the host has
-                no such method.
-        """
-        name = self.facts.name
-        if method not in METHODS:
-            raise FleetError(f"the host {name} does nothing that is called {quote(method)}")
+    def answer(self, request: bytes) -> bytes:
+        """Do what a client asks for; whatever becomes of it is the answer."""
         try:
-            return getattr(self, method)(*args)
-        except (HostFullError, OSError, ValueError, msgspec.MsgspecError) as error:
-            is_disk_full = isinstance(error, OSError) and error.errno in _FULL
-            if is_disk_full or isinstance(error, HostFullError):
-                with contextlib.suppress(OSError):
-                    self.store.trim({self._playing})
-            if isinstance(error, HostFullError):
-                raise
-            if is_disk_full:
-                hint = "Free space there, or start its worker with a smaller --cache-limit."
-                raise HostFullError(f"the disk of the host {name} is full", hint=hint) from error
-            raise FleetError(f"the host {name} failed: {error}") from error
+            method, args = read_request(request)
+            return answer_of(request, getattr(self, method)(*args))
+        except Exception as error:  # the client is told, whatever it is
+            return answer_of(request, problem=Problem.of(self._told(error)))
+
+    def _told(self, error: Exception) -> R2bspecError:
+        """What a client is told of an error; a full disk is trimmed."""
+        name = self.facts.name
+        if isinstance(error, OSError) and error.errno in FULL_DISK:
+            hint = "Free space there, or start its worker with a smaller --cache-limit."
+            error = HostFullError(f"the disk of the host {name} is full", hint=hint)
+        if isinstance(error, HostFullError):
+            with contextlib.suppress(OSError):
+                self.store.trim({self._playing})
+        if isinstance(error, R2bspecError):
+            return error
+        return FleetError(f"the host {name} failed: {error}")
 
     def state(self) -> dict[str, Any]:
-        """What the host does, for the heartbeats of its worker."""
+        """What the host does, for the heartbeats of its worker: a `HostState`."""
         if not self._playing:
             return {"state": "idle"}
         state: dict[str, Any] = {"state": "playing", "identity": self._playing}
@@ -128,6 +130,7 @@ class HostService(WorkerPlugin):
         if (self.store.spool(job.identity) / _PLAYED_FILE).exists():
             return {}
         self._check_allowed(job)
+        self.store.check(job)
         if missing := self.store.missing(job):
             return missing
         self.store.unpack(job)
@@ -145,7 +148,7 @@ class HostService(WorkerPlugin):
     def _check_allowed(self, job: Job) -> None:
         for side in job.sides:
             plan = parse_plan(side.plan.encode(), "the plan of the client")
-            check_allowed(plan, self.facts.allows, self.facts.name)
+            check_allowed(plan, self.facts.allows, self.facts.name, job.environments)
             if lacks := unmet(plan.requires or None, self.facts.machine):
                 raise NoHostError("; ".join(lacks))
 
@@ -187,6 +190,7 @@ class HostService(WorkerPlugin):
 
     def _play_in(self, spool: Path, job: Job) -> None:
         self._check_allowed(job)
+        self.store.check(job)
         if self.store.missing(job):
             raise TransferError(
                 f"the host {self.facts.name} has removed files of {job.name} for those of others",
@@ -244,7 +248,7 @@ class HostService(WorkerPlugin):
 
 
 def _is_recording(place: Path, sha256: str) -> bool:
-    return place.exists() and hash_files(place) == sha256
+    return (place.is_file() or place.is_dir()) and hash_files(place) == sha256
 
 
 def _ended(spool: Path, status: int) -> Played:

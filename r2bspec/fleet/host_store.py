@@ -13,20 +13,29 @@ what is missing is sent again.
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
+import gzip
 import os
 import shutil
 import tarfile
 import time
+import zlib
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Final
 
 from r2bspec.bags.integrity import hash_files
-from r2bspec.fleet.bundle import Job, SentFile, digest_of
+from r2bspec.diagnostics.quote import quote
+from r2bspec.fleet.bundle import (
+    Job,
+    SentFile,
+    bundle_digest,
+    digest_of,
+)
 from r2bspec.fleet.errors import TransferError
-from r2bspec.safe_io.limits import MAX_FLEET_RUN_BYTES
+from r2bspec.safe_io.limits import MAX_BUNDLE_BYTES, MAX_BUNDLE_FILES, MAX_FLEET_RUN_BYTES
 
 DEFAULT_LIMIT_BYTES: Final = 20 << 30
 _KINDS: Final = ("objects", "work", "spool")
@@ -36,6 +45,10 @@ _HEADSTART_S: Final = {"spool": 86_400.0}
 
 _COMPRESSION: Final = 1
 """Samples and logs shrink to a fraction even so; the time is taken after the run, not during it."""
+
+FULL_DISK: Final = frozenset({errno.ENOSPC, errno.EDQUOT})
+_MAX_READ_BYTES: Final = 64 << 10
+"""Files are read in pieces of 16 KiB: more at once is a header."""
 
 _POLL_S: Final = 0.2
 
@@ -93,6 +106,17 @@ class HostStore:
                     break
             yield file.fileno()
 
+    def check(self, job: Job) -> None:
+        """See that a job is what a client makes of a spec.
+
+        Raises:
+            TransferError: its files are not those of its bundle, or too many.
+        """
+        sizes = [file.size for file in job.files if not file.recording]
+        is_too_large = sum(sizes) > MAX_BUNDLE_BYTES or len(sizes) > MAX_BUNDLE_FILES
+        if is_too_large or bundle_digest(job.files) != job.bundle:
+            raise TransferError(f"the files of {quote(job.name)} are not those of a bundle")
+
     def missing(self, job: Job) -> dict[str, int]:
         """The files that must be sent for a job, by digest: how many bytes are here already."""
         shared = self._shared(job)
@@ -107,9 +131,13 @@ class HostStore:
         """Write a piece of a file; the last piece verifies it.
 
         Raises:
-            TransferError: the file is not what its digest says; it is removed.
+            TransferError: the file is not what its digest says, and is removed; or the piece does
+                not follow the one before it.
         """
         part = self._object(f"{file.sha256}{_PART}")
+        arrived = part.stat().st_size if part.exists() else 0
+        if offset > arrived or offset + len(content) > file.size:
+            raise TransferError(f"a piece of {file.path} did not arrive as it was sent")
         with part.open("r+b" if part.exists() else "w+b") as stream:
             stream.seek(offset)
             stream.truncate()
@@ -142,7 +170,7 @@ class HostStore:
         shared = self._shared(job)
         for file in job.files:
             if file.recording not in shared:
-                self._place(file, inside(tree, file.path))
+                self._place(file, tree)
         for recording in job.recordings:
             if recording.sha256 in shared:
                 place = inside(tree, recording.path)
@@ -154,15 +182,21 @@ class HostStore:
         os.utime(tree)
         return tree
 
-    def _place(self, file: SentFile, target: Path) -> None:
+    def _place(self, file: SentFile, tree: Path) -> None:
+        target = inside(tree, file.path)
         kept = self._object(file.sha256)
         os.utime(kept)
+        # A link, to a shared recording or made by a run, would lead out of the tree.
+        parents = PurePosixPath(file.path).parents
+        for place in [tree / parent for parent in parents if (tree / parent).is_symlink()]:
+            place.unlink()
         target.parent.mkdir(parents=True, exist_ok=True)
         if file.recording:
             if not target.is_file() or not target.samefile(kept):
                 remove(target)
                 target.hardlink_to(kept)
-        elif not target.is_file() or digest_of(target) != file.sha256:
+        elif target.is_symlink() or not target.is_file() or digest_of(target) != file.sha256:
+            remove(target)
             shutil.copyfile(kept, target)
             target.chmod(0o700 if file.executable else 0o600)
 
@@ -228,21 +262,41 @@ def _plain(entry: tarfile.TarInfo) -> tarfile.TarInfo | None:
     return entry if entry.isfile() or entry.isdir() else None
 
 
+class _Inflated(gzip.GzipFile):
+    """What an archive holds; a header that asks for more than a little memory is refused."""
+
+    def read(self, size: int | None = -1) -> bytes:
+        """See `gzip.GzipFile.read`."""
+        if size is None or not 0 <= size <= _MAX_READ_BYTES:
+            raise tarfile.ReadError(f"a header of {size} bytes")
+        return super().read(size)
+
+
 def unpack_run(archive: Path, target: Path) -> None:
     """Unpack the archive of a run, which has plain files and folders only.
 
     Raises:
-        TransferError: the archive has something else, or leads out of the folder.
+        TransferError: the archive has something else, leads out of the folder, or is larger than
+            the half of what is free here.
     """
     target.mkdir(mode=0o700)
-    total = 0
+    free_bytes = min(MAX_FLEET_RUN_BYTES, shutil.disk_usage(target).free // 2)
     try:
-        with tarfile.open(archive, "r:gz") as tar:
-            for entry in tar:
-                total += entry.size
-                if not (entry.isfile() or entry.isdir()) or total > MAX_FLEET_RUN_BYTES:
-                    raise TransferError(f"the archive of a run has the entry {entry.name!r}")
+        with _Inflated(archive) as content, tarfile.open(fileobj=content, mode="r:") as tar:
+            for number, entry in enumerate(tar):
+                free_bytes -= entry.size
+                is_plain = (entry.isfile() and not entry.issparse()) or entry.isdir()
+                if not is_plain or number > MAX_BUNDLE_FILES or free_bytes < 0:
+                    raise TransferError(
+                        f"the archive of a run has the entry {quote(entry.name)}, which is no "
+                        f"plain file, the {number + 1:,}. of them, or too large"
+                    )
                 entry.mode = 0o600 if entry.isfile() else 0o700
                 tar.extract(entry, target, filter="data")
-    except tarfile.TarError as error:
+    except _DAMAGES as error:
+        if getattr(error, "errno", None) in FULL_DISK:
+            raise
         raise TransferError(f"the archive of a run is damaged: {error}") from error
+
+
+_DAMAGES: Final = (tarfile.TarError, OSError, ValueError, EOFError, zlib.error, RecursionError)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import platform
 import socket
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 import msgspec
 
 from r2bspec._version import __version__
 from r2bspec.errors import R2bspecError
 from r2bspec.fleet.errors import NoHostError, VersionDiffersError
+from r2bspec.fleet.messages import HostState
 from r2bspec.judge.measure.units import show
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.this_machine import MachineFacts, gpus, ros_distro, unmet
@@ -19,6 +20,10 @@ from r2bspec.plan.time_estimate import time_text
 
 ALL: Final = "all"
 ANY: Final = "any"
+
+
+HostName = Annotated[str, msgspec.Meta(pattern=r"^(?!\.)[^/,\x00-\x1f\x7f]{1,200}\Z")]
+"""It names a folder, and is listed by commas."""
 
 
 class HostFacts(msgspec.Struct, frozen=True, kw_only=True):
@@ -30,7 +35,7 @@ class HostFacts(msgspec.Struct, frozen=True, kw_only=True):
             ``python``.
     """
 
-    name: str
+    name: HostName
     arch: str = ""
     cpu: str = ""
     cores: int = 0
@@ -78,7 +83,7 @@ class Host(NamedTuple):
 
     address: str
     facts: HostFacts
-    state: dict[str, Any]
+    state: HostState
     seen_s: float = 0.0
 
     @property
@@ -89,7 +94,7 @@ class Host(NamedTuple):
     @property
     def figures(self) -> tuple[str, str]:
         """What is left of its run, and the p99 so far; empty where they are not known."""
-        left_s, p99_ns = self.state.get("left_s"), self.state.get("p99_ns")
+        left_s, p99_ns = self.state.left_s, self.state.p99_ns
         return (
             time_text(left_s) if left_s is not None else "",
             show(p99_ns / 1e9, "s") if p99_ns is not None else "",

@@ -44,13 +44,16 @@ _LOAD_NODE: Final = "composition_interfaces/srv/LoadNode"
 _OWN_NODES: Final = "r2bspec.nodes."
 
 
-def check_allowed(plan: Plan, allows: Sequence[str], host: str) -> None:
-    """See that a host may run a plan.
+def check_allowed(
+    plan: Plan, allows: Sequence[str], host: str, environments: Sequence[str] = ()
+) -> None:
+    """See that a host may run a plan, and source the setup files of a comparison.
 
     Raises:
         NotAllowedError: it may not.
     """
-    for permission, what in sorted(_needs(plan)):
+    sourced = [(COMMANDS, f"the environment {text!r}") for text in environments]
+    for permission, what in sorted((*_needs(plan), *sourced)):
         if permission not in allows:
             raise NotAllowedError(
                 f"the host {host} may not run {what}, because its worker was started without "
@@ -78,6 +81,8 @@ def _needs_of_process(process: ProcessPlan) -> Iterator[tuple[str, str]]:
     if (launched := _launch_place(argv)) is not None:
         if not _is_installed_launch(launched):
             yield PYTHON, f"the launch file {launched[-1].removeprefix('file:=')!r}"
+    elif is_own_program(argv) and tuple(argv[_TARGET_WORD + 1 :][:1]) not in ((), ("--ros-args",)):
+        yield COMMANDS, f"{argv[_TARGET_WORD]!r} with arguments"
     elif not is_own_program(argv) and not (argv and _EXECUTABLE.fullmatch(argv[0])):
         yield COMMANDS, f"the command {argv[0] if argv else ''!r}"
     for name in sorted(set(process.env) - _VARIABLES):

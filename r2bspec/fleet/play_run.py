@@ -89,9 +89,7 @@ def main(spool: Path, tree: Path, lock: int) -> None:
         if problem is None:
             outcome = _play(job, spool, tree).verdict.outcome
     except R2bspecError as error:
-        problem = Problem(
-            code=error.code, message=str(error), hint=error.hint, exit_status=error.exit_code
-        )
+        problem = Problem.of(error)
     except Exception as error:
         problem = Problem(
             code="R2B690",

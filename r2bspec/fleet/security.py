@@ -6,14 +6,22 @@ nothing listens beyond it, unless `--insecure` says that every machine of the ne
 The certificates of a fleet are those of one authority, with one for each part. Dask checks that
 both ends have a certificate of the authority, and nothing else: not names, and not roles. So every
 holder of a certificate is trusted as much as any other.
+
+What r2bspec sends are bytes of MessagePack (`r2bspec.fleet.messages`). Dask 2026.8 unpickles
+besides, whatever its options say: every value that a message marks so (``__Pickled__``), in
+scheduler, workers and clients; the graph of a task, in the scheduler and the worker; the function
+and the type of its result; exceptions; and what ``run`` and plugins bring along, which cannot be
+turned off. A value that a client gathers is the one thing that it can insist on as MessagePack.
 """
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import ipaddress
 import os
 import socket
+import ssl
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -39,6 +47,7 @@ _USES: Final = (
     *("key_agreement", "key_cert_sign", "crl_sign", "encipher_only", "decipher_only"),
 )
 _YEARS: Final = 2
+_REFUSAL_S: Final = 2.0
 _DAY: Final = datetime.timedelta(days=1)
 
 
@@ -80,14 +89,91 @@ class FleetAddress:
             tls_ca_file=str(self.ca), require_encryption=True, **roles
         )
         try:
-            security.get_connection_args("client")  # type: ignore[no-untyped-call] # reads the files
+            _require_private(self.key)
+            _shake_hands(
+                security.get_connection_args("client")["ssl_context"],  # type: ignore[no-untyped-call]
+                security.get_listen_args("worker")["ssl_context"],  # type: ignore[no-untyped-call]
+            )
         except (OSError, ValueError) as error:
             named = ", ".join(map(str, (self.ca, self.certificate, self.key)))
             raise InsecureFleetError(
-                f"the certificates cannot be used: {error}",
+                f"the certificates cannot be used: {_reason(error)}",
                 hint=f"Their files are {named}; 'r2bspec fleet certificates' makes new ones.",
             ) from error
         return security
+
+    def refusal(self) -> InsecureFleetError | None:
+        """Why TLS keeps this end from the scheduler, after it could not connect; None if not."""
+        place = urlsplit(self.scheduler)
+        security = self.security()
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+        context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+        if security is not None:
+            context = security.get_connection_args("client")["ssl_context"]  # type: ignore[no-untyped-call]
+        reason = ""
+        try:
+            address = (place.hostname or "", place.port or _DEFAULT_PORT)
+            with (
+                socket.create_connection(address, _REFUSAL_S) as plain,
+                context.wrap_socket(plain) as encrypted,
+            ):
+                encrypted.recv(1)  # a server says only now that it refuses the certificate
+        except ssl.SSLError as error:
+            reason = _reason(error)
+        except OSError:
+            return None
+        has_tls = not reason or "alert" in reason or "certificate" in reason
+        if security is None:
+            text = f"{self.scheduler} speaks TLS, and this end does not"
+            hint = "Use tls:// with the certificates of the fleet, or a cluster file."
+            return InsecureFleetError(text, hint=hint) if has_tls else None
+        text = f"{self.scheduler} and this end do not trust each other: {reason}"
+        hint = (
+            "Both ends need certificates of one authority that have not expired: 'r2bspec fleet "
+            f"certificates' makes new ones for all parts. This end has {self.certificate}."
+        )
+        if not has_tls:
+            text = f"{self.scheduler} does not speak TLS: {reason}"
+            hint = "Start it with 'dask scheduler --protocol tls' and its certificates."
+        return InsecureFleetError(text, hint=hint) if reason else None
+
+
+def _reason(error: Exception) -> str:
+    """The cause that OpenSSL gives, in its words: ``certificate has expired``."""
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return error.verify_message
+    if isinstance(error, ssl.SSLError) and error.reason:
+        return error.reason.lower().replace("_", " ")
+    return str(error)
+
+
+def _require_private(key: Path | None) -> None:
+    """See that nobody else reads a key; a group may read one that belongs to root.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: somebody else can.
+    """
+    assert key is not None  # noqa: S101 - with TLS
+    status = key.stat()
+    if status.st_mode & (0o037 if status.st_uid == 0 else 0o077):
+        raise ValueError(f"other users can read {key}; 'chmod 600 {key}' keeps it private")
+
+
+def _shake_hands(client: ssl.SSLContext, server: ssl.SSLContext) -> None:
+    """Let two ends with one certificate meet, without a network: each must trust the other.
+
+    Raises:
+        ssl.SSLError: they do not: it has expired, or is not of the authority.
+    """
+    to_client, to_server = ssl.MemoryBIO(), ssl.MemoryBIO()
+    ends = (
+        client.wrap_bio(to_client, to_server),
+        server.wrap_bio(to_server, to_client, server_side=True),
+    )
+    for end in ends * 2:
+        with contextlib.suppress(ssl.SSLWantReadError):
+            end.do_handshake()
 
 
 def fleet_address(

@@ -103,7 +103,9 @@ async def _serve(
             if not ended.is_set():
                 on_state(told := "the scheduler is gone; connecting again")
         except Exception as error:  # Dask raises many kinds, and any of them may pass
-            text = f"not in the fleet: {error}"
+            refusal = await asyncio.to_thread(settings.address.refusal)
+            text = f"not in the fleet: {refusal or error}"
+            text += f"; {refusal.hint}" if refusal is not None else ""
             if text != told:
                 on_state(told := text)
         finally:

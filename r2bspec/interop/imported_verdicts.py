@@ -29,7 +29,7 @@ import msgspec
 from r2bspec.interop.ros2_benchmark import MonitorFigures, ReferenceReport
 from r2bspec.judge.measure.metric_catalogue import MetricError, MetricInfo, resolve
 from r2bspec.judge.measure.units import show
-from r2bspec.judge.methods.message_share import share_test
+from r2bspec.judge.methods.share_bounds import share_test
 from r2bspec.judge.requirement_case import (
     Decision,
     RequirementCase,

@@ -392,7 +392,7 @@ class PlaybackReader:
 
     Args:
         path: the files are ``PATH-1``, ``PATH-2`` and so on.
-        fields: of a row, as `r2bspec.record.run_record.PLAYBACK_FIELDS`.
+        fields: of a row, as `r2bspec.record.sample_arrays.PLAYBACK_FIELDS`.
     """
 
     def __init__(self, path: Path, fields: tuple[tuple[str, str], ...]) -> None:

@@ -56,7 +56,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
-from r2bspec.judge.interference_bound import best_case_iteration, taken_share, waiting_share
+from r2bspec.judge.interference_bound import REMEDY, best_case_iteration, taken_share, waiting_share
 from r2bspec.judge.measure.host_usage import HostInterference
 from r2bspec.judge.measure.samples import RunSamples, SegmentSamples
 from r2bspec.judge.measure.units import show
@@ -65,7 +65,6 @@ from r2bspec.judge.validity import schedule_problem
 from r2bspec.judge.verdict import DisturbedIteration, InterferencePolicy, RequirementVerdict
 from r2bspec.record.run_record import Probe, RunRecord
 
-REMEDY: Final = "Run again on an otherwise idle machine."
 STRICT_REMEDY: Final = f"{REMEDY[:-1]}, or allow interference: 'interference: note'."
 
 

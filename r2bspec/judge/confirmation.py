@@ -24,27 +24,14 @@ No verdict becomes a PASS.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import msgspec
 
-from r2bspec.judge.decision_policy import DecisionPolicy, without_own_confidence
-from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.methods import METHODS
-from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import (
     InconclusivePolicy,
-    InterferencePolicy,
     RequirementVerdict,
     Verdict,
 )
-from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
-from r2bspec.language.spec import Objective
-
-_CONFIRMED = "Confirmed by a second run in new processes."
-_NOT_CONFIRMED = "It had failed, but a second run in new processes did not confirm the failure."
-_NOT_PLAYED_AGAIN = "No second run was made to confirm it."
-_NOT_COUNTED = "With 'gate.confirm: false' its second run does not count."
 
 _REMEDY = "Run again; if the failure is intermittent, look for what differs between the runs."
 
@@ -52,56 +39,6 @@ _REMEDY = "Run again; if the failure is intermittent, look for what differs betw
 def needs_confirmation(verdict: Verdict) -> bool:
     """Whether a verdict is a FAIL that has to be confirmed by a second session."""
     return verdict.outcome == "fail" and any(one.fails_run for one in verdict.requirements)
-
-
-def judge_with_confirmation(
-    objectives: Mapping[str, Objective], samples: RunSamples, policy: DecisionPolicy
-) -> Verdict:
-    """Judge a run and, if it fails, the confirmation session that was played after it.
-
-    A pure function, like `judge`. The reason of a FAIL says whether it was confirmed; without a
-    confirmation session the FAIL counts.
-
-    Args:
-        objectives: by name.
-        samples: the run.
-        policy: of the first session.
-    """
-    first = judge(objectives, samples, policy)
-    can_be_repeated = any(
-        one.fails_run and METHODS[one.method].rests_on != "truth" for one in first.requirements
-    )
-    if not needs_confirmation(first) or not can_be_repeated:
-        return first
-    if samples.confirmation is None:
-        return first.saying(_NOT_PLAYED_AGAIN)
-    if not policy.confirm:
-        return first.saying(_NOT_COUNTED)
-    second = judge_confirmation(objectives, samples.confirmation, first, policy.interference)
-    found = confirm_run(first, second, policy.inconclusive)
-    found = found.saying(_CONFIRMED if needs_confirmation(found) else _NOT_CONFIRMED)
-    return msgspec.structs.replace(found, disturbed=(*first.disturbed, *second.disturbed))
-
-
-def judge_confirmation(
-    objectives: Mapping[str, Objective],
-    confirmation: RunSamples,
-    first: Verdict,
-    interference: InterferencePolicy = "note",
-) -> Verdict:
-    """Judge the confirmation session on its own, at `CONFIRMATION_CONFIDENCE`.
-
-    Args:
-        objectives: by name.
-        confirmation: the confirmation session.
-        first: the verdict on the first session; only what failed there is judged again.
-        interference: what host interference does to a verdict.
-    """
-    failed = {one.key for one in first.requirements if one.outcome == "fail"}
-    policy = DecisionPolicy(confidence=CONFIRMATION_CONFIDENCE, interference=interference)
-    found = judge(without_own_confidence(objectives), confirmation, policy)
-    judged_again = tuple(one for one in found.requirements if one.key in failed)
-    return msgspec.structs.replace(found, requirements=judged_again)
 
 
 def confirm_requirement(

@@ -66,6 +66,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,6 +80,8 @@ from r2bspec.judge.measure.samples import (
     output_times,
 )
 from r2bspec.record.run_record import Segment
+
+REMEDY: Final = "Run again on an otherwise idle machine."
 
 MAX_SHARE = 0.75
 """A machine on which everything takes over four times as long keeps no schedule either."""

@@ -12,13 +12,17 @@ import msgspec
 
 from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.judge.baseline_comparison import judge_with_baseline
-from r2bspec.judge.confirmation import judge_with_confirmation
-from r2bspec.judge.decision_policy import decision_policy
+from r2bspec.judge.confirmation import confirm_run, needs_confirmation
+from r2bspec.judge.decision_policy import DecisionPolicy, decision_policy, without_own_confidence
 from r2bspec.judge.measure.metrics import RunMetrics, summarise
 from r2bspec.judge.measure.run_samples import read_samples
+from r2bspec.judge.measure.samples import RunSamples
+from r2bspec.judge.methods import METHODS
 from r2bspec.judge.methods.peak_bracket import with_refuted_peak
+from r2bspec.judge.pipeline import judge
 from r2bspec.judge.result import BaselineResult, ObjectiveText, PairsResult, Result
-from r2bspec.judge.verdict import Verdict
+from r2bspec.judge.verdict import InterferencePolicy, Verdict
+from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 from r2bspec.language.spec import Objective
 from r2bspec.plan.plan import GatePlan
 from r2bspec.record.baseline_file import read_baseline, read_confirmation
@@ -26,6 +30,11 @@ from r2bspec.record.graph_identity import GraphIdentity, identity_differences
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import RunRecord
 from r2bspec.safe_io.safe_json import decode_json
+
+_CONFIRMED = "Confirmed by a second run in new processes."
+_NOT_CONFIRMED = "It had failed, but a second run in new processes did not confirm the failure."
+_NOT_PLAYED_AGAIN = "No second run was made to confirm it."
+_NOT_COUNTED = "With 'gate.confirm: false' its second run does not count."
 
 
 def result_of(
@@ -70,6 +79,56 @@ def result_of(
         baseline=compared,
         base_identity=baseline.identity if baseline is not None else None,
     )
+
+
+def judge_with_confirmation(
+    objectives: Mapping[str, Objective], samples: RunSamples, policy: DecisionPolicy
+) -> Verdict:
+    """Judge a run and, if it fails, the confirmation session that was played after it.
+
+    A pure function, like `judge`. The reason of a FAIL says whether it was confirmed; without a
+    confirmation session the FAIL counts.
+
+    Args:
+        objectives: by name.
+        samples: the run.
+        policy: of the first session.
+    """
+    first = judge(objectives, samples, policy)
+    can_be_repeated = any(
+        one.fails_run and METHODS[one.method].rests_on != "truth" for one in first.requirements
+    )
+    if not needs_confirmation(first) or not can_be_repeated:
+        return first
+    if samples.confirmation is None:
+        return first.saying(_NOT_PLAYED_AGAIN)
+    if not policy.confirm:
+        return first.saying(_NOT_COUNTED)
+    second = judge_confirmation(objectives, samples.confirmation, first, policy.interference)
+    found = confirm_run(first, second, policy.inconclusive)
+    found = found.saying(_CONFIRMED if needs_confirmation(found) else _NOT_CONFIRMED)
+    return msgspec.structs.replace(found, disturbed=(*first.disturbed, *second.disturbed))
+
+
+def judge_confirmation(
+    objectives: Mapping[str, Objective],
+    confirmation: RunSamples,
+    first: Verdict,
+    interference: InterferencePolicy = "note",
+) -> Verdict:
+    """Judge the confirmation session on its own, at `CONFIRMATION_CONFIDENCE`.
+
+    Args:
+        objectives: by name.
+        confirmation: the confirmation session.
+        first: the verdict on the first session; only what failed there is judged again.
+        interference: what host interference does to a verdict.
+    """
+    failed = {one.key for one in first.requirements if one.outcome == "fail"}
+    policy = DecisionPolicy(confidence=CONFIRMATION_CONFIDENCE, interference=interference)
+    found = judge(without_own_confidence(objectives), confirmation, policy)
+    judged_again = tuple(one for one in found.requirements if one.key in failed)
+    return msgspec.structs.replace(found, requirements=judged_again)
 
 
 def build_result(

@@ -55,7 +55,6 @@ from typing import Final
 import msgspec
 
 from r2bspec.judge.affected_iterations import (
-    REMEDY,
     find_affected_iterations,
     largest_taken_share,
     strict_refusal,
@@ -67,7 +66,7 @@ from r2bspec.judge.baseline_comparison import (
 from r2bspec.judge.baseline_ratio import BaselineCase, judge_pairs
 from r2bspec.judge.confirmation import confirm_run, needs_confirmation
 from r2bspec.judge.decision_policy import DecisionPolicy, without_own_confidence
-from r2bspec.judge.interference_bound import best_case_iteration
+from r2bspec.judge.interference_bound import REMEDY, best_case_iteration
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.pipeline import judge

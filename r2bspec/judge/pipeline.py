@@ -29,7 +29,6 @@ from typing import Final
 import msgspec
 
 from r2bspec.judge.affected_iterations import (
-    REMEDY,
     affected_iterations_text,
     best_case_run,
     disturbed_starts_text,
@@ -40,6 +39,7 @@ from r2bspec.judge.affected_iterations import (
 )
 from r2bspec.judge.caveats import run_caveats, with_caveats
 from r2bspec.judge.decision_policy import DecisionPolicy, combine_looks
+from r2bspec.judge.interference_bound import REMEDY
 from r2bspec.judge.measure.metric_catalogue import (
     MetricError,
     MetricInfo,
@@ -52,10 +52,9 @@ from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, RunSamples, S
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import METHODS
 from r2bspec.judge.methods.mean_bound import MEAN_BOUND
-from r2bspec.judge.methods.message_share import PERCENTILE_BOUND, SHARE_BOUND
 from r2bspec.judge.methods.peak_bracket import PEAK_BRACKET, with_refuted_peak
 from r2bspec.judge.methods.recorded_value import OBSERVATION, SEQUENTIAL_PROBE, TRUTH_COMPARISON
-from r2bspec.judge.methods.window_share import WINDOW_SHARE
+from r2bspec.judge.methods.share_bounds import PERCENTILE_BOUND, SHARE_BOUND, WINDOW_SHARE
 from r2bspec.judge.requirement_case import (
     Decision,
     DecisionMethod,

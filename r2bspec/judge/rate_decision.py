@@ -12,7 +12,7 @@ look these tests are made, the others only if the first does not reject:
     sustained       keeps up, and few lost
 
 `completed` is the rate at which the graph completes steps, with its error by batch means
-(`r2bspec.judge.measure.times`): while a graph does not keep up, the completed steps are a
+(`r2bspec.judge.measure.delivery`): while a graph does not keep up, the completed steps are a
 random walk of service times. The first third of the steps is left out there, because queues that
 fill up to a constant level are no overload. While a graph does keep up, latencies scatter about a
 level, and the slope of the line through them is known much better than the rate is
@@ -53,8 +53,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from r2bspec.judge.measure.delivery import DeliveryEstimate, delivery
 from r2bspec.judge.measure.matching import Matching
-from r2bspec.judge.measure.times import DeliveryEstimate, delivery
 from r2bspec.judge.stationarity import CompletionTimes
 from r2bspec.judge.statistics.autocorrelation import trend
 from r2bspec.judge.statistics.binomial import upper_bound

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Final
 
 from r2bspec.judge.measure.metric_catalogue import MetricInfo
 from r2bspec.judge.measure.samples import MonitorSamples, SegmentSamples, starts_of
@@ -15,6 +16,9 @@ from r2bspec.judge.verdict import Outcome, RequirementVerdict, ShareTest
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.record.run_record import RunRecord
+
+MAX_LOST_SHARE: Final = 0.01
+"""A mean latency over a larger share of lost outputs does not PASS."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ The rules:
   expanded once per instance.
 - ``$(env X)`` reads only variables that `environment:` lists, so that the file shows what it
   depends on. The text is read as an unquoted value, as with ``--var``.
-- ``$(env X)`` is not replaced if X is a secret (`r2bspec.language.environment_access`). Such a
+- ``$(env X)`` is not replaced if X is a secret (`r2bspec.language.secrets`). Such a
   reference is allowed only where nothing but a process needs the value.
 """
 
@@ -28,7 +28,6 @@ from r2bspec.diagnostics import Path as TreePath
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language.declaration import Rule
 from r2bspec.language.document import DiagnosticCollector, Source, inner_span
-from r2bspec.language.environment_access import is_secret_variable, secret_reference
 from r2bspec.language.located_tree import (
     Entry,
     ListNode,
@@ -38,6 +37,7 @@ from r2bspec.language.located_tree import (
     UnknownNode,
     child,
 )
+from r2bspec.language.secrets import is_secret_variable, secret_reference
 from r2bspec.language.variables import (
     OPENING,
     MalformedReference,

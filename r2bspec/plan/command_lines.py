@@ -22,8 +22,8 @@ import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-from r2bspec.language.environment_access import quoted_secret_references
 from r2bspec.language.node_kinds import NodeKindName
+from r2bspec.language.secrets import quoted_secret_references
 from r2bspec.language.spec import Container, Launch, ParameterValue
 from r2bspec.plan.plan import NodePlan, ProcessPlan
 from r2bspec.plan.wiring.wiring import NodeWiring

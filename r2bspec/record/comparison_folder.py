@@ -30,7 +30,7 @@ from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import Plan
 from r2bspec.record.files import FolderReader, to_json, write_atomically
 from r2bspec.record.graph_identity import common_identity
-from r2bspec.record.run_folder import Run, RunFolder, open_run, read_spec_text
+from r2bspec.record.run_folder import Run, RunFolder, open_run, read_spec_text, read_stored_plan
 from r2bspec.record.run_record import Limit, RunRecord, SearchRecord, Segment
 from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
 from r2bspec.safe_io.safe_file import is_regular
@@ -364,6 +364,6 @@ def open_comparison(path: Path) -> PairedComparison:
     return PairedComparison(
         folder=folder,
         record=record,
-        plan=COMPARISON_FILES.plan(folder / "plan.json", record.head_plan),
-        base_plan=COMPARISON_FILES.plan(folder / BASE_PLAN_FILE, record.base_plan),
+        plan=read_stored_plan(COMPARISON_FILES, folder / "plan.json", record.head_plan),
+        base_plan=read_stored_plan(COMPARISON_FILES, folder / BASE_PLAN_FILE, record.base_plan),
     )

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import hashlib
 import os
 import weakref
 from collections.abc import Callable
@@ -18,8 +17,6 @@ from typing import Any, BinaryIO, Final, TypeVar
 import msgspec
 
 from r2bspec.errors import ExitStatus, R2bspecError
-from r2bspec.plan.canonical_json import PlanError, parse_plan
-from r2bspec.plan.plan import Plan
 from r2bspec.safe_io.limits import MAX_JSON_BYTES
 from r2bspec.safe_io.safe_file import read_bytes
 from r2bspec.safe_io.safe_json import decode_json, read_json
@@ -127,7 +124,7 @@ class FolderReader:
         Raises:
             RecordError: it cannot be read, is damaged, or has an unknown version.
         """
-        content = self._read(path, missing or self.incomplete)
+        content = self.content(path, missing)
         header = msgspec.defstruct("Header", [(version_key, int)])
         version = getattr(self._decode(path, content, header), version_key)
         if version != FORMAT_VERSION:
@@ -150,27 +147,18 @@ class FolderReader:
         except (OSError, msgspec.DecodeError) as error:
             raise RecordError(f"{path} is damaged: {error}", hint=self.changed) from error
 
-    def plan(self, path: Path, expected_hash: str) -> Plan:
-        """The plan of the run or comparison.
+    def content(self, path: Path, missing: str = "") -> bytes:
+        """The content of a file; `missing` is as for `versioned`.
 
         Raises:
-            RecordError: it cannot be read, is damaged, or is another plan.
+            RecordError: it cannot be read.
         """
-        content = self._read(path, self.incomplete)
-        # Of the file: a plan of an older version is encoded anew with the fields of this one.
-        if expected_hash != f"sha256:{hashlib.sha256(content).hexdigest()}":
-            raise RecordError(f"{path} is not the plan of this {self.what}", hint=self.changed)
-        try:
-            return parse_plan(content, str(path))
-        except PlanError as error:
-            raise RecordError(str(error), hint=self.changed) from error
-
-    def _read(self, path: Path, hint: str) -> bytes:
         try:
             return read_bytes(path, max_bytes=MAX_JSON_BYTES)
         except OSError as error:
             raise RecordError(
-                f"{path} cannot be read: {error.strerror or error}", hint=hint
+                f"{path} cannot be read: {error.strerror or error}",
+                hint=missing or self.incomplete,
             ) from error
 
     def _decode(self, path: Path, content: bytes, kind: type[T]) -> T:

@@ -15,12 +15,11 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 from typing import Any, Final
 
 import msgspec
 
-from r2bspec.record.files import RUN_FILES, to_json, write_atomically
 from r2bspec.safe_io.safe_json import decode_json
 
 _SHOWN_COMMIT_DIGITS: Final = 7
@@ -256,25 +255,3 @@ def describe_machine(machine: Mapping[str, Any]) -> str:
         str(machine.get("cpu_governor") or ""),
     )
     return " · ".join(each for each in parts if each)
-
-
-LOADED_FILES: Final = "loaded_files.json"
-
-
-def write_loaded_files(folder: Path, files: Mapping[str, Iterable[str]]) -> None:
-    """Write the absolute paths of the files that each process has loaded, by its name.
-
-    Raises:
-        RecordError: the file cannot be written.
-    """
-    content = {name: sorted(files[name]) for name in sorted(files)}
-    write_atomically(folder / LOADED_FILES, to_json(content))
-
-
-def read_loaded_files(folder: Path) -> dict[str, tuple[str, ...]]:
-    """The files that each process of a run has loaded, by its name; empty if that is not known.
-
-    Raises:
-        RecordError: the file is damaged.
-    """
-    return RUN_FILES.optional(folder / LOADED_FILES, dict[str, tuple[str, ...]]) or {}

@@ -11,16 +11,18 @@ them: ``main;work;memcpy 42``.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 
+from r2bspec.plan.canonical_json import PlanError, parse_plan
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.taps import tap_name
 from r2bspec.record.files import (
@@ -28,6 +30,7 @@ from r2bspec.record.files import (
     RUN_FILES,
     RUN_UNWRITABLE,
     FolderLock,
+    FolderReader,
     FolderTakenError,
     RecordError,
     to_json,
@@ -49,6 +52,8 @@ from r2bspec.safe_io.safe_yaml import RefusedYamlError, check_document
 
 Stacks = Mapping[tuple[str, ...], int]
 """The number of samples by the frames of their stack, the first called first."""
+
+LOADED_FILES: Final = "loaded_files.json"
 
 _MAX_LISTED = 10
 
@@ -305,8 +310,24 @@ def open_run(path: Path) -> Run:
             f"{path} is damaged: it lists the segment {twice!r} {names[twice]:,} times",
             hint=RUN_FILES.changed,
         )
-    plan = RUN_FILES.plan(folder / "plan.json", record.plan_hash)
+    plan = read_stored_plan(RUN_FILES, folder / "plan.json", record.plan_hash)
     return Run(folder=folder, record=record, plan=plan)
+
+
+def read_stored_plan(files: FolderReader, path: Path, expected_hash: str) -> Plan:
+    """The plan of a stored run or comparison.
+
+    Raises:
+        RecordError: it cannot be read, is damaged, or is another plan.
+    """
+    content = files.content(path)
+    # Of the file: a plan of an older version is encoded anew with the fields of this one.
+    if expected_hash != f"sha256:{hashlib.sha256(content).hexdigest()}":
+        raise RecordError(f"{path} is not the plan of this {files.what}", hint=files.changed)
+    try:
+        return parse_plan(content, str(path))
+    except PlanError as error:
+        raise RecordError(str(error), hint=files.changed) from error
 
 
 def read_spec_text(path: Path) -> str:
@@ -327,6 +348,25 @@ def read_spec_text(path: Path) -> str:
             f"{path} cannot be read: {error.strerror or error}", hint=RUN_FILES.changed
         ) from error
     return text
+
+
+def write_loaded_files(folder: Path, files: Mapping[str, Iterable[str]]) -> None:
+    """Write the absolute paths of the files that each process has loaded, by its name.
+
+    Raises:
+        RecordError: the file cannot be written.
+    """
+    content = {name: sorted(files[name]) for name in sorted(files)}
+    write_atomically(folder / LOADED_FILES, to_json(content))
+
+
+def read_loaded_files(folder: Path) -> dict[str, tuple[str, ...]]:
+    """The files that each process of a run has loaded, by its name; empty if that is not known.
+
+    Raises:
+        RecordError: the file is damaged.
+    """
+    return RUN_FILES.optional(folder / LOADED_FILES, dict[str, tuple[str, ...]]) or {}
 
 
 def _segment_folder(folder: Path, segment: str) -> Path:

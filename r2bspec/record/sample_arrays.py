@@ -11,17 +11,63 @@ from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
 from r2bspec.record.files import RecordError, write_atomically
-from r2bspec.record.run_record import (
-    INTERFERENCE_FIELDS,
-    MONITOR_FIELDS,
-    PLAYBACK_FIELDS,
-    RESOURCE_FIELDS,
-)
 from r2bspec.safe_io.limits import MAX_SAMPLES_BYTES
 from r2bspec.safe_io.safe_file import TooLargeError, open_regular
 
 Rows = NDArray[Any]
 """A one-dimensional array of one of the record types below."""
+
+PLAYBACK_FIELDS = (
+    ("stamp_ns", "<i8"),
+    ("due_ns", "<i8"),
+    ("published_ns", "<i8"),
+    ("done_ns", "<i8"),
+    ("inputs", "<i8"),
+)
+"""One row per step: the unique header stamp (system clock) of all inputs of the step; the times at
+which publishing was due, at which it began, and at which the last input was published; and the
+inputs of the plan of which the step has messages: bit k for input k, -1 for all of them. In a
+timeline a step is due, and begins, with its first message."""
+
+MONITOR_FIELDS = (
+    ("stamp_ns", "<i8"),
+    ("received_ns", "<i8"),
+    ("taken_ns", "<i8"),
+    ("bytes", "<i8"),
+)
+"""One row per received message, in order of arrival: its header stamp (0 if the type has none), the
+times at which the middleware received it and at which the monitor took it, and its serialised
+size. Both times are equal where the middleware gives no time of reception."""
+
+RESOURCE_FIELDS = (
+    ("time_ns", "<i8"),
+    ("process", "<i4"),
+    ("cpu_s", "<f8"),
+    ("memory_bytes", "<i8"),
+    ("waited_s", "<f8"),
+    ("minor_faults", "<f8"),
+)
+"""One row per process and sampling time: `process` indexes `RunRecord.processes`, with -1 for the
+whole machine, -2 for the controller, and -3 for processes that carry the id of the run but descend
+from no process of it that is known; `cpu_s` is the cumulative CPU time in seconds, summed over all
+cores, the descendants of the process (for -2: without them), and those of them that have lost
+their parents; `memory_bytes` is the resident set (for -1: memory in use); `waited_s` is the
+cumulative run-queue wait of all threads: the time for which they could have run, but had no
+processor. It is NaN for -1 and -2, and where the kernel does not count it. `minor_faults` is the
+cumulative number of page faults without reading from disk, of the process and its descendants; NaN
+for -1 and -2. Both are -1 in files of versions that did not record them."""
+
+INTERFERENCE_FIELDS = (
+    ("time_ns", "<i8"),
+    ("busy_s", "<f8"),
+    ("stolen_s", "<f8"),
+    ("waited_s", "<f8"),
+    ("throttled_s", "<f8"),
+)
+"""One row per sampling time. All values but the time are cumulative, in seconds, and NaN if the
+system does not provide them: the CPU time used on the cores that the run may use; their CPU time
+taken by other virtual machines; the time in which some task waited for a CPU (PSI, ``some``); the
+time in which the control group had used up its quota, or a core was throttled for heat."""
 
 PLAYBACK_DTYPE: np.dtype[np.void] = np.dtype(list(PLAYBACK_FIELDS))
 MONITOR_DTYPE: np.dtype[np.void] = np.dtype(list(MONITOR_FIELDS))

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.judge.measure.host_usage import MACHINE_INDEX
-from r2bspec.judge.measure.matching import match_segment
-from r2bspec.judge.measure.times import arrivals
+from r2bspec.judge.measure.matching import arrivals
+from r2bspec.judge.measure.run_samples import match_segment
 from r2bspec.plan.plan import MonitorPlan
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import Segment

@@ -29,8 +29,8 @@ import numpy as np
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import to_json
 from r2bspec.judge.measure.host_usage import MACHINE_INDEX, spaced_indices
-from r2bspec.judge.measure.matching import match_segment
 from r2bspec.judge.measure.metrics import pace_of
+from r2bspec.judge.measure.run_samples import match_segment
 from r2bspec.judge.measure.units import show_rate
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import Segment

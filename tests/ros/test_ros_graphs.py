@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from r2bspec.judge.measure.matching import match
-from r2bspec.record.graph_identity import read_loaded_files
+from r2bspec.record.run_folder import read_loaded_files
 from r2bspec.record.run_record import Segment
 from ros_runs import IMAGE, STRING, Bench, Finished, relay_spec
 

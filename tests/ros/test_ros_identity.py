@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from r2bspec.record.graph_identity import read_loaded_files
+from r2bspec.record.run_folder import read_loaded_files
 from ros_runs import IMAGE, Bench, relay_spec
 
 NODE = """

@@ -45,7 +45,7 @@ from r2bspec.native.build import (
     join_object,
 )
 from r2bspec.plan.plan import InputPlan, JoinPlan, MonitorPlan, ProcessPlan
-from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS
+from r2bspec.record.sample_arrays import MONITOR_FIELDS, PLAYBACK_FIELDS
 from ros_runs import Bench, relay_spec
 
 IMAGE = "sensor_msgs/msg/Image"

@@ -9,8 +9,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from r2bspec.judge.measure.matching import match_segment
-from r2bspec.judge.measure.run_samples import read_samples
+from r2bspec.judge.measure.run_samples import match_segment, read_samples
 from ros_runs import IMAGE, START_NS, Bench, Finished, quick_input, relay_node, relay_spec
 
 MS = 1_000_000

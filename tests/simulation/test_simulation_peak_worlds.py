@@ -15,6 +15,8 @@ import numpy as np
 import pytest
 
 from nightly import noise, size
+from r2bspec.judge.rate_decision import Criterion
+from simulated_queues import Searching, Server
 from simulated_speeds import WORLDS, Found, find
 
 pytestmark = pytest.mark.simulation
@@ -83,3 +85,18 @@ def test_without_a_whole_play_no_confidence_is_stated(name: str) -> None:
     found = [find(name, seed, confirm_s=0.0) for seed in range(size(2, 5))]
     assert all(each.record.proof in {"", "probes"} for each in found)
     assert not any(each.record.shown and each.record.holds_hz for each in found)
+
+
+@pytest.mark.parametrize("falls", [0.03, 0.1, 0.2])
+@pytest.mark.parametrize("spread", [0.1, 0.3])
+def test_a_graph_that_is_slower_the_more_is_offered_has_a_peak(falls: float, spread: float) -> None:
+    wrong = 0
+    for seed in range(_FEW):
+        searching = Searching(
+            Server(100.0, spread=spread, seed=seed, drowns=falls), Criterion(precision=0.02)
+        )
+        record = searching.run(10.0, 1000.0)
+        assert searching.played_s < 240
+        if record.shown and record.holds_hz and record.fails_hz:
+            wrong += not record.holds_hz <= 100.0 * (1 + 1e-6) <= record.fails_hz * (1 + 2e-6)
+    assert wrong <= _FEW * 0.1 + 2.5 * math.sqrt(_FEW * 0.1 * 0.9)

@@ -31,7 +31,8 @@ from rosbags.typesys import Stores, get_typestore
 from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.record.run_folder import Run, open_run
-from r2bspec.record.run_record import MONITOR_FIELDS, Segment
+from r2bspec.record.run_record import Segment
+from r2bspec.record.sample_arrays import MONITOR_FIELDS
 
 HANG_S = 180.0
 """Guards against hanging only; nothing that passes takes so long."""

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.execute.measurement.peak_search import LongPlays, PeakSearch, ProbeOutcome
+from r2bspec.judge.measure.delivery import DeliveryEstimate
 from r2bspec.judge.measure.matching import match
-from r2bspec.judge.measure.times import DeliveryEstimate
 from r2bspec.judge.rate_decision import (
     Criterion,
     InterimLook,
@@ -47,6 +47,7 @@ class Server:
         stages: how many servers there are.
         loses: of the messages that come, the share that is lost at once.
         stalls: (from, to) in seconds: nothing is begun in this time.
+        drowns: how much slower it is at twice its capacity, as a share; evenly with the rate.
     """
 
     capacity_hz: float
@@ -55,6 +56,7 @@ class Server:
     stages: int = 1
     loses: float = 0.0
     stalls: tuple[float, float] = (0.0, 0.0)
+    drowns: float = 0.0
     seed: int = 0
     random: np.random.Generator = field(init=False)
 
@@ -66,7 +68,8 @@ class Server:
         numbers = np.flatnonzero(self.random.random(arrivals_s.size) >= self.loses)
         times_s = arrivals_s[numbers]
         for _ in range(self.stages):
-            mean_s = 1.0 / self.capacity_hz
+            offered = (arrivals_s.size - 1) / (arrivals_s[-1] - arrivals_s[0]) / self.capacity_hz
+            mean_s = (1.0 + self.drowns * max(offered - 1.0, 0.0)) / self.capacity_hz
             serve_s = mean_s * (
                 (1.0 - self.spread) + self.spread * self.random.exponential(size=times_s.size)
             )

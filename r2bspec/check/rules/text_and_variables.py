@@ -13,8 +13,8 @@ from r2bspec.check.check_context import Context
 from r2bspec.check.rule import Finding, Findings, rule, value_key
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import quote
-from r2bspec.language.environment_access import is_secret_key
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
+from r2bspec.language.secrets import is_secret_key
 
 _BOOLEAN_WORDS = frozenset({"yes", "no", "on", "off", "y", "n"})
 _OCTAL = re.compile(r"[-+]?0[0-7_]+")

@@ -25,7 +25,7 @@ from r2bspec.ipc.sample_files import RowReader
 from r2bspec.middleware.middleware import RMW_VARIABLE, middleware_of
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.plan.taps import all_taps
-from r2bspec.record.run_record import MONITOR_FIELDS
+from r2bspec.record.sample_arrays import MONITOR_FIELDS
 
 HARNESS = ("loader", "player", "monitor")
 """The names of the parts of the harness in plans; every other name is the full name of a node."""

@@ -41,13 +41,8 @@ from r2bspec.ipc.schedule import CyclicSchedule, Schedule
 from r2bspec.judge.measure.matching import NO_MATCH, match, ratio_of, select_expected_steps
 from r2bspec.judge.measure.truth_accuracy import DisparityAccuracy, TagAccuracy, TagPose
 from r2bspec.plan.plan import MonitorPlan, Plan, TruthPlan
-from r2bspec.record.run_record import (
-    MONITOR_FIELDS,
-    PLAYBACK_FIELDS,
-    AccuracyRecord,
-    Segment,
-)
-from r2bspec.record.sample_arrays import Rows
+from r2bspec.record.run_record import AccuracyRecord, Segment
+from r2bspec.record.sample_arrays import MONITOR_FIELDS, PLAYBACK_FIELDS, Rows
 from r2bspec.safe_io.safe_file import RefusedDataError
 
 OUTPUT_BAG = "outputs"

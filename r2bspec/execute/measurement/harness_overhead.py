@@ -37,8 +37,8 @@ from r2bspec.ipc.schedule import Schedule
 from r2bspec.judge.measure.matching import StepStamps, match, select_expected_steps
 from r2bspec.judge.measure.times import percentile
 from r2bspec.plan.plan import InputPlan, MonitorPlan, Plan
-from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS, HarnessOverheadRecord
-from r2bspec.record.sample_arrays import Rows
+from r2bspec.record.run_record import HarnessOverheadRecord
+from r2bspec.record.sample_arrays import MONITOR_FIELDS, PLAYBACK_FIELDS, Rows
 
 DURATION_S = 1.0
 _DEFAULT_HZ = 30.0

@@ -4,11 +4,12 @@ The search is independent of processes: it calls functions that play, and evalua
 
 1. Both ends of the range are probed. The output rate of an overloaded graph is close to the rate
    that it can sustain.
-2. The graph is overloaded by a third, some seconds at a time, until its capacity is known to the
-   precision (`r2bspec.judge.stationarity`). That bounds the peak from above, and says where
-   to look for it. Every second play overloads it by a tenth only: a graph may be slower the more
-   it is overloaded.
-3. Where conditions or large tolerated losses decide, or no overload was possible, the bracket is
+2. The graph is overloaded, some seconds at a time, until its capacity is known to the precision
+   (`r2bspec.judge.stationarity`): once by 30 %, then by 7 %, because a graph may be slower the more
+   it is overloaded. That bounds the peak from above, and says where to look for it. If it is much
+   slower with more, so that it may keep up with much more than came out with less, no overload
+   bounds its peak.
+3. Where conditions or large tolerated losses decide, or no overload bounds the peak, the bracket is
    narrowed by short probes: near the output rate of the overload first, then in growing strides,
    then by halves of the ratio of its ends.
 4. The lower end is played whole. If that refutes it, the search goes on below.
@@ -22,7 +23,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from r2bspec.judge.stationarity import (
     Capacity,
@@ -35,13 +36,18 @@ from r2bspec.judge.stationarity import (
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.record.run_record import CapacityRecord, Limit, Probe, Proof, SearchRecord
 
-_FACTORS = (1.3, 1.1)
-"""The offered rates, in turn, as multiples of what comes out: clearly too much, and not much more,
-because graphs that are drowned in messages are slower. If the first is slower than the second, only
-the second counts."""
+_FACTORS = (1.3, 1.07)
+"""The offered rates as multiples of what comes out: of the first play, clearly too much; of all
+others, not much more, because graphs that are drowned in messages are slower. If the first is
+slower than the others, only these count."""
 
-_Z = 3.0
-"""Standard errors by which it must be slower."""
+_AT_CAPACITY = (_FACTORS[1] - 1) / (_FACTORS[0] - _FACTORS[1])
+"""Of what a graph is faster at the second factor than at the first, the share by which it is faster
+again at its capacity, if its speed falls evenly with the rate that is offered."""
+
+_Z = 1.5
+"""Standard errors by which it must be slower. A graph that is taken for slower by chance is played
+longer; one that is wrongly taken for steady has a bracket that is too low."""
 
 _MAX_UNSATURATED = 4
 """So many plays may turn out not to overload the graph; each next one offers more."""
@@ -56,11 +62,13 @@ class Overload:
         max_hz: the highest rate of the search.
         precision: the relative width to which the capacity is estimated.
         confidence: of the interval.
-        budget_s: overloaded playing ends after so many seconds.
+        budget_s: overloaded playing ends after so many seconds, whether they counted or not.
         stages: how many queues there may be in a row.
         loss: the share that may be lost; a graph with bounded queues sustains more because of it.
         plays: those by which the capacity is estimated.
         shown: all that were played, to be examined for steadiness.
+        drowns: whether the graph is slower the more it is overloaded.
+        faster: by how much it may be faster at its capacity than in the plays that count.
     """
 
     play: Callable[[float], CompletionTimes | None]
@@ -73,10 +81,12 @@ class Overload:
     plays: list[CompletionTimes] = field(default_factory=list)
     shown: list[CompletionTimes] = field(default_factory=list)
     capacity: Capacity | None = None
+    drowns: bool = False
+    faster: float = 0.0
 
     @property
     def played_s(self) -> float:
-        """The seconds of all overloaded plays."""
+        """The seconds of the plays that count."""
         return sum(each.played_s for each in self.plays)
 
     def run(self, guess_hz: float) -> Capacity | None:
@@ -89,57 +99,81 @@ class Overload:
             None if the graph could not be overloaded, too few outputs came, or the graph is slower
             the more it is overloaded.
         """
-        rate_hz, unsaturated = min(guess_hz * _FACTORS[0], self.max_hz), 0
-        while self.played_s < self.budget_s:
-            found = self.play(rate_hz)
-            if found is None:
+        rate_hz, unsaturated, spent_s = min(guess_hz * _FACTORS[0], self.max_hz), 0, 0.0
+        while spent_s < self.budget_s:
+            play = self.play(rate_hz)
+            if play is None:
                 return None
-            if not found.saturated:
+            if not play.saturated:
                 if self.capacity is not None and rate_hz > self.capacity.upper_hz:
                     # With less overload it is faster than with more: that bounds nothing.
-                    self.plays, self.capacity = [], None
+                    self._discard()
                     return None
                 unsaturated += 1
                 if unsaturated >= _MAX_UNSATURATED or rate_hz >= self.max_hz:
                     return None
                 rate_hz = min(rate_hz * _FACTORS[0], self.max_hz)
                 continue
-            self.add(found)
+            spent_s += play.played_s
+            self.add(play)
             self._leave_out_drowned()
+            if not self.plays:
+                return None
             if self.capacity is not None:
-                if self.factors_compared and self.capacity.relative_width <= self.precision:
+                compared = self.drowns or self.factors_compared
+                if compared and self.capacity.relative_width <= self.precision:
                     break
-                factor = _FACTORS[len(self.plays) % len(_FACTORS)]
-                rate_hz = min(self.capacity.hz * factor, self.max_hz)
+                rate_hz = min(self.capacity.hz * _FACTORS[1], self.max_hz)
         return self.capacity
+
+    def _discard(self) -> None:
+        """Leave out all plays: none of them bounds what the graph keeps up with."""
+        self.plays, self.capacity = [], None
 
     @property
     def factors_compared(self) -> bool:
         """Whether the graph was overloaded by more and by less."""
-        offered = [each.offered_hz for each in self.plays]
+        offered = [play.offered_hz for play in self.plays]
         return bool(offered) and max(offered) > 1.1 * min(offered)
 
     def _leave_out_drowned(self) -> None:
-        """Leave out the plays with more overload if the graph was clearly slower in them."""
+        """Leave out the plays with more overload if the graph was slower in them.
+
+        If it may be faster by the precision with still less, those with less tell nothing either.
+        """
         if not self.factors_compared:
             return
-        middle_hz = math.sqrt(
-            max(each.offered_hz for each in self.plays)
-            * min(each.offered_hz for each in self.plays)
-        )
-        gentle = [each for each in self.plays if each.offered_hz < middle_hz]
-        drowned = [each for each in self.plays if each.offered_hz >= middle_hz]
+        rates = [play.offered_hz for play in self.plays]
+        middle_hz = math.sqrt(max(rates) * min(rates))
+        gentle = [play for play in self.plays if play.offered_hz < middle_hz]
+        drowned = [play for play in self.plays if play.offered_hz >= middle_hz]
         slower, error = compare_pace(drowned, gentle)
-        if slower > max(self.precision / 2, _Z * error):
+        if slower <= max(self.precision / 4, _Z * error):
+            return
+        self.drowns, self.faster = True, slower * _AT_CAPACITY
+        if self.faster > self.precision:
+            self._discard()
+        else:
             self.plays = gentle
-            self.capacity = estimate_capacity(gentle, self.confidence, stages=self.stages)
+            self._estimate()
+
+    def _estimate(self) -> None:
+        """Estimate the capacity; what it is at the rate that it keeps up with, if it drowns."""
+        estimate = estimate_capacity(self.plays, self.confidence, stages=self.stages)
+        if estimate is not None:
+            estimate = replace(
+                estimate,
+                hz=estimate.hz * (1 + self.faster),
+                upper_hz=estimate.upper_hz * (1 + self.faster),
+            )
+        self.capacity = estimate
 
     def add(self, play: CompletionTimes, *, shown: bool = True) -> None:
         """Count a play in which the graph was overloaded."""
         self.plays.append(play)
         if shown:
             self.shown.append(play)
-        self.capacity = estimate_capacity(self.plays, self.confidence, stages=self.stages)
+        self._estimate()
 
     def learn(self, play: CompletionTimes) -> None:
         """Learn from a play that was to confirm a rate, and refuted it.

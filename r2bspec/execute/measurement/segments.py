@@ -41,8 +41,8 @@ from r2bspec.judge.measure.run_samples import NO_STAMPS, SegmentRows, segment_sa
 from r2bspec.judge.measure.samples import SegmentSamples
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.plan.taps import tap_monitors
-from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS, Segment, SegmentKind
-from r2bspec.record.sample_arrays import PLAYBACK_DTYPE
+from r2bspec.record.run_record import Segment, SegmentKind
+from r2bspec.record.sample_arrays import MONITOR_FIELDS, PLAYBACK_DTYPE, PLAYBACK_FIELDS
 
 PLAYBACK_ROWS = "playback"
 """The player's files (`r2bspec.ipc.playback_file`); those of the monitors end in ``.rows``."""

@@ -32,7 +32,7 @@ import msgspec
 
 from r2bspec.execute.errors import SecretNotSetError, WorkspaceError
 from r2bspec.ipc.protocol import MODULES_FOLDER_VARIABLE, RUN_ID_VARIABLE
-from r2bspec.language.environment_access import REDACTED, is_secret_variable, secret_reference
+from r2bspec.language.secrets import REDACTED, is_secret_variable, secret_reference
 from r2bspec.language.variables import OPENING
 from r2bspec.middleware.middleware import Transport, inherited_variables, middleware_of
 from r2bspec.plan.plan import NodePlan, Plan

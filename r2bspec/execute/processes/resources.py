@@ -63,7 +63,7 @@ _THERMAL: Final[_Counters] = ((r"^(\d+)$", 1e3),)
 
 
 class InterferenceReading(NamedTuple):
-    """One reading; see `r2bspec.record.run_record.INTERFERENCE_FIELDS`."""
+    """One reading; see `r2bspec.record.sample_arrays.INTERFERENCE_FIELDS`."""
 
     busy_s: float
     stolen_s: float
@@ -293,7 +293,7 @@ threads each takes about a millisecond of CPU time, 0.6 % of a core at this peri
 
 _RESOURCES = struct.Struct("<qidqdd")
 _INTERFERENCE = struct.Struct("<qdddd")
-"""Rows of `r2bspec.record.run_record.RESOURCE_FIELDS` and `INTERFERENCE_FIELDS`."""
+"""Rows of `r2bspec.record.sample_arrays.RESOURCE_FIELDS` and `INTERFERENCE_FIELDS`."""
 
 
 class ResourceSampler:

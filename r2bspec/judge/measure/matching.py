@@ -31,9 +31,8 @@ from numpy.typing import NDArray
 
 from r2bspec.ipc.schedule import Schedule, TimelineSchedule
 from r2bspec.plan.plan import InputPlan, MonitorPlan
-from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import Segment
-from r2bspec.record.sample_arrays import PLAYBACK_DTYPE, Rows
+from r2bspec.record.sample_arrays import Rows
 
 NO_MATCH = -1
 """The step of a message that matches none."""
@@ -203,6 +202,15 @@ def match(
     )
 
 
+def arrivals(monitor: Rows, match: Matching) -> NDArray[np.int64]:
+    """When each first output was received, in ascending nanoseconds; shape (answered,).
+
+    Duplicates and messages that match no step are left out: they are counted elsewhere, and
+    would make a graph look faster than it is.
+    """
+    return np.sort(monitor["received_ns"][match.first_row[match.answered]])
+
+
 def count_reordered(in_order_of_arrival: NDArray[np.int64]) -> int:
     """How many outputs arrived after that of a later step (see `Matching`)."""
     highest_before = np.maximum.accumulate(in_order_of_arrival)[:-1]
@@ -369,29 +377,6 @@ def match_monitor(
     steps = select_expected_steps(playback, inputs, plan)
     ratio = ratio_of(plan, played_before)
     return MatchedMonitor(steps, rows, ratio, match(steps, rows, plan.match, ratio))
-
-
-def match_segment(run: Run, segment: Segment, monitor: MonitorPlan) -> tuple[Rows, Rows, Matching]:
-    """The steps of a segment that count for a monitor, what it received, and how they match.
-
-    In a live segment, in which nothing is played, each message is its own step, published when its
-    source stamped it; there are none if that is not known.
-
-    Raises:
-        RecordError: a file of the segment is missing or damaged.
-    """
-    rows = run.monitor(segment, monitor.name)
-    if not segment.live:
-        playback, inputs = run.playback(segment), run.plan.inputs
-        matched = match_monitor(playback, rows, monitor, inputs, segment.played_before)
-        return matched.steps, rows, matched.matching
-    stamped = source_times_ns(segment, rows)
-    steps = np.zeros(0 if stamped is None else rows.size, PLAYBACK_DTYPE)
-    if stamped is not None:
-        steps["stamp_ns"] = rows["stamp_ns"]
-        for name in ("due_ns", "published_ns", "done_ns"):
-            steps[name] = stamped
-    return steps, rows, match(steps, rows, "order")
 
 
 class StepStamps:

@@ -19,7 +19,14 @@ from r2bspec.judge.measure.host_usage import (
     resource_use,
     rows_by_process,
 )
-from r2bspec.judge.measure.matching import NO_MATCH, MatchedMonitor, match_monitor
+from r2bspec.judge.measure.matching import (
+    NO_MATCH,
+    MatchedMonitor,
+    Matching,
+    match,
+    match_monitor,
+    source_times_ns,
+)
 from r2bspec.judge.measure.samples import (
     MonitorSamples,
     RunSamples,
@@ -32,7 +39,7 @@ from r2bspec.judge.measure.samples import (
 from r2bspec.plan.plan import MonitorPlan, Plan
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import ProcessRecord, RunRecord, Segment
-from r2bspec.record.sample_arrays import Rows
+from r2bspec.record.sample_arrays import PLAYBACK_DTYPE, Rows
 
 _HARNESS_ROLES = ("player", "monitor", "harness", "observer")
 
@@ -126,6 +133,29 @@ def _read_rows(run: Run, segment: Segment, played: _PlayedStamps) -> SegmentRows
         taps={} if segment.live else {topic: run.tap(segment, topic) for topic in taps},
         played_earlier=partial(played.before, segment.began_ns),
     )
+
+
+def match_segment(run: Run, segment: Segment, monitor: MonitorPlan) -> tuple[Rows, Rows, Matching]:
+    """The steps of a segment that count for a monitor, what it received, and how they match.
+
+    In a live segment, in which nothing is played, each message is its own step, published when its
+    source stamped it; there are none if that is not known.
+
+    Raises:
+        RecordError: a file of the segment is missing or damaged.
+    """
+    rows = run.monitor(segment, monitor.name)
+    if not segment.live:
+        playback, inputs = run.playback(segment), run.plan.inputs
+        matched = match_monitor(playback, rows, monitor, inputs, segment.played_before)
+        return matched.steps, rows, matched.matching
+    stamped = source_times_ns(segment, rows)
+    steps = np.zeros(0 if stamped is None else rows.size, PLAYBACK_DTYPE)
+    if stamped is not None:
+        steps["stamp_ns"] = rows["stamp_ns"]
+        for name in ("due_ns", "published_ns", "done_ns"):
+            steps[name] = stamped
+    return steps, rows, match(steps, rows, "order")
 
 
 def segment_samples(

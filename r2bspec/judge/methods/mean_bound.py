@@ -21,6 +21,7 @@ from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, SegmentSample
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.requirement_case import (
+    MAX_LOST_SHARE,
     Decision,
     DecisionMethod,
     RequirementCase,
@@ -35,9 +36,6 @@ from r2bspec.judge.verdict import Outcome
 
 _MAX_ITERATIONS = 200
 """More than this many are not proposed."""
-
-MAX_LOST_SHARE = 0.01
-"""A mean latency over a larger share of lost outputs does not PASS."""
 
 _CLOCK_RESOLUTION_S = 1e-6
 """Times are taken by software between system calls: nothing below a microsecond is meaningful."""

@@ -34,7 +34,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.judge.affected_iterations import REMEDY
+from r2bspec.judge.interference_bound import REMEDY
 from r2bspec.judge.measure.samples import MonitorSamples, RunSamples
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.requirement_case import (

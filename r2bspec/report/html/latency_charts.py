@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from r2bspec.diagnostics.quote import printable
 from r2bspec.judge.measure.distribution import quantile
-from r2bspec.judge.measure.matching import match_segment
 from r2bspec.judge.measure.metrics import pace_of
+from r2bspec.judge.measure.run_samples import match_segment
 from r2bspec.judge.measure.samples import RunSamples, SegmentSamples, known_latencies
 from r2bspec.judge.measure.units import at_rate, show, show_rate
 from r2bspec.judge.verdict import RequirementVerdict, Verdict

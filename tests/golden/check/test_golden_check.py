@@ -15,7 +15,7 @@ import pytest
 from golden import compare
 from r2bspec.check import check
 from r2bspec.check.engine import all_rules
-from r2bspec.diagnostics import Page
+from r2bspec.diagnostics.code_pages import Page
 from r2bspec.language.load_spec import load_spec
 from r2bspec.report.findings_text import render_text
 

@@ -6,9 +6,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.judge.measure.matching import MatchedMonitor, Ratio, match
+from r2bspec.judge.measure.matching import MatchedMonitor, Ratio, arrivals, match
 from r2bspec.judge.measure.samples import monitor_samples, step_times
-from r2bspec.judge.measure.times import arrivals, intervals, jitter, percentile
+from r2bspec.judge.measure.times import intervals, jitter, percentile
 from r2bspec.judge.measure.units import show
 from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE, Rows

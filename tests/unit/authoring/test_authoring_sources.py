@@ -11,6 +11,7 @@ import pytest
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 
+from command_line import Call
 from r2bspec.api import compile_plan, load, validate
 from r2bspec.authoring.draft_spec import DraftNodes, draft_text
 from r2bspec.authoring.sources import add_graph_nodes
@@ -213,30 +214,26 @@ def test_a_package(monkeypatch: pytest.MonkeyPatch) -> None:
         ("<launch>" + "<group>" * 300 + "</group>" * 300 + "</launch>", "a.launch:1:1"),
     ],
 )
-def test_broken_launch_files(content: str, place: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_broken_launch_files(content: str, place: str, call: Call) -> None:
     Path("a.launch").write_text(content)
-    assert main(["init", "made", "--from-launch", "a.launch"]) == 2
-    error = capsys.readouterr().err
+    error = call("init", "made", "--from-launch", "a.launch", status=2).err
     assert place in error
     assert "R2B702" in error
     assert not Path("made.r2b.yaml").exists()
 
 
-def test_a_launch_file_that_cannot_be_read(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_launch_file_that_cannot_be_read(call: Call) -> None:
     os.mkfifo("pipe.launch.py")
-    assert main(["init", "made", "--from-launch", "pipe.launch.py"]) == 2
+    call("init", "made", "--from-launch", "pipe.launch.py", status=2)
     Path("loop.launch.py").write_text("while True: pass")
-    assert main(["init", "made", "--from-launch", "loop.launch.py"]) == 2
-    assert "R2B703" in capsys.readouterr().err
+    assert "R2B703" in call("init", "made", "--from-launch", "loop.launch.py", status=2).err
     Path("self.launch.xml").write_text(
         '<launch><include file="$(dirname)/self.launch.xml"/></launch>'
     )
-    assert main(["init", "made", "--from-launch", "self.launch.xml"]) == 0
+    call("init", "made", "--from-launch", "self.launch.xml", status=0)
 
 
-def test_files_that_include_themselves_have_one_limit(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_files_that_include_themselves_have_one_limit(call: Call) -> None:
     Path("a.launch.py").write_text(
         "import os\n"
         "from launch import LaunchDescription\n"
@@ -246,8 +243,8 @@ def test_files_that_include_themselves_have_one_limit(
         "    here = os.path.dirname(__file__) + '/a.launch.py'\n"
         "    return LaunchDescription([IncludeLaunchDescription(here) for i in range(50)])\n"
     )
-    assert main(["init", "made", "--from-launch", "a.launch.py"]) == 2
-    assert "more than 200,000 steps" in capsys.readouterr().err
+    ended = call("init", "made", "--from-launch", "a.launch.py", status=2)
+    assert "more than 200,000 steps" in ended.err
 
 
 def graph_node(name: str, namespace: str = "/", **more: Any) -> dict[str, Any]:

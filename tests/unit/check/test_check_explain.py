@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from r2bspec.cli.main import main
+from command_line import Call
 from r2bspec.diagnostics.code_pages import all_pages
 from r2bspec.report.findings_text import code_with_slug
 
 
-def test_a_page_has_title_reason_and_both_examples(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["explain", "R2B204"]) == 0
-    said = capsys.readouterr().out
+def test_a_page_has_title_reason_and_both_examples(call: Call) -> None:
+    said = call("explain", "R2B204", status=0).out
     assert said.startswith(
         f"{code_with_slug('R2B204')}: remapping matches no topic of the node (error)\n"
     )
@@ -27,26 +26,22 @@ def test_a_page_has_title_reason_and_both_examples(capsys: pytest.CaptureFixture
     [("r2b204", "R2B204"), ("204", "R2B204"), ("unknown-key", "R2B101"), ("Unknown_Key", "R2B101")],
 )
 def test_a_code_may_be_written_in_short_and_a_slug_is_as_good(
-    written: str, code: str, capsys: pytest.CaptureFixture[str]
+    written: str, code: str, call: Call
 ) -> None:
-    assert main(["explain", written]) == 0
-    explained = capsys.readouterr().out
-    assert main(["explain", code]) == 0
-    assert explained == capsys.readouterr().out
+    explained = call("explain", written, status=0).out
+    assert explained == call("explain", code, status=0).out
     assert explained.startswith(code_with_slug(code))
 
 
-def test_every_page_is_shown_by_its_slug(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_page_is_shown_by_its_slug(call: Call) -> None:
     for code, page in all_pages().items():
-        assert main(["explain", page.slug]) == 0
-        said = capsys.readouterr().out
+        said = call("explain", page.slug, status=0).out
         assert said.startswith(f"{code} {page.slug}: ")
         assert all(char.isprintable() or char == "\n" for char in said)
 
 
-def test_without_a_code_all_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["explain"]) == 0
-    said = capsys.readouterr().out
+def test_without_a_code_all_are_listed(call: Call) -> None:
+    said = call("explain", status=0).out
     for code, page in all_pages().items():
         assert f"  {code}  " in said
         assert f"  {page.slug}  " in said
@@ -57,10 +52,7 @@ def test_without_a_code_all_are_listed(capsys: pytest.CaptureFixture[str]) -> No
     ("written", "meant"),
     [("R2B2044", "R2B204"), ("unknown-kye", "unknown-key"), ("R2B999", ""), ("R2B658x9", "")],
 )
-def test_an_unknown_word_is_answered_with_a_close_one(
-    written: str, meant: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["explain", written]) == 2
-    said = capsys.readouterr().err
+def test_an_unknown_word_is_answered_with_a_close_one(written: str, meant: str, call: Call) -> None:
+    said = call("explain", written, status=2).err
     assert f"error[R2B601 wrong-usage]: unknown code '{written}'" in said
     assert (f"did you mean {meant}?" in said) if meant else ("did you mean" not in said)

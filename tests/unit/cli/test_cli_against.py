@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 import pytest
 
+from command_line import Call
 from r2bspec.cli.main import command as r2bspec
 from r2bspec.cli.spec_selection import SpecSelection, base_selection
 from r2bspec.compare.base_reference import BadReferenceError, parse_base_reference
@@ -25,28 +26,37 @@ from r2bspec.execute.processes.environment import (
 @pytest.mark.parametrize(
     "arguments",
     [
-        ("--against", "var:a=1", "--control"),
-        ("--against", "var:a=1", "--history", "user"),
-        ("--history", "user", "--baseline", "run"),
-        ("--control", "--baseline", "run"),
-        ("--pairs", "3"),
-        ("--pairs", "0", "--control"),
-        ("--force",),
-        ("--force", "--control"),
+        "run s --against var:a=1 --control",
+        "run s --against var:a=1 --history user",
+        "run s --history user --baseline run",
+        "run s --control --baseline run",
+        "run s --pairs 3",
+        "run s --pairs 0 --control",
+        "run s --force",
+        "run s --force --control",
+        "run s --resume",
+        "run s --case all --against var:a=1",
+        "run s --scan a=1 --control",
+        "run s --smoke --control",
+        "run s --smoke --history user",
+        "run s t u --baseline run",
+        # A gate needs a base with a work tree.
+        *(
+            f"run s {option} {against}"
+            for option in ("--allow=base", "--base-build=make", "--base-setup=x")
+            for against in ("--against var:a=1", "")
+        ),
+        "calibrate s --from f --runs 9",
+        "calibrate s --from f -o g",
+        "calibrate s --runs 2",
+        "calibrate s --runs x",
     ],
 )
-def test_options_that_exclude_each_other_are_wrong_usage(arguments: tuple[str, ...]) -> None:
-    with pytest.raises(click.UsageError):
-        r2bspec.main(["run", "spec.r2b.yaml", *arguments], standalone_mode=False)
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [("--from", "f", "--runs", "9"), ("--from", "f", "-o", "g"), ("--runs", "2"), ("--runs", "x")],
-)
-def test_calibrate_refuses_what_contradicts_itself(arguments: tuple[str, ...]) -> None:
-    with pytest.raises(click.UsageError):
-        r2bspec.main(["calibrate", "spec.r2b.yaml", *arguments], standalone_mode=False)
+def test_options_that_exclude_each_other_are_wrong_usage(arguments: str) -> None:
+    with pytest.raises(click.UsageError) as caught:
+        r2bspec.main(arguments.split(), standalone_mode=False)
+    gate = "--allow" in arguments or "--base" in arguments.replace("--baseline", "")
+    assert ("needs --against with a revision" in str(caught.value)) is gate
 
 
 @pytest.mark.parametrize("text", ["nothing.r2b.yaml", "var:", "var:x", "set:=3", ""])
@@ -63,13 +73,6 @@ def test_what_is_no_file_may_be_a_revision(tmp_path: Path) -> None:
     assert parse_base_reference([str(tmp_path)]).folder == tmp_path
     with pytest.raises(BadReferenceError, match="one base"):
         parse_base_reference(["main", str(tmp_path)])
-
-
-@pytest.mark.parametrize("option", ["--allow=base", "--base-build=make", "--base-setup=x"])
-def test_options_of_a_gate_need_a_base_with_a_work_tree(option: str) -> None:
-    for arguments in (("--against", "var:a=1"), ()):
-        with pytest.raises(click.UsageError, match="needs --against with a revision"):
-            r2bspec.main(["run", "s.r2b.yaml", option, *arguments], standalone_mode=False)
 
 
 def test_a_stored_run_is_no_base_and_the_way_out_is_told(tmp_path: Path) -> None:
@@ -199,15 +202,16 @@ class TestHistory:
         with open_history(path) as opened:
             return [one.run_id for one in opened.runs()]
 
-    def test_runs_are_listed(self, path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        assert self.call("list", "--file", path, "--name", "relay") == 0
-        lines = capsys.readouterr().out.splitlines()
+    def test_runs_are_listed(self, path: Path, call: Call) -> None:
+        lines = call(
+            "history", "list", "--file", path, "--name", "relay", status=0
+        ).out.splitlines()
         assert len(lines) == 5
         assert "run4" in lines[4]
         assert lines[4].endswith("fail")
-        assert self.call("accept", "run4", "--file", path) == 0
-        self.call("list", "--file", path, "--format", "json")
-        assert '"accepted": true' in capsys.readouterr().out
+        call("history", "accept", "run4", "--file", path, status=0)
+        listed = call("history", "list", "--file", path, "--format", "json").out
+        assert '"accepted": true' in listed
 
     def test_runs_are_forgotten(self, path: Path) -> None:
         self.call("prune", "--file", path, "--run", "run2", "--name", "relay")

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 import r2bspec.cli.check_files as check_files_module
+from command_line import Call
 from example_spec import example
 from r2bspec.api import InvalidSpecError, prepare
 from r2bspec.cli.check_files import CheckOptions, check_files
-from r2bspec.cli.main import main
 
 
 @pytest.fixture
@@ -43,7 +43,7 @@ def test_texts_are_kept_only_where_findings_point_into_them(files: list[str]) ->
 
 
 def test_a_waiver_holds_for_every_case_of_a_matrix(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
     """It is used if one case needs it, though another does not."""
     monkeypatch.chdir(tmp_path)
@@ -53,11 +53,9 @@ def test_a_waiver_holds_for_every_case_of_a_matrix(
         benchmark="{rates: [30 Hz, $(var rate)]}",
     )
     Path("a.r2b.yaml").write_text(document)
-    main(["validate", "a.r2b.yaml"])
-    assert "R2B512" in capsys.readouterr().out
+    assert "R2B512" in call("validate", "a.r2b.yaml").out
     Path("a.r2b.yaml").write_text(f"{document.rstrip()} # r2bspec: ignore[R2B512] on purpose\n")
-    assert main(["validate", "a.r2b.yaml"]) == 0
-    assert capsys.readouterr().out == "1 file, 2 cases, no problems\n"
+    assert call("validate", "a.r2b.yaml", status=0).out == "1 file, 2 cases, no problems\n"
 
 
 def test_what_is_waived_can_be_run(tmp_path: Path) -> None:

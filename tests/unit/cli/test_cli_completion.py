@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from command_line import Call
 from example_spec import example
-from r2bspec.cli.main import main
 from r2bspec.cli.reference import docs_folder
 
 
@@ -50,25 +50,17 @@ def test_a_spec_that_cannot_be_read_proposes_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_the_script_of_a_shell_asks_r2bspec(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["completion", shell]) == 0
-    assert f"_R2BSPEC_COMPLETE={shell}_complete" in capsys.readouterr().out
+def test_the_script_of_a_shell_asks_r2bspec(shell: str, call: Call) -> None:
+    assert f"_R2BSPEC_COMPLETE={shell}_complete" in call("completion", shell, status=0).out
 
 
-def test_every_page_of_the_documentation_is_listed_and_printed(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert main(["docs"]) == 0
-    listed = {line.split()[0] for line in capsys.readouterr().out.splitlines()}
+def test_every_page_of_the_documentation_is_listed_and_printed(call: Call) -> None:
+    listed = {line.split()[0] for line in call("docs", status=0).out.splitlines()}
     folder = docs_folder()
     pages = {file.relative_to(folder).with_suffix("").as_posix() for file in folder.rglob("*.md")}
     assert listed == pages
     assert {"language", "running", "metrics"} <= listed
-    assert main(["docs", "metrics"]) == 0
-    assert capsys.readouterr().out.startswith("# Metrics\n")
-    assert main(["docs", "proofs/verdicts"]) == 0
-    assert capsys.readouterr().out.startswith("# Proofs of the verdicts")
-    assert main(["docs", "running", "--path"]) == 0
-    assert Path(capsys.readouterr().out.strip()).is_file()
-    assert main(["docs", "runing"]) == 2
-    assert "did you mean 'running'?" in capsys.readouterr().err
+    assert call("docs", "metrics", status=0).out.startswith("# Metrics\n")
+    assert call("docs", "proofs/verdicts", status=0).out.startswith("# Proofs of the verdicts")
+    assert Path(call("docs", "running", "--path", status=0).out.strip()).is_file()
+    assert "did you mean 'running'?" in call("docs", "runing", status=2).err

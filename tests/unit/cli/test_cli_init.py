@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from command_line import Call
 from git_repositories import git
 from r2bspec.api import compile_plan, validate
 from r2bspec.cli.main import main
@@ -27,53 +28,55 @@ def test_every_template_is_valid_and_has_a_plan(template: str) -> None:
     file = Path("camera.r2b.yaml")
     assert {one.certainty for one in validate(file)} <= {Certainty.ENVIRONMENT}
     assert compile_plan(file).name == "camera"
+    assert "my_node" not in file.read_text(encoding="utf-8"), "the node of the template"
 
 
-def test_what_is_written(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["init", "camera"]) == 0
+def test_what_is_written(call: Call) -> None:
+    said = call("init", "camera", status=0).out
     text = Path("camera.r2b.yaml").read_text()
     first = "# yaml-language-server: $schema=./r2bspec-v1.schema.json\n"
     assert text.startswith(first)
     assert "\nname: camera\n" in text
     published = (ROOT / "schemas" / "r2bspec-v1.schema.json").read_text()
     assert json.loads(Path("r2bspec-v1.schema.json").read_text()) == json.loads(published)
-    assert "r2bspec validate camera.r2b.yaml" in capsys.readouterr().out
+    assert "r2bspec validate camera.r2b.yaml" in said
 
 
 def test_in_a_work_tree_it_is_said_once_that_runs_are_nothing_for_git(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
-    main(["init", "outside"])
-    assert "gitignore" not in capsys.readouterr().out
+    assert "gitignore" not in call("init", "outside").out
     git(tmp_path, "init", "--quiet")
     (tmp_path / "bench").mkdir()
     monkeypatch.chdir(tmp_path / "bench")
-    main(["init", "camera"])
-    assert "echo runs/ >> .gitignore" in capsys.readouterr().out
+    assert "echo runs/ >> .gitignore" in call("init", "camera").out
     Path(".gitignore").write_text("runs/\n")
-    main(["init", "lidar"])
-    assert "gitignore" not in capsys.readouterr().out
+    assert "gitignore" not in call("init", "lidar").out
 
 
-def test_without_a_name() -> None:
-    assert main(["init"]) == 0
-    assert Path("my_benchmark.r2b.yaml").exists()
-
-
-def test_a_name_with_a_folder_and_a_suffix() -> None:
+@pytest.mark.parametrize(
+    ("arguments", "file", "name"),
+    [
+        ((), "my_benchmark.r2b.yaml", "my_benchmark"),
+        (("benchmarks/camera.r2b.yaml",), "benchmarks/camera.r2b.yaml", "camera"),
+    ],
+)
+def test_the_name_may_be_left_out_or_have_a_folder_and_a_suffix(
+    arguments: tuple[str, ...], file: str, name: str, call: Call
+) -> None:
     Path("benchmarks").mkdir()
-    assert main(["init", "benchmarks/camera.r2b.yaml"]) == 0
-    assert "\nname: camera\n" in Path("benchmarks/camera.r2b.yaml").read_text()
+    call("init", *arguments, status=0)
+    assert f"\nname: {name}\n" in Path(file).read_text()
 
 
-def test_nothing_is_overwritten(capsys: pytest.CaptureFixture[str]) -> None:
+def test_nothing_is_overwritten(call: Call) -> None:
     Path("camera.r2b.yaml").write_text("mine")
-    assert main(["init", "camera"]) == 2
+    error = call("init", "camera", status=2).err
     assert Path("camera.r2b.yaml").read_text() == "mine"
     assert not Path("r2bspec-v1.schema.json").exists()
-    assert "error[R2B601 wrong-usage]: camera.r2b.yaml already exists" in capsys.readouterr().err
+    assert "error[R2B601 wrong-usage]: camera.r2b.yaml already exists" in error
     Path("r2bspec-v1.schema.json").write_text("mine, too")
-    assert main(["init", "other"]) == 0
+    call("init", "other", status=0)
     assert Path("r2bspec-v1.schema.json").read_text() == "mine, too"
 
 
@@ -84,17 +87,23 @@ def test_nothing_is_overwritten(capsys: pytest.CaptureFixture[str]) -> None:
         (["nowhere/camera"], "cannot be written"),
         (["camera", "--template", "minimul"], "did you mean 'minimal'?"),
         (["camera", "--template", "x"], "templates:"),
+        (["camera", "--node", "brightness.py"], "a Python node has the form module.Class"),
+        (
+            ["camera", "--node", "a.B", "--template", "components"],
+            "Use --node with one of these: live, ",
+        ),
+        (["camera", "--node", "./gone.py:Gone"], "gone.py does not exist"),
+        (["camera", "--node", "./here.py:Gone"], "has no class or function 'Gone'"),
     ],
 )
-def test_wrong_usage(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["init", *arguments]) == 2
-    assert said in capsys.readouterr().err
-    assert list(Path().iterdir()) == []
+def test_wrong_usage_writes_nothing(arguments: list[str], said: str, call: Call) -> None:
+    Path("here.py").write_text("class Here: ...\n", encoding="utf-8")
+    assert said in call("init", *arguments, status=2).err
+    assert [file.name for file in Path().iterdir()] == ["here.py"]
 
 
-def test_the_list_says_what_each_is_for(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["init", "--list"]) == 0
-    lines = capsys.readouterr().out.splitlines()
+def test_the_list_says_what_each_is_for(call: Call) -> None:
+    lines = call("init", "--list", status=0).out.splitlines()
     assert [line.split()[0] for line in lines] == list(templates())
     assert all(
         purpose(text) in line for text, line in zip(templates().values(), lines, strict=True)
@@ -124,27 +133,3 @@ def test_the_node_under_test_can_be_named() -> None:
     text = Path("camera.r2b.yaml").read_text(encoding="utf-8")
     assert '    brightness:\n      python: "./brightness.py:Brightness"\n' in text
     assert {one.severity for one in validate(Path("camera.r2b.yaml"))} <= {"warning"}
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["--node", "brightness.py"], "a Python node has the form module.Class"),
-        (["--node", "a.B", "--template", "components"], "Use --node with one of these: live, "),
-        (["--node", "./gone.py:Gone"], "gone.py does not exist"),
-        (["--node", "./here.py:Gone"], "has no class or function 'Gone'"),
-    ],
-)
-def test_a_node_that_does_not_fit_is_refused(
-    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    Path("here.py").write_text("class Here: ...\n", encoding="utf-8")
-    assert main(["init", "camera", *arguments]) == 2
-    assert said in capsys.readouterr().err
-    assert not Path("camera.r2b.yaml").exists()
-
-
-def test_no_spec_has_the_node_of_the_template() -> None:
-    for template in templates():
-        assert main(["init", template, "--template", template]) == 0
-        assert "my_node" not in Path(f"{template}.r2b.yaml").read_text(encoding="utf-8")

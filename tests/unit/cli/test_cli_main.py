@@ -12,17 +12,13 @@ from pathlib import Path
 import pytest
 
 import r2bspec.cli as verbs_package
+from command_line import Call
 from r2bspec._version import __version__
 from r2bspec.cli import main as cli
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.report.findings_text import code_with_slug
 
 VERBS = list(cli._VERBS)
-
-
-def test_version(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["--version"]) == 0
-    assert capsys.readouterr().out == f"r2bspec {__version__}\n"
 
 
 def test_the_module_is_the_command() -> None:
@@ -32,11 +28,10 @@ def test_the_module_is_the_command() -> None:
 
 
 def test_a_folder_in_place_of_one_spec_is_answered_with_its_specs(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, call: Call
 ) -> None:
     (spec := tmp_path / "a.r2b.yaml").write_text("")
-    assert cli.main(["plan", str(tmp_path)]) == 2
-    assert f"is a folder: name one spec, such as {spec}" in capsys.readouterr().err
+    assert f"is a folder: name one spec, such as {spec}" in call("plan", tmp_path, status=2).err
 
 
 def folder_of_a_stranger(folder: Path, names: set[str]) -> None:
@@ -72,32 +67,25 @@ def test_the_command_does_not_look_into_the_current_folder(
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_every_verb_has_help(
-    verb: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_verb_has_help(verb: str, monkeypatch: pytest.MonkeyPatch, call: Call) -> None:
     # click keeps the help option of the first call; one that another test made without the group
     # has other names. So the verb is imported anew, and the one that others use is put back.
     name = cli._PLACES.get(verb, verb).partition(":")[0]
     monkeypatch.delitem(sys.modules, f"r2bspec.cli.{name}", raising=False)
     monkeypatch.setattr(verbs_package, name, None, raising=False)
-    assert cli.main([verb, "--help"]) == 0
-    shown = capsys.readouterr().out
+    shown = call(verb, "--help", status=0).out
     assert shown.startswith(f"Usage: r2bspec {verb}")
     assert "-h, --help" in shown
 
 
-def test_the_help_lists_every_verb(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["--help"]) == 0
-    shown = capsys.readouterr().out
+def test_the_help_lists_every_verb(call: Call) -> None:
+    shown = call("--help", status=0).out
     assert all(f"\n  {verb}" in shown for verb in VERBS)
     assert "3 inconclusive" in shown
 
 
-def test_a_misspelt_verb_is_answered_with_the_right_one(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert cli.main(["vlidate"]) == 2
-    assert "did you mean 'validate'?" in capsys.readouterr().err
+def test_a_misspelt_verb_is_answered_with_the_right_one(call: Call) -> None:
+    assert "did you mean 'validate'?" in call("vlidate", status=2).err
 
 
 @pytest.mark.parametrize(
@@ -109,62 +97,22 @@ def test_a_misspelt_verb_is_answered_with_the_right_one(
     ],
 )
 def test_an_error_is_a_line_a_hint_and_a_status(
-    error: BaseException,
-    status: int,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    error: BaseException, status: int, monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
     def fail(**_: object) -> None:
         raise error
 
     monkeypatch.setattr(cli.command, "main", fail)
-    assert cli.main(["validate"]) == status
-    shown = capsys.readouterr().err
+    shown = call("validate", status=status).err
     assert "Traceback" not in shown
     if isinstance(error, R2bspecError):
         assert f"error[{code_with_slug(error.code)}]: {error}" in shown
         assert error.hint in shown
 
 
-def _modules_after(*arguments: str) -> set[str]:
-    """The modules that are loaded when the command line has done its work, in a new process."""
-    code = (
-        "import sys; from r2bspec.cli.main import main; main(sys.argv[1:]); "
-        "sys.stderr.write('\\n'.join(sys.modules))"
-    )
-    asked = [sys.executable, "-c", code, *arguments]
-    done = subprocess.run(asked, capture_output=True, text=True, check=True)
-    return set(done.stderr.split("\n"))
-
-
-def test_importing_the_package_imports_no_stage() -> None:
-    asked = [sys.executable, "-c", "import r2bspec, sys; print('\\n'.join(sys.modules))"]
-    done = subprocess.run(asked, capture_output=True, text=True, check=True)
-    assert {name for name in done.stdout.split() if name.startswith("r2bspec")} == {
-        "r2bspec",
-        "r2bspec._version",
-        "r2bspec.errors",
-    }
-
-
-def test_validate_imports_nothing_heavy() -> None:
-    spec = Path(__file__).parents[3] / "specs" / "apriltag_node.r2b.yaml"
-    loaded = _modules_after("validate", str(spec))
-    assert "r2bspec.check.engine" in loaded
-    assert loaded.isdisjoint({"rclpy", "numpy", "scipy", "cv2", "rosbags", "psutil", "rich"})
-
-
-def test_a_document_with_an_error_imports_no_rules(tmp_path: Path) -> None:
-    spec = tmp_path / "a.r2b.yaml"
-    spec.write_text("r2bspec: 3\n")
-    loaded = _modules_after("validate", str(spec))
-    assert "r2bspec.language.load_spec" in loaded
-    assert "r2bspec.check" not in loaded
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_any_verb_as_interrupted(
-    number: signal.Signals, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    number: signal.Signals, monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
     def interrupted(**_: object) -> int:
         os.kill(os.getpid(), number)
@@ -173,6 +121,5 @@ def test_a_signal_ends_any_verb_as_interrupted(
 
     before = signal.getsignal(number)
     monkeypatch.setattr(cli.command, "main", interrupted)
-    assert cli.main(["validate"]) == 130
-    assert capsys.readouterr().err == "interrupted\n"
+    assert call("validate", status=130).err == "interrupted\n"
     assert signal.getsignal(number) is before

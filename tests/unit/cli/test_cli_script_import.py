@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from command_line import Call
 from r2bspec.api import validate
 from r2bspec.cli.main import main
 
@@ -22,11 +23,10 @@ def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-def test_printed_and_written(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["import", "stereo_rectifier.py"]) == 0
-    printed = capsys.readouterr().out
-    assert main(["import", "stereo_rectifier.py", "-o", "a.r2b.yaml"]) == 0
-    assert "wrote a.r2b.yaml" in capsys.readouterr().err
+def test_printed_and_written(call: Call) -> None:
+    printed = call("import", "stereo_rectifier.py", status=0).out
+    ended = call("import", "stereo_rectifier.py", "-o", "a.r2b.yaml", status=0)
+    assert "wrote a.r2b.yaml" in ended.err
     assert Path("a.r2b.yaml").read_text() == printed
     assert [each for each in validate(Path("a.r2b.yaml")) if each.severity == "error"] == []
 
@@ -40,17 +40,15 @@ def test_paths_are_relative_to_the_spec() -> None:
     assert "script_folder: .." in Path("specs/tensor_detector.r2b.yaml").read_text()
 
 
-def test_an_error_of_the_spec_is_told(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["import", "tensor_detector.py", "-o", "a.r2b.yaml"]) == 1
-    assert "R2B614" in capsys.readouterr().err
+def test_an_error_of_the_spec_is_told(call: Call) -> None:
+    assert "R2B614" in call("import", "tensor_detector.py", "-o", "a.r2b.yaml", status=1).err
 
 
-def test_nothing_is_overwritten(capsys: pytest.CaptureFixture[str]) -> None:
+def test_nothing_is_overwritten(call: Call) -> None:
     Path("a.r2b.yaml").write_text("mine")
-    assert main(["import", "stereo_rectifier.py", "-o", "a.r2b.yaml"]) == 2
+    assert "--force" in call("import", "stereo_rectifier.py", "-o", "a.r2b.yaml", status=2).err
     assert Path("a.r2b.yaml").read_text() == "mine"
-    assert "--force" in capsys.readouterr().err
-    assert main(["import", "stereo_rectifier.py", "-o", "a.r2b.yaml", "--force"]) == 0
+    call("import", "stereo_rectifier.py", "-o", "a.r2b.yaml", "--force", status=0)
 
 
 def test_several_scripts() -> None:
@@ -63,23 +61,23 @@ def test_several_scripts() -> None:
     ]
 
 
-def test_check(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["import", "--check", "tensor_detector.py"]) == 0
-    capsys.readouterr()
-    assert main(["import", "--check", "--format", "json", "mistaken_stereo.py"]) == 1
-    found = json.loads(capsys.readouterr().out)["findings"]
+def test_check(call: Call) -> None:
+    call("import", "--check", "tensor_detector.py", status=0)
+    found = json.loads(
+        call("import", "--check", "--format", "json", "mistaken_stereo.py", status=1).out
+    )["findings"]
     place = [(each["line"], each["column"]) for each in found if each["code"] == "R2B723"]
     assert place == [(17, 43)]
     assert not list(Path().glob("*.r2b.yaml"))
 
 
 @pytest.mark.parametrize("output_format", ["text", "json", "github", "sarif", "junit"])
-def test_formats(output_format: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["import", "--check", "--format", output_format, "mistaken_stereo.py"]) == 1
-    assert "R2B721" in capsys.readouterr().out
+def test_formats(output_format: str, call: Call) -> None:
+    ended = call("import", "--check", "--format", output_format, "mistaken_stereo.py", status=1)
+    assert "R2B721" in ended.out
 
 
-def test_what_cannot_be_read(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_cannot_be_read(call: Call) -> None:
     os.mkfifo("pipe.py")
     Path("large.py").write_text("x = 1\n" * 60_000)
     Path("latin.py").write_bytes(b"import a\n# \xe9\n")
@@ -91,18 +89,16 @@ def test_what_cannot_be_read(capsys: pytest.CaptureFixture[str]) -> None:
         ("missing.py", "R2B701"),
         ("broken.py", "R2B702"),
     ):
-        assert main(["import", name]) == 1
-        assert code in capsys.readouterr().err
+        assert code in call("import", name, status=1).err
 
 
-def test_reports_are_told_apart_by_content(capsys: pytest.CaptureFixture[str]) -> None:
+def test_reports_are_told_apart_by_content(call: Call) -> None:
     Path("report.py").write_text('{"BasicPerformanceMetrics.NUM_FRAMES_SENT": 3}')
-    assert main(["import", "report.py"]) == 0
-    assert "a report of ros2_benchmark" in capsys.readouterr().out
-    assert main(["import", "report.py", "--check"]) == 2
-    assert main(["import", "report.py", "stereo_rectifier.py"]) == 2
+    assert "a report of ros2_benchmark" in call("import", "report.py", status=0).out
+    call("import", "report.py", "--check", status=2)
+    call("import", "report.py", "stereo_rectifier.py", status=2)
     shutil.copy("stereo_rectifier.py", "script")
-    assert main(["import", "script"]) == 0
+    call("import", "script", status=0)
 
 
 HELPED = """
@@ -137,11 +133,10 @@ class MonitorUtility:
 """
 
 
-def test_a_module_that_is_missing_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_module_that_is_missing_is_told(call: Call) -> None:
     """It is the cause of all that is wrong with the spec, so nothing else is called an error."""
     Path("helped.py").write_text(HELPED)
-    assert main(["import", "helped.py", "-o", "a.r2b.yaml"]) == 1
-    said = capsys.readouterr().err
+    said = call("import", "helped.py", "-o", "a.r2b.yaml", status=1).err
     assert said.count(": error[") == 1
     assert "helped.py:2:1: error[R2B705 script-module-missing]: the module 'cell_monitors'" in said
     assert "create_monitor" in said

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from command_line import Call
 from example_spec import example
 from r2bspec import api
-from r2bspec.cli.main import main
 from r2bspec.language.environment_access import UntrustedSpecs
 
 
@@ -21,24 +21,20 @@ def listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return spec
 
 
-def test_interfaces_refuses_a_variable_before_a_node_starts(
-    listed: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["interfaces", "--untrusted", str(listed)]) == 2
-    shown = capsys.readouterr().err
+def test_interfaces_refuses_a_variable_before_a_node_starts(listed: Path, call: Call) -> None:
+    shown = call("interfaces", "--untrusted", listed, status=2).err
     assert "R2B143" in shown
     assert "starting" not in shown
     assert not (listed.parent / "interfaces").exists()
 
 
 def test_interfaces_refuses_a_link_out_of_the_folder(
-    listed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    listed: Path, tmp_path: Path, call: Call
 ) -> None:
     folder = tmp_path / "other"
     folder.mkdir()
     (folder / "linked.r2b.yaml").symlink_to(listed)
-    assert main(["interfaces", str(folder / "linked.r2b.yaml")]) == 2
-    assert "R2B001" in capsys.readouterr().err
+    assert "R2B001" in call("interfaces", folder / "linked.r2b.yaml", status=2).err
 
 
 def test_the_functions_take_what_the_verbs_take(listed: Path, tmp_path: Path) -> None:

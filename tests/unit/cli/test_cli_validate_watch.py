@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
+from command_line import Call
 from data_bags import chatter, write_bag
 from example_spec import example
 from r2bspec.cli import validate
 from r2bspec.cli.check_files import CheckOptions, FileReport, check_file
-from r2bspec.cli.main import main
 from r2bspec.cli.validate import SpecWatch
 from r2bspec.safe_io.looked_up_files import (
     looked_up_files,
@@ -235,11 +235,11 @@ def test_what_is_looked_up_once_is_noted_for_every_spec(
     assert {Path(path).parent for path in one ^ two} == {tmp_path}
 
 
-def test_it_prints_text_for_people_only(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for options in (["--format", "json"], ["--fix"], ["--diff"], ["--resolved"]):
-        assert main(["validate", "--watch", str(folder), *options]) == 2
-    assert main(["validate", "--watch", "-"]) == 2
-    assert capsys.readouterr().err.count("--watch prints findings as text") == 5
+def test_it_prints_text_for_people_only(folder: Path, call: Call) -> None:
+    watched = [[folder, *options] for options in (["--format", "json"], ["--fix"], ["--diff"])]
+    for arguments in [*watched, [folder, "--resolved"], ["-"]]:
+        ended = call("validate", "--watch", *arguments, status=2)
+        assert "--watch prints findings as text" in ended.err
 
 
 def test_lookups_are_noted_with_the_state_before_the_file_was_read(tmp_path: Path) -> None:

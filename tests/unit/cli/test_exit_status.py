@@ -9,7 +9,7 @@ from typing import get_args
 import msgspec
 import pytest
 
-from r2bspec.cli import main as cli
+from command_line import Call
 from r2bspec.errors import ExitStatus
 from r2bspec.judge.verdict import EXIT_CODES, OverallOutcome, Verdict
 
@@ -31,9 +31,8 @@ def test_the_numbers_are_the_promised_ones() -> None:
     }
 
 
-def test_the_help_lists_every_status(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["--help"]) == ExitStatus.OK
-    shown = " ".join(capsys.readouterr().out.split())
+def test_the_help_lists_every_status(call: Call) -> None:
+    shown = " ".join(call("--help", status=ExitStatus.OK).out.split())
     for each in ExitStatus:
         assert f"{each.value} {each.meaning}" in shown
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import faulthandler
+import functools
 import os
 import re
 import signal
@@ -16,6 +17,7 @@ from pathlib import Path
 import pytest
 
 import r2bspec.cli.check_files as check_files_module
+from command_line import Call
 from example_spec import example
 from r2bspec.cli import main as cli
 from r2bspec.cli.check_files import CheckOptions
@@ -67,11 +69,10 @@ CRASHES: dict[str, Callable[[], object]] = {
 
 @pytest.mark.parametrize("kind", CRASHES)
 def test_a_crash_is_a_line_a_file_and_status_70(
-    kind: str, temporary: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    kind: str, temporary: Path, monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
     monkeypatch.setattr(cli.command, "main", lambda **_: CRASHES[kind]())
-    assert cli.main(["validate"]) == ExitStatus.INTERNAL_ERROR
-    shown = capsys.readouterr()
+    shown = call("validate", status=ExitStatus.INTERNAL_ERROR)
     assert shown.out == ""
     (line,) = shown.err.splitlines()
     assert line.startswith(f"error[R2B690 internal-error]: {kind} in r2bspec (")
@@ -84,13 +85,11 @@ def test_a_crash_is_a_line_a_file_and_status_70(
 
 
 def test_the_line_has_nothing_of_the_input(
-    temporary: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    temporary: Path, monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
-    monkeypatch.setattr(
-        cli.command, "main", lambda **_: _raise(ValueError("\x1b[2J\n::error::hunter2"))
-    )
-    assert cli.main(["validate"]) == ExitStatus.INTERNAL_ERROR
-    shown = capsys.readouterr().err
+    crash = ValueError("\x1b[2J\n::error::hunter2")
+    monkeypatch.setattr(cli.command, "main", lambda **_: _raise(crash))
+    shown = call("validate", status=ExitStatus.INTERNAL_ERROR).err
     assert "hunter2" not in shown
     assert "\x1b" not in shown
     (file,) = temporary.iterdir()
@@ -98,15 +97,12 @@ def test_the_line_has_nothing_of_the_input(
 
 
 def test_without_room_for_the_traceback_the_line_is_said_all_the_same(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
-    def full(**_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("tempfile.mkstemp", full)
+    full = OSError(28, "No space left on device")
+    monkeypatch.setattr("tempfile.mkstemp", lambda **_: _raise(full))
     monkeypatch.setattr(cli.command, "main", lambda **_: CRASHES["TypeError"]())
-    assert cli.main(["validate"]) == ExitStatus.INTERNAL_ERROR
-    (line,) = capsys.readouterr().err.splitlines()
+    (line,) = call("validate", status=ExitStatus.INTERNAL_ERROR).err.splitlines()
     assert "could not be written: No space left on device" in line
 
 
@@ -134,7 +130,18 @@ def _die(number: int = signal.SIGKILL) -> None:
     os.kill(os.getpid(), number)
 
 
-@pytest.mark.parametrize("together", [True, False])
+TOGETHER = pytest.mark.parametrize("together", [True, False])
+WRONG = "1: 2\n"
+
+
+@pytest.fixture
+def validate(many: list[str], call: Call) -> Call:
+    """All files are checked; something crashes."""
+    status = ExitStatus.INTERNAL_ERROR
+    return functools.partial(call, "validate", "--offline", *many, status=status)
+
+
+@TOGETHER
 @pytest.mark.parametrize("kind", CRASHES)
 def test_a_crash_while_a_file_is_checked_names_the_file(
     kind: str,
@@ -142,92 +149,66 @@ def test_a_crash_while_a_file_is_checked_names_the_file(
     many: list[str],
     temporary: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    validate: Call,
 ) -> None:
-    if not together:
-        monkeypatch.setattr(check_files_module, "MIN_PARALLEL_FILES", 1000)
+    monkeypatch.setattr(check_files_module, "MIN_PARALLEL_FILES", 2 if together else 1000)
     (chosen,) = _crash_on(monkeypatch, many, CRASHES[kind])
-    assert cli.main(["validate", "--offline", *many]) == ExitStatus.INTERNAL_ERROR
-    (line,) = capsys.readouterr().err.splitlines()
+    (line,) = validate().err.splitlines()
     assert f"while checking '{chosen}'" in line
     (file,) = temporary.iterdir()
     assert "in load" in file.read_text()
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV, signal.SIGABRT])
-def test_a_worker_that_dies_is_an_error_that_names_its_file(
-    number: signal.Signals,
-    many: list[str],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+def test_a_worker_that_dies_is_replaced_and_an_error_names_its_file(
+    number: signal.Signals, many: list[str], monkeypatch: pytest.MonkeyPatch, validate: Call
 ) -> None:
+    Path(many[58]).write_text(WRONG)
     (chosen,) = _crash_on(monkeypatch, many, lambda: _die(number))
-    assert cli.main(["validate", "--offline", *many]) == ExitStatus.INTERNAL_ERROR
-    first, second = capsys.readouterr().err.splitlines()
+    shown = validate()
+    first, second = shown.err.splitlines()
     assert first == (
         f"error[R2B691 worker-ended]: the process that checked '{chosen}' ended by {number.name}"
     )
     assert second.startswith("  help: ")
+    assert f"{many[58]}:1:" in shown.out
+    assert "59 files, " in shown.out
 
 
-WRONG = "1: 2\n"
-
-
-@pytest.mark.parametrize("together", [True, False])
+@TOGETHER
 @pytest.mark.parametrize("numbers", [(0,), (37,), (0, 1, 37, 59)])
 def test_a_crash_does_not_hide_the_findings_of_other_files(
     numbers: tuple[int, ...],
     together: bool,
     many: list[str],
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    validate: Call,
 ) -> None:
-    if not together:
-        monkeypatch.setattr(check_files_module, "MIN_PARALLEL_FILES", 1000)
+    monkeypatch.setattr(check_files_module, "MIN_PARALLEL_FILES", 2 if together else 1000)
     crashing = _crash_on(monkeypatch, many, _nested, numbers)
     wrong = [name for number, name in enumerate(many) if number % 10 == 5]
     for name in wrong:
         Path(name).write_text(WRONG)
-    assert cli.main(["validate", "--offline", *many]) == ExitStatus.INTERNAL_ERROR
-    shown = capsys.readouterr()
+    shown = validate()
     assert [name for name in many if f"{name}:1:" in shown.out] == wrong
     assert f"{len(many) - len(numbers)} files, " in shown.out
     assert [name for name in crashing if repr(name) not in shown.err] == []
 
 
-def test_workers_that_die_are_replaced(
-    many: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    Path(many[58]).write_text(WRONG)
-    _crash_on(monkeypatch, many, _die)
-    assert cli.main(["validate", "--offline", *many]) == ExitStatus.INTERNAL_ERROR
-    shown = capsys.readouterr()
-    assert f"{many[58]}:1:" in shown.out
-    assert "59 files, " in shown.out
-
-
 def test_when_every_check_crashes_the_rest_is_left(
-    many: list[str],
-    temporary: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    temporary: Path, monkeypatch: pytest.MonkeyPatch, validate: Call
 ) -> None:
     monkeypatch.setattr(check_files_module, "_load", lambda *_: _nested())
-    assert cli.main(["validate", "--offline", *many]) == ExitStatus.INTERNAL_ERROR
-    assert "Not checked either: " in capsys.readouterr().err
+    assert "Not checked either: " in validate().err
     assert len(list(temporary.iterdir())) == MAX_FAILURES
 
 
 @pytest.mark.parametrize("option", ["--fix", "--diff"])
 def test_a_crash_while_a_file_is_repaired_names_the_file(
-    option: str,
-    many: list[str],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    option: str, many: list[str], monkeypatch: pytest.MonkeyPatch, validate: Call
 ) -> None:
     (chosen,) = _crash_on(monkeypatch, many, _nested)
-    assert cli.main(["validate", "--offline", option, *many]) == ExitStatus.INTERNAL_ERROR
-    assert f"while checking '{chosen}'" in capsys.readouterr().err
+    assert f"while checking '{chosen}'" in validate(option).err
 
 
 def test_a_worker_that_exits_is_an_error() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import html
 import json
 import re
@@ -14,11 +15,11 @@ import msgspec
 import numpy as np
 import pytest
 
+from command_line import Call
 from example_spec import example
 from git_repositories import commit, git
 from pair_simulation import Comparison
 from r2bspec import api
-from r2bspec.cli.main import main
 from r2bspec.compare.merge_gate import GateSettings, MergeGate
 from r2bspec.compare.report_input import read_folder
 from r2bspec.execute.identity.identify_graph import graph_identity
@@ -90,51 +91,47 @@ def played(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str
     assert list((tmp_path / "temporary").iterdir()) == []
 
 
-def gate(*arguments: object) -> int:
-    return main(["run", *map(str, arguments), "--against", "main", "--no-lock"])
+@pytest.fixture
+def gate(call: Call) -> Call:
+    return functools.partial(call, "run", "--against", "main", "--no-lock")
 
 
 def suite(folder: Path) -> SuiteSummary:
     return msgspec.json.decode((folder / "suite.json").read_bytes(), type=SuiteSummary)
 
 
+GONE = "alone/blur.r2b.yaml (gone, was benchmark blur)\n"
+
+
 @pytest.mark.parametrize("path", ["alone", "alone/blur.r2b.yaml", "alone/*.r2b.yaml"])
 def test_the_only_spec_of_a_folder_is_gone(
-    top: Path, played: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path, path: str
+    top: Path, played: list[str], gate: Call, path: str
 ) -> None:
     git(top, "rm", "--quiet", "alone/blur.r2b.yaml")
     commit(top)
-    reports = tmp_path / "reports"
-    options = ["--require-slos", "--report", f"junit={reports}/junit.xml"]
-    pages = ["--report", f"html={reports}/page.html", "--report", f"json={reports}/page.json"]
-    assert gate(path, *options, *pages) == 2
-    assert "R2B692" in (reports / "page.html").read_text()
-    assert json.loads((reports / "page.json").read_text())["code"] == "R2B692"
-    said = capsys.readouterr().err
+    formats = {name: top / f"reports/all.{name}" for name in ("junit", "html", "json", "csv")}
+    options = [f"--report={name}={file}" for name, file in formats.items()]
+    said = gate(path, "--require-slos", *options[:-1], status=2).err
+    assert "R2B692" in formats["html"].read_text()
+    assert json.loads(formats["json"].read_text())["code"] == "R2B692"
+    assert "spec alone/blur.r2b.yaml" in formats["junit"].read_text()
     assert "error[R2B692 weaker-gate]: the gate is weaker than in main@" in said
-    assert ": spec alone/blur.r2b.yaml (gone, was benchmark blur)\n" in said
+    assert f": spec {GONE}" in said
     assert "let the pipeline allow it: --allow 'spec alone/blur.r2b.yaml'" in said
-    assert "spec alone/blur.r2b.yaml" in (reports / "junit.xml").read_text()
     assert not (top / "runs").exists()
-
-    summary = tmp_path / "result.json"
-    allowed = ["--allow", "spec alone/blur.r2b.yaml", "--report", f"json={summary}"]
-    assert gate(path, *options, *allowed, "--report", f"csv={reports}/all.csv") == 0
-    out = capsys.readouterr().out
-    assert out == (
-        "0 runs: nothing to run\n\nAllowed: spec alone/blur.r2b.yaml (gone, was benchmark blur)\n"
-    )
-    assert json.loads(summary.read_text())["gate"]
+    out = gate(path, "--require-slos", *options, "--allow=spec alone/blur.r2b.yaml", status=0).out
+    assert out == f"0 runs: nothing to run\n\nAllowed: spec {GONE}"
+    assert json.loads(formats["json"].read_text())["gate"]
     assert played == []
 
 
 def test_a_folder_that_has_runs_is_refused_and_keeps_their_summary(
-    top: Path, played: list[str], capsys: pytest.CaptureFixture[str]
+    top: Path, played: list[str], gate: Call
 ) -> None:
-    assert gate("alone", "--output", "runs/a") == 0
+    gate("alone", "--output", "runs/a", status=0)
     before = Path("runs/a/suite.json").read_bytes()
-    assert gate("alone", "--output", "runs/a") == 2
-    assert "runs/a has the runs of an earlier call" in capsys.readouterr().err
+    ended = gate("alone", "--output", "runs/a", status=2)
+    assert "runs/a has the runs of an earlier call" in ended.err
     assert Path("runs/a/suite.json").read_bytes() == before
     assert len(played) == 1
 
@@ -153,50 +150,44 @@ def test_a_spec_that_lost_its_name_with_its_place_is_told_how_to_keep_its_base(t
 
 
 def test_a_spec_that_is_gone_is_refused_before_anything_is_played(
-    top: Path, played: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path
+    top: Path, played: list[str], gate: Call
 ) -> None:
     git(top, "rm", "--quiet", "bench/a.r2b.yaml")
     commit(top)
-    assert gate("bench", "--format", "json") == 2
-    said = capsys.readouterr()
+    said = gate("bench", "--format", "json", status=2)
     assert ": spec bench/a.r2b.yaml (gone, was benchmark a)\n" in said.err
     assert json.loads(said.out)["code"] == "R2B692"
     assert played == []
-    output = tmp_path / "out"
-    assert gate("bench", "--allow", "spec bench/a.r2b.yaml", "-o", output) == 0
+    out = gate("bench", "--allow", "spec bench/a.r2b.yaml", "-o", "out", status=0).out
     assert played == ["b"]
-    assert [run.name for run in suite(output).runs] == ["b"]
-    assert "Allowed: spec bench/a.r2b.yaml (gone, was benchmark a)" in capsys.readouterr().out
+    assert [run.name for run in suite(top / "out").runs] == ["b"]
+    assert "Allowed: spec bench/a.r2b.yaml (gone, was benchmark a)" in out
 
 
-def test_a_spec_that_has_moved_is_named(
-    top: Path, played: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_spec_that_has_moved_is_named(top: Path, played: list[str], gate: Call) -> None:
     git(top, "mv", "alone", "moved")
     commit(top)
     for path in ("alone", "alone/blur.r2b.yaml"):
-        assert gate(path) == 2
-        said = capsys.readouterr().err
+        said = gate(path, status=2).err
         assert "moved/blur.r2b.yaml has its name: let the pipeline run that." in said
-    assert gate("alone", "moved") == 0
+    gate("alone", "moved", status=0)
     assert played == ["blur"]
 
 
-def test_what_neither_side_has_is_wrong_usage(
-    top: Path, played: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_neither_side_has_is_wrong_usage(top: Path, played: list[str], gate: Call) -> None:
     (top / "empty").mkdir()
     for path, message in (("nowhere", "does not exist"), ("empty", "has no *.r2b.yaml file")):
-        assert gate(path) == 2
-        assert message in capsys.readouterr().err
-        assert gate("bench", path) == 2
+        assert message in gate(path, status=2).err
+        gate("bench", path, status=2)
     assert played == []
 
 
-def test_specs_without_a_selected_label_are_not_gone(top: Path, played: list[str]) -> None:
+def test_specs_without_a_selected_label_are_not_gone(
+    top: Path, played: list[str], gate: Call
+) -> None:
     commit(top, {"bench/a.r2b.yaml": spec("a") + "labels: {sensor: lidar}\n"})
     git(top, "branch", "--force", "main", "HEAD")
-    assert gate("bench", "--select", "sensor=lidar") == 0
+    gate("bench", "--select", "sensor=lidar", status=0)
     assert played == ["a"]
     commit(
         top,
@@ -205,90 +196,64 @@ def test_specs_without_a_selected_label_are_not_gone(top: Path, played: list[str
             "bench/b.r2b.yaml": spec("b") + "labels: {sensor: lidar}\n",
         },
     )
-    assert gate("bench", "--select", "sensor=lidar") == 2
+    gate("bench", "--select", "sensor=lidar", status=2)
     assert played == ["a"]
 
 
 def test_the_estimate_counts_the_pairs_of_every_spec_that_the_base_has(
-    top: Path, played: list[str], capsys: pytest.CaptureFixture[str]
+    top: Path, played: list[str], gate: Call
 ) -> None:
     commit(top, {"bench/c.r2b.yaml": spec("c")})
-    assert gate("bench", "--pairs", "3") == 0
-    said = capsys.readouterr().err
+    said = gate("bench", "--pairs", "3", status=0).err
     plan = api.prepare(top / "bench/a.r2b.yaml").plan
     pairs, alone = estimate_pairs(plan, 3), estimate_time(plan)
     assert (pairs.runs, alone.runs) == (6, 1)
     assert f"3 runs: about {time_text(2 * pairs.seconds + alone.seconds)}\n" in said
     assert f"[1/3] a: {pairs.text()}\n" in said
     assert f"[3/3] c: {alone.text()}\n" in said
-    assert gate("bench/b.r2b.yaml", "--pairs", "2") == 0
-    assert f"b-pairs: {estimate_pairs(plan, 2).text()}\n" in capsys.readouterr().err
+    ended = gate("bench/b.r2b.yaml", "--pairs", "2", status=0)
+    assert f"b-pairs: {estimate_pairs(plan, 2).text()}\n" in ended.err
     assert estimate_pairs(plan, 2).text().endswith(", 4 runs")
 
 
-def test_the_summary_of_a_gate_has_ratios_and_names_new_specs(
-    top: Path, played: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path
+def test_the_summary_of_a_gate_has_ratios_and_names_new_specs_and_revisions_once(
+    top: Path, played: list[str], gate: Call
 ) -> None:
+    base = commit_of(top, "main") or ""
     commit(top, {"bench/c.r2b.yaml": spec("c"), "bench/d.r2b.yaml": spec("d")})
-    output = tmp_path / "out"
-    assert gate("bench", "-o", output) == 0
-    text = capsys.readouterr().out
-    assert "ratio to base" in text.splitlines()[2]
-    row = next(line for line in text.splitlines() if line.startswith("a "))
-    assert "latency.p50 100 %" in row
-    sentence = "has nothing to compare it with."
-    assert text.count(sentence) == 1
-    assert any(
-        line.startswith("c, d: New spec: main@") and line.endswith(sentence)
-        for line in text.splitlines()
-    )
-    summary = suite(output)
-    assert [len(run.gate) for run in summary.runs][:2] == [0, 0]
-    for name in ("markdown", "html"):
-        shown = SUITE_FORMATS[name](summary, {}).decode()
-        assert "ratio to base" in shown
-        assert "c, d: New spec: main" in shown
-
-
-def test_the_revisions_are_named_once_for_the_folder(
-    top: Path, played: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    base = commit_of(top, "main")
-    commit(top, {"bench/c.r2b.yaml": spec("c")})
-    head = commit_of(top, "HEAD")
-    assert base is not None
-    assert head is not None
+    revisions = f"Head {(commit_of(top, 'HEAD') or '')[:7]}+dirty, base main@{base[:7]}"
     with (top / "bench/a.r2b.yaml").open("a") as file:
         file.write("# not committed\n")
-    output = tmp_path / "out"
-    assert gate("bench", "-o", output) == 0
-    expected = f"Head {head[:7]}+dirty, base main@{base[:7]}"
-    assert capsys.readouterr().out.count(expected) == 1
-    summary = suite(output)
-    for name in ("markdown", "html"):
-        shown = SUITE_FORMATS[name](summary, {}).decode()
-        assert html.unescape(shown).count(expected) == 1
-    *others, last = summary.runs
-    changed = msgspec.structs.replace(others[0], revision="1234567")
-    mixed = msgspec.structs.replace(summary, runs=(changed, *others[1:], last))
+    text = gate("bench", "-o", "out", status=0).out
+    lines = text.splitlines()
+    assert "ratio to base" in lines[2]
+    assert "latency.p50 100 %" in next(line for line in lines if line.startswith("a "))
+    (new,) = (line for line in lines if line.endswith("has nothing to compare it with."))
+    assert new.startswith("c, d: New spec: main@")
+    summary = suite(top / "out")
+    assert [len(run.gate) for run in summary.runs][:2] == [0, 0]
+    for shown in (text, decoded(summary, "markdown"), decoded(summary, "html")):
+        assert "ratio to base" in shown
+        assert "c, d: New spec: main" in shown
+        assert shown.count(revisions) == 1
+    changed = msgspec.structs.replace(summary.runs[0], revision="1234567")
+    mixed = msgspec.structs.replace(summary, runs=(changed, *summary.runs[1:]))
     text = SUITE_FORMATS["text"](mixed, {}).decode()
-    assert text.count(expected) == 1
+    assert text.count(revisions) == 1
     assert f"\na: head 1234567, base main@{base[:7]}\n" in text
 
 
 def test_an_open_spec_of_a_folder_says_what_the_host_did_and_how_many_pairs_are_needed(
-    top: Path, played: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path
+    top: Path, played: list[str], gate: Call
 ) -> None:
     commit(top, {"bench/open.r2b.yaml": spec("open")})
     git(top, "branch", "--force", "main", "HEAD")
-    output = tmp_path / "out"
-    assert gate("bench", "-o", output) == 3
-    said = capsys.readouterr()
-    [note, *_] = notes(read_folder(output / "open").result).shown
+    said = gate("bench", "-o", "out", status=3)
+    [note, *_] = notes(read_folder(top / "out/open").result).shown
     assert note.startswith("Host interference")
     assert "other processes used" in note
     assert f"\n  {note}\n" in said.err
-    summary = suite(output)
+    summary = suite(top / "out")
     assert [run.notes for run in summary.runs] == [(), (), (note,)]
     for shown in (said.out, *(decoded(summary, name) for name in ("markdown", "html"))):
         assert note in shown
@@ -315,8 +280,9 @@ def lock(monkeypatch: pytest.MonkeyPatch, played: list[str]) -> list[list[str]]:
     return taken
 
 
-def locked_gate(*arguments: object) -> int:
-    return main(["run", *map(str, arguments), "--against", "main", "--quiet"])
+@pytest.fixture
+def locked_gate(call: Call, lock: list[list[str]]) -> Call:
+    return functools.partial(call, "run", "--against", "main", "--quiet")
 
 
 def weaker(name: str) -> str:
@@ -324,38 +290,36 @@ def weaker(name: str) -> str:
 
 
 def test_every_spec_of_a_folder_is_compared_before_the_first_is_played(
-    top: Path,
-    played: list[str],
-    lock: list[list[str]],
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
+    top: Path, played: list[str], lock: list[list[str]], locked_gate: Call
 ) -> None:
     commit(top, {"bench/c.r2b.yaml": "r2bspec: 1\n", "bench/d.r2b.yaml": spec("d")})
     git(top, "branch", "--force", "main", "HEAD")
     changed = {"b": weaker("b"), "c": spec("c"), "d": example("d")}
     commit(top, {f"bench/{name}.r2b.yaml": text for name, text in changed.items()})
-    junit, output = tmp_path / "junit.xml", tmp_path / "out"
-    options = ["--require-slos", "-o", output, "--junit-xml", junit]
-    assert locked_gate("bench", *options) == 2
-    said = capsys.readouterr()
+    options = ["--require-slos", "-o", "out", "--junit-xml", "junit.xml"]
+    said = locked_gate("bench", *options, status=2)
     # What is weaker, a base that cannot be used, and missing objectives: each is told.
     for code in ("R2B692", "R2B698", "R2B693"):
         assert code in said.err
         assert code in said.out
-        assert code in junit.read_text()
+        assert code in Path("junit.xml").read_text()
     assert (played, lock) == ([], [])
-    outcomes = [(run.name, run.outcome) for run in suite(output).runs]
+    runs = suite(top / "out").runs
+    outcomes = [(run.name, run.outcome) for run in runs]
     assert outcomes == [("a", "skipped"), ("b", "error"), ("c", "error"), ("d", "error")]
-    assert "the gate refuses another spec" in suite(output).runs[0].reason
+    assert "the gate refuses another spec" in runs[0].reason
 
 
 def test_the_lock_of_the_host_is_taken_right_before_the_first_start(
-    top: Path, played: list[str], lock: list[list[str]]
+    top: Path, played: list[str], lock: list[list[str]], locked_gate: Call
 ) -> None:
-    assert locked_gate("bench") == 0
+    locked_gate("bench", status=0)
     assert (lock, played) == ([[]], ["a", "b"])
-    assert locked_gate("alone/blur.r2b.yaml") == 0
+    locked_gate("alone/blur.r2b.yaml", status=0)
     assert lock == [[], ["a", "b"]]
+    git(top, "rm", "--quiet", "alone/blur.r2b.yaml")
+    locked_gate("alone", "--allow", "spec alone/blur.r2b.yaml", status=0)
+    assert lock == [[], ["a", "b"]], "nothing is played"
 
 
 @pytest.mark.parametrize("path", ["alone", "alone/blur.r2b.yaml"])
@@ -372,7 +336,7 @@ def test_what_needs_no_playing_is_told_without_the_lock(
     top: Path,
     played: list[str],
     lock: list[list[str]],
-    capsys: pytest.CaptureFixture[str],
+    call: Call,
     path: str,
     changes: dict[str, str | None],
     options: list[str],
@@ -384,40 +348,29 @@ def test_what_needs_no_playing_is_told_without_the_lock(
         else:
             (top / name).write_text(text)
     against = [] if "--against" in options else ["--against", "main"]
-    assert main(["run", path, *options, *against, "--junit-xml", "junit.xml"]) == 2
-    assert code in capsys.readouterr().err
+    assert code in call("run", path, *options, *against, "--junit-xml", "junit.xml", status=2).err
     assert code in Path("junit.xml").read_text()
     assert (played, lock) == ([], [])
 
 
 @pytest.mark.parametrize("path", ["alone", "alone/blur.r2b.yaml"])
 def test_an_objective_that_only_the_base_has_can_be_allowed(
-    top: Path, played: list[str], lock: list[list[str]], path: str
+    top: Path, played: list[str], lock: list[list[str]], path: str, locked_gate: Call
 ) -> None:
     renamed = weaker("blur").replace("fast:", "swift:")
     (top / "alone/blur.r2b.yaml").write_text(renamed)
-    assert locked_gate(path) == 2
+    locked_gate(path, status=2)
     assert played == []
-    assert locked_gate(path, "--allow", "objective fast") == 0
+    locked_gate(path, "--allow", "objective fast", status=0)
     assert played == ["blur"]
 
 
 def test_a_base_is_built_under_the_lock(
-    top: Path, played: list[str], lock: list[list[str]], capsys: pytest.CaptureFixture[str]
+    top: Path, played: list[str], lock: list[list[str]], locked_gate: Call
 ) -> None:
-    assert locked_gate("bench", "--base-build", "false") == 2
-    assert "R2B695" in capsys.readouterr().err
+    assert "R2B695" in locked_gate("bench", "--base-build", "false", status=2).err
     assert (played, lock) == ([], [[]])
 
 
-def test_no_lock_is_taken_where_nothing_is_played(
-    top: Path, played: list[str], lock: list[list[str]]
-) -> None:
-    git(top, "rm", "--quiet", "alone/blur.r2b.yaml")
-    assert locked_gate("alone", "--allow", "spec alone/blur.r2b.yaml") == 0
-    assert (played, lock) == ([], [])
-
-
-def test_the_verb_that_people_guess_is_answered(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["gate", "bench"]) == 2
-    assert "did you mean 'run SPEC --against REVISION'?" in capsys.readouterr().err
+def test_the_verb_that_people_guess_is_answered(call: Call) -> None:
+    assert "did you mean 'run SPEC --against REVISION'?" in call("gate", "bench", status=2).err

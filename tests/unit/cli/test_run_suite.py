@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import re
 import xml.etree.ElementTree as ET
@@ -14,10 +15,9 @@ import click
 import msgspec
 import pytest
 
+from command_line import Call
 from example_spec import example
 from r2bspec import api
-from r2bspec.cli.main import main
-from r2bspec.cli.run import command as run_verb
 from r2bspec.cli.spec_selection import SpecSelection, run_items
 from r2bspec.errors import ExitStatus, R2bspecError, UsageError
 from r2bspec.execute.errors import InterruptedRunError
@@ -148,198 +148,159 @@ def played(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return names
 
 
-def suite(folder: Path) -> SuiteSummary:
-    return msgspec.json.decode((folder / "suite.json").read_bytes(), type=SuiteSummary)
-
-
-def call(*arguments: object) -> int:
-    return main(["run", *map(str, arguments), "--quiet"])
-
-
-def test_rows_and_notes_name_the_path_where_names_are_equal(
-    tmp_path: Path,
-    played: list[str],
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    for folder in ("left", "right"):
-        write_spec(tmp_path / folder, "slow")
-    write_spec(tmp_path / "right", "other")
+@pytest.fixture
+def call(call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Call:
+    """``r2bspec run`` in an empty folder."""
     monkeypatch.chdir(tmp_path)
-    assert call("left", "right", "-o", "out", "--junit-xml", "junit.xml") == 1
-    shown = capsys.readouterr().out
+    return functools.partial(call, "run")
+
+
+def suite() -> SuiteSummary:
+    """The summary of the runs in the folder ``out``."""
+    return msgspec.json.decode(Path("out/suite.json").read_bytes(), type=SuiteSummary)
+
+
+def write_specs(*names: str) -> None:
+    for name in names:
+        write_spec(Path("specs"), name)
+
+
+def test_rows_and_notes_name_the_path_where_names_are_equal(played: list[str], call: Call) -> None:
+    for folder in ("left", "right"):
+        write_spec(Path(folder), "slow")
+    write_spec(Path("right"), "other")
+    shown = call("left", "right", "-o", "out", "--junit-xml", "junit.xml", status=1).out
     rows = [line for line in shown.splitlines() if line.startswith(("slow", "other"))]
     left, right = (f"slow ({folder}/slow.r2b.yaml)" for folder in ("left", "right"))
     assert [row.partition("  ")[0] for row in rows] == [left, "other", right]
     assert f"start of {left}: " in shown
     assert f"start of {right}: " in shown
-    summary = suite(tmp_path / "out")
+    summary = suite()
     assert [run.name for run in summary.runs] == ["slow", "other", "slow"]
+    assert [Path(run.folder).name for run in summary.runs] == ["slow", "other", "slow-2"]
     for text in (SUITE_FORMATS["html"](summary, {}).decode(), Path("junit.xml").read_text()):
         assert left in text
         assert right in text
 
 
-def test_a_folder_is_run_to_its_end_with_the_worst_status(
-    tmp_path: Path, played: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    for name in ("a", "broken_b", "slow_c", "t"):
-        write_spec(tmp_path / "specs", name)
-    (tmp_path / "specs" / "u.r2b.yaml").write_text("r2bspec: 1\n")
-    junit, page = tmp_path / "junit.xml", tmp_path / "pages" / "all.html"
-    status = call(
-        *(tmp_path / "specs", "-o", tmp_path / "out", "--junit-xml", junit),
-        *("--report", f"html={page}", "--report", f"csv={tmp_path}/csv/{{name}}.csv"),
-    )
-    assert status == 2
+def test_a_folder_is_run_to_its_end_with_the_worst_status(played: list[str], call: Call) -> None:
+    write_specs("a", "broken_b", "slow_c", "t")
+    Path("specs/u.r2b.yaml").write_text("r2bspec: 1\n")
+    reports = ("--junit-xml", "junit.xml", "--report", "csv=csv/{name}.csv")
+    said = call("specs", "-o", "out", *reports, status=2)
     assert played == ["a", "broken_b", "slow_c", "t"]
-    found = suite(tmp_path / "out")
-    assert [(run.name, run.outcome, run.exit_status) for run in found.runs] == [
+    assert [(run.name, run.outcome, run.exit_status) for run in suite().runs] == [
         ("a", "pass", 0),
         ("broken_b", "error", 4),
         ("slow_c", "fail", 1),
         ("t", "pass", 0),
         ("u", "error", 2),
     ]
-    said = capsys.readouterr()
     assert said.out.count("✔ PASS") == 2
     assert "5 runs: 2 pass, 2 error, 1 fail" in said.out
-    assert said.err.rstrip().endswith(f"run folder: {tmp_path / 'out'}")
+    assert said.err.rstrip().endswith("run folder: out")
     assert "error[R2B600" in said.err
-    suites = {each.get("name"): each for each in ET.parse(junit).getroot()}  # noqa: S314 - our own
+    suites = {each.get("name"): each for each in ET.parse("junit.xml").getroot()}  # noqa: S314
     assert list(suites) == ["a", "broken_b", "slow_c", "t", "u"]
     assert [suites[name].get("errors") for name in suites] == ["0", "1", "0", "0", "1"]
     assert suites["slow_c"].get("failures") == "1"
-    assert page.read_text().count("<tr>") == 1 + 5
-    assert sorted(each.name for each in (tmp_path / "csv").iterdir()) == [
-        "a.csv",
-        "broken_b.csv",
-        "slow_c.csv",
-        "t.csv",
-    ]
+    written = {path.name for path in Path("csv").iterdir()}
+    assert written == {"a.csv", "broken_b.csv", "slow_c.csv", "t.csv"}
+    assert not [*Path().rglob("*.html")], "nobody has asked for a page"
 
 
 @pytest.mark.parametrize("own", [False, True])
 def test_the_page_of_a_suite_leads_to_its_runs_and_each_of_them_back(
-    tmp_path: Path, played: list[str], own: bool
+    played: list[str], own: bool, call: Call
 ) -> None:
-    for name in ("a", "slow_b"):
-        write_spec(tmp_path / "specs", name)
-    (tmp_path / "specs" / "u.r2b.yaml").write_text("r2bspec: 1\n")
-    page = tmp_path / "all pages" / "100 %.html"
-    reports = [f"html={page}", *([f"html={tmp_path}/of runs/{{name}}.html"] if own else [])]
-    options = [part for report in reports for part in ("--report", report)]
-    call(tmp_path / "specs", "-o", tmp_path / "out", *options)
+    write_specs("a", "slow_b")
+    Path("specs/u.r2b.yaml").write_text("r2bspec: 1\n")
+    page = Path("all pages/100 %.html")
+    reports = [f"html={page}", *["html=of runs/{name}.html"] * own]
+    call("specs", "-o", "out", *(part for report in reports for part in ("--report", report)))
     assert len(played) == 2
+    assert page.read_text().count("<tr>") == 1 + 3
     links = re.findall(r'<a href="([^"]+)">([^<]+)</a>', page.read_text())
     assert [name for _, name in links] == ["a", "slow_b"]
     for link, _ in links:
         run_page = (page.parent / unquote(link)).resolve()
-        folder = "of runs" if own else "out"
-        assert run_page.is_relative_to(tmp_path / folder)
+        assert run_page.is_relative_to(Path("of runs" if own else "out").resolve())
         (back,) = re.findall(r'<a href="([^"#]+)">', run_page.read_text())
         assert (run_page.parent / unquote(back)).resolve() == page.resolve()
-    runs = suite(tmp_path / "out").runs
+    runs = suite().runs
     assert [bool(run.report) for run in runs] == [True, True, False]
     assert runs[0].line.startswith("✔ PASS ")
 
 
-def test_without_a_page_of_the_suite_there_are_none_of_the_runs(
-    tmp_path: Path, played: list[str]
+@pytest.mark.parametrize(
+    ("second", "options", "status", "outcomes"),
+    [
+        ("slow_b", ["--fail-fast"], ExitStatus.FINDINGS_OR_FAILED, ["pass", "fail", "skipped"]),
+        ("interrupted_b", [], ExitStatus.INTERRUPTED, ["pass", "error"]),
+    ],
+)
+def test_what_ends_a_folder_early_keeps_the_summary_and_names_its_folder(
+    second: str, options: list[str], status: int, outcomes: list[str], played: list[str], call: Call
 ) -> None:
-    write_spec(tmp_path / "specs", "a")
-    call(tmp_path / "specs", "-o", tmp_path / "out")
-    assert played == ["a"]
-    assert not [*tmp_path.rglob("*.html")]
+    write_specs("a", second, "t")
+    said = call("specs", "-o", "out", *options, status=status).err
+    assert played == ["a", second]
+    assert [run.outcome for run in suite().runs] == outcomes
+    assert suite().exit_status == status
+    assert said.rstrip().endswith("run folder: out")
 
 
-def test_fail_fast_ends_after_the_first_failure(tmp_path: Path, played: list[str]) -> None:
-    for name in ("a", "slow_b", "t"):
-        write_spec(tmp_path / "specs", name)
-    assert call(tmp_path / "specs", "-o", tmp_path / "out", "--fail-fast") == 1
-    assert played == ["a", "slow_b"]
-    assert [run.outcome for run in suite(tmp_path / "out").runs] == ["pass", "fail", "skipped"]
-
-
-def test_resume_plays_what_is_missing_changed_or_incomplete(
-    tmp_path: Path, played: list[str]
-) -> None:
-    for name in ("a", "b", "broken_c"):
-        write_spec(tmp_path / "specs", name)
-    arguments = (tmp_path / "specs", "-o", tmp_path / "out")
-    assert call(*arguments) == 4
-    write_spec(tmp_path / "specs", "d")
-    write_spec(tmp_path / "specs", "b", "labels: {changed: yes}\n")
-    record = tmp_path / "out" / "broken_c" / "record.json"
-    changed = json.loads(record.read_text()) | {"status": "incomplete", "reason": "R2B671"}
-    record.write_text(json.dumps(changed))
+def test_resume_plays_what_is_missing_changed_or_incomplete(played: list[str], call: Call) -> None:
+    write_specs("a", "b", "broken_c")
+    call("specs", "-o", "out", status=4)
+    write_specs("d")
+    write_spec(Path("specs"), "b", "labels: {changed: yes}\n")
+    change_record("broken_c", status="incomplete", reason="R2B671")
     played.clear()
-    assert call(*arguments, "--resume") == 4
+    call("specs", "-o", "out", "--resume", status=4)
     assert played == ["b", "broken_c", "d"]
-    found = suite(tmp_path / "out")
-    assert [run.resumed for run in found.runs] == [True, False, False, False]
+    assert [run.resumed for run in suite().runs] == [True, False, False, False]
     # What was there is kept.
-    assert (tmp_path / "out" / "b.earlier-1" / "record.json").is_file()
-    assert (tmp_path / "out" / "broken_c.earlier-1" / "record.json").is_file()
+    for name in ("b", "broken_c"):
+        assert Path(f"out/{name}.earlier-1/record.json").is_file()
 
 
-def test_resume_refuses_the_result_of_other_code(
-    tmp_path: Path, played: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    spec = write_spec(tmp_path / "specs", "a")
+def change_record(name: str, **values: object) -> None:
+    record = Path("out", name, "record.json")
+    record.write_text(json.dumps(json.loads(record.read_text()) | values))
+
+
+def test_resume_refuses_the_result_of_other_code(played: list[str], call: Call) -> None:
+    spec = write_spec(Path("specs"), "a")
     spec.write_text(spec.read_text().replace("r2bspec.nodes.RelayNode", "./node.py:Relay"))
-    node, helper = (tmp_path / "specs" / f"{name}.py" for name in ("node", "helper"))
-    node.write_text(
+    Path("specs/node.py").write_text(
         "import helper\nfrom rclpy.node import Node\nfrom sensor_msgs.msg import Image\n\n"
         "class Relay(Node):\n"
         "    def __init__(self, **kwargs):\n        super().__init__('relay', **kwargs)\n"
         "        out = self.create_publisher(Image, 'output', 10)\n"
         "        self.create_subscription(Image, 'input', out.publish, 10)\n"
     )
+    helper = Path("specs/helper.py")
     helper.write_text("WAIT_S = 0.0\n")
-    arguments = ["run", str(tmp_path / "specs"), "-o", str(tmp_path / "out")]
-    main([*arguments, "--resume"])
-    main([*arguments, "--resume"])
+    resumed = functools.partial(call, "specs", "-o", "out", "--resume")
+    resumed()
+    resumed()
     assert played == ["a"]
     helper.write_text("WAIT_S = 0.2\n")
-    capsys.readouterr()
-    main([*arguments, "--resume"])
+    said = resumed().err
     assert played == ["a", "a"]
-    assert "a: the earlier run does not count: helper.py changed" in capsys.readouterr().err
-    assert not suite(tmp_path / "out").runs[0].resumed
-    # What was there is kept, and a result that says nothing of its code does not count either.
-    assert (tmp_path / "out" / "a.earlier-1" / "record.json").is_file()
-    record = tmp_path / "out" / "a" / "record.json"
-    record.write_text(json.dumps(json.loads(record.read_text()) | {"identity": None}))
-    main([*arguments, "--resume"])
+    assert not suite().runs[0].resumed
+    assert "a: the earlier run does not count: helper.py changed" in said
+    # A result that says nothing of its code does not count either.
+    change_record("a", identity=None)
+    resumed()
     assert played == ["a", "a", "a"]
 
 
-def test_an_interruption_keeps_the_summary_and_names_its_folder(
-    tmp_path: Path, played: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    for name in ("a", "interrupted_b", "t"):
-        write_spec(tmp_path / "specs", name)
-    assert call(tmp_path / "specs", "-o", tmp_path / "out") == 130
-    assert played == ["a", "interrupted_b"]
-    found = suite(tmp_path / "out")
-    assert [run.outcome for run in found.runs] == ["pass", "error"]
-    assert found.exit_status == ExitStatus.INTERRUPTED
-    assert capsys.readouterr().err.rstrip().endswith(f"run folder: {tmp_path / 'out'}")
-
-
-def test_equal_names_have_folders_of_their_own(tmp_path: Path, played: list[str]) -> None:
-    write_spec(tmp_path / "x", "same")
-    write_spec(tmp_path / "y", "same")
-    assert call(tmp_path / "x", tmp_path / "y", "-o", tmp_path / "out") == 0
-    assert played == ["same", "same"]
-    assert [Path(run.folder).name for run in suite(tmp_path / "out").runs] == ["same", "same-2"]
-
-
 def test_two_files_are_compared_unless_each_is_wanted(
-    tmp_path: Path, played: list[str], monkeypatch: pytest.MonkeyPatch
+    played: list[str], monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
-    a, b = write_spec(tmp_path, "a"), write_spec(tmp_path, "b")
+    write_specs("a", "b")
     compared: list[tuple[str, tuple[str, ...]]] = []
 
     def run_pairs(head: Any, against: tuple[str, ...], *_: Any, **__: Any) -> None:
@@ -347,34 +308,16 @@ def test_two_files_are_compared_unless_each_is_wanted(
         raise R2bspecError("enough")
 
     monkeypatch.setattr(api, "run_pairs", run_pairs)
-    assert call(a, b, "-o", tmp_path / "pairs") == 4
-    assert compared == [("b", (str(a),))]
-    assert call(a, b, "--each", "-o", tmp_path / "out") == 0
+    files = ("specs/a.r2b.yaml", "specs/b.r2b.yaml")
+    call(*files, "-o", "pairs", status=4)
+    assert compared == [("b", files[:1])]
+    call(*files, "--each", "-o", "out", status=0)
     assert played == ["a", "b"]
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("x.r2b.yaml", "--resume"),
-        ("x.r2b.yaml", "--case", "all", "--against", "var:a=1"),
-        ("x.r2b.yaml", "--scan", "a=1", "--control"),
-        ("x.r2b.yaml", "--smoke", "--control"),
-        ("x.r2b.yaml", "--smoke", "--history", "user"),
-        ("x.r2b.yaml", "y.r2b.yaml", "z.r2b.yaml", "--baseline", "run"),
-    ],
-)
-def test_options_that_exclude_each_other(arguments: tuple[str, ...]) -> None:
-    with pytest.raises(click.UsageError):
-        run_verb.main(list(arguments), standalone_mode=False)
-
-
-def test_a_format_without_a_summary_needs_a_name_in_its_path(
-    tmp_path: Path, played: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    write_spec(tmp_path / "specs", "a")
-    assert call(tmp_path / "specs", "--report", "csv=all.csv") == 2
-    assert "{name}" in capsys.readouterr().err
+def test_a_format_without_a_summary_needs_a_name_in_its_path(played: list[str], call: Call) -> None:
+    write_specs("a")
+    assert "{name}" in call("specs", "--report", "csv=all.csv", status=2).err
     assert played == []
 
 
@@ -429,20 +372,14 @@ def test_a_smoke_run_needs_no_messages_for_a_verdict(tmp_path: Path) -> None:
     assert {each.level for each in objectives.values()} == {"off"}
 
 
-def test_json_is_printed_also_where_nothing_was_run(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "a.r2b.yaml").write_text("r2bspec: 1\n")
-    assert main(["run", str(tmp_path / "a.r2b.yaml"), "--format", "json"]) == 2
-    said = json.loads(capsys.readouterr().out)
+def test_json_is_printed_also_where_nothing_was_run(call: Call) -> None:
+    Path("a.r2b.yaml").write_text("r2bspec: 1\n")
+    said = json.loads(call("a.r2b.yaml", "--format", "json", status=2).out)
     assert (said["code"], said["exit_status"]) == ("R2B602", 2)
 
 
-def test_json_of_a_failed_run_is_that_of_what_was_measured(
-    tmp_path: Path, played: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    spec = write_spec(tmp_path, "broken")
-    assert call(spec, "-o", tmp_path / "out", "--format", "json") == 4
-    said = capsys.readouterr()
+def test_json_of_a_failed_run_is_that_of_what_was_measured(played: list[str], call: Call) -> None:
+    write_specs("broken")
+    said = call("specs/broken.r2b.yaml", "-o", "out", "--format", "json", status=4)
     assert json.loads(said.out)["r2bspec_result"] == 1
-    assert said.err.rstrip().endswith(f"run folder: {tmp_path / 'out'}")
+    assert said.err.rstrip().endswith("run folder: out")

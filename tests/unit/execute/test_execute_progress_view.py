@@ -16,7 +16,7 @@ from r2bspec.execute.measurement.segment_observation import ProgressView
 from r2bspec.ipc.arrivals import ARRIVAL_FIELDS, ArrivalReader
 from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import RowWriter
-from r2bspec.record.run_record import MONITOR_FIELDS, PLAYBACK_FIELDS
+from r2bspec.record.sample_arrays import MONITOR_FIELDS, PLAYBACK_FIELDS
 from run_simulation import MONITOR_PLAN
 from scripted_playback import ScriptedPlayback
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import pickle
 import shutil
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,13 @@ from r2bspec import api
 from r2bspec.bags.integrity import hash_files
 from r2bspec.errors import ExitStatus
 from r2bspec.fleet.bundle import Bundle, Job, SentFile, Side, make_bundle
-from r2bspec.fleet.errors import HostFullError, HostLostError, NotAllowedError, TransferError
+from r2bspec.fleet.errors import (
+    HostFullError,
+    HostLostError,
+    HostRefusesError,
+    NotAllowedError,
+    TransferError,
+)
 from r2bspec.fleet.host_store import HostStore, inside
 from r2bspec.fleet.messages import Problem
 from r2bspec.language.load_spec import load_spec
@@ -222,12 +227,12 @@ def test_no_path_leads_out_of_a_bundle(path: str, store: HostStore, tmp_path: Pa
 
 
 def test_an_error_travels_with_its_code_and_exit_status() -> None:
-    sent = NotAllowedError("no", hint="ask")
-    arrived = pickle.loads(pickle.dumps(sent))  # noqa: S301 - as Dask does it
-    assert type(arrived) is NotAllowedError
-    assert (arrived.code, str(arrived), arrived.hint) == (sent.code, "no", "ask")
-    assert arrived.exit_code is sent.exit_code
+    sent = msgspec.msgpack.encode(Problem.of(NotAllowedError("no", hint="ask")))
+    arrived = msgspec.msgpack.decode(sent, type=Problem).error
+    assert isinstance(arrived, HostRefusesError)
+    assert (str(arrived), arrived.hint, arrived.code) == ("no", "ask", "R2B685")
+    assert arrived.exit_code == ExitStatus.USAGE
     for kind in (HostFullError, HostLostError, TransferError):
-        assert type(pickle.loads(pickle.dumps(kind("no", code="R2B123")))) is kind  # noqa: S301
+        assert type(Problem.of(kind("no", code="R2B123")).error) is kind
     played = Problem(code="R2B301", message="no", exit_status=ExitStatus.USAGE).error
     assert (played.code, str(played), played.exit_code) == ("R2B301", "no", ExitStatus.USAGE)

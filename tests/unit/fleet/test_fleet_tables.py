@@ -9,6 +9,7 @@ from click.testing import CliRunner
 
 from r2bspec.cli import fleet
 from r2bspec.fleet.hosts import Host, HostFacts
+from r2bspec.fleet.messages import HostState
 
 
 def test_the_table_of_hosts_is_whole_in_a_pipe(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -22,7 +23,7 @@ def test_the_table_of_hosts_is_whole_in_a_pipe(monkeypatch: pytest.MonkeyPatch) 
         labels=labels,
         allows=("commands", "python"),
     )
-    hosts: Any = lambda *_: [Host("tcp://127.0.0.1:1", facts, {"state": "idle"})]  # noqa: E731
+    hosts: Any = lambda *_: [Host("tcp://127.0.0.1:1", facts, HostState())]  # noqa: E731
     monkeypatch.setattr(fleet, "_hosts_of", hosts)
     for verb in ("hosts", "status"):
         shown = CliRunner().invoke(fleet.command, [verb, "tcp://127.0.0.1"]).output

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import os
-import pickle
 from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pytest
 
 pytest.importorskip("distributed")
 
-from r2bspec._version import __version__
-from r2bspec.api import PreparedBenchmark
+from direct_hosts import FACTS, Service, run_of
 from r2bspec.errors import R2bspecError
 from r2bspec.fleet.bundle import Job
 from r2bspec.fleet.errors import (
@@ -25,34 +22,19 @@ from r2bspec.fleet.errors import (
     NotAllowedError,
     TransferError,
 )
-from r2bspec.fleet.fleet_runs import Ended, FleetLimits, FleetRun, FleetRuns
+from r2bspec.fleet.fleet_runs import Ended, FleetLimits, FleetRuns
 from r2bspec.fleet.host_service import HostService
 from r2bspec.fleet.host_store import HostStore, remove
-from r2bspec.fleet.hosts import Host, HostFacts
+from r2bspec.fleet.hosts import Host
 from r2bspec.fleet.journal import Journal, read_journal
-from r2bspec.fleet.messages import Played, Problem
-from r2bspec.fleet.play_run import ENDED_FILE, RUN_FOLDER
-from r2bspec.language.load_spec import load_spec
-from r2bspec.plan.compile_plan import compile_plan
-from ros_runs import Bench, relay_spec
-
-FACTS = HostFacts(name="here", r2bspec=__version__)
-
-
-class Service(HostService):
-    """A host whose runs have no ROS in them."""
-
-    plays = 0
-    problem: Problem | None = None
-
-    def _run_child(self, spool: Path, tree: Path) -> int:
-        assert (tree / "bag" / "metadata.yaml").is_file()
-        self.plays += 1
-        (spool / RUN_FOLDER).mkdir()
-        (spool / RUN_FOLDER / "record.json").write_text("{}")
-        played = Played(outcome="pass", problem=self.problem)
-        (spool / ENDED_FILE).write_bytes(msgspec.json.encode(played))
-        return 0
+from r2bspec.fleet.messages import (
+    Call,
+    HostState,
+    Played,
+    Problem,
+    read_answer,
+    request_of,
+)
 
 
 class DirectClient:
@@ -61,23 +43,23 @@ class DirectClient:
     connections = 1
 
     def __init__(self, service: HostService, before: Callable[..., None]) -> None:
-        self.hosts = {"here": Host(address="here", facts=FACTS, state={})}
+        self.hosts = {"here": Host(address="here", facts=FACTS, state=HostState())}
         self._service = service
         self._before = before
 
     def refresh(self) -> bool:
         return True
 
-    def submit(self, host: Host, method: str, *args: Any) -> Future[Any]:
+    def submit(self, host: Host, call: Call) -> Future[Any]:
         assert host.name == "here"
         answer: Future[Any] = Future()
+        request = request_of(call)
         try:
-            self._before(method, *args)
-            # What travels is pickled by Dask.
-            given = pickle.loads(pickle.dumps(args))  # noqa: S301
-            answer.set_result(self._service.answer(method, *given))
+            self._before(call.method, *call.args)
+            content = self._service.answer(request)
+            answer.set_result(read_answer(host.name, call.method, request, content))
         except R2bspecError as error:
-            answer.set_exception(pickle.loads(pickle.dumps(error)))  # noqa: S301
+            answer.set_exception(error)
         return answer
 
 
@@ -86,18 +68,6 @@ def service(tmp_path: Path) -> Service:
     store = HostStore(tmp_path / "host")
     store.open()
     return Service(FACTS, store)
-
-
-def run_of(folder: Path, **node: Any) -> FleetRun:
-    """A run of a relay on a small recording."""
-    spec = relay_spec()
-    spec["graph"]["nodes"]["relay"] |= node
-    loaded = load_spec(Bench(folder / "bench").write(spec))
-    assert loaded.spec is not None
-    side = PreparedBenchmark(compile_plan(loaded.spec, None), folder / "bench", "")
-    return FleetRun(
-        name="relay", folder=folder / "out" / "relay", head=side, hosts=frozenset({"here"})
-    )
 
 
 def play(
@@ -161,7 +131,7 @@ def test_a_run_that_was_played_before_is_not_played_again(service: Service, tmp_
     def before(what: str, *args: Any) -> None:
         if what == "play":
             # The answer is lost with the connection, and the client asks again.
-            answers.append(service.answer("play", *args))
+            answers.append(service.play(*args))
 
     assert play(tmp_path, service, before).error is None
     assert (service.plays, len(answers)) == (1, 1)
@@ -210,12 +180,13 @@ def test_what_is_not_allowed_is_refused_before_anything_is_sent(
         jobs.append(job)
 
     ended = play(tmp_path, service, before, env={"HOME": "."})
-    assert isinstance(ended.error, NotAllowedError)
+    assert isinstance(ended.error, HostRefusesError)
+    assert ended.error.code == NotAllowedError.code
     assert "HOME" in str(ended.error)
     assert asked == ["prepare"]
     # Nor does a client that does not ask first.
     with pytest.raises(NotAllowedError):
-        service.answer("play", *jobs)
+        service.play(*jobs)
     assert service.plays == 0
     assert states(tmp_path) == ["refused"]
 

@@ -131,7 +131,7 @@ def test_files_that_are_no_certificates_are_said_to_be_none(
 
 
 def test_a_key_of_another_certificate_is_refused(certificates: Path) -> None:
-    with pytest.raises(InsecureFleetError, match="MISMATCH"):
+    with pytest.raises(InsecureFleetError, match="mismatch"):
         client_address(certificates, "worker-key.pem").security()
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from command_line import Call
 from r2bspec.cli.main import main
 from r2bspec.interop.imported_verdicts import judge_report
 from r2bspec.interop.ros2_benchmark import parse_report
@@ -116,12 +117,9 @@ def test_judge_takes_a_report_and_exits_as_with_a_run(
     assert b"INCONCLUSIVE" in capfdbinary.readouterr().out
 
 
-def test_a_report_needs_a_spec_and_has_no_samples_to_report(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_report_needs_a_spec_and_has_no_samples_to_report(tmp_path: Path, call: Call) -> None:
     report = tmp_path / "report.json"
     report.write_text(json.dumps(REPORT))
-    assert main(["judge", str(report)]) == 2
-    assert "--spec" in capsys.readouterr().err
-    assert main(["judge", str(report), "--spec", "specs/relay.r2b.yaml", "--write"]) == 2
-    assert "run folder" in capsys.readouterr().err
+    assert "--spec" in call("judge", report, status=2).err
+    ended = call("judge", report, "--spec", "specs/relay.r2b.yaml", "--write", status=2)
+    assert "run folder" in ended.err

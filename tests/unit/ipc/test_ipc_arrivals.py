@@ -17,7 +17,7 @@ from r2bspec.ipc.arrivals import (
     read_clocks,
 )
 from r2bspec.ipc.sample_files import RowWriter
-from r2bspec.record.run_record import MONITOR_FIELDS
+from r2bspec.record.sample_arrays import MONITOR_FIELDS
 
 MS = 1_000_000
 HOUR = 3600 * 1000 * MS

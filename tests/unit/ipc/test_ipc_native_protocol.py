@@ -22,7 +22,7 @@ from r2bspec.ipc.sample_files import is_refusal
 from r2bspec.ipc.schedule import BetweenMessage, CyclicSchedule
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import InputPlan, MonitorPlan
-from r2bspec.record.run_record import PLAYBACK_FIELDS
+from r2bspec.record.sample_arrays import PLAYBACK_FIELDS
 
 IMAGE = "sensor_msgs/msg/Image"
 IMAGE_WORDS = (

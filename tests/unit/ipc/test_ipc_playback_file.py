@@ -18,7 +18,7 @@ from r2bspec.ipc.playback_file import (
     write_playback,
 )
 from r2bspec.ipc.playback_file import complete_steps as complete
-from r2bspec.record.run_record import PLAYBACK_FIELDS
+from r2bspec.record.sample_arrays import PLAYBACK_FIELDS
 
 # The first step of two messages begins before the second one, and ends after it; transforms.
 OVERLAPPING = [0, -1, 1, 0, 2]

@@ -8,8 +8,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.judge.confirmation import judge_with_confirmation
 from r2bspec.judge.decision_policy import DecisionPolicy
+from r2bspec.judge.judge_run import judge_with_confirmation
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pipeline import judge

@@ -8,13 +8,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.judge.confirmation import (
-    confirm_run,
-    judge_with_confirmation,
-    needs_confirmation,
-)
+from r2bspec.judge.confirmation import confirm_run, needs_confirmation
 from r2bspec.judge.decision_policy import DecisionPolicy
-from r2bspec.judge.judge_run import result_of, to_json
+from r2bspec.judge.judge_run import judge_with_confirmation, result_of, to_json
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.pipeline import judge
 from r2bspec.language.quantities import Share

@@ -10,10 +10,9 @@ import pytest
 from r2bspec.judge.measure.metric_catalogue import METRICS
 from r2bspec.judge.methods import METHODS, Method
 from r2bspec.judge.methods.mean_bound import MEAN_BOUND
-from r2bspec.judge.methods.message_share import PERCENTILE_BOUND, SHARE_BOUND
 from r2bspec.judge.methods.peak_bracket import PEAK_BRACKET
 from r2bspec.judge.methods.recorded_value import OBSERVATION, SEQUENTIAL_PROBE
-from r2bspec.judge.methods.window_share import WINDOW_SHARE
+from r2bspec.judge.methods.share_bounds import PERCENTILE_BOUND, SHARE_BOUND, WINDOW_SHARE
 from r2bspec.judge.pipeline import method_of
 from r2bspec.judge.requirement_case import DecisionMethod, RequirementCase
 from r2bspec.language.requirement_grammar import parse_requirement

@@ -14,9 +14,9 @@ import pytest
 import yaml
 
 from r2bspec.cli.main import main
-from r2bspec.language.environment_access import is_secret_key, is_secret_variable, shown_value
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.located_tree import to_plain
+from r2bspec.language.secrets import is_secret_key, is_secret_variable, shown_value
 
 SPEC = """\
 r2bspec: 1

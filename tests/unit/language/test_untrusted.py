@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import shutil
-import subprocess
 from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
 
+from command_line import Call
+from git_repositories import commit, git, write_files
 from r2bspec.api import UntrustedPlanError, prepare
 from r2bspec.cli.main import main
 from r2bspec.language.environment_access import BaseVersionError, UntrustedSpecs, base_version
@@ -32,16 +32,6 @@ benchmark: {duration: 2 s, rates: [10 Hz]}
 """
 
 
-def git(folder: Path, *arguments: str) -> str:
-    program = shutil.which("git")
-    assert program is not None
-    who = ["-c", "user.name=A", "-c", "user.email=a@example.org"]
-    done = subprocess.run(
-        [program, *who, *arguments], cwd=folder, capture_output=True, text=True, check=True
-    )
-    return done.stdout.strip()
-
-
 class Repository:
     """A repository with a base, and a change of it in the working tree."""
 
@@ -50,16 +40,10 @@ class Repository:
         git(top, "init", "-q", "-b", "main")
 
     def write(self, files: Mapping[str, str]) -> None:
-        for name, text in files.items():
-            path = self.top / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text)
+        write_files(self.top, files)
 
     def commit(self, files: Mapping[str, str]) -> str:
-        self.write(files)
-        git(self.top, "add", "-A")
-        git(self.top, "commit", "-q", "-m", "a change")
-        return git(self.top, "rev-parse", "HEAD")
+        return commit(self.top, files)
 
     def refused(self, name: str, reference: str = "main") -> list[str]:
         """The variables that the spec of that name in the working tree must not read."""
@@ -279,14 +263,12 @@ def test_verbs_refuse_what_the_base_does_not_list(
         assert main(["validate", "a.r2b.yaml"]) == 0
 
 
-def test_a_base_of_nothing_is_wrong_usage(
-    repository: Repository, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_base_of_nothing_is_wrong_usage(repository: Repository, call: Call) -> None:
     repository.commit({"a.r2b.yaml": SPEC})
-    assert main(["validate", "--base-ref=main", "a.r2b.yaml"]) == 2
-    assert "--base-ref needs --untrusted" in capsys.readouterr().err
-    assert main(["validate", "--untrusted", "--base-ref=nothing", "a.r2b.yaml"]) == 2
-    assert "R2B667" in capsys.readouterr().err
+    ended = call("validate", "--base-ref=main", "a.r2b.yaml", status=2)
+    assert "--base-ref needs --untrusted" in ended.err
+    ended = call("validate", "--untrusted", "--base-ref=nothing", "a.r2b.yaml", status=2)
+    assert "R2B667" in ended.err
 
 
 def test_an_untrusted_plan_reads_no_variable(
@@ -305,11 +287,11 @@ def test_an_untrusted_plan_reads_no_variable(
 
 
 def test_the_base_of_a_comparison_is_untrusted_as_the_head_is(
-    repository: Repository, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    repository: Repository, call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("R2B_DATASETS", raising=False)
     repository.commit({"a.r2b.yaml": SPEC})
     repository.write({"other.r2b.yaml": lists("DATA")})
     options = ["--untrusted", "--base-ref=main", "--output=run", "--quiet"]
-    assert main(["run", *options, "--against=other.r2b.yaml", "a.r2b.yaml"]) == 2
-    assert "error[R2B143" in capsys.readouterr().err
+    ended = call("run", *options, "--against=other.r2b.yaml", "a.r2b.yaml", status=2)
+    assert "error[R2B143" in ended.err

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import io
 import json
 import shutil
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.cli.main import main
+from command_line import Call
 from r2bspec.language.json_schema import published_schema
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "language"
@@ -30,13 +31,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def run(*arguments: str) -> int:
-    return main(["validate", "--offline", *arguments])
+@pytest.fixture
+def run(call: Call) -> Call:
+    return functools.partial(call, "validate", "--offline")
 
 
-def test_findings_go_to_standard_output(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("bad.r2b.yaml") == 1
-    out, err = capsys.readouterr()
+def test_findings_go_to_standard_output(folder: Path, run: Call) -> None:
+    _, out, err = run("bad.r2b.yaml", status=1)
     assert out.startswith(
         "bad.r2b.yaml:1:10: error[R2B115 unsupported-language-version]: "
         "unsupported version 3 of the language"
@@ -47,9 +48,8 @@ def test_findings_go_to_standard_output(folder: Path, capsys: pytest.CaptureFixt
     assert err == ""
 
 
-def test_a_good_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("good.r2b.yaml") == 0
-    assert capsys.readouterr().out.splitlines()[-1].startswith("1 file, ")
+def test_a_good_file(folder: Path, run: Call) -> None:
+    assert run("good.r2b.yaml", status=0).out.splitlines()[-1].startswith("1 file, ")
 
 
 @pytest.mark.parametrize(
@@ -63,11 +63,8 @@ def test_a_good_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
         (["deep/notes.yaml"], "1 file"),
     ],
 )
-def test_files_folders_and_patterns(
-    folder: Path, capsys: pytest.CaptureFixture[str], paths: list[str], count: str
-) -> None:
-    run(*paths)
-    assert capsys.readouterr().out.splitlines()[-1].startswith(f"{count}, ")
+def test_files_folders_and_patterns(folder: Path, run: Call, paths: list[str], count: str) -> None:
+    assert run(*paths).out.splitlines()[-1].startswith(f"{count}, ")
 
 
 @pytest.mark.parametrize(
@@ -81,58 +78,49 @@ def test_files_folders_and_patterns(
         ["good.r2b.yaml", "--format", "xml"],
     ],
 )
-def test_wrong_usage(
-    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str]
-) -> None:
+def test_wrong_usage(folder: Path, run: Call, arguments: list[str]) -> None:
     Path("deep/er/other.r2b.yaml").unlink()
-    assert run(*arguments) == 2
-    out, err = capsys.readouterr()
+    _, out, err = run(*arguments, status=2)
     assert out == ""
     assert "Error" in err
 
 
-def test_standard_input(
-    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_standard_input(folder: Path, run: Call, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"r2bspec: 2\n")))
-    assert run("-") == 1
-    assert capsys.readouterr().out.startswith("<stdin>:1:1: error[R2B102 missing-key]")
+    assert run("-", status=1).out.startswith("<stdin>:1:1: error[R2B102 missing-key]")
 
 
-def test_json(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("--format", "json", "bad.r2b.yaml", "good.r2b.yaml") == 1
-    report = json.loads(capsys.readouterr().out)
+def test_json(folder: Path, run: Call) -> None:
+    report = json.loads(run("--format", "json", "bad.r2b.yaml", "good.r2b.yaml", status=1).out)
     assert report["errors"] == 1
     assert [finding["code"] for finding in report["findings"]] == ["R2B115"]
 
 
-def test_github(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("--format", "github", "bad.r2b.yaml") == 1
-    assert capsys.readouterr().out.startswith("::error file=bad.r2b.yaml,line=1,")
+def test_github(folder: Path, run: Call) -> None:
+    ended = run("--format", "github", "bad.r2b.yaml", status=1)
+    assert ended.out.startswith("::error file=bad.r2b.yaml,line=1,")
 
 
-def test_options_replace_values(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("bad.r2b.yaml", "--set", "r2bspec=1") == 0
-    assert run("good.r2b.yaml", "--set", "benchmark.rates=[30]") == 1
-    assert "--set benchmark.rates:1:18: error[R2B109 missing-unit]" in capsys.readouterr().out
+def test_options_replace_values(folder: Path, run: Call) -> None:
+    run("bad.r2b.yaml", "--set", "r2bspec=1", status=0)
+    ended = run("good.r2b.yaml", "--set", "benchmark.rates=[30]", status=1)
+    assert "--set benchmark.rates:1:18: error[R2B109 missing-unit]" in ended.out
 
 
-def test_resolved(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("good.r2b.yaml", "--resolved", "--set", "name=other") == 0
-    assert capsys.readouterr().out.startswith("r2bspec: 1\nname: other\n")
-    assert run("bad.r2b.yaml", "--resolved") == 1
-    assert "error[R2B115 unsupported-language-version]" in capsys.readouterr().out
-    assert run("good.r2b.yaml", "deep", "--resolved") == 0
-    out = capsys.readouterr().out
+def test_resolved(folder: Path, run: Call) -> None:
+    ended = run("good.r2b.yaml", "--resolved", "--set", "name=other", status=0)
+    assert ended.out.startswith("r2bspec: 1\nname: other\n")
+    ended = run("bad.r2b.yaml", "--resolved", status=1)
+    assert "error[R2B115 unsupported-language-version]" in ended.out
+    out = run("good.r2b.yaml", "deep", "--resolved", status=0).out
     assert out.startswith("# good.r2b.yaml\n")
     assert "\n---\n# deep/er/other.r2b.yaml\n" in out
 
 
-def test_schema(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["schema"]) == 0
-    assert json.loads(capsys.readouterr().out) == published_schema()
-    assert main(["schema", "spec"]) == 0
-    assert main(["schema", "nonsense"]) == 2
+def test_schema(call: Call) -> None:
+    assert json.loads(call("schema", status=0).out) == published_schema()
+    call("schema", "spec", status=0)
+    call("schema", "nonsense", status=2)
 
 
 # ---- files that build on files, and cases ------------------------------------------------------
@@ -153,20 +141,16 @@ def cases(folder: Path) -> Path:
     return folder
 
 
-def test_every_case_is_checked(cases: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("cases.r2b.yaml") == 0
-    assert run("cases.r2b.yaml", "--case", "threads=2") == 0
-    capsys.readouterr()
-    assert run("cases.r2b.yaml", "--set", "matrix.axes.threads=[1, two words, x]") == 0
-    capsys.readouterr()
-    assert run("cases.r2b.yaml", "--case", "threads=3") == 1
-    out = capsys.readouterr().out
+def test_every_case_is_checked(cases: Path, run: Call) -> None:
+    run("cases.r2b.yaml", status=0)
+    run("cases.r2b.yaml", "--case", "threads=2", status=0)
+    run("cases.r2b.yaml", "--set", "matrix.axes.threads=[1, two words, x]", status=0)
+    out = run("cases.r2b.yaml", "--case", "threads=3", status=1).out
     assert "cases.r2b.yaml:4:1: error[R2B140 case-not-selected]: unknown case 'threads=3'" in out
 
 
-def test_every_case_is_resolved(cases: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("cases.r2b.yaml", "--resolved") == 0
-    documents = capsys.readouterr().out.split("---\n")
+def test_every_case_is_resolved(cases: Path, run: Call) -> None:
+    documents = run("cases.r2b.yaml", "--resolved", status=0).out.split("---\n")
     heads = [document.splitlines()[0] for document in documents]
     assert heads == ["# cases.r2b.yaml [threads=1]", "# cases.r2b.yaml [threads=2]"]
     assert "queue: 2" in documents[1]
@@ -174,37 +158,31 @@ def test_every_case_is_resolved(cases: Path, capsys: pytest.CaptureFixture[str])
     assert "matrix" not in documents[1]
 
 
-def test_a_folder_must_be_allowed(cases: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("deep/outside.r2b.yaml") == 1
-    assert "R2B134" in capsys.readouterr().out
-    assert run("deep/outside.r2b.yaml", "--allow-path", ".") == 0
+def test_a_folder_must_be_allowed(cases: Path, run: Call) -> None:
+    assert "R2B134" in run("deep/outside.r2b.yaml", status=1).out
+    run("deep/outside.r2b.yaml", "--allow-path", ".", status=0)
 
 
-def test_plan_explains_where_a_value_came_from(
-    cases: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_plan_explains_where_a_value_came_from(cases: Path, call: Call) -> None:
     path = "labels.queue"
-    assert main(["plan", "cases.r2b.yaml", "--case", "threads=2", "--explain", path]) == 0
-    assert capsys.readouterr().out == (
+    ended = call("plan", "cases.r2b.yaml", "--case", "threads=2", "--explain", path, status=0)
+    assert ended.out == (
         f"{path} = 2\n"
         "  cases.r2b.yaml:5:17: written here, as $(var threads)\n"
         "  cases.r2b.yaml:4:30: 'threads' is set here\n"
         "  cases.r2b.yaml:4:30: in the case threads=2 of the matrix\n"
     )
-    assert main(["plan", "cases.r2b.yaml", "--case", "threads=2", "--explain", "graph.nods"]) == 2
-    assert "did you mean 'nodes'?" in capsys.readouterr().err
+    ended = call(
+        "plan", "cases.r2b.yaml", "--case", "threads=2", "--explain", "graph.nods", status=2
+    )
+    assert "did you mean 'nodes'?" in ended.err
 
 
-def test_strict_fails_on_warnings_and_quiet_prints_findings_only(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_strict_fails_on_warnings_and_quiet_prints_findings_only(folder: Path, run: Call) -> None:
     text = Path("good.r2b.yaml").read_text()
     Path("warned.r2b.yaml").write_text(f"{text}variables: {{unused: 1}}\n")
-    assert run("warned.r2b.yaml") == 0
-    assert "0 errors, 1 warning" in capsys.readouterr().out
-    assert run("warned.r2b.yaml", "--strict", "--quiet") == 1
-    said = capsys.readouterr().out
+    assert "0 errors, 1 warning" in run("warned.r2b.yaml", status=0).out
+    said = run("warned.r2b.yaml", "--strict", "--quiet", status=1).out
     assert "warning[" in said
     assert "1 warning" not in said
-    assert run("good.r2b.yaml", "-q", "--strict") == 0
-    assert capsys.readouterr().out == ""
+    assert run("good.r2b.yaml", "-q", "--strict", status=0).out == ""

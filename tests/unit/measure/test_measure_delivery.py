@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from nightly import noise, size
+from r2bspec.judge.measure.delivery import DeliveryEstimate, delivery
 from r2bspec.judge.measure.matching import match
-from r2bspec.judge.measure.times import DeliveryEstimate, delivery
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, PLAYBACK_DTYPE, Rows
 
 START_NS = 10**15

@@ -9,11 +9,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.judge.measure.matching import match_segment
 from r2bspec.judge.measure.metric_catalogue import METRICS, available_live
 from r2bspec.judge.measure.metric_values import metric_value
 from r2bspec.judge.measure.metrics import summarise
-from r2bspec.judge.measure.run_samples import read_samples
+from r2bspec.judge.measure.run_samples import match_segment, read_samples
 from r2bspec.judge.pipeline import judge
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.record.run_folder import Run, RunFolder, open_run

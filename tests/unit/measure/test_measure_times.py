@@ -6,17 +6,9 @@ import numpy as np
 import pytest
 
 from r2bspec.judge.measure.host_usage import resource_use, rows_by_process
-from r2bspec.judge.measure.matching import match
+from r2bspec.judge.measure.matching import arrivals, match
 from r2bspec.judge.measure.samples import step_times
-from r2bspec.judge.measure.times import (
-    arrivals,
-    edge_gaps,
-    intervals,
-    jitter,
-    mean_rate,
-    percentile,
-    rank,
-)
+from r2bspec.judge.measure.times import edge_gaps, intervals, jitter, mean_rate, percentile, rank
 from r2bspec.record.sample_arrays import RESOURCE_DTYPE, Rows
 from run_simulation import EPOCH_NS, Played, monitor_rows, playback_rows
 

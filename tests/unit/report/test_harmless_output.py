@@ -13,8 +13,8 @@ import msgspec
 import pytest
 from rich.text import Text
 
+from command_line import Call
 from example_spec import example
-from r2bspec.cli.main import main
 from r2bspec.compare.comparison import ComparedSource, Comparison, ComparisonLine
 from r2bspec.compare.history import HistoryEntry, open_history
 from r2bspec.compare.report_input import ReportInput
@@ -140,38 +140,33 @@ def test_no_finding_does_harm(name: str, colour: bool, capsys: pytest.CaptureFix
 
 
 def test_a_file_with_a_hostile_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
     monkeypatch.chdir(tmp_path)
     name = "::add-mask::\x1b[2J.r2b.yaml"
     Path(name).write_text(example().replace("R2B", "x") + "nonsense: 1\n")
     for each in ("text", "github", "junit"):
-        main(["validate", "--format", each, "--offline", name])
-        shown = capsys.readouterr()
+        shown = call("validate", "--format", each, "--offline", name)
         check_harmless(shown.out, commands=each == "github")
         assert "add-mask" in shown.out
     for verb in ("plan", "judge", "run"):
-        main([verb, name])
-        shown = capsys.readouterr()
+        shown = call(verb, name)
         check_harmless(shown.out + shown.err)
         assert "add-mask" in shown.err
 
 
-def test_errors_are_harmless(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_errors_are_harmless(monkeypatch: pytest.MonkeyPatch, call: Call) -> None:
     def fail(**_: object) -> None:
         raise R2bspecError(ATTACK, hint=ATTACK)
 
-    main([f"::error::{ATTACK}"])
+    call(f"::error::{ATTACK}")
     monkeypatch.setattr("r2bspec.cli.main.command.main", fail)
-    main([])
-    shown = capsys.readouterr().err
+    shown = call().err
     assert shown.count("stop-commands") >= 2
     check_harmless(shown)
 
 
-def test_the_list_of_a_hostile_history(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_list_of_a_hostile_history(tmp_path: Path, call: Call) -> None:
     file = tmp_path / "history.db"
     entry = HistoryEntry(
         run_id=f"{ATTACK}run",
@@ -186,8 +181,7 @@ def test_the_list_of_a_hostile_history(tmp_path: Path, capsys: pytest.CaptureFix
     )
     with open_history(file, create=True) as history:
         history.add(entry)
-    main(["history", "list", "--file", str(file)])
-    shown = capsys.readouterr()
+    shown = call("history", "list", "--file", file)
     assert "stop-commands" in shown.out + shown.err
     check_harmless(shown.out + shown.err)
 
@@ -263,25 +257,22 @@ HOSTILE_SPEC = (
 )
 
 
-def test_a_plan_has_no_control_characters_wherever_it_goes(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_plan_has_no_control_characters_wherever_it_goes(tmp_path: Path, call: Call) -> None:
     spec = tmp_path / "relay.r2b.yaml"
     spec.write_bytes(HOSTILE_SPEC)
     file = tmp_path / "plan"
-    assert main(["plan", str(spec), "-o", str(file)]) == 0
-    assert main(["plan", str(spec)]) == 0
-    printed = capsys.readouterr().out
+    call("plan", spec, "-o", file, status=0)
+    printed = call("plan", spec, status=0).out
     assert printed == file.read_text(encoding="utf-8")
     assert not CONTROL.search(printed)
     assert "\\u202e" in printed
     drawings = (["--graph", each] for each in ("mermaid", "dot", "html"))
     for options in (*drawings, ["--explain", "labels.a"]):
-        assert main(["plan", str(spec), *options, "-o", str(file)]) == 0
+        call("plan", spec, *options, "-o", file, status=0)
         assert not CONTROL.search(file.read_text(encoding="utf-8"))
     plain_spec = tmp_path / "plain.r2b.yaml"
     plain_spec.write_text(example(), encoding="utf-8")
-    main(["plan", str(spec), "--diff", str(plain_spec), "-o", str(file)])
+    call("plan", spec, "--diff", plain_spec, "-o", file)
     assert not CONTROL.search(file.read_text(encoding="utf-8"))
 
 

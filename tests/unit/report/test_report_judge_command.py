@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from command_line import Call
 from r2bspec.cli.main import main
 from r2bspec.record.run_record import ConfirmationRecord
 from run_simulation import Played, Simulation, objective
@@ -39,10 +40,9 @@ def run_folder(tmp_path: Path) -> Path:
     )
 
 
-def test_the_exit_status_is_the_verdict(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_exit_status_is_the_verdict(run: Path, call: Call) -> None:
     before = sorted(run.rglob("*"))
-    assert main(["judge", str(run)]) == 0
-    out = capsys.readouterr().out
+    out = call("judge", run, status=0).out
     assert "PASS" in out
     assert out.rstrip().endswith(str(run))
     assert sorted(run.rglob("*")) == before
@@ -69,12 +69,9 @@ def spec_with_gate(tmp_path: Path, gate: str, requirement: str) -> str:
     return str(spec)
 
 
-def test_another_spec_s_objectives(
-    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_another_spec_s_objectives(run: Path, tmp_path: Path, call: Call) -> None:
     spec = spec_with_gate(tmp_path, "", "latency.p50 < 1 ms")
-    assert main(["judge", str(run), "--spec", spec]) == 1
-    out = capsys.readouterr().out
+    out = call("judge", run, "--spec", spec, status=1).out
     assert "latency.p50 < 1 ms" in out
     assert "judged by the objectives and the gate of stricter" in out
 
@@ -108,18 +105,14 @@ CONFIRMED = Simulation(
     ],
 )
 def test_another_spec_s_gate_applies(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    simulation: Simulation,
-    requirement: str,
-    gate: str,
-    status: int,
+    tmp_path: Path, call: Call, simulation: Simulation, requirement: str, gate: str, status: int
 ) -> None:
     run = simulation.write(tmp_path / "run").folder
-    assert (
-        main(["judge", str(run), "--spec", spec_with_gate(tmp_path, gate, requirement)]) == status
+    text = " ".join(
+        call(
+            "judge", run, "--spec", spec_with_gate(tmp_path, gate, requirement), status=status
+        ).out.split()
     )
-    text = " ".join(capsys.readouterr().out.split())
     assert ("its second run does not count" in text) == (gate == "confirm: false")
 
 
@@ -128,22 +121,14 @@ def test_another_spec_s_gate_applies(
     [("interference: ignore", "latency.p50 < 15 ms", 7), ("", "latency.p50 < 1 Hz", 8)],
 )
 def test_a_mistake_of_the_other_spec_is_explained(
-    run: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    gate: str,
-    requirement: str,
-    line: int,
+    run: Path, tmp_path: Path, call: Call, gate: str, requirement: str, line: int
 ) -> None:
-    assert main(["judge", str(run), "--spec", spec_with_gate(tmp_path, gate, requirement)]) == 2
-    assert f"other.r2b.yaml:{line}" in capsys.readouterr().err
+    ended = call("judge", run, "--spec", spec_with_gate(tmp_path, gate, requirement), status=2)
+    assert f"other.r2b.yaml:{line}" in ended.err
 
 
-def test_what_is_no_run_is_said_in_two_lines(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["judge", str(tmp_path)]) == 2
-    captured = capsys.readouterr()
+def test_what_is_no_run_is_said_in_two_lines(tmp_path: Path, call: Call) -> None:
+    captured = call("judge", tmp_path, status=2)
     assert "is not a run folder" in captured.err
     assert "help:" in captured.err
     assert not captured.out

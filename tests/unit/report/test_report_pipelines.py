@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
+from command_line import Call
 from git_repositories import git
 from pipelines import JOB, STEPS, Ended, Workplace, read_outputs, stand_in
-from r2bspec.cli.main import main
 
 
 @pytest.fixture(name="place")
@@ -405,8 +405,7 @@ def test_a_forged_repository_does_not_pass_the_job(forgery: Forgery) -> None:
 
 
 def test_the_spec_of_the_forged_repositories_is_read_and_invalid(
-    place: Workplace, capsys: pytest.CaptureFixture[str]
+    place: Workplace, call: Call
 ) -> None:
     """So that a forgery is refused for its spec, as it is without any forgery."""
-    assert main(["validate", str(place.write("strange.r2b.yaml", INVALID))]) == 1
-    assert "R2B" in capsys.readouterr().out
+    assert "R2B" in call("validate", str(place.write("strange.r2b.yaml", INVALID)), status=1).out

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from command_line import Call
 from r2bspec.cli.finished_runs import judge_command as judge
 from r2bspec.cli.main import main
 from r2bspec.compare.report_input import ReportInput
@@ -106,11 +107,8 @@ def test_a_pipe_is_written_to_and_not_replaced(run: Path, tmp_path: Path) -> Non
     assert pipe.is_fifo()
 
 
-def test_a_folder_is_no_place_for_a_report(
-    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["judge", str(run), "--report", f"csv={tmp_path}"]) == 2
-    assert "is a folder" in capsys.readouterr().err
+def test_a_folder_is_no_place_for_a_report(run: Path, tmp_path: Path, call: Call) -> None:
+    assert "is a folder" in call("judge", run, "--report", f"csv={tmp_path}", status=2).err
 
 
 def test_an_incomplete_run_has_its_reports_too(tmp_path: Path) -> None:
