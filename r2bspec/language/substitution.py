@@ -52,7 +52,7 @@ from r2bspec.language.variables import (
     with_value,
 )
 from r2bspec.language.yaml_document import parse_unquoted
-from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES, MAX_YAML_EXPANDED_VALUES
+from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES, MAX_REFERENCES, MAX_YAML_EXPANDED_VALUES
 
 _DECLARATIONS = frozenset({"variables", "environment", "r2bspec"})
 
@@ -122,7 +122,7 @@ class Substitution:
         self._repeated = 0
         self._done: dict[tuple[int, int, int], TreeNode] = {}
         self._keep_alive: list[object] = []  # so that no id is used twice
-        self._inserted = 0
+        self._inserted = self._references = 0
         self._size_exceeded = False
         self._in_declarations = True
         declared = child(root, "variables")
@@ -278,10 +278,15 @@ class Substitution:
                 secret, origin = value.secret, value.origin
             origin = origin or value.origin
             self._inserted += len(value.text)
-            if self._inserted > MAX_DOCUMENT_BYTES:
+            self._references += 1
+            if self._inserted > MAX_DOCUMENT_BYTES or self._references > MAX_REFERENCES:
                 if not self._size_exceeded:
-                    limit = f"{MAX_DOCUMENT_BYTES // 1_000_000} MB"
-                    message = f"after substitution the document is larger than {limit}"
+                    message = (
+                        f"there are more than {MAX_REFERENCES:,} references to variables"
+                        if self._references > MAX_REFERENCES
+                        else "after substitution the document is larger than "
+                        f"{MAX_DOCUMENT_BYTES // 1_000_000} MB"
+                    )
                     self.problems.error("R2B129", message, node.span, "use shorter values")
                 self._size_exceeded = failed = True
                 break

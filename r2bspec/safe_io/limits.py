@@ -35,6 +35,8 @@ MAX_EXTENDED_BYTES: Final = MAX_DOCUMENT_BYTES
 """Of all of them together."""
 MAX_CHAIN_LENGTH: Final = 50
 """Entries of a spec, each of which extends the next."""
+MAX_REFERENCES: Final = 200_000
+"""To variables, in all texts of a document together."""
 MAX_SPEC_ENTRIES: Final = 5_000
 """Nodes, inputs, monitors or topics: far above every real spec."""
 MAX_REQUIREMENTS: Final = 10_000
@@ -160,6 +162,12 @@ MAX_SCHEMA_OBJECTS: Final = 1_000
 
 MAX_JSON_BYTES: Final = 256_000_000
 """The record of a day of segments has a tenth."""
+MAX_TEXT_CHARACTERS: Final = 200_000
+"""One text of JSON: the longest argument of a program that Linux takes has 131,072."""
+MAX_REPORT_BYTES: Final = 10_000_000
+"""A report of another tool: decoded as Python, a byte may take 30."""
+MAX_REPORT_FIGURES: Final = 10_000
+"""Rates of a report, times monitors; a real one has some dozens."""
 MAX_INTEGER: Final = 2**63 - 1
 """Times are ns in 64 bits with a sign, in every file and array."""
 MAX_NUMBER: Final = 1e30
