@@ -11,16 +11,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
-from floor_workloads import (
-    COPIES,
-    TOPIC,
-    TYPE,
-    Figures,
-    Workload,
-    cpu_ns,
-    figures,
-    write_buffer,
-)
+from floor_workloads import COPIES, TOPIC, TYPE, Figures, Workload, cpu_ns, figures, write_buffer
 
 from r2bspec.execute.measurement.peak_search import PeakSearch, ProbeOutcome
 from r2bspec.execute.measurement.segment_observation import SegmentObservation

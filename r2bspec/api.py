@@ -375,8 +375,8 @@ def run_pairs(
         RecordError: the folder cannot be created.
     """
     from r2bspec.compare.base_reference import parse_base_reference
-    from r2bspec.compare.interleaved_comparison import compare, prepare_comparison
-    from r2bspec.compare.interleaved_runs import ComparisonSide
+    from r2bspec.compare.interleaved_comparison import ComparisonSide, prepare_comparison
+    from r2bspec.compare.interleaved_runs import compare
     from r2bspec.execute.processes.environment import applied_environment, workspace_environments
 
     reference = parse_base_reference(against)
@@ -458,8 +458,8 @@ def run_gated(
         RunError: the head failed; the folder has the pairs finished until then.
         RecordError: the folder cannot be created.
     """
-    from r2bspec.compare.interleaved_comparison import Gate, compare, prepare_comparison
-    from r2bspec.compare.interleaved_runs import BaseFailsError
+    from r2bspec.compare.interleaved_comparison import BaseFailsError, Gate, prepare_comparison
+    from r2bspec.compare.interleaved_runs import compare
     from r2bspec.compare.merge_gate import ALLOW_BASE
 
     name = f"{head.plan.name}-pairs"

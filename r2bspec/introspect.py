@@ -20,11 +20,7 @@ import msgspec
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.execute.errors import NotReadyError
 from r2bspec.execute.processes.environment import RunEnvironment, make_redactor, replaced_texts
-from r2bspec.execute.processes.prerequisites import (
-    reserved_domain,
-    resolve_argv,
-    resolve_command,
-)
+from r2bspec.execute.processes.prerequisites import reserved_domain, resolve_argv, resolve_command
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.execute.states import Interrupts
 from r2bspec.ipc import protocol

@@ -48,12 +48,8 @@ from r2bspec.interop.script_import.spec_text import (
 )
 from r2bspec.interop.script_import.values import Note, ScriptLimitError
 from r2bspec.language.templates import node_key
-from r2bspec.plan.installed_packages import (
-    ament_prefixes,
-    package_share,
-    python_target,
-    top_level_names,
-)
+from r2bspec.plan.installed_packages import package_share, python_target, top_level_names
+from r2bspec.plan.this_machine import ament_prefixes
 from r2bspec.plan.wiring.ast_reader import read_node_class, read_python_file
 from r2bspec.safe_io.safe_file import is_folder, is_regular
 

@@ -9,14 +9,7 @@ from pathlib import Path
 
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.metadata import FileSpan, read_metadata
-from r2bspec.bags.recording import (
-    BagIndex,
-    DataError,
-    Message,
-    Selection,
-    Window,
-    topic_not_found,
-)
+from r2bspec.bags.recording import BagIndex, DataError, Message, Selection, Window, topic_not_found
 from r2bspec.bags.storage.storage import Storage, open_storages, storage_errors, storage_paths
 
 

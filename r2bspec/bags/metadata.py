@@ -10,13 +10,7 @@ from typing import Any
 import msgspec
 import yaml
 
-from r2bspec.bags.recording import (
-    SUFFIXES_TEXT,
-    DataError,
-    TopicInfo,
-    error_hint,
-    error_text,
-)
+from r2bspec.bags.recording import SUFFIXES_TEXT, DataError, TopicInfo, error_hint, error_text
 from r2bspec.diagnostics.quote import clip
 from r2bspec.safe_io.limits import (
     MAX_BAG_ENTRIES,
@@ -126,7 +120,7 @@ def _from_document(info: Any) -> BagMetadata:
         raise ValueError(f"its version is {version}, the newest supported one is {_MAX_VERSION}")
     _check_numbers(info)
     compression_mode = info.get("compression_mode", "").lower()
-    return BagMetadata(
+    metadata = BagMetadata(
         version=version,
         storage=info["storage_identifier"],
         # Early versions included the name of the folder.
@@ -141,6 +135,8 @@ def _from_document(info: Any) -> BagMetadata:
             _span(entry) for entry in info.get("files") or () if _int(entry["message_count"]) > 0
         ),
     )
+    # A name may be a list.
+    return msgspec.convert(msgspec.to_builtins(metadata), BagMetadata)
 
 
 def _check_numbers(info: Any) -> None:

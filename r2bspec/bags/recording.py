@@ -189,6 +189,10 @@ class BagIndex(msgspec.Struct, frozen=True, kw_only=True):
             return exact
         return self.topics.get(topic[1:] if topic.startswith("/") else f"/{topic}")
 
+    def types(self, topics: Iterable[str]) -> dict[str, str]:
+        """The types of those of the topics that it has, by the given names."""
+        return {topic: info.type for topic in topics if (info := self.find(topic)) is not None}
+
 
 class Window(msgspec.Struct, frozen=True, kw_only=True):
     """A half-open interval of time, in ns after the start of the bag.

@@ -20,7 +20,6 @@ from r2bspec.language.located_tree import ListNode, MapNode, TreeNode, child, lo
 from r2bspec.language.quantities import Rate
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language.spec import Spec
-from r2bspec.plan.compile_plan import bag_types, has_own_rate
 from r2bspec.plan.installed_packages import package_version
 from r2bspec.plan.process_plans import process_names
 from r2bspec.plan.wiring.build_wiring import build_wiring, harness_topic
@@ -191,7 +190,7 @@ class Context:
     @cached_property
     def wiring(self) -> Wiring:
         """The publishers and subscriptions of every topic."""
-        types = bag_types(self.spec, self.bag)
+        types = self.bag.types(self.spec.data_loader.topics) if self.bag is not None else None
         return build_wiring(self.spec, bag_types=types, companion_files=self.companion_files)
 
     @cached_property
@@ -309,11 +308,6 @@ class Context:
     def processes(self) -> tuple[str, ...]:
         """The names of the processes of the measure phase."""
         return process_names(self.spec, self.wiring)
-
-    @property
-    def has_own_rate(self) -> bool:
-        """Whether the recording, or the graph's own source, sets the rate of the messages."""
-        return has_own_rate(self.spec)
 
     def harness_topic(self, name: str) -> str:
         """The full name of a topic that the spec names outside of any node."""

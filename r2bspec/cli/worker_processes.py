@@ -19,12 +19,7 @@ from multiprocessing import connection
 from multiprocessing.context import ForkProcess
 from typing import Any, TypeVar
 
-from r2bspec.cli.internal_error import (
-    Crash,
-    InternalError,
-    UncheckedFiles,
-    WorkerEndedError,
-)
+from r2bspec.cli.internal_error import Crash, InternalError, UncheckedFiles, WorkerEndedError
 from r2bspec.errors import ExitStatus, R2bspecError
 
 T = TypeVar("T")

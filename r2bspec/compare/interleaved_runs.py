@@ -10,22 +10,26 @@ would give the second run of a pair warmer caches than the first.
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import secrets
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from r2bspec.compare.judge_pairs import read_pair_set
-from r2bspec.errors import ExitStatus, R2bspecError, without_output
+from r2bspec.compare.interleaved_comparison import BaseFailsError, ComparisonSpec
+from r2bspec.compare.report_input import judge_comparison_folder, read_pair_set
+from r2bspec.errors import R2bspecError, without_output
 from r2bspec.execute.controller import RunOptions, run_plan
-from r2bspec.execute.errors import InterruptedRunError, RunError, UnwritableRunError
+from r2bspec.execute.errors import InterruptedRunError, RunError
 from r2bspec.execute.processes.environment import applied_environment
-from r2bspec.execute.progress import Progress
+from r2bspec.execute.processes.machine import check_machine
+from r2bspec.execute.progress import NullProgress, Progress
 from r2bspec.execute.states import Interrupts
 from r2bspec.judge.confirmation import needs_confirmation
 from r2bspec.judge.decision_policy import decision_policy
+from r2bspec.judge.judge_run import to_json
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.pair_comparison import (
     confirmation_terms,
@@ -34,6 +38,7 @@ from r2bspec.judge.pair_comparison import (
     reruns_can_decide,
     why_unusable,
 )
+from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.t_interval import PairOrder, pair_orders
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.secrets import shown_value
@@ -41,6 +46,7 @@ from r2bspec.language.spec import Objective
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.comparability import single_run_plan
 from r2bspec.plan.plan import Plan
+from r2bspec.private_files import private_files
 from r2bspec.record.comparison_folder import (
     ComparisonFolder,
     PairRecord,
@@ -48,74 +54,42 @@ from r2bspec.record.comparison_folder import (
     Side,
     open_comparison,
 )
-from r2bspec.record.graph_identity import GraphIdentity
 from r2bspec.record.run_folder import RunFolder, open_run
-
-
-@dataclass(frozen=True)
-class ComparisonSide:
-    """One side of a comparison.
-
-    Attributes:
-        plan: as it was compiled, with all iterations.
-        base_dir: the folder of its spec.
-        spec_text: the resolved spec.
-        environment: the variables of its runs that differ from this process; see
-            `workspaces.applied_environment`.
-        identity: of its graph; each run looks it up itself if None.
-    """
-
-    plan: Plan
-    base_dir: Path
-    spec_text: str
-    environment: Mapping[str, str] = field(default_factory=dict)
-    identity: GraphIdentity | None = None
-
-
-class BaseFailsError(R2bspecError):
-    """The base of a comparison cannot be played: its spec is not valid, or its graph fails."""
-
-    code = "R2B698"
-
-    @classmethod
-    def of(cls, error: R2bspecError, text: str = "") -> BaseFailsError:
-        """An error of the base, with the way out.
-
-        The exit status is that of its cause, which may say that another attempt can help. A run
-        that failed was already repeated, so its cause is the base's code, which no pipeline has
-        to try a third time; only a disk that cannot be written is no fault of the code.
-        """
-        hint = "Mend the base, or judge the head alone: --allow base."
-        failure = cls(text or f"the base fails: {error}", hint=hint)
-        graph_failed = isinstance(error, RunError) and not isinstance(error, UnwritableRunError)
-        failure.exit_code = ExitStatus.USAGE if graph_failed else error.exit_code
-        return failure
-
-
-CheckRun = Callable[[Side, Path], None]
-"""Checks the folder of a finished run of one side; raises an error that ends the comparison."""
-
-
-@dataclass(frozen=True)
-class ComparisonSpec:
-    """A comparison to be made; see `PairsRecord` for the fields.
-
-    Attributes:
-        check_run: is called after each run.
-    """
-
-    base: ComparisonSide
-    head: ComparisonSide
-    pairs: int
-    against: str = ""
-    control: bool = False
-    differences: tuple[str, ...] = ()
-    gate: tuple[str, ...] = ()
-    check_run: CheckRun | None = None
-
 
 _MAX_AFFECTED_RERUNS = 2
 """Reruns that are affected again. After that the machine counts as always busy."""
+
+
+def compare(comparison: ComparisonSpec, output: Path, progress: Progress | None = None) -> Result:
+    """Play interleaved pairs on real ROS 2, and judge them.
+
+    Args:
+        comparison: to be made.
+        output: the folder of the comparison, new or empty.
+        progress: is notified of progress.
+
+    Raises:
+        RunError: a run failed; the folder has the pairs finished until then.
+        OtherMachineError: this machine is not what the spec requires.
+        RecordError: the folder cannot be created.
+    """
+    check_machine(comparison.head.plan)
+    with private_files(), ComparisonFolder.create(output) as folder:
+        try:
+            run_pairs(comparison, folder, progress or NullProgress())
+        except R2bspecError:
+            # Write a result of what was measured, marked as incomplete; if that fails, too, the
+            # first failure is reported.
+            with contextlib.suppress(R2bspecError, OSError):
+                _write_result(folder)
+            raise
+        return _write_result(folder)
+
+
+def _write_result(folder: ComparisonFolder) -> Result:
+    result = judge_comparison_folder(open_comparison(folder.path)).result
+    folder.write_result(to_json(result))
+    return result
 
 
 def run_pairs(comparison: ComparisonSpec, folder: ComparisonFolder, progress: Progress) -> None:

@@ -6,7 +6,7 @@ From the head's spec to two sides that can be alternated:
 2. The base is built, if its version says how, in the environment that leads to the base's code.
 3. The two specs are compared. A head whose verdict depends on less than the base's is an error.
 4. What the nodes of each side are made of is identified.
-5. Base and head are played alternately (`r2bspec.compare.interleaved_comparison`). After each run,
+5. Base and head are played alternately (`r2bspec.compare.interleaved_runs`). After each run,
    the files that its processes have loaded must be those of its side.
 
 If there is nothing to compare with, the head alone is judged, and every report says why: the base
@@ -34,7 +34,7 @@ from r2bspec.compare.gate_strength import (
     check_gate,
     weakening_diagnostics,
 )
-from r2bspec.compare.interleaved_runs import BaseFailsError, ComparisonSide
+from r2bspec.compare.interleaved_comparison import BaseFailsError, ComparisonSide
 from r2bspec.compare.spec_sets import SpecName, missing_specs, spec_name
 from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import ExitStatus, R2bspecError, without_output

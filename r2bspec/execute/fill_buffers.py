@@ -26,11 +26,7 @@ from r2bspec.datasets.synthesis import make
 from r2bspec.execute.bringup.find_fault import find_faults
 from r2bspec.execute.bringup.graph_matching import PhaseGraph
 from r2bspec.execute.bringup.launcher import Launcher, message_packages
-from r2bspec.execute.bringup.observe_graph import (
-    TRACE_RATE_HZ,
-    TRACE_STEPS,
-    GraphFacts,
-)
+from r2bspec.execute.bringup.observe_graph import TRACE_RATE_HZ, TRACE_STEPS, GraphFacts
 from r2bspec.execute.bringup.readiness import StartDeadline
 from r2bspec.execute.errors import DatasetMismatchError, NoOutputError
 from r2bspec.execute.processes.supervisor import ManagedProcess

@@ -13,6 +13,7 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -24,10 +25,12 @@ from r2bspec.execute.measurement.segments import SegmentPlayer
 from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.profilers import AttachedProfiler, Profiler
 from r2bspec.execute.run_context import MEASURE_PHASE
-from r2bspec.execute.session import StartSequence
 from r2bspec.language.quantities import Duration
 from r2bspec.plan.plan import Plan, ProcessPlan
 from r2bspec.record.run_record import ProfileRecord
+
+if TYPE_CHECKING:
+    from r2bspec.execute.session import StartSequence
 
 _DURATION_NS = 5 * 10**9
 """How long is played if the plan has no iterations, only probes."""

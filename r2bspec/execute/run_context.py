@@ -6,16 +6,19 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from r2bspec.execute.host_watch import HostWatch
-from r2bspec.execute.identity.loaded_files import LoadedFiles
-from r2bspec.execute.processes.resources import ResourceSampler
-from r2bspec.execute.processes.supervisor import ProcessSupervisor
-from r2bspec.execute.progress import Progress
-from r2bspec.execute.states import RunStates
 from r2bspec.language.quantities import Duration
-from r2bspec.record.run_folder import RunFolder
-from r2bspec.record.run_record import EndedRate
+
+if TYPE_CHECKING:
+    from r2bspec.execute.host_watch import HostWatch
+    from r2bspec.execute.identity.loaded_files import LoadedFiles
+    from r2bspec.execute.processes.resources import ResourceSampler
+    from r2bspec.execute.processes.supervisor import ProcessSupervisor
+    from r2bspec.execute.progress import Progress
+    from r2bspec.execute.states import RunStates
+    from r2bspec.record.run_folder import RunFolder
+    from r2bspec.record.run_record import EndedRate
 
 MEASURE_PHASE = "measure"
 """The phase of the processes that run during the measurement."""

@@ -9,16 +9,19 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from r2bspec.execute.bringup.find_fault import certain_topics, find_faults, full_path, path_lines
-from r2bspec.execute.bringup.graph_matching import PhaseGraph
 from r2bspec.execute.bringup.observe_graph import TRACE_RATE_HZ, TRACE_STEPS, GraphFacts
 from r2bspec.execute.errors import NoOutputError
-from r2bspec.execute.measurement.segments import SegmentPlayer
 from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.run_context import RunContext
 from r2bspec.plan.plan import MonitorPlan
 from r2bspec.record.run_record import OutputGapRecord, Segment
+
+if TYPE_CHECKING:
+    from r2bspec.execute.bringup.graph_matching import PhaseGraph
+    from r2bspec.execute.measurement.segments import SegmentPlayer
 
 
 @dataclass

@@ -16,17 +16,9 @@ from typing import Any, Final
 
 import msgspec
 
-from r2bspec.fleet.errors import FleetError
+from r2bspec.fleet.errors import FalseAnswerError, FleetError
 from r2bspec.fleet.hosts import Host, HostFacts
-from r2bspec.fleet.messages import (
-    FACTS,
-    SLOT,
-    Call,
-    HostState,
-    on_host,
-    read_answer,
-    request_of,
-)
+from r2bspec.fleet.messages import FACTS, SLOT, Call, HostState, on_host, read_answer, request_of
 from r2bspec.fleet.security import FleetAddress, quiet_logs, require_distributed
 
 _CONNECT_S: Final = 10.0
@@ -95,7 +87,10 @@ class FleetClient:
         )
 
         async def gathered(task: Any) -> Any:
-            answer = await client.gather(task, asynchronous=True)
+            try:
+                answer = await client.gather(task, asynchronous=True)
+            except TypeError as error:  # it is a pickle: see `deserializers`
+                raise FalseAnswerError(host.name, f"its answer is none: {error}") from error
             return read_answer(host.name, call.method, request, answer)
 
         return asyncio.run_coroutine_threadsafe(gathered(task), client.loop.asyncio_loop)
@@ -118,7 +113,7 @@ class FleetClient:
                 timeout=_CONNECT_S,
                 set_as_default=False,
                 name="r2bspec",
-                deserializers=["msgpack", "error"],
+                deserializers=["msgpack"],
             )
         except Exception as error:  # what a server that is none says may be taken for anything
             if (refusal := self._address.refusal()) is not None:

@@ -27,18 +27,19 @@ from r2bspec.fleet.errors import (
     NoHostError,
     TransferError,
 )
-from r2bspec.fleet.host_store import FULL_DISK, HostStore, pack_run, remove
-from r2bspec.fleet.hosts import HostFacts
-from r2bspec.fleet.messages import (
-    PLUGIN,
-    Played,
-    Problem,
-    RunState,
-    answer_of,
-    read_request,
+from r2bspec.fleet.host_store import (
+    ENDED_FILE,
+    FULL_DISK,
+    JOB_FILE,
+    PROGRESS_FILE,
+    RUN_FOLDER,
+    HostStore,
+    pack_run,
+    remove,
 )
+from r2bspec.fleet.hosts import HostFacts
+from r2bspec.fleet.messages import PLUGIN, Played, Problem, RunState, answer_of, read_request
 from r2bspec.fleet.permissions import check_allowed
-from r2bspec.fleet.play_run import ENDED_FILE, JOB_FILE, PROGRESS_FILE, RUN_FOLDER
 from r2bspec.plan.canonical_json import parse_plan
 from r2bspec.plan.this_machine import LABELS_VARIABLE, unmet
 from r2bspec.private_files import user_umask

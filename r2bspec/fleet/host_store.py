@@ -28,14 +28,15 @@ from typing import Final
 
 from r2bspec.bags.integrity import hash_files
 from r2bspec.diagnostics.quote import quote
-from r2bspec.fleet.bundle import (
-    Job,
-    SentFile,
-    bundle_digest,
-    digest_of,
-)
+from r2bspec.fleet.bundle import Job, SentFile, bundle_digest, digest_of
 from r2bspec.fleet.errors import TransferError
 from r2bspec.safe_io.limits import MAX_BUNDLE_BYTES, MAX_BUNDLE_FILES, MAX_FLEET_RUN_BYTES
+
+JOB_FILE: Final = "job.json"
+ENDED_FILE: Final = "ended.json"
+PROGRESS_FILE: Final = "progress.json"
+RUN_FOLDER: Final = "run"
+"""In the folder of a run in ``spool``."""
 
 DEFAULT_LIMIT_BYTES: Final = 20 << 30
 _KINDS: Final = ("objects", "work", "spool")

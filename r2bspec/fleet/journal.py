@@ -102,7 +102,7 @@ def read_journal(folder: Path) -> list[Event]:
     for number, line in enumerate(lines):
         try:
             events += [msgspec.json.decode(line, type=Event)] if line else []
-        except msgspec.MsgspecError as error:
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
             if not number:
                 raise UsageError(f"{path} is no journal of a fleet: {error}") from error
     return events

@@ -164,6 +164,9 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
     problem: Problem | None = None
 
 
+_NOT_DECODED: Final = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
+
+
 def request_of(call: Call) -> bytes:
     """A call as it travels; no two requests are alike."""
     return msgspec.msgpack.encode((secrets.token_hex(8), call.method, call.args))
@@ -180,7 +183,7 @@ def read_request(request: bytes) -> tuple[str, tuple[Any, ...]]:
         if method not in METHODS:
             raise FleetError(f"hosts do nothing that is called {quote(method)}")
         return method, msgspec.msgpack.decode(args, type=METHODS[method][0])
-    except msgspec.MsgspecError as error:
+    except _NOT_DECODED as error:
         raise FleetError(f"this is no request of a client: {error}") from error
 
 
@@ -204,7 +207,7 @@ def read_answer(host: str, method: str, request: bytes, content: Any) -> Any:
         if answer.problem is not None:
             raise answer.problem.error
         return msgspec.msgpack.decode(answer.value, type=METHODS[method][1])
-    except (msgspec.MsgspecError, TypeError) as error:
+    except (*_NOT_DECODED, TypeError) as error:
         raise FalseAnswerError(host, f"its answer is none: {error}") from error
 
 

@@ -20,17 +20,13 @@ import msgspec
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.execute.progress import NullProgress
 from r2bspec.fleet.bundle import Job, Side
+from r2bspec.fleet.host_store import ENDED_FILE, JOB_FILE, PROGRESS_FILE, RUN_FOLDER
 from r2bspec.fleet.messages import Played, Problem, RunState
 from r2bspec.record.files import write_atomically
 
 if TYPE_CHECKING:
     from r2bspec.judge.result import Result
     from r2bspec.plan.prepared_benchmark import PreparedBenchmark
-
-JOB_FILE: Final = "job.json"
-ENDED_FILE: Final = "ended.json"
-PROGRESS_FILE: Final = "progress.json"
-RUN_FOLDER: Final = "run"
 
 _PROGRESS_INTERVAL_S: Final = 5.0
 """Progress is written by the controller: rarely, because it measures at the same time."""
@@ -172,8 +168,8 @@ def _prepared(side: Side, tree: Path) -> PreparedBenchmark:
 def _compare(
     job: Job, head: PreparedBenchmark, tree: Path, folder: Path, progress: _WrittenProgress
 ) -> Result:
-    from r2bspec.compare.interleaved_comparison import compare, prepare_comparison
-    from r2bspec.compare.interleaved_runs import ComparisonSide
+    from r2bspec.compare.interleaved_comparison import ComparisonSide, prepare_comparison
+    from r2bspec.compare.interleaved_runs import compare
     from r2bspec.execute.processes.environment import workspace_environments
 
     environment = workspace_environments(job.environments)

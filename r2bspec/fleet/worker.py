@@ -93,7 +93,12 @@ async def _serve(
         worker = _make_worker(service, settings)
         try:
             starting = asyncio.ensure_future(worker)
-            await _first(starting, ended)
+            while not (starting.done() or ended.is_set()):
+                # Dask would try again and again without a word.
+                refusal = await asyncio.to_thread(settings.address.refusal)
+                if refusal is not None and str(refusal) != told:
+                    on_state(f"not in the fleet: {(told := str(refusal))}; {refusal.hint}")
+                await _first(starting, ended, _RECONNECT_S)
             if not starting.done():
                 starting.cancel()
                 break
@@ -103,9 +108,7 @@ async def _serve(
             if not ended.is_set():
                 on_state(told := "the scheduler is gone; connecting again")
         except Exception as error:  # Dask raises many kinds, and any of them may pass
-            refusal = await asyncio.to_thread(settings.address.refusal)
-            text = f"not in the fleet: {refusal or error}"
-            text += f"; {refusal.hint}" if refusal is not None else ""
+            text = f"not in the fleet: {error}"
             if text != told:
                 on_state(told := text)
         finally:
@@ -118,10 +121,12 @@ async def _serve(
     service.close()
 
 
-async def _first(task: asyncio.Future[Any], ended: asyncio.Event) -> None:
-    """Wait for a task, or for the end."""
+async def _first(
+    task: asyncio.Future[Any], ended: asyncio.Event, timeout_s: float | None = None
+) -> None:
+    """Wait for a task, or for the end, or for a time."""
     stop = asyncio.ensure_future(ended.wait())
-    await asyncio.wait({task, stop}, return_when=asyncio.FIRST_COMPLETED)
+    await asyncio.wait({task, stop}, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
     stop.cancel()
 
 

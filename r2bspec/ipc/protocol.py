@@ -439,7 +439,7 @@ def decode_command(line: bytes) -> Command:
     """Decode a command.
 
     Raises:
-        msgspec.ValidationError: the line is not a command.
+        msgspec.DecodeError, ValueError: the line is not a command.
     """
     return _COMMANDS.decode(line)
 
@@ -448,6 +448,6 @@ def decode_reply(line: bytes) -> Reply:
     """Decode a reply.
 
     Raises:
-        msgspec.ValidationError: the line is not a reply.
+        msgspec.DecodeError, ValueError: the line is not a reply.
     """
     return _REPLIES.decode(line)

@@ -4,7 +4,7 @@ A schedule is one round of steps, which is repeated. A step consists of the mess
 stamp, or with stamps that the spec allows to differ. There are two kinds:
 
 `CyclicSchedule` has no times: the messages of a step are due together, the steps follow each other
-at the requested rate, and the stamp of a step is the time of its publication.
+at the requested rate, and the stamp of a step is the time at which it is due.
 
 `TimelineSchedule` has the times of a recording: each message has its own due time. A step is due
 with its first message. The stamps of a round are those of the recording, shifted by one constant,

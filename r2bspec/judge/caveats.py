@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Sequence
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,10 +24,12 @@ from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import METHODS
-from r2bspec.judge.requirement_case import RequirementCase
 from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.verdict import Outcome, RequirementVerdict
 from r2bspec.language.benchmark_defaults import CONFIDENCE
+
+if TYPE_CHECKING:
+    from r2bspec.judge.requirement_case import RequirementCase
 
 _PROBES: Final = ("probe", "sustained")
 """Segments of probes. In a comparison in pairs, each run has its own."""

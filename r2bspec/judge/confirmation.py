@@ -27,11 +27,7 @@ from __future__ import annotations
 import msgspec
 
 from r2bspec.judge.methods import METHODS
-from r2bspec.judge.verdict import (
-    InconclusivePolicy,
-    RequirementVerdict,
-    Verdict,
-)
+from r2bspec.judge.verdict import InconclusivePolicy, RequirementVerdict, Verdict
 
 _REMEDY = "Run again; if the failure is intermittent, look for what differs between the runs."
 

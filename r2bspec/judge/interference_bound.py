@@ -77,6 +77,7 @@ from r2bspec.judge.measure.samples import (
     MonitorSamples,
     PlaybackSamples,
     SegmentSamples,
+    output_period_ns,
     output_times,
 )
 from r2bspec.record.run_record import Segment
@@ -237,8 +238,8 @@ def _best_case_samples(
         np.int64
     )
     steps = replace(seen.steps, received_ns=received_ns)
-    first_ns = int(steps.published_ns[0]) if latency.size else 0
-    outputs = output_times(steps, first_ns, segment.ended_ns, 0.0, 0.0)
+    period_ns = output_period_ns(segment, seen.sent, seen.per_step)
+    outputs = output_times(steps, segment.began_ns + round(latency.size * period_ns), 0.0, 0.0)
     answered = int(outputs.arrived_ns.size)
     return MonitorSamples(
         steps=steps,

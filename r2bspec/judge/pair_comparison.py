@@ -59,10 +59,7 @@ from r2bspec.judge.affected_iterations import (
     largest_taken_share,
     strict_refusal,
 )
-from r2bspec.judge.baseline_comparison import (
-    judge_baseline_requirements,
-    run_value,
-)
+from r2bspec.judge.baseline_comparison import judge_baseline_requirements, run_value
 from r2bspec.judge.baseline_ratio import BaselineCase, judge_pairs
 from r2bspec.judge.confirmation import confirm_run, needs_confirmation
 from r2bspec.judge.decision_policy import DecisionPolicy, without_own_confidence

@@ -47,8 +47,12 @@ from r2bspec.judge.measure.metric_catalogue import (
     kind_of,
     resolve,
 )
-from r2bspec.judge.measure.metrics import pool_monitor
-from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, RunSamples, SegmentSamples
+from r2bspec.judge.measure.samples import (
+    LOSS_SENSITIVE_FAMILIES,
+    RunSamples,
+    SegmentSamples,
+    pool_monitor,
+)
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import METHODS
 from r2bspec.judge.methods.mean_bound import MEAN_BOUND

@@ -46,8 +46,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from r2bspec.judge.measure.metric_catalogue import Statistic
-from r2bspec.judge.measure.metrics import pool_monitor, pool_playback
-from r2bspec.judge.measure.samples import MonitorSamples, RunSamples, SegmentSamples
+from r2bspec.judge.measure.samples import (
+    MonitorSamples,
+    RunSamples,
+    SegmentSamples,
+    pool_monitor,
+    pool_playback,
+)
 from r2bspec.judge.measure.times import percentile
 from r2bspec.judge.measure.units import show
 

@@ -322,6 +322,11 @@ class Spec(Record, frozen=True, kw_only=True):
         return self.playback.mode == "live"
 
     @property
+    def has_own_rate(self) -> bool:
+        """Whether the recording, or the graph's own source, determines the rate of messages."""
+        return self.playback.mode in {"timeline", "live"}
+
+    @property
     def has_external_nodes(self) -> bool:
         """Whether a node already runs, so that a run cannot restart it."""
         nodes = (*self.preprocessors.values(), *self.graph.nodes.values())

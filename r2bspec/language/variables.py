@@ -26,13 +26,7 @@ from msgspec.structs import replace
 from r2bspec.diagnostics import Path, Related, Span, did_you_mean, format_path
 from r2bspec.diagnostics.quote import quote, unknown_name_help
 from r2bspec.language.declaration import rule_at
-from r2bspec.language.document import (
-    DiagnosticCollector,
-    Document,
-    Source,
-    has_errors,
-    read_text,
-)
+from r2bspec.language.document import DiagnosticCollector, Document, Source, has_errors, read_text
 from r2bspec.language.located_tree import (
     Entry,
     ListNode,

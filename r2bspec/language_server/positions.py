@@ -25,7 +25,6 @@ from r2bspec.diagnostics.diagnostic import LINE_BREAK
 from r2bspec.language.document import Source
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
 from r2bspec.language.yaml_document import compose
-from r2bspec.language_server.analysis import Analysis
 
 _PROTOCOL_LINE_BREAK: Final = re.compile(r"\r\n|\n|\r")
 
@@ -289,7 +288,3 @@ class Proposal:
     kind: types.CompletionItemKind = types.CompletionItemKind.Value
     is_snippet: bool = False
     order: int = 500
-
-
-ProposalSource = Callable[[Analysis, CursorContext], Iterator[Proposal]]
-"""What can be written at the path of a context."""

@@ -6,7 +6,7 @@ Message types are that of the topic first, then those that are known.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any, Final
@@ -20,7 +20,7 @@ from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNod
 from r2bspec.language.names import MESSAGE_TYPE
 from r2bspec.language.requirement_grammar import Requirement
 from r2bspec.language_server.analysis import Analysis
-from r2bspec.language_server.positions import CursorContext, Proposal, ProposalSource
+from r2bspec.language_server.positions import CursorContext, Proposal
 from r2bspec.language_server.proposed_values import (
     any_file,
     executables,
@@ -37,6 +37,9 @@ from r2bspec.language_server.symbols import names_of
 from r2bspec.plan.installed_packages import installed_message_types
 from r2bspec.plan.wiring.name_resolution import expand
 from r2bspec.plan.wiring.wiring import NodeWiring
+
+ProposalSource = Callable[[Analysis, CursorContext], Iterator[Proposal]]
+"""What can be written at the path of a context."""
 
 
 def message_types(analysis: Analysis, context: CursorContext) -> Iterator[Proposal]:

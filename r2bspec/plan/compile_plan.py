@@ -63,8 +63,9 @@ def compile_plan(
     """
     bags = list(bag) if isinstance(bag, Sequence) else [bag]
     together = merge_indexes([index for index in bags if index is not None])
+    types = together.types(spec.data_loader.topics) if together is not None else None
     wiring = wiring or build_wiring(
-        spec, bag_types=bag_types(spec, together), table=table, companion_files=companion_files
+        spec, bag_types=types, table=table, companion_files=companion_files
     )
     # An unknown recording is assumed to have all topics.
     sources = spec.data_loader.sources or (BagSource(),)
@@ -74,7 +75,7 @@ def compile_plan(
         for source, bag in zip(sources, known, strict=True)
     )
     rates = dict.fromkeys(rate.hz for rate in spec.benchmark.rates)
-    play = tuple(_play_at(spec, hz) for hz in ([0.0] if has_own_rate(spec) else rates))
+    play = tuple(_play_at(spec, hz) for hz in ([0.0] if spec.has_own_rate else rates))
     objectives = active_objectives(spec)
     sustained_hz = _sustained_hz(objectives)
     at_peak = any(objective.at_peak for objective in objectives.values())
@@ -128,14 +129,6 @@ def active_objectives(spec: Spec) -> dict[str, Objective]:
         if objective.level != "off"
         and all(str(spec.variables.get(key)) == str(value) for key, value in objective.when.items())
     }
-
-
-def bag_types(spec: Spec, bag: BagIndex | None) -> dict[str, str]:
-    """The types of the bag topics of a spec, by their names in the spec."""
-    if bag is None:
-        return {}
-    infos = {name: bag.find(name) for name in spec.data_loader.topics}
-    return {name: info.type for name, info in infos.items() if info is not None}
 
 
 def _dataset(
@@ -234,11 +227,6 @@ def _play_at(spec: Spec, rate_hz: float) -> PlayPlan:
         iterations=spec.benchmark.iterations,
         max_iterations=spec.benchmark.max_iterations,
     )
-
-
-def has_own_rate(spec: Spec) -> bool:
-    """Whether the recording, or the graph's own source, determines the rate of messages."""
-    return spec.playback.mode in {"timeline", "live"}
 
 
 def _phases(spec: Spec, sustained_hz: tuple[float, ...], *, plays: bool) -> Iterator[str]:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from r2bspec.plan.this_machine import find_module
+from r2bspec.plan.this_machine import AMENT_INDEX, PACKAGE_INDEX, ament_prefixes, find_module
 from r2bspec.plan.wiring.companion_files import source_folder
 from r2bspec.plan.wiring.node_interface import catalogue_packages
 from r2bspec.plan.wiring.python_package import module_of
@@ -31,8 +31,6 @@ from r2bspec.safe_io.safe_file import (
 )
 
 _VERSION = re.compile(r"<version[^>]*>([^<]{1,100})</version>")
-AMENT_INDEX = "share/ament_index/resource_index"
-PACKAGE_INDEX = f"{AMENT_INDEX}/packages"
 _STAR_IMPORT = re.compile(r"\bimport\s*\*")
 
 
@@ -58,12 +56,6 @@ def is_on_path(program: str) -> bool:
     import shutil
 
     return shutil.which(program) is not None
-
-
-def ament_prefixes() -> list[Path]:
-    """The folders in which ROS packages are installed."""
-    prefixes = os.environ.get("AMENT_PREFIX_PATH") or ""
-    return [Path(prefix) for prefix in prefixes.split(":") if prefix]
 
 
 @shared_lookup

@@ -19,12 +19,7 @@ import msgspec
 
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.spec import Container, Node, Spec
-from r2bspec.plan.command_lines import (
-    HARNESS_ARGV,
-    NATIVE_ARGV,
-    container_argv,
-    node_argv,
-)
+from r2bspec.plan.command_lines import HARNESS_ARGV, NATIVE_ARGV, container_argv, node_argv
 from r2bspec.plan.plan import ExternalPlan, JoinPlan, NodePlan, ProcessPlan
 from r2bspec.plan.wiring.build_wiring import harness_topic
 from r2bspec.plan.wiring.wiring import Endpoint, NodeWiring, Phase, PhaseWiring, Wiring

@@ -34,6 +34,9 @@ _RCLPY: Final = re.compile(r"ros[-_.](\w+?)[-_.]rclpy-[^-]+\.(?:dist|egg)-info$"
 """The folder with the metadata of the wheel of a distribution: importing what reads it takes longer
 than all of this module."""
 
+AMENT_INDEX: Final = "share/ament_index/resource_index"
+PACKAGE_INDEX: Final = f"{AMENT_INDEX}/packages"
+
 SHARED_MEMORY: Final = "/dev/shm"  # noqa: S108 -- only its size is read
 
 _NVIDIA: Final = Path("/proc/driver/nvidia/gpus")
@@ -57,6 +60,12 @@ class MachineFacts:
     gpus: tuple[str, ...] = ()
     ros_distro: str = ""
     labels: Mapping[str, str] = field(default_factory=dict)
+
+
+def ament_prefixes() -> list[Path]:
+    """The folders in which ROS packages are installed."""
+    prefixes = os.environ.get("AMENT_PREFIX_PATH") or ""
+    return [Path(prefix) for prefix in prefixes.split(":") if prefix]
 
 
 @shared_lookup

@@ -17,11 +17,7 @@ from typing import Final
 from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
-from r2bspec.language.requirement_grammar import (
-    Requirement,
-    RequirementError,
-    parse_requirement,
-)
+from r2bspec.language.requirement_grammar import Requirement, RequirementError, parse_requirement
 from r2bspec.record.graph_identity import revision_text
 from r2bspec.report.report_wording import (
     NAMED_CHANGES,

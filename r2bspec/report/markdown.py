@@ -32,13 +32,7 @@ from r2bspec.report.report_wording import (
     peak_text,
     starts_text,
 )
-from r2bspec.report.result_table import (
-    METRICS,
-    measured,
-    monitor_names,
-    reasons,
-    requirement_rows,
-)
+from r2bspec.report.result_table import METRICS, measured, monitor_names, reasons, requirement_rows
 
 _MAX_ROWS = 60
 """The largest number of rows of a table."""

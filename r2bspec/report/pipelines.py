@@ -29,12 +29,7 @@ from r2bspec.language.located_tree import ListNode, ScalarNode, lookup
 from r2bspec.report.finding_formats import command, command_place, junit_text
 from r2bspec.report.headline import headline, reason_after, requirement_headline
 from r2bspec.report.notes import notes, particular_sentences, unplayed_notes
-from r2bspec.report.report_wording import (
-    code_text,
-    comparison,
-    outcome_title,
-    several_monitors,
-)
+from r2bspec.report.report_wording import code_text, comparison, outcome_title, several_monitors
 from r2bspec.report.result_table import RequirementRow, requirement_rows
 from r2bspec.safe_io.safe_file import is_regular
 

@@ -251,6 +251,6 @@ def overhead_notes(result: Result) -> Iterator[str]:
     if where and known:
         placement = result.harness_overhead[0].placement
         yield (
-            f"The harness overhead is at most {show(max(known) / 1e9, 's')} at p50, {where} "
-            f"(harness.placement: {placement}); the latencies contain it"
+            f"The harness overhead is about {show(max(known) / 1e9, 's')} at p50 without the load "
+            f"of the graph, {where} (harness.placement: {placement}); the latencies contain it"
         )

@@ -12,14 +12,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from test_browser_vscode import (
-    CONTROL,
-    SPACE,
-    TIMEOUT_S,
-    Window,
-    pytestmark,
-    write_environment,
-)
+from test_browser_vscode import CONTROL, SPACE, TIMEOUT_S, Window, pytestmark, write_environment
 from test_browser_vscode import address as address
 from test_browser_vscode import window as window
 

@@ -13,7 +13,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("distributed")
 pytest.importorskip("cryptography")
 
-from fleet_hosts import HANG_S, fleet
+from fleet_hosts import HANG_S, fleet, wait_until
 from r2bspec.fleet.security import make_certificates
 from ros_runs import Bench, relay_spec
 
@@ -49,9 +49,28 @@ def test_a_fleet_with_certificates_runs_and_refuses_those_without(tmp_path: Path
         make_certificates(strangers)
         words = [each.replace(str(made), str(strangers)) for each in words]
         refused = hosts.run(spec, *words, output=tmp_path / "out2")
-        assert refused.status == 4
-        assert "R2B682" in refused.stderr
+        assert refused.status == 2
+        assert "do not trust each other" in refused.stderr
+        stranger = [sys.executable, "-m", "r2bspec", "fleet", "worker", hosts.address]
+        stranger += ["--no-doctor", "--folder", str(tmp_path / "stranger"), *words[:-1]]
+        log = tmp_path / "stranger.log"
+        with log.open("wb") as output:
+            worker = subprocess.Popen(stranger, stdout=output, stderr=output)
+        try:
+            wait_until(lambda: "not in the fleet" in log.read_text(), "what keeps it out")
+        finally:
+            worker.terminate()
+            assert worker.wait(60) == 0
+        assert "do not trust each other" in log.read_text()
+        assert "certificates of one authority" in log.read_text()
+        (made / "client-key.pem").chmod(0o644)
+        refused = hosts.run(spec, "--smoke", output=tmp_path / "out3", at=str(cluster))
+        assert refused.status == 2
+        assert "chmod 600" in refused.stderr
         hosts.scheme = "tcp"
-        refused = hosts.run(spec, output=tmp_path / "out3")
-        assert refused.status == 4
-        assert "R2B682" in refused.stderr
+        plain = hosts.run(spec, output=tmp_path / "out4")
+        assert plain.status == 2
+        assert "speaks TLS, and this end does not" in plain.stderr
+        for done in (refused, plain):
+            assert "R2B687" in done.stderr
+            assert "Traceback" not in done.stderr

@@ -1,35 +1,23 @@
 """How many hostile inputs of every family are answered cleanly; 100 % is what is required.
 
-::
-
-    python tests/fuzz/clean_answers.py --minutes 60 --seed 7
-
 An answer is clean if it has a documented exit status other than that of an internal error, and a
 message if it is no success; if it has no traceback, no control character and no secret; and if it
-took less than 500 MB of memory, less than 2 s of CPU (--cpu), and a bounded output. Each call is
-made in a process of its own, so that a crash or a hang is one, too. What is not clean is printed
-with its number, with which --only makes it again, in a folder that is kept.
+took less than 500 MB of memory, few seconds of CPU, and a bounded output. Each call is made in a
+process of its own, so that a crash or a hang is one, too. `readers` has what is a file of one
+reader.
 """
 
 from __future__ import annotations
 
-import argparse
 import random
 import re
-import sys
-import tempfile
-import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-TESTS = Path(__file__).parents[1]
-if __name__ == "__main__":
-    sys.path[:0] = [str(TESTS.parent), str(TESTS / "support"), str(TESTS / "fuzz")]
-
-from hostile_calls import Answer, call  # noqa: E402
-from hostile_inputs import SECRET, SECRET_NAME, Prototypes, families  # noqa: E402
+from hostile_calls import Answer, call
+from hostile_inputs import SECRET, SECRET_NAME, Prototypes, families
 
 MEMORY_BYTES = 500_000_000
 OUTPUT_BYTES = 2_000_000
@@ -96,17 +84,24 @@ def wrong_with(answer: Answer, cpu_s: float, *, is_document: bool = False) -> st
         0 if is_document else max(map(len, said.decode(errors="replace").splitlines() or [""]))
     )
     wrong = [
-        (answer.status not in (0, 1, 2, 3, 4), f"exit status {answer.status}"),
-        (b"Traceback" in said or b"R2B69" in said, "a crash"),
-        (answer.status != 0 and not said.strip(), "no message"),
-        (_CONTROL.search(said) is not None, "control characters"),
-        (_shows_secret(said), "a secret"),
+        *faults(answer.status, said),
         (answer.memory_bytes > MEMORY_BYTES, f"{answer.memory_bytes / 1e6:.0f} MB"),
         (answer.cpu_s > cpu_s, f"{answer.cpu_s:.1f} s of CPU"),
         (len(said) > OUTPUT_BYTES, f"{len(said):,} bytes of output"),
         (longest > LINE_CHARACTERS, f"a line of {longest:,} characters"),
     ]
     return ", ".join(what for is_wrong, what in wrong if is_wrong)
+
+
+def faults(code: int, said: bytes) -> list[tuple[bool, str]]:
+    """What may be wrong with an answer by its status and output, each with whether it is."""
+    return [
+        (code not in (0, 1, 2, 3, 4), f"exit status {code}"),
+        (b"Traceback" in said or b"R2B69" in said, "a crash"),
+        (code != 0 and not said.strip(), "no message"),
+        (_CONTROL.search(said) is not None, "control characters"),
+        (_shows_secret(said), "a secret"),
+    ]
 
 
 def _shows_secret(said: bytes) -> bool:
@@ -123,31 +118,3 @@ def _asked(arguments: tuple[str, ...], place: Path, cpu_s: float) -> str:
     is_document = not {"--format", "--resolved", "--report"}.isdisjoint(arguments)
     answer = call(*arguments, cwd=place, environ=given)
     return wrong_with(answer, cpu_s, is_document=is_document)
-
-
-def _until(minutes: float) -> Iterator[int]:
-    end = time.monotonic() + 60 * minutes
-    number = 0
-    while time.monotonic() < end:
-        yield number
-        number += 1
-
-
-def main() -> int:
-    """Run for some minutes, or one number; the exit status says whether all answers were clean."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else "")
-    parser.add_argument("--minutes", type=float, default=1.0)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--cpu", type=float, default=2.0, help="seconds that an answer may take")
-    parser.add_argument("--only", type=int, help="make the inputs of this number alone")
-    options = parser.parse_args()
-    numbers = _until(options.minutes) if options.only is None else iter([options.only])
-    folder = Path(tempfile.mkdtemp(prefix="r2bspec-fuzz-"))
-    tally = run_inputs(folder, numbers, options.seed, options.cpu)
-    lines = [*tally.unclean, *tally.lines(), f"the inputs are in {folder}"]
-    sys.stdout.write("".join(f"{line}\n" for line in lines))
-    return 1 if tally.unclean else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

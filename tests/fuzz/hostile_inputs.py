@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-import json
 import random
 import shutil
 import struct
@@ -15,7 +13,7 @@ from typing import Any
 
 from hostile_calls import INSERT_RUN, change_database, make_history, make_special
 
-from data_bags import text, write_bag, write_mcap, write_ros1
+from data_bags import text, write_bag
 from run_simulation import Played, Simulation, objective
 
 if sys.version_info >= (3, 14):
@@ -184,13 +182,6 @@ class Prototypes:
         messages = [("/a", number, text("x" * number)) for number in range(5)]
         self.bag = write_bag(folder / "bag", messages)
         self.packed = write_bag(folder / "packed", messages, compression="message")
-        self.files = (
-            write_mcap(folder / "a.mcap", messages),
-            write_ros1(folder / "a.bag", messages, compression="lz4"),
-            write_ros1(folder / "b.bag", messages, compression="bz2"),
-            self.bag / "bag.db3",
-            self.packed / "packed.db3",
-        )
         self.run = folder / "run"
         Simulation(
             segments=[Played(10, [0.01, 0.02])],
@@ -217,31 +208,6 @@ def families(made: Prototypes) -> dict[str, Family]:
         ]
         return HostileInput(name, tuple(calls))
 
-    def values(rng: random.Random, folder: Path) -> HostileInput:
-        place, value = rng.choice(list(PLACES)), rng.choice(VALUES)
-        good = PLACES[place]
-        bad = f"{good.partition(':')[0]}: {value}"
-        return of_spec(folder, f"{place}: {value[:30]}", SPEC.replace(good, bad, 1))
-
-    def keys(rng: random.Random, folder: Path) -> HostileInput:
-        key = rng.choice(KEYS)
-        return of_spec(folder, key[:30], f"{SPEC}{key}\n")
-
-    def text_bytes(rng: random.Random, folder: Path) -> HostileInput:
-        return of_spec(
-            folder, "bytes of a spec", damaged(rng, SPEC.encode(), b"{}[]:,&*!|>'\"%@`\n\t$(#")
-        )
-
-    def parameters(rng: random.Random, folder: Path) -> HostileInput:
-        content = rng.choice(PARAMETERS)
-        (folder / "interfaces").mkdir()
-        (folder / "interfaces/n.yaml").write_text(content, encoding="utf-8")
-        (folder / "p.yaml").write_text(content, encoding="utf-8")
-        spec = SPEC.replace(
-            "      command: [x]\n", "      command: [x]\n      parameters: ./p.yaml\n"
-        )
-        return of_spec(folder, content[:30], spec)
-
     def secrets(rng: random.Random, folder: Path) -> HostileInput:
         place = rng.choice(list(PLACES))
         word = rng.choice(
@@ -261,71 +227,11 @@ def families(made: Prototypes) -> dict[str, Family]:
         calls = [("validate", "h.r2b.yaml"), ("data", "info", bag), ("data", "verify", bag)]
         return HostileInput(name, tuple(calls))
 
-    def storage(rng: random.Random, folder: Path) -> HostileInput:
-        file = rng.choice(made.files)
-        (folder / f"x{file.suffix}").write_bytes(damaged(rng, file.read_bytes()))
-        return of_bag(folder, f"bytes of {file.name}", f"x{file.suffix}")
-
-    def metadata(rng: random.Random, folder: Path) -> HostileInput:
-        old, new = rng.choice(METADATA)
-        shutil.copytree(made.bag, folder / "bag")
-        file = folder / "bag" / "metadata.yaml"
-        file.write_text(file.read_text().replace(old, new), encoding="utf-8")
-        return of_bag(folder, f"{old} -> {new[:30]}", "bag")
-
-    def database(rng: random.Random, folder: Path) -> HostileInput:
-        statement = rng.choice(STATEMENTS)
-        shutil.copytree(made.bag, folder / "bag")
-        change_database(folder / "bag" / "bag.db3", statement)
-        if rng.random() < 0.5:
-            (folder / "bag" / "bag.db3").rename(folder / "x.db3")
-            return of_bag(folder, f"lone: {statement[:30]}", "x.db3")
-        return of_bag(folder, statement[:30], "bag")
-
     def bombs(rng: random.Random, folder: Path) -> HostileInput:
         shutil.copytree(made.packed, folder / "packed")
         frame = zeros(rng.choice([70, 300])) * rng.choice([1, 4])
         change_database(folder / "packed" / "packed.db3", "UPDATE messages SET data = ?", frame)
         return of_bag(folder, f"a bomb of {len(frame)} bytes", "packed")
-
-    def run_calls(rng: random.Random) -> tuple[tuple[str, ...], ...]:
-        known = (
-            *(("judge", "run"), ("judge", "run", "--format", "json"), ("compare", "run", "run")),
-            ("report", "run", "--report", "junit=o.xml", "--report", "markdown=-"),
-            ("report", "run", "--report", "csv=o_{monitor}.csv", "--report", "text=-"),
-        )
-        return tuple(rng.sample(known, 2))
-
-    def documents(rng: random.Random, folder: Path) -> HostileInput:
-        shutil.copytree(made.run, folder / "run")
-        name = rng.choice(["record.json", "plan.json", "result.json"])
-        content = json.loads((made.run / name).read_text())
-        path = rng.choice(list(paths(content))[1:])
-        replace(content, path, rng.choice(REPLACEMENTS))
-        (folder / "run" / name).write_text(json.dumps(content))
-        if name == "result.json":
-            calls = (
-                ("report", "run/result.json", "--report", "markdown=-", "--report", "junit=o.xml"),
-            )
-            return HostileInput(f"{name}: {path}", (*calls, ("compare", *["run/result.json"] * 2)))
-        return HostileInput(f"{name}: {path}", run_calls(rng))
-
-    def arrays(rng: random.Random, folder: Path) -> HostileInput:
-        shutil.copytree(made.run, folder / "run")
-        files = sorted(each for each in made.run.rglob("*.npy"))
-        file = folder / "run" / rng.choice(files).relative_to(made.run)
-        file.write_bytes(damaged(rng, file.read_bytes()))
-        return HostileInput(f"bytes of {file.name}", run_calls(rng))
-
-    def imports(rng: random.Random, folder: Path) -> HostileInput:
-        content = rng.choice(DOCUMENTS)
-        (folder / "x.json").write_text(content, encoding="utf-8")
-        (folder / "h.r2b.yaml").write_text(SPEC, encoding="utf-8")
-        calls = (
-            *(("import", "x.json"), ("compare", "x.json", "x.json"), ("report", "x.json")),
-            *(("judge", "x.json", "--spec", "h.r2b.yaml"), ("plan", "x.json")),
-        )
-        return HostileInput(content[:30], calls)
 
     def histories(rng: random.Random, folder: Path) -> HostileInput:
         file = folder / "history.sqlite"
@@ -350,18 +256,8 @@ def families(made: Prototypes) -> dict[str, Family]:
         return HostileInput(kind, tuple(rng.sample(calls, 4)))
 
     return {
-        "values of a spec": values,
-        "keys of a spec": keys,
-        "bytes of a spec": text_bytes,
-        "parameters and interfaces": parameters,
         "secrets": secrets,
-        "storage files": storage,
-        "metadata": metadata,
-        "databases": database,
         "bombs": bombs,
-        "documents of a run": documents,
-        "arrays of a run": arrays,
-        "imports": imports,
         "histories": histories,
         "special files": special_files,
     }
@@ -399,10 +295,3 @@ def paths(value: Any, above: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
         pairs = value.items() if isinstance(value, dict) else enumerate(value)
         for key, each in pairs:
             yield from paths(each, (*above, key))
-
-
-def replace(document: Any, path: tuple[Any, ...], value: Any) -> None:
-    """Put a value in a place of a document."""
-    for key in path[:-1]:
-        document = document[key]
-    document[path[-1]] = copy.deepcopy(value)

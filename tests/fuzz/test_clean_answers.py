@@ -1,7 +1,6 @@
 """Promise: every hostile input of every family is answered cleanly; the share is printed.
 
-The inputs are the same each time. `R2BSPEC_FUZZ_INPUTS` sets how many there are of each family, and
-`tests/fuzz/clean_answers.py` runs for as long as it is told to.
+The inputs are the same each time. `R2BSPEC_FUZZ_INPUTS` sets how many there are of each family.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ def test_every_hostile_input_is_answered_cleanly(
         sys.stdout.write("".join(f"\n{line}" for line in tally.lines()))
     assert tally.unclean == []
     assert tally.clean == tally.calls
-    assert len(tally.calls) == 14
+    assert len(tally.calls) == 4
     assert min(tally.calls.values()) >= INPUTS
 
 

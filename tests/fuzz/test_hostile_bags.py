@@ -11,13 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from hostile_calls import (
-    LONGEST_S,
-    answered,
-    change_database,
-    make_history,
-    make_special,
-)
+from hostile_calls import LONGEST_S, answered, change_database, make_history, make_special
 from hostile_inputs import zeros
 
 from data_bags import text, write_bag, write_mcap, write_ros1

@@ -39,21 +39,7 @@ def make(**kwargs):
 def broken(**kwargs):
     raise RuntimeError("no camera")
 '''
-SPEC = """
-r2bspec: 1
-name: example
-data_loader: {bag: r2b_storage, topics: {/d455_1_rgb_image: image_raw}}
-playback: {inputs: {camera0: {from: image_raw, format: sensor_msgs/msg/Image}}}
-graph:
-  nodes:
-    merge:
-      python: ./nodes.py:make
-      parameters: {cameras: 2}
-      remappings: {camera1: camera0}
-    broken: {python: ./nodes.py:broken}
-monitors: {merged: {topic: merged, format: sensor_msgs/msg/Image}}
-benchmark: {rates: [30 Hz]}
-"""
+SPEC = Path(__file__).with_name("interfaces.r2b.yaml").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")

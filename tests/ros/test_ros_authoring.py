@@ -48,20 +48,7 @@ def main():
 if __name__ == "__main__":
     main()
 """
-LAUNCH = """
-<launch>
-  <arg name="camera" default="/camera"/>
-  <arg name="simulated" default="false"/>
-  <group unless="$(var simulated)">
-    <push-ros-namespace namespace="cell"/>
-    <node pkg="cell" exec="answer" name="answer">
-      <remap from="question" to="$(var camera)"/>
-      <param name="gain" value="4.5"/>
-    </node>
-  </group>
-  <node pkg="cell" exec="simulator" name="simulator" if="$(var simulated)"/>
-</launch>
-"""
+LAUNCH = Path(__file__).with_name("answer.launch.xml").read_text(encoding="utf-8")
 SCRIPT = '''
 """How fast images are answered."""
 

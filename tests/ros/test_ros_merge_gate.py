@@ -160,27 +160,42 @@ def test_an_objective_that_is_weakened_is_an_error_at_its_line(workspace: Worksp
         assert "--allow 'objective fast'" in text
 
 
+BROKEN = spec() + "nonsense: 1\n"
+UNBUILT = {
+    "duration": "1 s",
+    "rates": ["20 Hz"],
+    "gate": {"base": {"build": [["sh", "-c", "echo 'no compiler' >&2; exit 3"]]}},
+}
+ARRIVES = {"arrives": {"at": "20 Hz", "require": ["received > 0"]}}
+REFUSED = {
+    "objective deleted": (None, {SPEC: spec(slos=ARRIVES)}, ("R2B692", "objective fast")),
+    "all objectives deleted": (None, {SPEC: without_sections("slos")}, ("R2B693 missing-obj",)),
+    "base whose spec is broken": (
+        {SPEC: BROKEN},
+        {SPEC: spec()},
+        ("R2B698", f"cannot be compared with: {SPEC}"),
+    ),
+    "base that does not build": (
+        {SPEC: spec(benchmark=UNBUILT)},
+        {f"{PACKAGE}/new.py": ""},
+        ("R2B695", "no compiler", "--allow base"),
+    ),
+}
+"""What is on the base, what is changed, and what is said of that."""
+
+
 @SAMPLED
-@pytest.mark.parametrize(
-    ("changed", "code", "message"),
-    [
-        (
-            spec(slos={"arrives": {"at": "20 Hz", "require": ["received > 0"]}}),
-            "R2B692",
-            "objective fast",
-        ),
-        (without_sections("slos"), "R2B693 missing-objectives", ""),
-    ],
-    ids=["one", "all"],
-)
-def test_objectives_that_are_deleted(
-    workspace: Workspace, changed: str, code: str, message: str
-) -> None:
-    workspace.change({SPEC: changed})
+@pytest.mark.parametrize("kind", REFUSED)
+def test_what_is_refused_before_anything_is_played(workspace: Workspace, kind: str) -> None:
+    base, changed, words = REFUSED[kind]
+    if base is not None:
+        workspace.change(base, on_main=True)
+    workspace.change(changed)
     gated = workspace.gate()
     gated.assert_status(2)
-    assert code in gated.summary
-    assert message in gated.summary
+    assert [word for word in words if word not in gated.summary + gated.said] == []
+    assert words[0] in gated.summary
+    assert "starting the graph" not in gated.said
 
 
 @SAMPLED
@@ -192,17 +207,6 @@ def test_a_spec_that_is_deleted(workspace: Workspace) -> None:
     assert "R2B692" in gated.summary
     assert f"spec {SPEC}" in gated.summary
     assert RENAMED in gated.said
-
-
-@only_nightly()
-@SAMPLED
-def test_a_spec_that_is_deleted_from_a_folder(workspace: Workspace) -> None:
-    git(workspace.top, "rm", "--quiet", SPEC)
-    workspace.change({"bench/other.r2b.yaml": spec(name="other")})
-    gated = workspace.gate(spec="bench")
-    gated.assert_status(2)
-    assert f"spec {SPEC}" in gated.summary
-    assert "starting the graph" not in gated.said
 
 
 @SAMPLED
@@ -239,42 +243,12 @@ def test_a_base_that_fails_itself_can_be_left_out(workspace: Workspace) -> None:
     assert re.search(f"Allowed: base. {BASE}", allowed.summary)
 
 
-BROKEN = spec() + "nonsense: 1\n"
-
-
-@SAMPLED
-def test_a_base_whose_spec_is_broken(workspace: Workspace) -> None:
-    workspace.change({SPEC: BROKEN}, on_main=True)
-    workspace.change({SPEC: spec()})
-    gated = workspace.gate()
-    gated.assert_status(2)
-    assert re.search(rf"R2B698.*{BASE} cannot be compared with: {SPEC}", gated.summary)
-
-
 @only_nightly()
 @SAMPLED
 def test_a_base_whose_spec_is_broken_can_be_left_out(workspace: Workspace) -> None:
     workspace.change({SPEC: BROKEN}, on_main=True)
     workspace.change({SPEC: spec()})
     workspace.gate(*ONE_PAIR, allow="base").assert_status(0, 3)
-
-
-UNBUILT = {
-    "duration": "1 s",
-    "rates": ["20 Hz"],
-    "gate": {"base": {"build": [["sh", "-c", "echo 'no compiler' >&2; exit 3"]]}},
-}
-
-
-@SAMPLED
-def test_a_base_that_does_not_build(workspace: Workspace) -> None:
-    workspace.change({SPEC: spec(benchmark=UNBUILT)}, on_main=True)
-    workspace.change({f"{PACKAGE}/new.py": ""})
-    gated = workspace.gate()
-    gated.assert_status(2)
-    assert "R2B695" in gated.summary
-    assert "no compiler" in gated.said
-    assert "--allow base" in gated.summary
 
 
 @only_nightly()

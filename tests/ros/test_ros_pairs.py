@@ -80,12 +80,6 @@ def test_the_verdict_says_what_it_rests_on(compared: Finished) -> None:
     assert "service_time_ms: 30.0 -> 5.0" in compared.words
 
 
-def test_judging_the_folder_again_gives_the_same_bytes(bench: Bench, compared: Finished) -> None:
-    again = bench.judge(compared.folder, "--format", "json")
-    assert again.stdout.encode() == (compared.folder / "result.json").read_bytes()
-    assert again.status == compared.status
-
-
 @only_nightly()
 def test_an_interrupted_comparison_keeps_its_pairs(bench: Bench) -> None:
     with bench.start(SPEC, "--control", "--pairs", "5") as running:

@@ -171,10 +171,6 @@ def test_the_samples_of_taps_are_kept(done: Finished) -> None:
     assert match(run.playback(segment), rows, "stamp").missed == 0
 
 
-def test_hops_are_shown(done: Finished) -> None:
-    assert "/r2b/between → /r2b/more" in done.stdout
-
-
 def test_answers_that_are_fewer_or_more_than_inputs_are_counted_by_their_ratio(
     done: Finished,
 ) -> None:

@@ -60,17 +60,6 @@ def test_an_objective_that_cannot_be_met_fails(place: Workplace) -> None:
 
 
 @only_nightly()
-def test_an_objective_that_cannot_be_met_fails_the_action(place: Workplace) -> None:
-    done = place.action(sys.executable, "broken.r2b.yaml")
-    if done.outputs["outcome"] == "invalid":
-        skip_for_load("play 20 messages a second on time")
-    assert done.code == 1, done.printed
-    assert done.outputs["outcome"] == "fail"
-    assert FORGED not in done.summary
-    assert "::error file=broken.r2b.yaml" in done.printed
-
-
-@only_nightly()
 @pytest.mark.timeout(600)
 def test_a_slower_node_is_found_by_the_template_of_gitlab(tmp_path: Path) -> None:
     """As it is copied, on a repository as colcon has it, with a base."""

@@ -189,28 +189,6 @@ def test_every_process_was_sampled_while_it_ran(done: Finished) -> None:
 # The numbers
 
 
-def test_the_result_agrees_with_the_samples(done: Finished) -> None:
-    run, result = done.run(), done.result()
-    rates = [each for each in result["metrics"]["rates"] if each["offered_hz"] in RATES_HZ]
-    assert [each["offered_hz"] for each in rates] == list(RATES_HZ)
-    for rate in rates:
-        pooled = rate["pooled"]["monitors"]["out"]
-        steps = ITERATIONS * round(DURATION_S * rate["offered_hz"])
-        assert pooled["sent"] == pooled["received"] == pooled["answered"] == steps
-        assert pooled["missed"] == pooled["duplicates"] == pooled["unmatched"] == 0
-        latencies = []
-        for segment in at_rates(done):
-            if segment.rate_hz == rate["offered_hz"]:
-                monitor = np.sort(run.monitor(segment, "out"), order="stamp_ns")
-                latencies.append(monitor["received_ns"] - run.playback(segment)["published_ns"])
-        latency_s = np.concatenate(latencies) / 1e9
-        assert pooled["latency"]["n"] == steps
-        assert pooled["latency"]["min"] == pytest.approx(latency_s.min(), abs=1e-9)
-        assert pooled["latency"]["max"] == pytest.approx(latency_s.max(), abs=1e-9)
-        assert pooled["latency"]["mean"] == pytest.approx(latency_s.mean(), abs=1e-9)
-        assert latency_s.min() <= pooled["latency"]["p50"] <= pooled["latency"]["p99"]
-
-
 # The peak
 
 
@@ -300,11 +278,6 @@ def test_judging_again_gives_the_same_result(bench: Bench, done: Finished) -> No
     again = bench.judge(done.folder, "--format", "json")
     assert again.status == 1
     assert again.stdout.encode() == before
-
-
-def test_judging_by_another_spec_can_pass(bench: Bench, done: Finished) -> None:
-    easy = SPEC | {"slos": {"easy": {"at": "5 Hz", "require": ["missed == 0"]}}}
-    assert bench.judge(done.folder, "--spec", str(bench.write(easy, "easy"))).status == 0
 
 
 # Its place in the world

@@ -15,11 +15,7 @@ from scipy import signal
 from simulated_gates import CONFIDENCE, Errors, add_history_run, heads, ratio_outcome
 from simulated_starts import Shape, StartWorld
 
-from r2bspec.judge.statistics.t_interval import (
-    RunValues,
-    paired_ratio,
-    welch_ratio_of_runs,
-)
+from r2bspec.judge.statistics.t_interval import RunValues, paired_ratio, welch_ratio_of_runs
 from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 
 Logs = NDArray[np.float64]

@@ -14,9 +14,9 @@ from r2bspec.api import PreparedBenchmark
 from r2bspec.fleet.bundle import Job
 from r2bspec.fleet.fleet_runs import FleetRun
 from r2bspec.fleet.host_service import HostService
+from r2bspec.fleet.host_store import ENDED_FILE, JOB_FILE, RUN_FOLDER
 from r2bspec.fleet.hosts import HostFacts
 from r2bspec.fleet.messages import Played, Problem
-from r2bspec.fleet.play_run import ENDED_FILE, JOB_FILE, RUN_FOLDER
 from r2bspec.language.load_spec import load_spec
 from r2bspec.plan.compile_plan import compile_plan
 from ros_runs import Bench, relay_spec

@@ -197,9 +197,9 @@ class Fleet:
         self.clients.append(Client(process, output))
         return self.clients[-1]
 
-    def run(self, *arguments: str | Path, output: Path) -> Client:
+    def run(self, *arguments: str | Path, output: Path, at: str = "") -> Client:
         """The same, to its end."""
-        return self.client(*arguments, output=output).finish()
+        return self.client(*arguments, output=output, at=at).finish()
 
     def spools(self) -> list[Path]:
         """What hosts still have of runs."""

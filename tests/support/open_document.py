@@ -14,45 +14,7 @@ from pygls.protocol import default_converter
 from pytest_lsp import LanguageClient
 from pytest_lsp.client import DEFAULT_CLIENT_FEATURES, register_lsp_features
 
-SPEC = """\
-r2bspec: 1
-name: simulated
-environment: [CELL_PORT]
-variables:
-  rate: 10 Hz
-  threads: 2
-containers:
-  vision: {executable: python, nice: $(var threads)}
-playback:
-  mode: looping
-  inputs:
-    image: {from: camera/image, format: sensor_msgs/msg/Image}
-data_loader:
-  bag: r2b_storage
-  topics:
-    /d455_1_rgb_image: camera/image
-graph:
-  nodes:
-    relay:
-      python: ./nodes.py:Relay
-      container: vision
-      parameters: {gain: 2.0}
-      remappings:
-        input: image
-        output: copied
-monitors:
-  copies: {topic: copied, format: sensor_msgs/msg/Image}
-benchmark:
-  duration: 2 s
-  rates: [$(var rate)]
-slos:
-  fast:
-    at: $(var rate)
-    require:
-      - latency.p90 < 250 ms
-      - copies.drop_rate <= 5 %
-      - cpu.vision.max < 90 %
-"""
+SPEC = Path(__file__).with_name("robot.r2b.yaml").read_text(encoding="utf-8")
 """A spec without findings, whose node is that of `NODES` in the same folder."""
 
 UNKNOWN = """\

@@ -1,11 +1,13 @@
 /* The player without ROS: what it publishes is read, byte by byte, and counted.
  *
  * Each line of the input is PLAYLIST PLAYBACK BUFFER...; the answer is what the player replies to
- * both, or the reason for which a file was refused, and how many bytes were published.
+ * both, or the reason for which a file was refused, and how many bytes were published. With
+ * LIBFUZZER, an input is the size of a playlist, the playlist, and a playback file.
  */
 #include "player.c"
 
 #include <stdarg.h>
+#include <sys/mman.h>
 
 #define MOST_BUFFERS 8
 
@@ -94,6 +96,40 @@ static void answer(char *line)
   free(player.sources);
 }
 
+#ifdef LIBFUZZER
+static void fill(int fd, const uint8_t *data, size_t size)
+{
+  if (ftruncate(fd, 0) < 0 || pwrite(fd, data, size, 0) != (ssize_t)size) {
+    abort();
+  }
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+  static const uint8_t buffer[48];
+  static int files[3];
+  uint32_t length;
+  if (size < sizeof(length)) {
+    return 0;
+  }
+  for (int i = 0; i < 3 && files[i] == 0; ++i) {
+    files[i] = memfd_create("input", 0);
+  }
+  memcpy(&length, data, sizeof(length));
+  data += sizeof(length);
+  size -= sizeof(length);
+  length = length > size ? (uint32_t)size : length;
+  fill(files[0], data, length);
+  fill(files[1], data + length, size - length);
+  fill(files[2], buffer, sizeof(buffer));
+  char line[256];
+  snprintf(line, sizeof(line), "/proc/self/fd/%d /proc/self/fd/%d /proc/self/fd/%d /proc/self/fd/%d\n",
+    files[0], files[1], files[2], files[2]);
+  answer(line);
+  return 0;
+}
+#else
 int main(void)
 {
   char line[8192];
@@ -103,3 +139,4 @@ int main(void)
   }
   return 0;
 }
+#endif

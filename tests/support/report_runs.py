@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan, TopicPlan
-from r2bspec.record.run_record import SearchRecord
+from r2bspec.record.run_folder import Run
+from r2bspec.record.run_record import SearchRecord, StartRecord
 from run_simulation import Played, Simulation, objective, probe
 
 HOSTILE = (
@@ -56,6 +57,16 @@ class GraphSimulation(Simulation):
                 _topic(f"/r2b/{monitor}", ("/r2b/apriltag",), ("monitor",)),
             ),
         )
+
+
+def with_starts(run: Run, *starts: StartRecord) -> Run:
+    """The run, its iterations taken in turn from these starts."""
+    segments = tuple(
+        msgspec.structs.replace(segment, start=1 + number % len(starts))
+        for number, segment in enumerate(run.record.segments)
+    )
+    record = msgspec.structs.replace(run.record, segments=segments, starts=starts)
+    return replace(run, record=record)
 
 
 def _topic(name: str, writers: tuple[str, ...], readers: tuple[str, ...]) -> TopicPlan:

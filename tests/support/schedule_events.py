@@ -13,13 +13,7 @@ import numpy as np
 
 from r2bspec.ipc.buffers import TF, BufferWriter
 from r2bspec.ipc.playback_file import ENTRY_DTYPE, HEADER_BYTES, read_round, write_playback
-from r2bspec.ipc.schedule import (
-    ALL_INPUTS,
-    NO_STEP,
-    CyclicSchedule,
-    Schedule,
-    TimelineSchedule,
-)
+from r2bspec.ipc.schedule import ALL_INPUTS, NO_STEP, CyclicSchedule, Schedule, TimelineSchedule
 
 MESSAGE_BYTES = 12
 

@@ -52,6 +52,8 @@ class SqliteStorage:
         self.start_ns = self._reader.start_time
         # rosbags gives the first instant after the last message.
         self.end_ns = self._reader.end_time - 1
+        _check_time(self.start_ns)
+        _check_time(self.end_ns)
         topic_total = sum(each.count for each in self.topics)
         if topic_total != self.message_count:
             self.close()
@@ -74,11 +76,18 @@ class SqliteStorage:
         for (topic, time_ns), data in decompress_ahead(
             stored, DecompressionBudget(self._stored_bytes)
         ):
+            _check_time(time_ns)
             yield Message(topic=topic, time_ns=time_ns, data=data)
 
     def close(self) -> None:
         """As `Storage.close`."""
         self._stack.close()
+
+
+def _check_time(time_ns: object) -> None:
+    """Refuse a time of another type: SQLite keeps a value of any type in any column."""
+    if not isinstance(time_ns, int):
+        raise RefusedDataError("a message has a time that is no integer")
 
 
 def _restrict(storage: Any) -> None:
@@ -106,7 +115,6 @@ def _check_topics(path: Path) -> bool:
             "SELECT count(*), max(length(name)), max(length(type)) FROM topics"
         )
         check_topics(number, max(each or 0 for each in lengths))
-        # SQLite keeps a value of any type in any column.
         ((others,),) = database.execute(
             "SELECT count(*) FROM topics WHERE typeof(name) <> 'text' OR typeof(type) <> 'text'"
             " OR typeof(serialization_format) <> 'text'"

@@ -22,7 +22,7 @@ from r2bspec.language.spec import Objective
 @rule("R2B408")
 def rate_without_effect(context: Context) -> Findings:
     """Rates and searches in playback modes without a selectable rate."""
-    if not context.has_own_rate:
+    if not context.spec.has_own_rate:
         return
     mode = context.spec.playback.mode
     source = "the recording" if mode == "timeline" else "the source in the graph"
@@ -51,7 +51,7 @@ def benchmark_without_rate(context: Context) -> Findings:
     """Benchmarks without a rate or a search."""
     benchmark = context.spec.benchmark
     sustained = any(located.requirement.metric == "sustained" for located in context.requirements)
-    own = context.has_own_rate
+    own = context.spec.has_own_rate
     if not own and not benchmark.rates and benchmark.search is None and not sustained:
         at = {value_key(("slos", name, "at")) for name in context.spec.slos}
         yield Finding(
@@ -66,7 +66,7 @@ def benchmark_without_rate(context: Context) -> Findings:
 @rule("R2B504")
 def rate_not_played(context: Context) -> Findings:
     """Objectives at rates that are not played."""
-    if context.has_own_rate:
+    if context.spec.has_own_rate:
         return
     played = context.spec.benchmark.rates
     for name, objective in context.spec.slos.items():
@@ -94,7 +94,7 @@ def _needs_playing(objective: Objective) -> bool:
 @rule("R2B505")
 def requirement_without_rate(context: Context) -> Findings:
     """Requirements that need a rate but have none."""
-    if context.has_own_rate:
+    if context.spec.has_own_rate:
         return
     rates = ", ".join(str(rate) for rate in context.spec.benchmark.rates)
     for metric in context.known_metrics:
@@ -355,7 +355,7 @@ def time_budget_too_short(context: Context) -> Findings:
     """Time budgets that are shorter than the iterations."""
     benchmark = context.spec.benchmark
     budget = benchmark.gate.time_budget
-    rates = 1 if context.has_own_rate else len(set(benchmark.rates))
+    rates = 1 if context.spec.has_own_rate else len(set(benchmark.rates))
     needed = benchmark.duration.ns * benchmark.iterations * rates
     if budget is not None and needed > budget.ns:
         yield Finding(

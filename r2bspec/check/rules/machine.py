@@ -140,7 +140,7 @@ def rate_above_transport_capacity(context: Context) -> Findings:
     """Rates that exceed the capacity of the transport."""
     spec, bag = context.spec, context.bag
     capacity = _CAPACITY_BYTES_PER_S.get(spec.transport.kind)
-    if capacity is None or bag is None or context.has_own_rate:
+    if capacity is None or bag is None or context.spec.has_own_rate:
         return
     largest = max(
         (

@@ -112,7 +112,7 @@ _PROBE_STATISTICS = ("search", "sequential")
 @rule("R2B526")
 def metric_unavailable(context: Context) -> Findings:
     """Requirements on metrics that the playback mode does not provide."""
-    if not context.has_own_rate:
+    if not context.spec.has_own_rate:
         return
     for metric in context.known_metrics:
         problem = _why_unavailable(context, metric)

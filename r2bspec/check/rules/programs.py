@@ -21,7 +21,6 @@ from r2bspec.language.node_kinds import EXECUTABLE, PLUGIN
 from r2bspec.plan.installed_packages import (
     PythonTarget,
     ament_packages,
-    ament_prefixes,
     is_on_path,
     missing_imports,
     package_executables,
@@ -31,7 +30,7 @@ from r2bspec.plan.installed_packages import (
     ros_package_advice,
     top_level_names,
 )
-from r2bspec.plan.this_machine import find_module
+from r2bspec.plan.this_machine import ament_prefixes, find_module
 from r2bspec.plan.wiring.companion_files import source_folder
 from r2bspec.plan.wiring.node_interface import (
     ROS_DISTRIBUTION,

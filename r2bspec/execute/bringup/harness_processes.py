@@ -43,6 +43,9 @@ from r2bspec.plan.taps import tap_monitors
 _MAX_SOCKET_PATH: Final = 107
 _BACKLOG: Final = 64
 _HELLO_TIMEOUT_S: Final = 2.0
+_MAX_HELLO: Final = 1024
+"""Bytes of the line that a process sends, as in ``join.c``."""
+
 _ANSWER_TIMEOUT_S: Final = 20.0
 _POLL_S: Final = 0.005
 _PEER: Final = struct.Struct("3i")
@@ -174,6 +177,9 @@ class GraphJoins:
         """Listen no longer; processes that have asked in the meantime go on."""
         self.poll()
         self.release()
+        # Parts that nobody has asked for.
+        for connection in self._connected.values():
+            connection.close()
         self._listener.close()
         os.close(self._folder_fd)
 
@@ -281,7 +287,7 @@ def _hello(connection: socket.socket) -> Hello | None:
     line = bytearray()
     with contextlib.suppress(OSError):
         # Byte by byte: what follows is for the reader of the channel.
-        while not line.endswith(b"\n") and (byte := connection.recv(1)):
+        while len(line) < _MAX_HELLO and not line.endswith(b"\n") and (byte := connection.recv(1)):
             line += byte
         what, _, name = line.decode(errors="replace").rstrip("\n").partition(" ")
         credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size)

@@ -27,11 +27,7 @@ from r2bspec.execute.processes.prerequisites import (
     resolve_command,
 )
 from r2bspec.execute.processes.process import apply_affinity, shorten_slice
-from r2bspec.execute.processes.supervisor import (
-    REPLY_TIMEOUT_S,
-    ManagedProcess,
-    ProcessSupervisor,
-)
+from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.plan.command_lines import NATIVE_ARGV, container_node_name
 from r2bspec.plan.plan import AfterReadyPlan, Plan, ProcessPlan

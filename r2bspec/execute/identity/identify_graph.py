@@ -22,12 +22,7 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.execute.identity.file_digests import (
-    FileDigests,
-    WorkspacePackages,
-    build_id,
-    is_elf,
-)
+from r2bspec.execute.identity.file_digests import FileDigests, WorkspacePackages, build_id, is_elf
 from r2bspec.execute.identity.python_sources import (
     ModuleSearch,
     Sources,
@@ -35,14 +30,9 @@ from r2bspec.execute.identity.python_sources import (
     sources_of_module,
 )
 from r2bspec.plan.command_lines import INCLUDED_LAUNCH
-from r2bspec.plan.installed_packages import (
-    AMENT_INDEX,
-    ament_packages,
-    ament_prefixes,
-    package_share,
-    package_version,
-)
+from r2bspec.plan.installed_packages import ament_packages, package_share, package_version
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
+from r2bspec.plan.this_machine import AMENT_INDEX, ament_prefixes
 from r2bspec.record.graph_identity import (
     FileDigest,
     GraphIdentity,

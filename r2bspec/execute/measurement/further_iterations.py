@@ -22,11 +22,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from r2bspec.bags.bag_writer import (
-    LATENCY_TYPE,
-    latency_message,
-    write_output_bag,
-)
+from r2bspec.bags.bag_writer import LATENCY_TYPE, latency_message, write_output_bag
 from r2bspec.bags.recording import Message
 from r2bspec.datasets.ground_truth import GroundTruth, read_disparity, read_ground_truth
 from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, SegmentPlayer

@@ -43,8 +43,8 @@ from r2bspec.middleware.middleware import (
     selected_rmw,
 )
 from r2bspec.native.build import BuildError, harness_library, harness_program
-from r2bspec.plan.installed_packages import PACKAGE_INDEX, ament_prefixes
 from r2bspec.plan.plan import Plan, ProcessPlan
+from r2bspec.plan.this_machine import PACKAGE_INDEX, ament_prefixes
 
 _EXECUTABLE = re.compile(r"\$\(executable (?P<package>\S+) (?P<name>\S+)\)")
 

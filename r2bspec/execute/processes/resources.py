@@ -35,11 +35,7 @@ import numpy as np
 import psutil
 
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
-from r2bspec.judge.measure.host_usage import (
-    CONTROLLER_INDEX,
-    MACHINE_INDEX,
-    ORPHANS_INDEX,
-)
+from r2bspec.judge.measure.host_usage import CONTROLLER_INDEX, MACHINE_INDEX, ORPHANS_INDEX
 from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
 
 _SYSTEM = Path("/")

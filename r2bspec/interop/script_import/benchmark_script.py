@@ -17,11 +17,7 @@ from typing import Any, Final
 
 from r2bspec.diagnostics import Span
 from r2bspec.interop.script_import.evaluator import Evaluator
-from r2bspec.interop.script_import.launch_actions import (
-    IncludeAction,
-    LaunchParts,
-    collect_actions,
-)
+from r2bspec.interop.script_import.launch_actions import IncludeAction, LaunchParts, collect_actions
 from r2bspec.interop.script_import.source_files import (
     NOT_A_BENCHMARK,
     TOO_COMPLEX,

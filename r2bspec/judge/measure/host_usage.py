@@ -7,7 +7,7 @@ host interference.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import msgspec
@@ -162,6 +162,23 @@ def _sum(values: list[float | None]) -> float | None:
 
 
 _MIN_LATENCY_DIFFERENCE_NS = 100_000
+
+
+def pool_resource_use(samples: Iterable[ResourceUse | None]) -> ResourceUse | None:
+    """The mean of the means, the largest of the maxima, the sum of the counts; None without any."""
+    known = [one for one in samples if one is not None]
+    if not known:
+        return None
+    means = [one.cpu_mean for one in known if one.cpu_mean is not None]
+    busiest = [one.cpu_max for one in known if one.cpu_max is not None]
+    memory = [one.memory_max_bytes for one in known if one.memory_max_bytes is not None]
+    faults = [one.minor_faults for one in known if one.minor_faults is not None]
+    return ResourceUse(
+        cpu_mean=sum(means) / len(means) if means else None,
+        cpu_max=max(busiest, default=None),
+        memory_max_bytes=max(memory, default=None),
+        minor_faults=sum(faults) if faults else None,
+    )
 
 
 class HostInterference(msgspec.Struct, frozen=True, kw_only=True):

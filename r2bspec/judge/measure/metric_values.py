@@ -32,11 +32,7 @@ from r2bspec.judge.measure.samples import (
     output_period_ns,
     output_times,
 )
-from r2bspec.judge.measure.times import (
-    Seconds,
-    percentile,
-    throughput,
-)
+from r2bspec.judge.measure.times import Seconds, percentile, throughput
 
 
 def metric_value(info: MetricInfo, monitor: str | None, samples: SegmentSamples) -> float | None:
@@ -246,9 +242,7 @@ def _cut_window(
     steps = seen.steps
     inside = StepTimes(steps.due_ns[part], steps.published_ns[part], steps.received_ns[part])
     number = int(inside.due_ns.size)
-    outputs = output_times(
-        inside, int(inside.published_ns[0]), ended_ns, number * period_ns or window_ns, period_ns
-    )
+    outputs = output_times(inside, ended_ns, number * period_ns or window_ns, period_ns)
     return MonitorSamples(
         steps=inside,
         times=outputs.by_family,

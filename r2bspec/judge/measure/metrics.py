@@ -8,11 +8,10 @@ added, messages pooled, rates averaged.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import msgspec
-import numpy as np
 
 from r2bspec.judge.measure.distribution import (
     MAIN_PERCENTILES,
@@ -21,15 +20,16 @@ from r2bspec.judge.measure.distribution import (
     Distribution,
     part_value,
 )
-from r2bspec.judge.measure.host_usage import HostInterference, ResourceUse
+from r2bspec.judge.measure.host_usage import HostInterference, ResourceUse, pool_resource_use
 from r2bspec.judge.measure.samples import (
+    SENT_COUNTS,
     HopSamples,
     MonitorSamples,
     PlaybackSamples,
     RunSamples,
     SegmentSamples,
-    StepTimes,
-    pool_hops,
+    pool_monitor,
+    pool_playback,
 )
 from r2bspec.judge.measure.times import Seconds, percentile
 from r2bspec.record.run_record import Probe, SearchRecord
@@ -187,71 +187,6 @@ class RunMetrics(msgspec.Struct, frozen=True, kw_only=True):
     incomplete: tuple[str, ...]
 
 
-_OF_SENT = (
-    *("sent", "answered", "duplicates", "reordered", "unmatched"),
-    *("late", "early", "overdue", "surplus"),
-)
-"""Counts of `MonitorSamples` that depend on what was sent."""
-
-_COUNTS = (*_OF_SENT, "received", "untimed")
-
-
-def pool_monitor(samples: Sequence[MonitorSamples]) -> MonitorSamples:
-    """One monitor over several iterations, at least one.
-
-    Times are concatenated, so that each message weighs the same; no interval spans two
-    iterations. The throughput is the mean of the iterations' throughputs.
-    """
-    counts = {name: sum(getattr(one, name) for one in samples) for name in _COUNTS}
-    return MonitorSamples(
-        steps=StepTimes(
-            due_ns=np.concatenate([one.steps.due_ns for one in samples]),
-            published_ns=np.concatenate([one.steps.published_ns for one in samples]),
-            received_ns=np.concatenate([one.steps.received_ns for one in samples]),
-        ),
-        times={
-            family: np.concatenate([one.times[family] for one in samples])
-            if all(one.knows(family) for one in samples)
-            else np.empty(0)
-            for family in samples[0].times
-        },
-        throughput_hz=sum(one.throughput_hz for one in samples) / len(samples),
-        by_order=samples[0].by_order,
-        per_step=samples[0].per_step,
-        hops=pool_hops([one.hops for one in samples]),
-        live=samples[0].live,
-        **counts,
-    )
-
-
-def pool_playback(samples: Sequence[PlaybackSamples]) -> PlaybackSamples:
-    """The playback of several iterations, at least one; its rate is the mean of theirs."""
-    return PlaybackSamples(
-        sent=sum(one.sent for one in samples),
-        rate_hz=sum(one.rate_hz for one in samples) / len(samples),
-        lateness=np.concatenate([one.lateness for one in samples]),
-        planned_hz=sum(one.planned_hz for one in samples) / len(samples),
-        live=samples[0].live,
-    )
-
-
-def pool_resource_use(samples: Iterable[ResourceUse | None]) -> ResourceUse | None:
-    """The mean of the means, the largest of the maxima, the sum of the counts; None without any."""
-    known = [one for one in samples if one is not None]
-    if not known:
-        return None
-    means = [one.cpu_mean for one in known if one.cpu_mean is not None]
-    busiest = [one.cpu_max for one in known if one.cpu_max is not None]
-    memory = [one.memory_max_bytes for one in known if one.memory_max_bytes is not None]
-    faults = [one.minor_faults for one in known if one.minor_faults is not None]
-    return ResourceUse(
-        cpu_mean=sum(means) / len(means) if means else None,
-        cpu_max=max(busiest, default=None),
-        memory_max_bytes=max(memory, default=None),
-        minor_faults=sum(faults) if faults else None,
-    )
-
-
 def summarise(samples: RunSamples) -> RunMetrics:
     """The metrics of samples that were read before."""
     return RunMetrics(
@@ -342,7 +277,7 @@ def _spread(iterations: Sequence[SegmentMetrics], monitor: str) -> dict[str, Spr
 
 
 def _monitor(seen: MonitorSamples) -> MonitorMetrics:
-    counts = {name: None if seen.live else getattr(seen, name) for name in (*_OF_SENT, "missed")}
+    counts = {name: None if seen.live else getattr(seen, name) for name in (*SENT_COUNTS, "missed")}
     return MonitorMetrics(
         drop_rate=seen.missed / seen.expected if seen.expected and not seen.live else None,
         received=seen.received,

@@ -1,14 +1,4 @@
-"""The samples of one segment, matched and in seconds, and those of a run.
-
-The latency of a graph is split into that of its hops by the taps. The same message is identified at
-every tap by its header stamp. With t_A(s) the time at which the message of step s was received at
-A, the latency of the hop from A to B is
-
-    t_B(s) - t_A(s)
-
-for every step received at both. For the player, t(s) is when publishing of the step began. Means of
-successive hops add up to the mean of the whole path, for the same steps; percentiles do not.
-"""
+"""The samples of one segment, matched and in seconds, and those of a run."""
 
 from __future__ import annotations
 
@@ -25,7 +15,6 @@ from r2bspec.judge.measure.matching import (
     MatchedMonitor,
     Matching,
     count_reordered,
-    match,
     source_times_ns,
 )
 from r2bspec.judge.measure.times import (
@@ -37,8 +26,6 @@ from r2bspec.judge.measure.times import (
     seconds,
     throughput,
 )
-from r2bspec.plan.plan import MonitorPlan, Plan
-from r2bspec.plan.taps import PLAYER, hops_to
 from r2bspec.record.run_record import RunRecord, Segment
 from r2bspec.record.sample_arrays import Rows
 
@@ -54,67 +41,6 @@ class HopSamples:
     target: str
     times: Seconds
     missed: int
-
-
-def hop_samples(
-    plan: Plan,
-    monitor: MonitorPlan,
-    playback: Rows,
-    taps: Mapping[str, Rows],
-    seen: Rows,
-    matched: Matching,
-) -> tuple[HopSamples, ...]:
-    """The hops of the path to a monitor, in one segment.
-
-    A tap whose messages have no header is left out, and its two hops are merged.
-
-    Args:
-        plan: of the run.
-        monitor: the monitor; without taps there are no hops.
-        playback: rows of type `PLAYBACK_DTYPE`.
-        taps: rows of type `MONITOR_DTYPE` of each tap, by topic.
-        seen: rows of type `MONITOR_DTYPE` of the monitor itself.
-        matched: how these match.
-    """
-    if not monitor.taps:
-        return ()
-    unstamped = [name for name, rows in taps.items() if rows.size and not rows["stamp_ns"].any()]
-    times = {name: _received_by_stamp(playback, rows) for name, rows in taps.items()}
-    times[PLAYER] = playback["published_ns"]
-    times[monitor.topic] = _received_by_step(playback.size, seen, matched)
-    waited = np.zeros(playback.size, dtype=np.bool_)
-    waited[matched.trigger_steps] = True
-    everything = np.ones(playback.size, dtype=np.bool_)
-    return tuple(
-        _hop(source, target, times, waited if target == monitor.topic else everything)
-        for source, target in hops_to(plan, monitor, unstamped)
-    )
-
-
-def _received_by_stamp(playback: Rows, rows: Rows) -> NDArray[np.int64]:
-    """When the message of each step was first received at a tap; shape (steps,)."""
-    return _received_by_step(playback.size, rows, match(playback, rows, "stamp"))
-
-
-def _received_by_step(steps: int, rows: Rows, matched: Matching) -> NDArray[np.int64]:
-    received = np.full(steps, NO_MATCH, dtype=np.int64)
-    answered = np.flatnonzero(matched.answered)[::-1]  # the first of several is written last
-    received[matched.trigger_steps[answered]] = rows["received_ns"][matched.first_row[answered]]
-    return received
-
-
-def _hop(
-    source: str, target: str, times: Mapping[str, NDArray[np.int64]], waited: NDArray[np.bool_]
-) -> HopSamples:
-    there, here = times[source], times[target]
-    seen = (there != NO_MATCH) & waited
-    both = seen & (here != NO_MATCH)
-    return HopSamples(
-        source=source,
-        target=target,
-        times=seconds(here[both] - there[both]),
-        missed=int(np.count_nonzero(seen) - np.count_nonzero(both)),
-    )
 
 
 def pool_hops(iterations: Sequence[Iterable[HopSamples]]) -> tuple[HopSamples, ...]:
@@ -378,21 +304,20 @@ class OutputTimes:
 
 
 def output_times(
-    steps: StepTimes, first_ns: int, ended_ns: int, window_ns: float, period_ns: float
+    steps: StepTimes, ended_ns: int, window_ns: float, period_ns: float
 ) -> OutputTimes:
     """The times of the outputs of a segment, or of a part of it.
 
     Args:
         steps: the expected outputs.
-        first_ns: when the first step was published, whether or not it has an output.
-        ended_ns: the end of the sending window.
+        ended_ns: the end of the time in which they were due.
         window_ns: see `r2bspec.judge.measure.times.throughput`.
         period_ns: likewise.
     """
     latency, arrived = steps.latency, np.sort(steps.received_ns[steps.answered])
     between, rate_hz = np.empty(0), 0.0
     if arrived.size:
-        soonest = first_ns + round(float(latency.min()) * 1e9)
+        soonest = int(steps.published_ns[0]) + round(float(latency.min()) * 1e9)
         between = intervals_with_edge_gaps(arrived, soonest, ended_ns)
         rate_hz = throughput(arrived, soonest, window_ns, period_ns)
     times = {
@@ -410,13 +335,8 @@ def monitor_samples(segment: Segment, matched_monitor: MatchedMonitor) -> Monito
     matched = matched_monitor.matching
     steps = step_times(playback, monitor, matched)
     period_ns = output_period_ns(segment, int(playback.size), matched.per_step)
-    outputs = output_times(
-        steps,
-        int(playback["published_ns"][0]) if playback.size else 0,
-        segment.ended_ns,
-        matched.trigger_steps.size * period_ns,
-        period_ns,
-    )
+    window_ns = matched.trigger_steps.size * period_ns
+    outputs = output_times(steps, segment.began_ns + round(window_ns), window_ns, period_ns)
     unknown = dict.fromkeys(LOSS_SENSITIVE_FAMILIES, np.empty(0))
     return MonitorSamples(
         steps=steps,
@@ -499,3 +419,51 @@ def live_samples(segment: Segment, monitor: Rows) -> MonitorSamples:
 
 def _untimed(rows: Rows) -> int:
     return int(np.count_nonzero(rows["received_ns"] == rows["taken_ns"]))
+
+
+SENT_COUNTS = (
+    *("sent", "answered", "duplicates", "reordered", "unmatched"),
+    *("late", "early", "overdue", "surplus"),
+)
+"""Counts of `MonitorSamples` that depend on what was sent."""
+
+_COUNTS = (*SENT_COUNTS, "received", "untimed")
+
+
+def pool_monitor(samples: Sequence[MonitorSamples]) -> MonitorSamples:
+    """One monitor over several iterations, at least one.
+
+    Times are concatenated, so that each message weighs the same; no interval spans two
+    iterations. The throughput is the mean of the iterations' throughputs.
+    """
+    counts = {name: sum(getattr(one, name) for one in samples) for name in _COUNTS}
+    return MonitorSamples(
+        steps=StepTimes(
+            due_ns=np.concatenate([one.steps.due_ns for one in samples]),
+            published_ns=np.concatenate([one.steps.published_ns for one in samples]),
+            received_ns=np.concatenate([one.steps.received_ns for one in samples]),
+        ),
+        times={
+            family: np.concatenate([one.times[family] for one in samples])
+            if all(one.knows(family) for one in samples)
+            else np.empty(0)
+            for family in samples[0].times
+        },
+        throughput_hz=sum(one.throughput_hz for one in samples) / len(samples),
+        by_order=samples[0].by_order,
+        per_step=samples[0].per_step,
+        hops=pool_hops([one.hops for one in samples]),
+        live=samples[0].live,
+        **counts,
+    )
+
+
+def pool_playback(samples: Sequence[PlaybackSamples]) -> PlaybackSamples:
+    """The playback of several iterations, at least one; its rate is the mean of theirs."""
+    return PlaybackSamples(
+        sent=sum(one.sent for one in samples),
+        rate_hz=sum(one.rate_hz for one in samples) / len(samples),
+        lateness=np.concatenate([one.lateness for one in samples]),
+        planned_hz=sum(one.planned_hz for one in samples) / len(samples),
+        live=samples[0].live,
+    )

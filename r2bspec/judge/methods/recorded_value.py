@@ -37,17 +37,11 @@ import numpy as np
 
 from r2bspec.judge.measure.metric_catalogue import kind_of
 from r2bspec.judge.measure.metric_values import metric_value
-from r2bspec.judge.measure.metrics import pool_monitor
-from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES
+from r2bspec.judge.measure.samples import LOSS_SENSITIVE_FAMILIES, pool_monitor
 from r2bspec.judge.measure.times import percentile
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods.share_wording import counted_noun
-from r2bspec.judge.requirement_case import (
-    Decision,
-    DecisionMethod,
-    RequirementCase,
-    undecided,
-)
+from r2bspec.judge.requirement_case import Decision, DecisionMethod, RequirementCase, undecided
 from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.verdict import Outcome
 from r2bspec.record.run_record import Probe, RunRecord

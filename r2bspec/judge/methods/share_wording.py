@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from r2bspec.judge.measure.units import show
-from r2bspec.judge.requirement_case import RequirementCase
-from r2bspec.judge.statistics.binomial import (
-    lower_bound,
-    messages_to_settle,
-    upper_bound,
-)
+from r2bspec.judge.statistics.binomial import lower_bound, messages_to_settle, upper_bound
 from r2bspec.judge.statistics.percentile_interval import LevelMargin, PercentileInterval
 from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.judge.statistics.t_interval import iterations_to_settle
 from r2bspec.judge.verdict import Outcome, ShareTest
+
+if TYPE_CHECKING:
+    from r2bspec.judge.requirement_case import RequirementCase
 
 _COUNTED_NOUNS = {
     "latency": "outputs",

@@ -13,15 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from data_bags import (
-    START_NS,
-    chatter,
-    split_bag,
-    storage_file,
-    write_bag,
-    write_mcap,
-    write_ros1,
-)
+from data_bags import START_NS, chatter, split_bag, storage_file, write_bag, write_mcap, write_ros1
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.integrity import hash_files, verify

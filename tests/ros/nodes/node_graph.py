@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import os
 import time
+from array import array
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar
 from unittest import mock
 
+import numpy as np
 import rclpy
+from builtin_interfaces.msg import Time
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from sensor_msgs.msg import Image
+from std_msgs.msg import Header
 
 # Generous: it is only ever used up by a test that fails.
 _DEADLINE_S = 30.0
@@ -85,3 +90,21 @@ def node_graph() -> Iterator[NodeGraph]:
         finally:
             graph.close()
             context.try_shutdown()
+
+
+def header(step: int, frame: str = "camera") -> Header:
+    """The header of the message of a step."""
+    return Header(stamp=Time(sec=1_700_000_000, nanosec=step), frame_id=frame)
+
+
+def image(step: int, pixels: np.ndarray[Any, Any], encoding: str) -> Image:
+    """An image of these pixels, of shape (height, width) or (height, width, 3)."""
+    height, width = pixels.shape[:2]
+    return Image(
+        header=header(step),
+        width=width,
+        height=height,
+        encoding=encoding,
+        step=pixels.size // height,
+        data=array("B", pixels.tobytes()),
+    )

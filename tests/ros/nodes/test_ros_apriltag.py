@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from array import array
 from typing import Any
 
 import numpy as np
@@ -11,11 +10,9 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("cv2")
 
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseArray
-from node_graph import NodeGraph, node_graph
+from node_graph import NodeGraph, header, image, node_graph
 from sensor_msgs.msg import CameraInfo, Image
-from std_msgs.msg import Header
 
 from r2bspec.nodes import AprilTagNode
 
@@ -26,26 +23,15 @@ CELL_PX = 8
 EDGE_PX = 8 * CELL_PX
 
 
-def header(step: int) -> Header:
-    return Header(stamp=Time(sec=1_700_000_000, nanosec=step), frame_id="camera_optical")
-
-
-def image(step: int, tags: dict[int, tuple[int, int]], encoding: str = "mono8") -> Image:
+def paper(step: int, tags: dict[int, tuple[int, int]], encoding: str = "mono8") -> Image:
     """White paper with upright tags, each given by the column and row of its first pixel."""
-    paper = np.full((HEIGHT, WIDTH), 255, np.uint8)
+    white = np.full((HEIGHT, WIDTH), 255, np.uint8)
     for tag_id, (column, row) in tags.items():
         bits = np.array([int(bit) for bit in f"{CODES[tag_id]:036b}"]).reshape(6, 6)
         square = np.kron(np.pad(bits, 1), np.full((CELL_PX, CELL_PX), 255)).astype(np.uint8)
-        paper[row : row + EDGE_PX, column : column + EDGE_PX] = square
-    pixels = paper if encoding == "mono8" else np.repeat(paper[..., None], 3, axis=2)
-    return Image(
-        header=header(step),
-        width=WIDTH,
-        height=HEIGHT,
-        encoding=encoding,
-        step=pixels.size // HEIGHT,
-        data=array("B", pixels.tobytes()),
-    )
+        white[row : row + EDGE_PX, column : column + EDGE_PX] = square
+    pixels = white if encoding == "mono8" else np.repeat(white[..., None], 3, axis=2)
+    return image(step, pixels, encoding)
 
 
 def camera_info(step: int, focal_px: float = FOCAL_PX) -> CameraInfo:
@@ -75,7 +61,7 @@ class Detecting:
 def test_an_upright_tag_is_found_under_the_images_header(encoding: str) -> None:
     with node_graph() as graph:
         node = Detecting(graph, size=0.32)
-        node.send(image(5, {0: (192, 88)}, encoding), camera_info(5))
+        node.send(paper(5, {0: (192, 88)}, encoding), camera_info(5))
         node.wait(1)
     (found,) = node.detections
     assert found.header == header(5)
@@ -90,8 +76,8 @@ def test_an_upright_tag_is_found_under_the_images_header(encoding: str) -> None:
 def test_poses_are_sorted_by_tag_id() -> None:
     with node_graph() as graph:
         node = Detecting(graph)
-        node.send(image(1, {1: (40, 88), 0: (200, 88)}), camera_info(1))
-        node.send(image(2, {0: (40, 88), 1: (200, 88)}), camera_info(2))
+        node.send(paper(1, {1: (40, 88), 0: (200, 88)}), camera_info(1))
+        node.send(paper(2, {0: (40, 88), 1: (200, 88)}), camera_info(2))
         node.wait(2)
     first, second = (one.poses for one in node.detections)
     assert len(first) == len(second) == 2
@@ -102,7 +88,7 @@ def test_poses_are_sorted_by_tag_id() -> None:
 def test_an_image_without_tags_gives_an_empty_array() -> None:
     with node_graph() as graph:
         node = Detecting(graph)
-        node.send(image(9, {}), camera_info(9))
+        node.send(paper(9, {}), camera_info(9))
         node.wait(1)
     assert node.detections[0].header == header(9)
     assert list(node.detections[0].poses) == []
@@ -111,7 +97,7 @@ def test_an_image_without_tags_gives_an_empty_array() -> None:
 def test_an_image_waits_for_its_own_camera_info() -> None:
     with node_graph() as graph:
         node = Detecting(graph, size=0.32)
-        node.send(image(1, {0: (128, 88)}), image(2, {0: (128, 88)}), image(3, {0: (128, 88)}))
+        node.send(paper(1, {0: (128, 88)}), paper(2, {0: (128, 88)}), paper(3, {0: (128, 88)}))
         # The second is lost; the others differ, and come late and in the wrong order.
         node.send(camera_info(3, 400.0), camera_info(1, 200.0))
         node.wait(2)
@@ -122,7 +108,7 @@ def test_an_image_waits_for_its_own_camera_info() -> None:
 def test_an_uncalibrated_camera_is_passed_over() -> None:
     with node_graph() as graph:
         node = Detecting(graph)
-        node.send(image(1, {0: (128, 88)}), camera_info(1, 0.0))
-        node.send(image(2, {0: (128, 88)}), camera_info(2))
+        node.send(paper(1, {0: (128, 88)}), camera_info(1, 0.0))
+        node.send(paper(2, {0: (128, 88)}), camera_info(2))
         node.wait(1)
     assert [one.header.stamp.nanosec for one in node.detections] == [2]

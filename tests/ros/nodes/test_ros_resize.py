@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from array import array
 from typing import Any
 
 import numpy as np
@@ -11,25 +10,16 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("cv2")
 
-from builtin_interfaces.msg import Time
-from node_graph import NodeGraph, node_graph
+from node_graph import NodeGraph, header, image, node_graph
 from rcl_interfaces.msg import Log
 from sensor_msgs.msg import CameraInfo, Image
-from std_msgs.msg import Header
 
 from r2bspec.nodes import ResizeNode
 
 
-def header(step: int) -> Header:
-    return Header(stamp=Time(sec=1_700_000_000, nanosec=step), frame_id="camera")
-
-
-def image(step: int, width: int = 64, height: int = 40) -> Image:
+def picture(step: int, width: int = 64, height: int = 40) -> Image:
     pixels = np.full((height, width, 3), (step, 2 * step, 3 * step), np.uint8)
-    data = array("B", pixels.tobytes())
-    return Image(
-        header=header(step), width=width, height=height, encoding="rgb8", step=3 * width, data=data
-    )
+    return image(step, pixels, "rgb8")
 
 
 def camera_info(step: int, width: int = 64, height: int = 40) -> CameraInfo:
@@ -70,7 +60,7 @@ class Resizing:
 def test_image_and_camera_are_resized_under_their_header() -> None:
     with node_graph() as graph:
         node = Resizing(graph, width=32, height=30)
-        node.send(image(7), camera_info(7))
+        node.send(picture(7), camera_info(7))
         node.wait(1)
     (resized,), (info,) = node.images, node.infos
     assert resized.header == header(7)
@@ -99,7 +89,7 @@ def test_the_size_is_given_or_the_inputs_or_scaled(
 ) -> None:
     with node_graph() as graph:
         node = Resizing(graph, **parameters)
-        node.send(image(1), camera_info(1))
+        node.send(picture(1), camera_info(1))
         node.wait(1)
     assert (node.images[0].width, node.images[0].height) == size
 
@@ -107,9 +97,9 @@ def test_the_size_is_given_or_the_inputs_or_scaled(
 def test_late_lost_and_disordered_camera_infos_find_their_images() -> None:
     with node_graph() as graph:
         node = Resizing(graph, width=8, height=8)
-        node.send(image(1), image(2), image(3), image(4))
+        node.send(picture(1), picture(2), picture(3), picture(4))
         # The third is lost, the second comes before the first.
-        node.send(camera_info(2), camera_info(1), camera_info(4), camera_info(5), image(5))
+        node.send(camera_info(2), camera_info(1), camera_info(4), camera_info(5), picture(5))
         node.wait(4)
     assert sorted(node.steps()) == [1, 2, 4, 5]
     colours = {step: one.data[0] for step, one in zip(node.steps(), node.images, strict=True)}
@@ -120,9 +110,9 @@ def test_an_image_that_cannot_be_read_is_logged_and_passed_over() -> None:
     with node_graph() as graph:
         node = Resizing(graph, width=8, height=8)
         log = graph.listen(Log, "/rosout")
-        broken = image(1)
+        broken = picture(1)
         broken.encoding = "yuv422"
-        node.send(broken, camera_info(1), image(2), camera_info(2))
+        node.send(broken, camera_info(1), picture(2), camera_info(2))
         node.wait(1)
         graph.spin_until(lambda: log)
     assert node.steps() == [2]
@@ -134,9 +124,9 @@ def test_images_without_camera_info_are_given_up_and_logged() -> None:
         node = Resizing(graph, width=8, height=8)
         log = graph.listen(Log, "/rosout")
         # In two parts, for the node's queues hold ten messages too.
-        node.send(*(image(step) for step in range(6)), image(100), camera_info(100))
+        node.send(*(picture(step) for step in range(6)), picture(100), camera_info(100))
         node.wait(1)
-        node.send(*(image(step) for step in range(6, 11)))
+        node.send(*(picture(step) for step in range(6, 11)))
         graph.spin_until(lambda: log)
         node.send(*(camera_info(step) for step in range(1, 11)))
         node.wait(11)

@@ -18,6 +18,7 @@ from typing import Any
 from unittest import mock
 
 import pytest
+import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -33,182 +34,12 @@ from r2bspec.plan.wiring.ast_reader import read_node_class, read_python_file
 from r2bspec.plan.wiring.name_resolution import expand
 from r2bspec.plan.wiring.node_interface import InterfaceEntry
 
-HEAD = """
-import contextlib
-import functools
-
-from rclpy.node import Node
-from std_msgs.msg import Bool, Int32
-from std_msgs.msg import String as Text
-try:
-    from std_msgs.msg import Float32 as Number
-except ImportError:
-    from std_msgs.msg import Float64 as Number
-
-
-def helper(function, *arguments):
-    return function(*arguments)
-
-
-def publisher_of(node, name):
-    return node.create_publisher(Bool, name, 10)
-
-
-def through_method(method, name):
-    return method.__self__.create_publisher(Bool, name, 10)
-
-
-class Outside:
-    def __init__(self, node):
-        self.node = node
-
-    def make(self, name):
-        self.node.create_publisher(Bool, name, 10)
-"""
-
-# Ways to make topics. NAME is a name that no other line uses, TYPE a message.
-TOPICS = (
-    "self.create_publisher(TYPE, 'NAME', 10)",
-    "self.pub_NAME = self.create_publisher(msg_type=TYPE, topic='NAME', qos_profile=5)",
-    "self.create_subscription(TYPE, 'NAME', self.tick, 10)",
-    "self.create_subscription(TYPE, 'NAME', lambda message: self.tick(message), 10)",
-    "self.create_subscription(TYPE, '~/NAME', self.tick, 10)",
-    "super().create_publisher(TYPE, 'NAME', 10)",
-    "super(N, self).create_subscription(TYPE, 'NAME', self.tick, 10)",
-    "mk = self.create_publisher; mk(TYPE, 'NAME', 10)",
-    "mk = self.create_subscription; mk(TYPE, 'NAME', self.tick, 10)",
-    "mk = functools.partial(self.create_publisher, TYPE, qos_profile=10); mk('NAME')",
-    "helper(self.create_publisher, TYPE, 'NAME', 10)",
-    "node = self; node.create_publisher(TYPE, 'NAME', 10)",
-    "(me := self).create_publisher(TYPE, 'NAME', 10)",
-    "[me] = [self]; me.create_publisher(TYPE, 'NAME', 10)",
-    "self.maker = self.create_publisher; self.maker(TYPE, 'NAME', 10)",
-    "self.me = self; self.me.create_publisher(TYPE, 'NAME', 10)",
-    "publisher_of(self, 'NAME')",
-    "publisher_of(name='NAME', node=self)",
-    "Outside(self).make('NAME')",
-    "through_method(self.tick, 'NAME')",
-    "self.tick.__self__.create_publisher(TYPE, 'NAME', 10)",
-    "getattr(self, 'create_' + 'publisher')(TYPE, 'NAME', 10)",
-    "locals()['self'].create_publisher(TYPE, 'NAME', 10)",
-    "Node.create_publisher(self, TYPE, 'NAME', 10)",
-    "type(self).create_publisher(self, TYPE, 'NAME', 10)",
-    "base = super(); base.create_publisher(TYPE, 'NAME', 10)",
-    "for each in ('NAMEa', 'NAMEb'): self.create_publisher(TYPE, each, 10)",
-    "for each in (): self.create_publisher(TYPE, 'NAME', 10)",
-    "[self.create_publisher(TYPE, each, 10) for each in ('NAMEa', 'NAMEb')]",
-    "[self.create_publisher(TYPE, 'NAME', 10) for each in ()]",
-    "kwargs.get('no') and self.create_publisher(TYPE, 'NAME', 10)",
-    "self.create_publisher(TYPE, 'NAME', 10) if kwargs.get('no') else None",
-    "if kwargs.get('no'): self.create_publisher(TYPE, 'NAME', 10)",
-    "if not kwargs.get('no'): return",
-    "if kwargs.get('no'): return",
-    "later = lambda: self.create_publisher(TYPE, 'NAME', 10)",
-    "def later(): self.create_publisher(TYPE, 'NAME', 10)",
-    "with contextlib.suppress(KeyError): {}['x']; self.create_publisher(TYPE, 'NAME', 10)",
-    "self.build('NAME')",
-    "self.never",
-    "name = 'NAME'; self.create_publisher(TYPE, name, 10)",
-    "self.create_publisher(*(TYPE, 'NAME', 10))",
-    "self.create_publisher(**{'msg_type': TYPE, 'topic': 'NAME', 'qos_profile': 10})",
-    "self.destroy_publisher(self.create_publisher(TYPE, 'NAME', 10))",
-    "gone = self.create_publisher(TYPE, 'NAME', 10); self.destroy_publisher(gone)",
-    "Text = Int32; self.create_publisher(Text, 'NAME', 10)",
-    "self.create_publisher(TYPE, 'same', 10)",
-    "self.create_timer(100.0, self.tick)",
-    "self.data = [1]; helper(len, self.data)",
-    "self.get_logger().debug('NAME')",
+_WAYS = yaml.safe_load(
+    Path(__file__).with_name("ways_to_write_nodes.yaml").read_text(encoding="utf-8")
 )
-PARAMETERS = (
-    "self.declare_parameter('NAME', 1)",
-    "self.declare_parameter(name='NAME', value='x')",
-    "super().declare_parameter('NAME', 1.0)",
-    "declare = self.declare_parameter; declare('NAME', 1)",
-    "functools.partial(self.declare_parameter, value=1)('NAME')",
-    "helper(self.declare_parameter, 'NAME', 1)",
-    "node = self; node.declare_parameter('NAME', 1)",
-    "self.declare_parameters('', [('NAME', 1), ('NAME2', 2)])",
-    "for each in ('NAMEa', 'NAMEb'): self.declare_parameter(each, 1)",
-    "self.declare_parameter('NAME', 1); self.undeclare_parameter('NAME')",
-    "self.configure('NAME')",
-    "self.has_parameter('given') or self.declare_parameter('given', 0)",
-)
-BASE_CALLS = (
-    "super().__init__('n', **kwargs)",
-    "super(N, self).__init__('n', **kwargs)",
-    "Node.__init__(self, 'n', **kwargs)",
-    "super().__init__('n', automatically_declare_parameters_from_overrides=True, **kwargs)",
-    "super().__init__('n', automatically_declare_parameters_from_overrides=False, **kwargs)",
-    "super().__init__('n', allow_undeclared_parameters=True, **kwargs)",
-    (
-        "kwargs['automatically_declare_parameters_from_overrides'] = True; "
-        "super().__init__('n', **kwargs)"
-    ),
-    (
-        "more = dict(kwargs, automatically_declare_parameters_from_overrides=True); "
-        "super().__init__('n', **more)"
-    ),
-    "super().__init__('n', **{**kwargs, 'automatically_declare_parameters_from_overrides': True})",
-)
-CLASSES = (
-    "class N(Node):",
-    "class N(Node):\n    depth = 10",
-    (
-        "class N(Node):\n    def create_publisher(self, kind, name, qos, **more):\n"
-        "        return super().create_publisher(kind, 'x' + name, qos, **more)"
-    ),
-    (
-        "class N(Node):\n    create_publisher = lambda self, kind, name, qos, **more: "
-        "Node.create_publisher(self, kind, 'x' + name, qos, **more)"
-    ),
-    (
-        "class Above(Node):\n    def __init__(self, *a, **k):\n        super().__init__(*a, **k)\n"
-        "        self.create_publisher(Bool, 'above', 10)\n\n\nclass N(Above):"
-    ),
-    (
-        "class Mixin:\n    def create_publisher(self, kind, name, qos, **more):\n"
-        "        return super().create_publisher(kind, 'x' + name, qos, **more)\n\n\n"
-        "class N(Mixin, Node):"
-    ),
-    (
-        "def add_publisher(kind):\n    def make(**k):\n        node = kind(**k)\n"
-        "        publisher_of(node, 'added')\n        return node\n    return make\n\n\n"
-        "@add_publisher\nclass N(Node):"
-    ),
-)
-TAILS = (
-    "",
-    "Other = N",
-    (
-        "original = Node.create_publisher\n\n\ndef replaced(self, kind, name, qos, **more):\n"
-        "    return original(self, kind, 'x' + name, qos, **more)\n\n\n"
-        "N.create_publisher = replaced"
-    ),
-    (
-        "original = Node.create_publisher\n\n\ndef replaced(self, kind, name, qos, **more):\n"
-        "    return original(self, kind, 'x' + name, qos, **more)\n\n\n"
-        "setattr(N, 'create_publisher', replaced)"
-    ),
-    (
-        "class N(N):\n    def __init__(self, **kwargs):\n        super().__init__(**kwargs)\n"
-        "        self.create_publisher(Bool, 'more', 10)"
-    ),
-    "def main():\n    rclpy.init()\n    rclpy.spin(N())",
-)
-METHODS = """
-    def tick(self, message=None):
-        pass
-
-    def build(self, name):
-        self.create_publisher(Bool, name, 10)
-
-    def configure(self, name):
-        self.declare_parameter(name, 1)
-
-    @property
-    def never(self):
-        self.create_publisher(Bool, "property", 10)
-"""
+HEAD, METHODS = _WAYS["head"], _WAYS["methods"]
+TOPICS, PARAMETERS = _WAYS["topics"], _WAYS["parameters"]
+BASE_CALLS, CLASSES, TAILS = _WAYS["base_calls"], _WAYS["classes"], _WAYS["tails"]
 
 
 @dataclass(frozen=True)

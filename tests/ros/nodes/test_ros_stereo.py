@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from array import array
 from typing import Any
 
 import numpy as np
@@ -11,11 +10,9 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("cv2")
 
-from builtin_interfaces.msg import Time
-from node_graph import NodeGraph, node_graph
+from node_graph import NodeGraph, header, image, node_graph
 from rcl_interfaces.msg import Log
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
-from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
 
 from r2bspec.nodes import DisparityNode, PointCloudNode, RectifyNode
@@ -31,23 +28,11 @@ INPUTS = {
 }
 
 
-def header(step: int, frame: str = "left") -> Header:
-    return Header(stamp=Time(sec=1_700_000_000, nanosec=step), frame_id=frame)
-
-
 def wall(offset: int) -> np.ndarray[Any, Any]:
     """A wall, seen by a camera that is further right by this many pixels."""
     cells = np.random.default_rng(1).integers(20, 235, (HEIGHT // 2, WIDTH), np.uint8)
     whole = np.repeat(np.repeat(cells, 2, axis=0), 3, axis=1)
     return np.ascontiguousarray(whole[:, offset : offset + WIDTH])
-
-
-def image(step: int, pixels: np.ndarray[Any, Any]) -> Image:
-    data = array("B", pixels.tobytes())
-    height, width = pixels.shape
-    return Image(
-        header=header(step), width=width, height=height, encoding="mono8", step=width, data=data
-    )
 
 
 def camera_info(step: int, *, right: bool = False, d: tuple[float, ...] = (0.0,) * 5) -> CameraInfo:
@@ -66,7 +51,7 @@ def camera_info(step: int, *, right: bool = False, d: tuple[float, ...] = (0.0,)
 
 
 def stereo(step: int) -> list[Any]:
-    left, right = image(step, wall(64)), image(step, wall(64 + DISPARITY_PX))
+    left, right = (image(step, wall(64 + at), "mono8") for at in (0, DISPARITY_PX))
     return [left, camera_info(step), right, camera_info(step, right=True)]
 
 
@@ -156,7 +141,7 @@ def test_a_distorted_line_becomes_straight() -> None:
         rectified = graph.listen(Image, "image_rect")
         infos = graph.listen(CameraInfo, "camera_info_rect")
         image_in, info_in = graph.writer(Image, "image"), graph.writer(CameraInfo, "camera_info")
-        image_in.publish(image(3, _bent_line(lens)))
+        image_in.publish(image(3, _bent_line(lens), "mono8"))
         info_in.publish(camera_info(3, d=lens))
         graph.spin_until(lambda: rectified and infos)
     (shown,), (info,) = rectified, infos

@@ -48,7 +48,7 @@ def played(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         found.append(lock_file().read_text())
 
     monkeypatch.setattr(api, "_run_in_folder", make)
-    monkeypatch.setattr("r2bspec.compare.interleaved_comparison.compare", make)
+    monkeypatch.setattr("r2bspec.compare.interleaved_runs.compare", make)
     return found
 
 

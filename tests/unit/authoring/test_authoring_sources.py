@@ -49,26 +49,7 @@ def main():
     rclpy.init()
     rclpy.spin(Talker())
 """
-XML = """<?xml version="1.0"?>
-<!-- Two sides. -->
-<launch>
-  <arg name="side" default="left"/>
-  <let name="queue" value="7"/>
-  <node_container pkg="rclcpp_components" exec="component_container_mt" name="vision" namespace="">
-    <composable_node pkg="image_proc" plugin="image_proc::RectifyNode" name="rectify" namespace="">
-      <param name="queue_size" value="$(var queue)"/>
-      <remap from="image" to="/hawk_0_$(var side)_rgb_image"/>
-    </composable_node>
-  </node_container>
-  <group>
-    <push-ros-namespace namespace="cell"/>
-    <node pkg="cell_light" exec="light" name="light" args="--on $(env CELL_PORT)">
-      <param name="lamp"><param name="watts" value="3.5"/></param>
-    </node>
-  </group>
-  <node pkg="cell_light" exec="other" name="other" if="false"/>
-</launch>
-"""
+XML = (Path(__file__).parent / "launch_files/cell.launch.xml").read_text(encoding="utf-8")
 PYTHON = """
 from launch import LaunchDescription
 from launch_ros.actions import Node

@@ -63,90 +63,9 @@ def generate_launch_description():
         RegisterEventHandler(OnProcessStart(target_action=late, on_start=[late])),
     ])
 """
-XML = """
-<launch>
-  <arg name="side" default="left"/>
-  <arg name="simulated" default="false"/>
-  <node pkg="cell" exec="eye" name="real" unless="$(var simulated)"/>
-  <node pkg="cell" exec="eye" name="never_simulated" if="$(var simulated)"/>
-  <node pkg="cell" exec="eye" name="by_name" if="$(equals $(var side) left)"/>
-  <node pkg="cell" exec="eye" name="never_right" unless="$(equals $(var side) left)"/>
-  <node pkg="cell" exec="eye" name="compared" if="$(not-equals $(var side) right)"/>
-  <node pkg="cell" exec="eye" name="evaluated"
-    if="$(eval '&quot;$(var side)&quot; != &quot;right&quot;')"/>
-  <node pkg="cell" exec="eye" name="never_all"
-    if="$(and $(var simulated) $(not $(var simulated)))"/>
-  <node pkg="cell" exec="eye" name="unsure" if="$(env CELL_MODE)"/>
-  <group if="1">
-    <push-ros-namespace namespace="cell_$(var side)"/>
-    <node pkg="cell" exec="eye" name="inside" args="--on $(env CELL_PORT)">
-      <param name="lamp"><param name="watts" value="3.5"/></param>
-    </node>
-  </group>
-  <group unless="true"><node pkg="cell" exec="eye" name="never_inside"/></group>
-  <node_container pkg="rclcpp_components" exec="component_container" name="vision" namespace="">
-    <composable_node pkg="image_proc" plugin="image_proc::RectifyNode" name="rectify" if="true">
-      <param name="queue_size" value="7"/>
-      <remap from="image" to="/$(var side)_image"/>
-    </composable_node>
-    <composable_node pkg="image_proc" plugin="image_proc::DebayerNode" name="never_debayer"
-      unless="true"/>
-  </node_container>
-  <include file="$(dirname)/more.launch.xml" if="$(var simulated)"/>
-  <include file="$(dirname)/more.launch.xml"><arg name="which" value="delayed"/></include>
-</launch>
-"""
-MORE = """
-<launch>
-  <arg name="which"/>
-  <node pkg="cell" exec="eye" name="$(var which)"/>
-</launch>
-"""
-YAML = """
-launch:
-- arg: {name: side, default: left}
-- arg: {name: simulated, default: 'false'}
-- node: {pkg: cell, exec: eye, name: real, unless: $(var simulated)}
-- node: {pkg: cell, exec: eye, name: never_simulated, if: $(var simulated)}
-- node: {pkg: cell, exec: eye, name: by_name, if: $(equals $(var side) left)}
-- node: {pkg: cell, exec: eye, name: never_right, unless: $(equals $(var side) left)}
-- node: {pkg: cell, exec: eye, name: compared, if: $(not-equals $(var side) right)}
-- node: {pkg: cell, exec: eye, name: evaluated, if: "$(eval '\\"$(var side)\\" == \\"left\\"')"}
-- node: {pkg: cell, exec: eye, name: never_all, if: $(and $(var simulated) true)}
-- node: {pkg: cell, exec: eye, name: unsure, if: $(env CELL_MODE)}
-- group:
-    if: true
-    children:
-    - push_ros_namespace: {namespace: cell_$(var side)}
-    - node:
-        pkg: cell
-        exec: eye
-        name: inside
-        args: --on $(env CELL_PORT)
-        param:
-        - name: lamp
-          param: [{name: watts, value: 3.5}]
-- group:
-    unless: true
-    children:
-    - node: {pkg: cell, exec: eye, name: never_inside}
-- node_container:
-    pkg: rclcpp_components
-    exec: component_container
-    name: vision
-    namespace: ''
-    composable_node:
-    - pkg: image_proc
-      plugin: image_proc::RectifyNode
-      name: rectify
-      if: 'true'
-      param: [{name: queue_size, value: 7}]
-      remap: [{from: image, to: /$(var side)_image}]
-    - {pkg: image_proc, plugin: 'image_proc::DebayerNode', name: never_debayer, unless: 'true'}
-- include:
-    file: $(dirname)/more.launch.xml
-    arg: [{name: which, value: delayed}]
-"""
+XML = (Path(__file__).parent / "launch_files/conditions.launch.xml").read_text(encoding="utf-8")
+MORE = (Path(__file__).parent / "launch_files/more.launch.xml").read_text(encoding="utf-8")
+YAML = (Path(__file__).parent / "launch_files/conditions.launch.yaml").read_text(encoding="utf-8")
 STARTED = ["real", "by_name", "compared", "evaluated", "inside", "rectify", "delayed"]
 
 

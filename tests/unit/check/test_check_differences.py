@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from check_specs import findings
 
@@ -10,28 +12,7 @@ from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.language.load_spec import load_spec
 from r2bspec.record.run_record import Difference
 
-SPEC = """\
-r2bspec: 1
-name: placed
-data_loader: {bag: r2b_storage, topics: {/d455_1_rgb_image: raw}}
-playback:
-  inputs:
-    image: {from: raw, format: sensor_msgs/msg/Image}
-graph:
-  nodes:
-    first:
-      python: ./nodes.py:First
-      parameters:
-        - {size: 1}
-        - {rtae: 3}
-      remappings: {input: image, outptu: between}
-    second:
-      python: ./nodes.py:Second
-      subscribes: {left: sensor_msgs/msg/Image}
-      remappings: {left: between}
-monitors:
-  out: {topic: last, format: sensor_msgs/msg/Image}
-"""
+SPEC = Path(__file__).with_name("differences.r2b.yaml").read_text(encoding="utf-8")
 
 
 def difference(

@@ -13,10 +13,7 @@ from check_specs import codes, findings
 
 from example_spec import example
 from r2bspec.diagnostics import Certainty
-from r2bspec.plan.installed_packages import (
-    ros_package_advice,
-    top_level_names,
-)
+from r2bspec.plan.installed_packages import ros_package_advice, top_level_names
 from r2bspec.plan.this_machine import find_module
 
 KNOWN = "subscribes: {image: sensor_msgs/msg/Image}, publishes: {output: sensor_msgs/msg/Image}"

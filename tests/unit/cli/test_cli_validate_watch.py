@@ -16,12 +16,7 @@ from example_spec import example
 from r2bspec.cli import validate
 from r2bspec.cli.check_files import CheckOptions, FileReport, check_file
 from r2bspec.cli.validate import SpecWatch
-from r2bspec.safe_io.looked_up_files import (
-    looked_up_files,
-    note_lookup,
-    shared_lookups,
-    stamp,
-)
+from r2bspec.safe_io.looked_up_files import looked_up_files, note_lookup, shared_lookups, stamp
 from r2bspec.safe_io.safe_file import is_there, read_text
 
 BASE = """\
@@ -236,9 +231,8 @@ def test_what_is_looked_up_once_is_noted_for_every_spec(
 
 
 def test_it_prints_text_for_people_only(folder: Path, call: Call) -> None:
-    watched = [[folder, *options] for options in (["--format", "json"], ["--fix"], ["--diff"])]
-    for arguments in [*watched, [folder, "--resolved"], ["-"]]:
-        ended = call("validate", "--watch", *arguments, status=2)
+    for options in (["--format", "json"], ["--fix"], ["--diff"], ["--resolved"], ["-"]):
+        ended = call("validate", "--watch", folder, *options, status=2)
         assert "--watch prints findings as text" in ended.err
 
 

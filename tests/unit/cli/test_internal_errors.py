@@ -160,7 +160,7 @@ def test_a_crash_while_a_file_is_checked_names_the_file(
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV, signal.SIGABRT])
-def test_a_worker_that_dies_is_replaced_and_an_error_names_its_file(
+def test_a_worker_that_dies_is_an_error_that_names_its_file(
     number: signal.Signals, many: list[str], monkeypatch: pytest.MonkeyPatch, validate: Call
 ) -> None:
     Path(many[58]).write_text(WRONG)

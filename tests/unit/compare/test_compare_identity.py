@@ -12,8 +12,7 @@ from pair_simulation import Comparison, latencies
 from r2bspec.compare.comparison import differences_of, read_compared_result
 from r2bspec.compare.history import open_history
 from r2bspec.compare.history_gate import baseline_from_stored_run, run_with_baseline, write_baseline
-from r2bspec.compare.judge_pairs import judge_comparison_folder
-from r2bspec.compare.report_input import ReportInput
+from r2bspec.compare.report_input import ReportInput, judge_comparison_folder
 from r2bspec.judge.judge_run import from_json, result_of, to_json
 from r2bspec.judge.result import Result
 from r2bspec.plan.plan import Plan

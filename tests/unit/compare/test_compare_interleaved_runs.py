@@ -11,8 +11,8 @@ import pytest
 
 from pair_simulation import latencies
 from r2bspec.compare import interleaved_runs
-from r2bspec.compare.interleaved_comparison import compare
-from r2bspec.compare.interleaved_runs import BaseFailsError, ComparisonSide, ComparisonSpec
+from r2bspec.compare.interleaved_comparison import BaseFailsError, ComparisonSide, ComparisonSpec
+from r2bspec.compare.interleaved_runs import compare
 from r2bspec.errors import ExitStatus
 from r2bspec.execute.errors import NotReadyError, ProcessDiedError, RunError, UnwritableRunError
 from r2bspec.execute.progress import NullProgress

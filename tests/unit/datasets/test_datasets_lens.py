@@ -7,14 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from r2bspec.datasets import rig
-from r2bspec.datasets.cameras import (
-    Camera,
-    Lens,
-    camera_pose,
-    image_bounds,
-    project,
-    undistorted,
-)
+from r2bspec.datasets.cameras import Camera, Lens, camera_pose, image_bounds, project, undistorted
 from r2bspec.datasets.scenes import find_scene
 from r2bspec.datasets.sensors import render_depth
 

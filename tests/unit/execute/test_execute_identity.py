@@ -18,14 +18,7 @@ from elf_files import elf_file
 from r2bspec.execute.identity.file_digests import build_id
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.plan.command_lines import HARNESS_ARGV
-from r2bspec.plan.plan import (
-    AfterReadyPlan,
-    ExternalPlan,
-    NodePlan,
-    Plan,
-    ProcessPlan,
-    SetupPlan,
-)
+from r2bspec.plan.plan import AfterReadyPlan, ExternalPlan, NodePlan, Plan, ProcessPlan, SetupPlan
 from r2bspec.record.graph_identity import (
     GraphIdentity,
     NodeIdentity,

@@ -12,8 +12,7 @@ from example_spec import example
 from r2bspec import api
 from r2bspec.check.rules.machine import transport_unsupported_by_middleware
 from r2bspec.cli.main import main
-from r2bspec.compare.interleaved_comparison import prepare_comparison
-from r2bspec.compare.interleaved_runs import ComparisonSide
+from r2bspec.compare.interleaved_comparison import ComparisonSide, prepare_comparison
 from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.errors import MiddlewareError
 from r2bspec.execute.processes.environment import RunEnvironment

@@ -27,14 +27,7 @@ from r2bspec.fleet.host_service import HostService
 from r2bspec.fleet.host_store import HostStore, remove
 from r2bspec.fleet.hosts import Host
 from r2bspec.fleet.journal import Journal, read_journal
-from r2bspec.fleet.messages import (
-    Call,
-    HostState,
-    Played,
-    Problem,
-    read_answer,
-    request_of,
-)
+from r2bspec.fleet.messages import Call, HostState, Played, Problem, read_answer, request_of
 
 
 class DirectClient:

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
+import datetime
 import ipaddress
+import os
+import shutil
 import socket
 import ssl
 import stat
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from r2bspec.errors import UsageError
+from r2bspec.fleet import security
 from r2bspec.fleet.errors import FleetError, InsecureFleetError
 from r2bspec.fleet.journal import JOURNAL_FILE, Journal, read_journal
 from r2bspec.fleet.security import FleetAddress, fleet_address, listen_address
@@ -133,6 +139,125 @@ def test_files_that_are_no_certificates_are_said_to_be_none(
 def test_a_key_of_another_certificate_is_refused(certificates: Path) -> None:
     with pytest.raises(InsecureFleetError, match="mismatch"):
         client_address(certificates, "worker-key.pem").security()
+
+
+def expired(folder: Path) -> Path:
+    """Certificates whose time was over a year ago."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(security, "_DAY", datetime.timedelta(days=1000))
+        patch.setattr(security, "_YEARS", -0.001)
+        security.make_certificates(folder)
+    return folder
+
+
+def test_an_expired_certificate_is_refused_at_once(certificates: Path, tmp_path: Path) -> None:
+    with pytest.raises(InsecureFleetError, match="certificate has expired") as refused:
+        client_address(expired(tmp_path / "expired")).security()
+    assert "'r2bspec fleet certificates' makes new ones" in refused.value.hint
+
+
+def test_a_certificate_of_another_authority_is_refused_at_once(
+    certificates: Path, tmp_path: Path
+) -> None:
+    foreign = tmp_path / "foreign"
+    security.make_certificates(foreign)
+    shutil.copy(foreign / "ca.pem", certificates / "ca.pem")
+    with pytest.raises(InsecureFleetError, match="signature failure|local issuer") as refused:
+        client_address(certificates).security()
+    assert str(certificates / "client.pem") in refused.value.hint
+
+
+@pytest.mark.parametrize("mode", [0o640, 0o604, 0o644, 0o620, 0o602, 0o666])
+def test_a_key_that_others_can_read_is_refused(certificates: Path, mode: int) -> None:
+    key = certificates / "client-key.pem"
+    key.chmod(mode)
+    os.chown(key, 1234, 1234) if os.getuid() == 0 else None
+    with pytest.raises(InsecureFleetError, match=f"'chmod 600 {key}' keeps it private"):
+        client_address(certificates).security()
+
+
+@contextlib.contextmanager
+def serving(folder: Path | None) -> Iterator[int]:
+    """A server that greets as Dask does, with TLS if it has certificates; yields its port."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    if folder is not None:
+        context.load_verify_locations(folder / "ca.pem")
+        context.load_cert_chain(folder / "scheduler.pem", folder / "scheduler-key.pem")
+        context.verify_mode = ssl.CERT_REQUIRED
+    with contextlib.ExitStack() as stack:
+        server = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
+
+        def serve() -> None:
+            while True:
+                try:
+                    connection = stack.enter_context(server.accept()[0])
+                except OSError:
+                    return
+                with contextlib.suppress(OSError):
+                    if folder is not None:
+                        connection = context.wrap_socket(connection, server_side=True)
+                    connection.sendall(b"\x01" + bytes(7))
+                    connection.recv(100)
+                connection.close()
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        yield server.getsockname()[1]
+        server.shutdown(socket.SHUT_RDWR)
+        thread.join()
+
+
+@pytest.mark.parametrize(
+    ("there", "here", "message"),
+    [
+        ("good", "good", ""),
+        ("", "", ""),
+        ("expired", "good", "do not trust each other: certificate signature failure"),
+        ("aged", "good", "do not trust each other: certificate has expired"),
+        ("good", "foreign", "do not trust each other: certificate signature failure"),
+        ("good", "", "speaks TLS, and this end does not"),
+        ("", "good", "does not speak TLS"),
+    ],
+)
+def test_why_two_ends_have_no_connection_is_said_at_once(
+    there: str, here: str, message: str, certificates: Path, tmp_path: Path
+) -> None:
+    foreign, aged = tmp_path / "foreign", tmp_path / "aged"
+    security.make_certificates(foreign)
+    with pytest.MonkeyPatch.context() as patch:
+        from cryptography.hazmat.primitives import serialization
+        from cryptography.hazmat.primitives.asymmetric import ec
+
+        # One certificate of the good authority whose time is over.
+        key = serialization.load_pem_private_key((certificates / "ca-key.pem").read_bytes(), None)
+        patch.setattr(security, "_DAY", datetime.timedelta(days=1000))
+        patch.setattr(security, "_YEARS", -0.001)
+        shutil.copytree(certificates, aged)
+        for part in ("scheduler.pem", "scheduler-key.pem"):
+            (aged / part).unlink()
+        own = ec.generate_private_key(ec.SECP256R1())
+        made = security._certificate("scheduler", own, key, ("localhost",))
+        security._write(aged, "scheduler", made, own)
+    folders = {"good": certificates, "foreign": foreign, "aged": aged}
+    folders["expired"] = expired(tmp_path / "expired")
+    with serving(folders.get(there)) as port:
+        place = f"127.0.0.1:{port}"
+        address = FleetAddress(scheduler=f"tcp://{place}")
+        if here:
+            address = dataclasses.replace(client_address(folders[here]), scheduler=f"tls://{place}")
+        refusal = address.refusal()
+    if not message:
+        assert refusal is None
+        return
+    assert refusal is not None
+    assert (refusal.code, str(refusal).startswith(address.scheduler)) == ("R2B687", True)
+    assert message in str(refusal)
+    assert refusal.hint
+
+
+def test_a_server_that_is_not_there_is_no_matter_of_tls(certificates: Path) -> None:
+    address = dataclasses.replace(client_address(certificates), scheduler="tls://127.0.0.1:9")
+    assert address.refusal() is None
 
 
 @pytest.mark.parametrize("says", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n"])

@@ -9,12 +9,7 @@ from typing import Any
 import pytest
 
 from r2bspec.compare.report_input import ReportInput
-from r2bspec.interop.ros2_benchmark import (
-    NotAReportError,
-    parse_report,
-    read_report,
-    to_json,
-)
+from r2bspec.interop.ros2_benchmark import NotAReportError, parse_report, read_report, to_json
 from r2bspec.judge.judge_run import result_of
 from r2bspec.report.ros2_benchmark import render
 from run_simulation import Played, Simulation

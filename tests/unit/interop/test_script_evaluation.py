@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from r2bspec.interop.script_import.benchmark_script import read_benchmark_script
 from r2bspec.interop.script_import.evaluator import Evaluator
@@ -13,21 +14,7 @@ from r2bspec.interop.script_import.source_files import ScriptReader, UnusableScr
 from r2bspec.interop.script_import.spec_builder import build_spec
 from r2bspec.interop.script_import.values import Construct, ScriptLimitError, Unknown
 
-_COUNTER = """
-class Counter:
-    number = 0
-
-    def __init__(self):
-        self.number = 1
-
-    def add(self):
-        self.number += 1
-        return self.number
-
-counter = Counter()
-counter.add()
-x = counter.add()
-"""
+SCRIPTS = yaml.safe_load(Path(__file__).with_name("scripts.yaml").read_text(encoding="utf-8"))
 
 
 def names(folder: Path, code: str) -> dict[str, Any]:
@@ -40,57 +27,14 @@ def names(folder: Path, code: str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("code", "expected"),
-    [
-        ("x = 2 * 3 + 1", 7),
-        ("w = 640\nx = f'{w}x{w // 2:04d}'", "640x0320"),
-        ("x = [f'n{i}' for i in range(4) if i % 2]", ["n1", "n3"]),
-        ("x = {k: v for k, v in zip('ab', (1, 2))}", {"a": 1, "b": 2}),
-        ("x = []\nfor i, s in enumerate(['a', 'b']):\n    x.append((i, s))", [(0, "a"), (1, "b")]),
-        (
-            "def f(a, *rest, b=2, **more):\n    return [a, rest, b, more]\nx = f(1, 5, c=3)",
-            [1, [5], 2, {"c": 3}],
-        ),
-        (
-            _COUNTER,
-            3,
-        ),
-        ("import os\nx = os.path.join('a', 'b', os.path.basename('c/d.py'))", "a/b/d.py"),
-        ("import os\nx = os.path.dirname(os.path.realpath(__file__))", "$(script)"),
-        (
-            (
-                "from ament_index_python.packages import get_package_share_directory as share\n"
-                "x = share('p') + '/l'"
-            ),
-            "$(share p)/l",
-        ),
-        ("import os\nx = os.environ['HOME']", "$(env HOME)"),
-        ("from ros2_benchmark import ImageResolution as R\nx = R.HD['width'] // 2", 640),
-        ("i = 0\nwhile True:\n    i += 1\n    if i > 4:\n        break\nx = i", 5),
-        ("x = 1 if 'a' in {'a': 0} and not None else 2", 1),
-        ("a, (b, c) = 1, (2, 3)\nx = [c, *range(2), a]", [3, 0, 1, 1]),
-        ("x = 'left_image'.split('_')[0].upper()[:2]", "LE"),
-        ("f = lambda side: side + '/image'\nx = f('left')", "left/image"),
-    ],
+    ("code", "expected"), [(row["code"], row["x"]) for row in SCRIPTS["known"]]
 )
 def test_known(tmp_path: Path, code: str, expected: object) -> None:
     assert names(tmp_path, code)["x"] == expected
 
 
 @pytest.mark.parametrize(
-    ("code", "reason"),
-    [
-        ("x = open('labels').read()", "the content of a file is not known"),
-        ("x = undefined", "the name 'undefined' is not defined in the script"),
-        ("x = {}['a']", "there is no such item"),
-        ("x = 'a' - 1", "the operands are not known"),
-        ("import os\nif os.urandom(1):\n    x = 1", "it depends on a condition"),
-        ("def f():\n    raise ValueError\nx = f()", "f raises an exception here"),
-        ("x = b'bytes'", "a constant of this type has no form in a spec"),
-        ("x = '$(env HOME)'", "a text with '$(' would be a reference in a spec"),
-        ("x = '{:2000000000}'.format(1)", "the result of format() is not known"),
-        ("x = '%2000000000d' % 1", "the operands are not known"),
-    ],
+    ("code", "reason"), [(row["code"], row["reason"]) for row in SCRIPTS["unknown"]]
 )
 def test_unknown(tmp_path: Path, code: str, reason: str) -> None:
     found = names(tmp_path, code)["x"]
@@ -111,21 +55,7 @@ def test_nothing_is_executed(tmp_path: Path) -> None:
     assert isinstance(found["y"], Unknown)
 
 
-@pytest.mark.parametrize(
-    "code",
-    [
-        "while True:\n    pass",
-        "def f():\n    return f()\nf()",
-        "x = 'a'\nfor i in range(9999):\n    x += x",
-        "x = [0]\nfor i in range(9999):\n    x.extend(x)",
-        "x = [0] * 10 ** 9 if False else [0] * 1000000000",
-        "x = range(1000)\nfor a in x:\n  for b in x:\n    for c in x:\n      pass",
-        "x = 3\nfor i in range(999):\n    x = x * x",
-        "x = [1]\nfor i in range(40):\n    x = [x, x]\ny = str(x)",
-        "x = [1]\nfor i in range(40):\n    x = [x, x]\ny = x == [x]",
-        "x = 'a'\nfor i in range(40):\n    x = x.replace('a', 'aa')",
-    ],
-)
+@pytest.mark.parametrize("code", SCRIPTS["without an end"])
 def test_limits(tmp_path: Path, code: str) -> None:
     with pytest.raises(ScriptLimitError):
         names(tmp_path, code)
@@ -158,17 +88,7 @@ def test_calls_of_others_are_constructs(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("code", "expected"),
-    [
-        ("x = (", "R2B702"),
-        ("x = 1\0", "R2B702"),
-        ("x = 1", "R2B704"),
-        (
-            "from ros2_benchmark import ROS2BenchmarkTest\nclass T(ROS2BenchmarkTest):\n    pass",
-            "R2B704",
-        ),
-        ("while 1: pass", "R2B703"),
-    ],
+    ("code", "expected"), [(row["code"], row["finding"]) for row in SCRIPTS["unusable"]]
 )
 def test_unusable_scripts(tmp_path: Path, code: str, expected: str) -> None:
     file = tmp_path / "script.py"

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pair_simulation import Comparison, latencies
-from r2bspec.compare.judge_pairs import judge_comparison_folder, read_pair_set
+from r2bspec.compare.report_input import judge_comparison_folder, read_pair_set
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.judge_run import to_json
 from r2bspec.judge.measure.host_usage import HostInterference

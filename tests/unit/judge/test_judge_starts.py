@@ -15,11 +15,7 @@ from r2bspec.judge.measure.host_usage import HostInterference
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pipeline import judge
-from r2bspec.judge.statistics.effective_sample_size import (
-    BadFlags,
-    SampleDesign,
-    effective_sample,
-)
+from r2bspec.judge.statistics.effective_sample_size import BadFlags, SampleDesign, effective_sample
 from r2bspec.judge.statistics.percentile_interval import level_margin
 from r2bspec.judge.statistics.t_interval import hierarchical_interval, predicted_ratio
 from r2bspec.judge.verdict import RequirementVerdict, Verdict

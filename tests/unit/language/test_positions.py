@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pathlib
+
 import pytest
 
 from r2bspec.diagnostics import Path, Span
@@ -9,22 +11,7 @@ from r2bspec.language.document import Source, inner_span
 from r2bspec.language.located_tree import ScalarNode, TreeNode, lookup, span_at, to_plain
 from r2bspec.language.yaml_document import compose
 
-TEXT = """\
-name: relay      # a comment
-x-base: &base {a: 1, b: "two"}
-nodes:
-  first:
-    <<: *base
-    b: 'three'
-  second: *base
-list:
-  - 10 Hz
-  - [x, y]
-text: |
-  one
-  two
-empty:
-"""
+TEXT = pathlib.Path(__file__).with_name("positions.yaml").read_text(encoding="utf-8")
 
 
 def tree_of(text: str) -> TreeNode:

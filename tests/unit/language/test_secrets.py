@@ -18,25 +18,7 @@ from r2bspec.language.load_spec import load_spec
 from r2bspec.language.located_tree import to_plain
 from r2bspec.language.secrets import is_secret_key, is_secret_variable, shown_value
 
-SPEC = """\
-r2bspec: 1
-name: relay
-environment: [DEPLOY_TOKEN]
-variables: {words: $(env DEPLOY_TOKEN), rate: {type: rate, value: 10 Hz}}
-labels: {x: 1}
-data_loader: {bag: r2b_storage, topics: {/d455_1_rgb_camera_info: recorded}}
-playback:
-  inputs: {image: {from: recorded, format: sensor_msgs/msg/CameraInfo}}
-graph:
-  nodes:
-    relay:
-      python: r2bspec.nodes.RelayNode
-      parameters: {format: sensor_msgs/msg/CameraInfo, service_time_ms: 1.0}
-      remappings: {input: image, output: out}
-monitors: {output: {topic: out, format: sensor_msgs/msg/CameraInfo}}
-benchmark: {duration: 2 s, rates: [10 Hz]}
-slos: {fast: {at: 10 Hz, require: [latency.p99 < 1 s]}}
-"""
+SPEC = Path(__file__).with_name("secrets.r2b.yaml").read_text(encoding="utf-8")
 
 VALUES = (
     "ghp_0123456789abcdefghij",

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import ast
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
 from lsprotocol import types
 from pygls.exceptions import JsonRpcException
 
@@ -13,107 +15,18 @@ from open_document import NODES, SPEC, UNKNOWN, OpenDocument, changed, edited
 
 pytestmark = pytest.mark.asyncio(loop_scope="session")
 
-OFFERED: dict[str, tuple[str, str, dict[str, str | None]]] = {
-    "keys": ("  mode: looping", "  ¦", {"mode": None, "buffer": None}),
-    "words": (
-        "mode: looping",
-        "mode: ¦",
-        {"looping": None, "sweeping": None, "timeline": None, "live": None},
-    ),
-    "rates": ("    at: $(var rate)", "    at: ¦", {"10 Hz": "a rate of the benchmark"}),
-    "metrics": ("latency.p90 < 250 ms", "lat¦", {"latency.p90": "time"}),
-    "operators": ("latency.p90 < 250 ms", "latency.p90 ¦", {"<": None, "<=": None}),
-    "bounds": ("latency.p90 < 250 ms", "latency.p90 < ¦", {"50 ms": "time"}),
-    "topics of the bag with their types": (
-        "/d455_1_rgb_image: c",
-        "/d¦: c",
-        {"/d455_1_imu": "sensor_msgs/msg/Imu"},
-    ),
-    "topics of the graph with their types": (
-        "topic: copied",
-        "topic: ¦",
-        {"copied": "sensor_msgs/msg/Image", "image": "sensor_msgs/msg/Image"},
-    ),
-    "what the code of the node names": (
-        "        output: copied",
-        "        ¦: copied",
-        {"output": "sensor_msgs/msg/Image"},
-    ),
-    "parameters with types and defaults": ("{gain: 2.0}", "{¦}", {"gain": "double, default 1.5"}),
-    "the default of a parameter": ("{gain: 2.0}", "{gain: ¦}", {"1.5": "default, double"}),
-    "installed packages": (
-        "python: ./nodes.py:Relay",
-        "package: ¦",
-        {"cell_vision": "installed"},
-    ),
-    "installed plugins": (
-        "python: ./nodes.py:Relay",
-        "package: cell_vision\n      plugin: ¦",
-        {"cell_vision::Detector": "installed"},
-    ),
-    "installed executables": (
-        "python: ./nodes.py:Relay",
-        "package: cell_vision\n      executable: ¦",
-        {"detect": "installed"},
-    ),
-    "installed launch files": (
-        "python: ./nodes.py:Relay",
-        "launch:\n        package: cell_vision\n        file: ¦",
-        {"launch/cell.launch.py": "installed"},
-    ),
-    "plugins of known packages": (
-        "python: ./nodes.py:Relay",
-        "package: image_proc\n      plugin: ¦",
-        {"image_proc::RectifyNode": "known"},
-    ),
-    "classes of files next to the spec": (
-        "python: ./nodes.py:Relay",
-        "python: ¦",
-        {"./nodes.py:Relay": None, "r2bspec.nodes.RelayNode": "reference node"},
-    ),
-    "message types that are installed": (
-        "format: sensor_msgs/msg/Image}\nbench",
-        "format: ¦}\nbench",
-        {"cell_vision/msg/Found": "installed", "sensor_msgs/msg/Image": "of this topic"},
-    ),
-    "containers": (
-        "      container: vision",
-        "      container: ¦",
-        {"vision": "container"},
-    ),
-    "datasets": ("bag: r2b_storage", "bag: ¦", {"r2b_cafe": "dataset"}),
-    "metrics of processes": ("latency.p90 < 250 ms", "cpu¦", {"cpu.vision.max": "share"}),
-    "units after a number": ("latency.p90 < 250 ms", "latency.p90 < 250 ¦", {"ms": "duration"}),
-    "a number with its unit": ("duration: 2 s", "duration: 2¦", {"2 ms": "duration"}),
-    "a bound of the base version": (
-        "latency.p90 < 250 ms",
-        "latency.p90 < 105¦",
-        {"105 % of baseline": "of the base version"},
-    ),
-    "variables with their values": (
-        "rates: [$(var rate)]",
-        "rates: [$(¦",
-        {"$(var rate)": "10 Hz"},
-    ),
-    "names of the environment": (
-        "rates: [$(var rate)]",
-        "rates: [$(env ¦)]",
-        {"CELL_PORT": "of the environment"},
-    ),
-    "variables of a case": (
-        "    at: $(var rate)\n",
-        "    when: {¦}\n",
-        {"threads": "2"},
-    ),
-    "codes in waivers": (
-        "  rate: 10 Hz",
-        "  # r2bspec: ignore[vari¦\n  rate: 10 Hz",
-        {"variable-unused": "R2B616", "R2B616": "variable-unused"},
-    ),
-}
+TABLES = yaml.safe_load(Path(__file__).with_name("features.yaml").read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize(("old", "new", "offered"), OFFERED.values(), ids=OFFERED)
+def rows(table: str) -> list[Any]:
+    """The rows of a table of ``features.yaml``, by their names where they have some."""
+    return [
+        pytest.param(*(value for key, value in row.items() if key != "what"), id=row.get("what"))
+        for row in TABLES[table]
+    ]
+
+
+@pytest.mark.parametrize(("old", "new", "offered"), rows("offered"))
 async def test_what_is_offered(
     document: OpenDocument, old: str, new: str, offered: dict[str, str | None]
 ) -> None:
@@ -226,32 +139,7 @@ async def test_a_whole_spec_is_written_with_completion_alone(document: OpenDocum
     assert {code: each.message for code, each in document.found().items()} == {}
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "sentences"),
-    [
-        ("duration: 2 s", "dura¦tion: 2 s", ["duration of one iteration"]),
-        (
-            "topic: copied",
-            "topic: cop¦ied",
-            [
-                "published by /r2b/relay as `output` (reliable, volatile, depth 7)",
-                "subscribed to by monitor",
-                "`sensor_msgs/msg/Image`",
-            ],
-        ),
-        (
-            "from: camera/image",
-            "from: cam¦era/image",
-            ["topic `/r2b/camera/image`", "published by loader"],
-        ),
-        ("at: $(var rate)", "at: $(var ra¦te)", ["`10 Hz`", "(line 5)"]),
-        (
-            "latency.p90 < 250 ms",
-            "latency.p90¦ < 250 ms",
-            ["Formula", "Judged at 10 Hz from 200 steps", "A verdict needs at least 29 messages"],
-        ),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "sentences"), rows("said"))
 async def test_what_is_said(
     document: OpenDocument, old: str, new: str, sentences: list[str]
 ) -> None:
@@ -259,28 +147,7 @@ async def test_what_is_said(
     assert [sentence for sentence in sentences if sentence not in said] == [], said
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "line"),
-    [
-        ("    at: $(var rate)", "    at: $(var ra¦te)", "rate: 10 Hz"),
-        ("topic: copied", "topic: cop¦ied", "output: copied"),
-        (
-            "      container: vision",
-            "      container: vis¦ion",
-            "vision: {executable: python, nice: $(var threads)}",
-        ),
-        (
-            "copies.drop_rate",
-            "cop¦ies.drop_rate",
-            "copies: {topic: copied, format: sensor_msgs/msg/Image}",
-        ),
-        (
-            "cpu.vision.max",
-            "cpu.vis¦ion.max",
-            "vision: {executable: python, nice: $(var threads)}",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "line"), rows("defined"))
 async def test_definitions(document: OpenDocument, old: str, new: str, line: str) -> None:
     (place,) = await document.definitions(changed(old, new))
     assert document.line_of(place.range) == line
@@ -297,16 +164,7 @@ async def test_definitions_in_other_files(document: OpenDocument, folder: Path) 
     ]
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "name", "places"),
-    [
-        ("  rate: 10 Hz", "  ra¦te: 10 Hz", "speed", 3),
-        ("    relay:", "    re¦lay:", "copier", 1),
-        ("  copies: {topic", "  cop¦ies: {topic", "images", 2),
-        ("  vision: {exec", "  vis¦ion: {exec", "cell", 3),
-        ("        output: copied", "        output: cop¦ied", "result", 2),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "name", "places"), rows("renamed"))
 async def test_every_place_of_a_name_is_renamed(
     document: OpenDocument, old: str, new: str, name: str, places: int
 ) -> None:

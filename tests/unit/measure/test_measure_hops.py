@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from r2bspec.judge.measure.matching import Ratio, match
-from r2bspec.judge.measure.samples import HopSamples, hop_samples, pool_hops
+from r2bspec.judge.measure.run_samples import hop_samples
+from r2bspec.judge.measure.samples import HopSamples, pool_hops
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import InputPlan, MonitorPlan, Plan, TapPlan, TopicPlan
 from r2bspec.plan.taps import PLAYER, all_taps, hops_to, tap_monitors

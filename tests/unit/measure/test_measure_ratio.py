@@ -10,13 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.judge.measure.matching import NO_MATCH, Ratio, match, ratio_of
+from r2bspec.judge.measure.matching import NO_MATCH, MatchedMonitor, Ratio, match, ratio_of
 from r2bspec.judge.measure.metrics import measure_segment
 from r2bspec.judge.measure.run_samples import read_samples
-from r2bspec.judge.measure.samples import MonitorSamples, step_times
+from r2bspec.judge.measure.samples import MonitorSamples, monitor_samples, step_times
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.rate_decision import Criterion, estimate_probe, judge_final, plan_interim_looks
 from r2bspec.plan.plan import MonitorPlan, Plan
+from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, Rows
 from run_simulation import EPOCH_NS, Played, Simulation, objective, playback_rows
 
@@ -72,6 +73,26 @@ def test_each_answer_has_its_own_latency(
     playback, monitor = played(steps), received(times_s)
     matching = match(playback, monitor, "order", ratio)
     assert step_times(playback, monitor, matching).latency == pytest.approx(latency_s)
+
+
+def test_the_inputs_before_the_first_answer_and_after_the_last_are_no_gap() -> None:
+    # Steps at 0.0, 0.1, ..., 1.3: two answers of five, after 40 ms, and four steps without any.
+    playback, monitor = played(14), received([0.44, 0.94])
+    ratio, began_ns = Ratio(inputs=5), int(playback["due_ns"][0])
+    segment = Segment(
+        id="iteration-001",
+        kind="iteration",
+        rate_hz=10.0,
+        index=1,
+        steps=14,
+        began_ns=began_ns,
+        ended_ns=began_ns + 1_400_000_000,
+        complete=True,
+    )
+    matching = match(playback, monitor, "order", ratio)
+    seen = monitor_samples(segment, MatchedMonitor(playback, monitor, ratio, matching))
+    assert seen.times["interval"] == pytest.approx([0.5])
+    assert seen.throughput_hz == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize(

@@ -8,14 +8,7 @@ import pytest
 pytest.importorskip("cv2")
 
 import cv2
-from tag_rendering import (
-    CAMERA,
-    Matrix,
-    angle_deg,
-    cells_of_code,
-    photograph,
-    rotation_xyz,
-)
+from tag_rendering import CAMERA, Matrix, angle_deg, cells_of_code, photograph, rotation_xyz
 
 from r2bspec.nodes import tag_poses
 

@@ -10,10 +10,7 @@ from r2bspec.language.load_spec import load_spec
 from r2bspec.language.spec import Spec
 from r2bspec.plan.comparability import load_differences, single_run_plan
 from r2bspec.plan.compile_plan import compile_plan
-from r2bspec.plan.plan import (
-    iterations_by_look,
-    iterations_of_starts,
-)
+from r2bspec.plan.plan import iterations_by_look, iterations_of_starts
 
 
 def spec(**sections: str) -> Spec:

@@ -17,10 +17,8 @@ import pytest
 from r2bspec.compare.errors import SamplesMissingError
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import from_json
-from r2bspec.record.run_record import HarnessOverheadRecord
 from r2bspec.report.errors import ReportError
 from r2bspec.report.format_registry import FORMATS, renderer
-from r2bspec.report.terminal import to_text
 from report_runs import SIMULATIONS
 
 Reported = Callable[[str], ReportInput]
@@ -44,16 +42,15 @@ def test_every_run_gives_every_report(reported: Reported, name: str, simulation:
         assert report.decode().endswith("\n")
 
 
-@pytest.mark.parametrize("name", ["trace", "mcap", "ros2_benchmark", "hdrhistogram", "samples"])
-def test_formats_that_need_samples_say_so(reported: Reported, name: str) -> None:
-    source = reported("usual")
-    with pytest.raises(SamplesMissingError, match="needs the samples"):
-        renderer(name)(ReportInput(result=source.result))
-
-
-def test_the_others_are_made_from_a_result_alone(reported: Reported) -> None:
+@pytest.mark.parametrize("name", FORMATS)
+def test_formats_that_need_samples_say_so_and_the_others_do_without(
+    reported: Reported, name: str
+) -> None:
     source = ReportInput(result=reported("usual").result)
-    for name in set(FORMATS) - {"trace", "mcap", "ros2_benchmark", "hdrhistogram", "samples"}:
+    if name in {"trace", "mcap", "ros2_benchmark", "hdrhistogram", "samples"}:
+        with pytest.raises(SamplesMissingError, match="needs the samples"):
+            renderer(name)(source)
+    else:
         assert renderer(name)(source)
 
 
@@ -69,26 +66,6 @@ def test_openmetrics_parses_with_the_reference_parser(reported: Reported, simula
     }
     assert verdict.pop(source.result.verdict.outcome) == 1
     assert set(verdict.values()) == {0}
-
-
-@pytest.mark.parametrize("simulation", SIMULATIONS)
-@pytest.mark.parametrize("name", ["junit", "junit_lenient"])
-def test_junit_has_a_case_for_each_requirement_and_one_for_the_run(
-    reported: Reported, simulation: str, name: str
-) -> None:
-    source = reported(simulation)
-    root = ET.fromstring(renderer(name)(source))  # noqa: S314 - written a moment ago
-    suite = root.find("testsuite")
-    assert suite is not None
-    requirements = source.result.verdict.requirements
-    assert len(suite.findall("testcase")) == len(requirements) + 1
-    outcomes = [one.outcome for one in requirements]
-    broken = source.result.verdict.outcome in {"invalid", "incomplete"}
-    lenient = name == "junit_lenient"
-    undecided = outcomes.count("inconclusive")
-    assert int(suite.get("failures", "0")) == outcomes.count("fail")
-    assert int(suite.get("errors", "0")) == broken + (0 if lenient else undecided)
-    assert int(suite.get("skipped", "0")) == (undecided if lenient else 0)
 
 
 def test_csv_has_every_number(reported: Reported) -> None:
@@ -111,20 +88,16 @@ def test_csv_has_every_number(reported: Reported) -> None:
 def test_hdrhistogram_agrees_with_the_percentiles(reported: Reported) -> None:
     source = replace(reported("usual"), rate_hz=30.0)
     text = renderer("hdrhistogram")(source).decode()
-    latency = source.result.metrics.rates[1].pooled.monitors["detections"].latency
+    seen = source.result.metrics.rates[1].pooled.monitors["detections"]
+    latency = seen.latency
     rows = [line.split() for line in text.splitlines()[2:] if not line.startswith("#")]
     by_share = {float(share): float(value) for value, share, _, _ in rows}
-    assert latency.p50 is not None
-    assert by_share[0.5] == pytest.approx(latency.p50 * 1e3, abs=1e-6)
-    assert latency.p90 is not None
-    assert by_share[0.9] == pytest.approx(latency.p90 * 1e3, abs=1e-6)
+    for share, quantile in ((0.5, latency.p50), (0.9, latency.p90)):
+        assert by_share[share] == pytest.approx((quantile or 0) * 1e3, abs=1e-6)
     counts = [int(row[2]) for row in rows]
     assert counts == sorted(counts)
     assert counts[-1] == latency.n
-    assert (
-        f"#[Lost    = {source.result.metrics.rates[1].pooled.monitors['detections'].missed:12d}]"
-        in text
-    )
+    assert f"#[Lost    = {seen.missed:12d}]" in text
 
 
 def test_hdrhistogram_does_not_choose_for_the_reader(reported: Reported) -> None:
@@ -141,18 +114,12 @@ def test_a_trace_has_every_message_begun_and_ended(reported: Reported, simulatio
     ended = {event["id"]: event for event in events if event["ph"] == "e"}
     assert begun.keys() == ended.keys()
     assert all(begun[key]["ts"] <= ended[key]["ts"] for key in begun)
-    sent = sum(
-        seen.sent or 0
-        for rate in source.result.metrics.rates
-        for seen in rate.pooled.monitors.values()
-    )
-    missed = sum(
-        seen.missed or 0
-        for rate in source.result.metrics.rates
-        for seen in rate.pooled.monitors.values()
-    )
-    assert len(begun) == sent
-    assert sum(event["name"] == "lost" for event in begun.values()) == missed
+    seen = [
+        monitor for rate in source.result.metrics.rates for monitor in rate.pooled.monitors.values()
+    ]
+    assert len(begun) == sum(monitor.sent or 0 for monitor in seen)
+    lost = sum(event["name"] == "lost" for event in begun.values())
+    assert lost == sum(monitor.missed or 0 for monitor in seen)
     assert min(event["ts"] for event in events if "ts" in event) >= 0
 
 
@@ -237,24 +204,6 @@ def test_a_requirement_that_only_warns_is_told_as_one(reported: Reported, name: 
         assert 'failures="0"' in text
 
 
-@pytest.mark.parametrize(("rmw", "shown"), [("rmw_cyclonedds_cpp", True), ("", False)])
-def test_the_head_of_a_report_says_which_middleware_ran(
-    reported: Reported, rmw: str, shown: bool
-) -> None:
-    result = reported("usual").result
-    versions = result.versions | ({"rmw": rmw} if rmw else {})
-    source = ReportInput(result=msgspec.structs.replace(result, versions=versions))
-    page = renderer("html")(source).decode()
-    heads = {
-        "terminal": to_text(source.result).partition("\n\ncamera")[0],
-        "markdown": renderer("markdown")(source).decode().partition("\n|")[0],
-        "html": page[page.index("<header") : page.index("</header>")],
-    }
-    for name, head in heads.items():
-        assert result.title in head
-        assert ("rmw_cyclonedds_cpp" in head) == shown, name
-
-
 def test_samples_are_every_expected_output(reported: Reported) -> None:
     source = reported("usual")
     rows = list(csv.DictReader(io.StringIO(renderer("samples")(source).decode())))
@@ -285,46 +234,3 @@ def test_line_breaks_of_a_reason_stay_in_junit(reported: Reported) -> None:
     assert error is not None
     assert (error.text or "").count("\n") == result.verdict.reason.count("\n")
     assert "\ufffd" not in ET.tostring(error, encoding="unicode")
-
-
-def test_every_report_in_words_and_every_table_of_numbers_states_the_overhead(
-    reported: Reported,
-) -> None:
-    floor = HarnessOverheadRecord(
-        topic="/r2b/image",
-        bytes=240,
-        rate_hz=30.0,
-        sent=30,
-        received=29,
-        latency_p50_ns=120_000,
-        latency_p99_ns=980_000,
-        lateness_p50_ns=1_000,
-        lateness_p99_ns=2_000,
-        placement="separate",
-        processes=2,
-    )
-    usual = reported("usual")
-    source = ReportInput(result=msgspec.structs.replace(usual.result, harness_overhead=(floor,)))
-
-    def text(name: str) -> str:
-        told = replace(source, verbose=name in {"text", "junit"})
-        return " ".join(renderer(name)(told).decode().split())
-
-    for name in ("text", "markdown", "html", "junit"):
-        assert "between two processes (harness.placement: separate)" in text(name), name
-        assert "120 µs" in text(name), name
-    (stored,) = json.loads(text("json"))["harness_overhead"]
-    assert (stored["placement"], stored["processes"]) == ("separate", 2)
-    labels = 'topic="/r2b/image",offered_hz="30",placement="separate",processes="2"'
-    assert f'{labels},quantile="0.5"}} 0.00012' in text("openmetrics")
-    found = {
-        row["metric"]: float(row["value"])
-        for row in csv.DictReader(io.StringIO(renderer("csv")(source).decode()))
-        if row["monitor"] == "/r2b/image"
-    }
-    assert found == {
-        "harness_overhead.p50": 0.00012,
-        "harness_overhead.p99": 0.00098,
-        "harness_overhead.received": 29,
-        "harness_overhead.processes": 2,
-    }

@@ -7,24 +7,17 @@ import hashlib
 import re
 from pathlib import Path
 
-import pytest
-
+from command_line import Call
 from html_elements import Page
-from r2bspec.cli.main import main
 
 RELAY = Path(__file__).parents[3] / "specs" / "relay.r2b.yaml"
 _LOADING = {"script", "img", "link", "iframe", "object", "embed", "video", "audio", "base"}
 
 
-def page_of(spec: Path, capsys: pytest.CaptureFixture[str]) -> str:
-    assert main(["plan", str(spec), "--graph", "html"]) == 0
-    return capsys.readouterr().out
-
-
-def test_the_policy_allows_the_style_of_the_page_and_nothing_else(
-    capsys: pytest.CaptureFixture[str],
+def test_the_page_shows_the_plan_and_its_policy_allows_its_style_and_nothing_else(
+    call: Call,
 ) -> None:
-    text = page_of(RELAY, capsys)
+    text = call("plan", RELAY, "--graph", "html", status=0).out
     page = Page(text.encode())
     style = re.search(r"<style>(.*)</style>", text, re.DOTALL)
     assert style is not None
@@ -35,21 +28,15 @@ def test_the_policy_allows_the_style_of_the_page_and_nothing_else(
         assert tag not in _LOADING
         assert not attributes.keys() & {"src", "href", "style", "srcset"}
         assert not any(name.startswith("on") for name in attributes)
+    assert {"/r2b/relay", "/r2b/relayed", "player"} <= set(page.text.split())
+    assert page.text.count("A relay that takes 10 ms for each message") == 1
+    assert "A run takes about " in page.text
 
 
-def test_the_drawing_shows_the_nodes_and_topics_of_the_plan(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    text = Page(page_of(RELAY, capsys).encode()).text
-    assert {"/r2b/relay", "/r2b/relayed", "player"} <= set(text.split())
-    assert text.count("A relay that takes 10 ms for each message") == 1
-    assert "A run takes about " in text
-
-
-def test_names_of_the_spec_are_text(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_names_of_the_spec_are_text(tmp_path: Path, call: Call) -> None:
     spec = tmp_path / "hostile.r2b.yaml"
     title = "title: '</title><script>alert(1)</script>'"
     spec.write_text(re.sub("title: .*", title, RELAY.read_text("utf-8"), count=1), "utf-8")
-    page = Page(page_of(spec, capsys).encode())
+    page = Page(call("plan", spec, "--graph", "html", status=0).out.encode())
     assert not page.of("script")
     assert "</title><script>alert(1)</script>" in page.text

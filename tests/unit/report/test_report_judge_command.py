@@ -12,20 +12,9 @@ import numpy as np
 import pytest
 
 from command_line import Call
-from r2bspec.cli.main import main
+from example_spec import example
 from r2bspec.record.run_record import ConfirmationRecord
 from run_simulation import Played, Simulation, objective
-
-OTHER = """\
-r2bspec: 1
-name: stricter
-data_loader: {bag: nowhere, topics: {/a: image}}
-playback: {inputs: {image: {from: image, format: sensor_msgs/msg/Image}}}
-graph: {nodes: {relay: {python: r2bspec.nodes.RelayNode}}}
-monitors: {detections: {topic: output, format: sensor_msgs/msg/Image}}
-benchmark: {rates: [30 Hz]}
-slos: {fast: {at: 30 Hz, require: [latency.p50 < 1 ms]}}
-"""
 
 
 @pytest.fixture(name="run")
@@ -48,25 +37,23 @@ def test_the_exit_status_is_the_verdict(run: Path, call: Call) -> None:
     assert sorted(run.rglob("*")) == before
 
 
-def test_json_is_the_content_of_the_result(
-    run: Path, capfdbinary: pytest.CaptureFixture[bytes]
-) -> None:
-    assert main(["judge", str(run), "--format", "json", "--write"]) == 0
-    first = capfdbinary.readouterr().out
+def test_json_is_the_content_of_the_result(run: Path, call: Call) -> None:
+    first = call("judge", run, "--format", "json", "--write", status=0).out
     assert json.loads(first)["verdict"]["outcome"] == "pass"
-    assert (run / "result.json").read_bytes() == first
-    main(["judge", str(run), "--format", "json"])
-    assert capfdbinary.readouterr().out == first
+    assert (run / "result.json").read_text() == first
+    assert call("judge", run, "--format", "json").out == first
 
 
-def spec_with_gate(tmp_path: Path, gate: str, requirement: str) -> str:
+def spec_with_gate(tmp_path: Path, gate: str, requirement: str) -> Path:
     spec = tmp_path / "other.r2b.yaml"
-    spec.write_text(
-        OTHER.replace("[30 Hz]", f"[30 Hz], gate: {{{gate}}}").replace(
-            "latency.p50 < 1 ms", requirement
-        )
+    text = example(
+        "stricter",
+        monitors="{detections: {topic: output, format: sensor_msgs/msg/Image}}",
+        benchmark=f"{{rates: [30 Hz], gate: {{{gate}}}}}",
+        slos=f"{{fast: {{at: 30 Hz, require: [{requirement}]}}}}",
     )
-    return str(spec)
+    spec.write_text(text)
+    return spec
 
 
 def test_another_spec_s_objectives(run: Path, tmp_path: Path, call: Call) -> None:
@@ -108,17 +95,14 @@ def test_another_spec_s_gate_applies(
     tmp_path: Path, call: Call, simulation: Simulation, requirement: str, gate: str, status: int
 ) -> None:
     run = simulation.write(tmp_path / "run").folder
-    text = " ".join(
-        call(
-            "judge", run, "--spec", spec_with_gate(tmp_path, gate, requirement), status=status
-        ).out.split()
-    )
+    spec = spec_with_gate(tmp_path, gate, requirement)
+    text = " ".join(call("judge", run, "--spec", spec, status=status).out.split())
     assert ("its second run does not count" in text) == (gate == "confirm: false")
 
 
 @pytest.mark.parametrize(
     ("gate", "requirement", "line"),
-    [("interference: ignore", "latency.p50 < 15 ms", 7), ("", "latency.p50 < 1 Hz", 8)],
+    [("interference: ignore", "latency.p50 < 15 ms", 9), ("", "latency.p50 < 1 Hz", 10)],
 )
 def test_a_mistake_of_the_other_spec_is_explained(
     run: Path, tmp_path: Path, call: Call, gate: str, requirement: str, line: int

@@ -10,8 +10,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from r2bspec.cli.finished_runs import judge_command as judge
-from r2bspec.cli.finished_runs import report_command as report
+from command_line import Call
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.result import Result
@@ -20,12 +19,6 @@ from r2bspec.record.run_record import OutputGapRecord, StartRecord
 from r2bspec.report.format_registry import renderer
 from r2bspec.report.notes import MOST_NOTES, Weight, all_notes, notes
 from report_runs import USUAL
-
-WORDS = ("text", "markdown", "html", "junit", "github")
-"""The formats that people read."""
-
-CAVEATS = ("another hour may differ", "of a kind not met", "resembles the one before")
-"""Of sentences that every run would have alike."""
 
 
 def noted(folder: Path) -> Result:
@@ -105,15 +98,6 @@ def test_a_note_of_several_requirements_is_told_once(tmp_path: Path) -> None:
     assert told == ["latency.p99 < 60 ms at 30 Hz and 2 more: Confirmed by 5 new starts."]
 
 
-@pytest.mark.parametrize("name", WORDS)
-@pytest.mark.parametrize("verbose", [False, True])
-def test_no_report_says_what_every_run_would_say(tmp_path: Path, name: str, verbose: bool) -> None:
-    result = noted(tmp_path / "run")
-    shown = ReportInput(result=result, verbose=verbose)
-    text = " ".join(renderer(name)(shown).decode().split())
-    assert not [words for words in CAVEATS if words in text]
-
-
 @pytest.mark.parametrize(
     ("name", "verbose"),
     [*itertools.product(["text", "markdown", "junit"], [False, True]), ("html", False)],
@@ -138,18 +122,14 @@ def test_no_sentence_is_said_twice(
         assert flat.count(sentence) <= 1, sentence
 
 
-def test_the_options_of_the_command_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    run = replace(USUAL, labels=()).write(tmp_path / "run")
-    folder, reason = str(run.folder), "at 95 % confidence at least"
-    texts = {}
+def test_the_options_of_the_command_line(tmp_path: Path, call: Call) -> None:
+    folder = replace(USUAL, labels=()).write(tmp_path / "run").folder
     for verbose in ((), ("--verbose",)):
-        judge.main([folder, *verbose], standalone_mode=False)
-        texts[verbose, "judge"] = capfd.readouterr().out
-        report.main([folder, "--report", "text=-", *verbose], standalone_mode=False)
-        texts[verbose, "report"] = capfd.readouterr().out
-    for (verbose, _), text in texts.items():
-        assert (reason in " ".join(text.split())) == bool(verbose)
-        assert ("with --verbose" in text) != bool(verbose)
+        for asked in (("judge", folder), ("report", folder, "--report", "text=-")):
+            text = call(*asked, *verbose).out
+            reason = "at 95 % confidence at least"
+            assert (reason in " ".join(text.split())) == bool(verbose)
+            assert ("with --verbose" in text) != bool(verbose)
 
 
 def test_the_page_shows_the_first_and_folds_the_others(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from command_line import Call
-from git_repositories import git
+from git_repositories import commit, git
 from pipelines import JOB, STEPS, Ended, Workplace, read_outputs, stand_in
 
 
@@ -143,6 +143,11 @@ def test_the_action_installs_its_own_version_in_an_environment_of_its_own(
 # ---- a stranger's change -----------------------------------------------------------------------
 
 
+def is_untrusted(place: Workplace) -> bool:
+    """Whether the last run was one of an untrusted spec."""
+    return "--untrusted" in (place.checkout / "arguments.txt").read_text().splitlines()
+
+
 @pytest.mark.parametrize(
     ("event", "head", "asked", "untrusted"),
     [
@@ -160,16 +165,9 @@ def test_the_action_installs_its_own_version_in_an_environment_of_its_own(
 def test_pull_requests_from_forks_are_untrusted(
     place: Workplace, fake: str, event: str, head: str, asked: str, untrusted: bool
 ) -> None:
-    place.action(
-        fake,
-        "a.r2b.yaml",
-        STATUS="0",
-        R2BSPEC_EVENT=event,
-        R2BSPEC_HEAD=head,
-        R2BSPEC_UNTRUSTED=asked,
-    )
-    words = (place.checkout / "arguments.txt").read_text().splitlines()
-    assert ("--untrusted" in words) is untrusted
+    asking = {"R2BSPEC_EVENT": event, "R2BSPEC_HEAD": head, "R2BSPEC_UNTRUSTED": asked}
+    place.action(fake, "a.r2b.yaml", STATUS="0", **asking)
+    assert is_untrusted(place) is untrusted
 
 
 @pytest.mark.parametrize(
@@ -188,36 +186,26 @@ def test_merge_requests_from_forks_are_untrusted(
         CI_MERGE_REQUEST_PROJECT_ID="5",
         R2BSPEC_UNTRUSTED=asked,
     )
-    words = (place.checkout / "arguments.txt").read_text().splitlines()
-    assert ("--untrusted" in words) is untrusted
+    assert is_untrusted(place) is untrusted
 
 
 def test_the_base_is_fetched_if_the_clone_lacks_it(
     place: Workplace, fake: str, tmp_path: Path
 ) -> None:
     upstream = tmp_path / "upstream"
-    git(tmp_path, "init", "-q", "-b", "main", str(upstream))
-    for text in ("1", "2"):
-        (upstream / "a").write_text(text)
-        git(upstream, "add", "a")
-        git(upstream, "commit", "-q", "-m", text)
-    base = git(upstream, "rev-parse", "HEAD~1")
+    base = commit(upstream, {"a": "1"})
+    commit(upstream, {"a": "2"})
     git(upstream, "config", "uploadpack.allowAnySHA1InWant", "true")
     place.checkout.rmdir()
     git(tmp_path, "clone", "-q", "--depth=1", upstream.as_uri(), str(place.checkout))
     for sha, known in ((base, True), ("0" * 40, False)):
-        place.action(fake, "a.r2b.yaml", STATUS="0", R2BSPEC_UNTRUSTED="true", R2BSPEC_BASE=sha)
-        words = (place.checkout / "arguments.txt").read_text().splitlines()
-        assert ("--untrusted" in words, f"--base-ref={sha}" in words) == (True, known)
-        place.job(
-            fake,
-            "a.r2b.yaml",
-            STATUS="0",
-            R2BSPEC_UNTRUSTED="true",
-            CI_MERGE_REQUEST_DIFF_BASE_SHA=sha,
-        )
-        words = (place.checkout / "arguments.txt").read_text().splitlines()
-        assert ("--untrusted" in words, f"--base-ref={sha}" in words) == (True, known)
+        for run, name in (
+            (place.action, "R2BSPEC_BASE"),
+            (place.job, "CI_MERGE_REQUEST_DIFF_BASE_SHA"),
+        ):
+            run(fake, "a.r2b.yaml", STATUS="0", R2BSPEC_UNTRUSTED="true", **{name: sha})
+            words = (place.checkout / "arguments.txt").read_text().splitlines()
+            assert ("--untrusted" in words, f"--base-ref={sha}" in words) == (True, known)
 
 
 # ---- forged repositories -----------------------------------------------------------------------
@@ -255,9 +243,22 @@ def modules(*names: str) -> dict[str, str]:
     return {f"{name}.py": CODE for name in names}
 
 
-REPORTS = {
-    "r2bspec-reports/result.json": FORGED_RESULT,
-    "r2bspec-reports/summary.md": "# forged: PASS\n",
+RESULTS = {
+    # What an earlier run would have left, in every folder that a pipeline uses.
+    **{
+        f"{folder}/{name}.json": FORGED_RESULT
+        for folder in ("run", "r2bspec-run", "r2bspec-artifacts/run", "runs/forged")
+        for name in ("record", "result", "plan")
+    },
+    **{
+        f"{folder}/{name}": text
+        for folder in ("r2bspec-reports", "r2bspec-artifacts/reports")
+        for name, text in (
+            ("junit.xml", "<testsuites><!-- forged --></testsuites>"),
+            ("result.json", FORGED_RESULT),
+            ("summary.md", "# forged: PASS\n"),
+        )
+    },
 }
 FORGED_SPECS = {
     "an option": "--help",
@@ -266,29 +267,15 @@ FORGED_SPECS = {
     "standard input": "-",
 }
 FORGERIES = {
-    "reports": Forge(REPORTS),
-    "reports that fail": Forge(
-        REPORTS | {"r2bspec-reports/report.html/keep": "", "reports/report.html/keep": ""}
-    ),
-    "run folders": Forge(
-        {
-            f"{folder}/{name}.json": FORGED_RESULT
-            for folder in ("run", "r2bspec-run", "r2bspec-artifacts/run", "runs/forged")
-            for name in ("record", "result", "plan")
-        }
-    ),
-    "artifacts": Forge(
-        {
-            "r2bspec-artifacts/reports/junit.xml": "<testsuites><!-- forged --></testsuites>",
-            "r2bspec-artifacts/reports/result.json": FORGED_RESULT,
-            "r2bspec-artifacts/reports/summary.md": "# forged: PASS\n",
-        }
+    "results": Forge(RESULTS),
+    "results that fail": Forge(
+        RESULTS | {"r2bspec-reports/report.html/keep": "", "reports/report.html/keep": ""}
     ),
     "links": Forge(links=("r2bspec-reports", "r2bspec-run", "r2bspec-artifacts", "run", "reports")),
     "modules": Forge(
         modules("json", "yaml", "venv", "pip", "contextlib", "click", "encodings/__init__")
+        | modules("r2bspec", "r2bspec/__init__", "r2bspec/__main__", "conftest", "setup")
     ),
-    "own name": Forge(modules("r2bspec", "r2bspec/__init__", "r2bspec/__main__")),
     "python path": Forge(
         modules("sitecustomize", "usercustomize", "json", "r2bspec"),
         variables={"PYTHONPATH": ".:$HERE:"},
@@ -297,35 +284,29 @@ FORGERIES = {
         modules("sitecustomize"),
         variables={"PYTHONPATH": "/opt/ros/jazzy/lib/python3.12/site-packages:"},
     ),
-    "python settings": Forge(
-        modules("startup", "home/lib/python3.11/site-packages/sitecustomize"),
+    "settings": Forge(
+        modules("startup", "home/lib/python3.11/site-packages/sitecustomize", "forged")
+        | dict.fromkeys(
+            (".r2bspec", "r2bspec.toml", ".r2bspec.yaml", ".env", "pip.conf"),
+            "inconclusive: pass\ngate: off\nno-index: true\n",
+        )
+        | {
+            "matplotlibrc": "backend: module://forged\n",
+            "pyproject.toml": "[tool.pytest.ini_options]\naddopts = '-p forged'\n",
+            "pytest.ini": "[pytest]\naddopts = -p forged\n",
+        },
         variables={
             "PYTHONSTARTUP": "startup.py",
             "PYTHONUSERBASE": "home",
             "PYTHONINSPECT": "1",
             "PYTHONBREAKPOINT": "startup.main",
+            "PYTEST_ADDOPTS": "-p forged",
         },
     ),
     **{
         f"spec like {kind}": Forge({spec: INVALID}, spec=spec)
         for kind, spec in FORGED_SPECS.items()
     },
-    "test settings": Forge(
-        modules("forged", "conftest", "setup")
-        | {
-            "pyproject.toml": "[tool.pytest.ini_options]\naddopts = '-p forged'\n",
-            "pytest.ini": "[pytest]\naddopts = -p forged\n",
-        },
-        variables={"PYTEST_ADDOPTS": "-p forged"},
-    ),
-    "settings of r2bspec": Forge(
-        dict.fromkeys(
-            (".r2bspec", "r2bspec.toml", ".r2bspec.yaml", ".env", "pip.conf"),
-            "inconclusive: pass\ngate: off\nno-index: true\n",
-        )
-        | {"matplotlibrc": "backend: module://forged\n"}
-        | modules("forged")
-    ),
     "programs": Forge(
         dict.fromkeys(
             ("r2bspec", "od", "tr", "mktemp", "git", "python3", "cat"),

@@ -15,30 +15,15 @@ from numpy.typing import NDArray
 
 from profiled_runs import MISSING, WHOLE, profiled_run
 from r2bspec.compare.report_input import ReportInput
-from r2bspec.judge.judge_run import from_json, to_json
 from r2bspec.record.run_folder import Stacks, write_stacks
 from r2bspec.report.format_registry import renderer
 from r2bspec.report.html.chart import PALETTE
 from r2bspec.report.html.flame_graph import flame_graph
-from r2bspec.report.terminal import to_text
 from report_runs import HOSTILE
 
 
 def html(report_input: ReportInput) -> str:
     return renderer("html")(report_input).decode()
-
-
-def test_every_report_names_it(tmp_path: Path) -> None:
-    found = profiled_run(tmp_path, WHOLE, MISSING)
-    there = "Profile of relay at 30 Hz, with perf: profile/relay/relay.folded, profile/relay/"
-    missing = "Profile of camera, with py-spy, is missing: process camera was killed"
-    assert there in to_text(found.result, width=300)
-    assert missing in to_text(found.result, width=300)
-    for name in ("text", "markdown", "html"):
-        text = renderer(name)(found).decode()
-        assert there in text, name
-        assert missing in text, name
-    assert from_json(to_json(found.result)).profiles == (WHOLE, MISSING)
 
 
 def test_the_page_draws_the_stacks(tmp_path: Path) -> None:
@@ -51,10 +36,6 @@ def test_the_page_draws_the_stacks(tmp_path: Path) -> None:
     assert page.count("<svg") == 1
     assert "Where relay spends its CPU time at 30 Hz, seen by perf" in page
     assert "4 samples; most were in compute_ms 75%, idle 25%" in page
-
-
-def test_a_page_without_a_profile_says_nothing_of_one(tmp_path: Path) -> None:
-    assert 'id="profile"' not in html(profiled_run(tmp_path))
 
 
 def test_a_folder_of_a_stranger_draws_nothing_from_elsewhere(tmp_path: Path) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 
+import msgspec
 import pytest
 from jsonschema import Draft202012Validator
 
@@ -52,3 +54,15 @@ def test_other_objectives_are_named(reported: Reported) -> None:
     result = result_of(run, {"slow": objective("latency.p50 < 1 ms")}, judged_by="stricter")
     assert (result.judged_by, result.verdict.outcome) == ("stricter", "fail")
     assert "judged by the objectives and the gate of stricter" in to_text(result)
+
+
+def test_the_label_of_a_monitor_in_the_plan_is_in_the_result(reported: Reported) -> None:
+    run = reported("usual").run
+    assert run is not None
+    (monitor,) = run.plan.monitors
+    labelled = msgspec.structs.replace(monitor, label="Tag detections")
+    plan = msgspec.structs.replace(run.plan, monitors=(labelled,))
+    result = result_of(replace(run, plan=plan))
+    assert result_of(run).monitor_labels == {}
+    assert result.monitor_labels == {monitor.name: "Tag detections"}
+    assert result.monitor_title("other") == "other"
